@@ -1,0 +1,38 @@
+"""Errors a user can act on. Each says what is wrong, where, and what to do; each knows its exit code."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class IdentError(Exception):
+    """Base of every error that `ident` raises on purpose."""
+
+    exit_code = 2
+
+
+class ConfigurationError(IdentError, ValueError):
+    """The request is wrong: a bad argument, study file, robot description or unknown name (exit code 2)."""
+
+    exit_code = 2
+
+
+class DataError(IdentError, ValueError):
+    """The data cannot be used for what was asked (exit code 3)."""
+
+    exit_code = 3
+
+
+class UnsupportedError(ConfigurationError):
+    """A method was asked for what it cannot do; the text names one that can."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigurationError:
+    """An error for a name that is not known, with the nearest known names.
+
+    `kind` is what the name should be, in the singular ("effect", "method", "joint")."""
+    names = sorted(known)
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    hint = f"; did you mean {' or '.join(repr(n) for n in near)}?" if near else "."
+    return ConfigurationError(f"unknown {kind} {name!r}{hint} Known: {', '.join(names)}")

@@ -1,0 +1,49 @@
+"""Parameters: their names, units and bounds. A name is unique within a model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+#: Pinocchio's order of a link's ten inertial parameters, about the origin of the joint frame.
+LINK_SYMBOLS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+LINK_UNITS = ("kg", "kg m", "kg m", "kg m", "kg m^2", "kg m^2", "kg m^2", "kg m^2", "kg m^2", "kg m^2")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One linear parameter of a model.
+
+    `name` is unique in the model (`Fv_joint1`); `joint` is the joint (or motor) it belongs to, or "" for the whole
+    robot; `effect` is the name of the effect that brings it; `lower` and `upper` bound it physically (inclusive)."""
+
+    name: str
+    unit: str
+    effect: str
+    joint: str = ""
+    lower: float = -math.inf
+    upper: float = math.inf
+
+
+@dataclass(frozen=True)
+class ShapeParameter:
+    """One nonlinear parameter of an effect: the name of the effect's field that holds it, with bounds and prior.
+
+    `typical` is where a search starts; `log` says that the natural scale is logarithmic."""
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    typical: float
+    log: bool = False
+
+
+def angle_unit(kind: str) -> str:
+    """Unit of a joint's position: rad for a revolute joint, m for a prismatic one."""
+    return "m" if kind == "prismatic" else "rad"
+
+
+def torque_unit(kind: str) -> str:
+    """Unit of a joint's generalised force: N m for a revolute joint, N for a prismatic one."""
+    return "N" if kind == "prismatic" else "N m"
