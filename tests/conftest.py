@@ -1,0 +1,23 @@
+"""Shared test helpers: real measured logs are found, or the test is skipped with a reason."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+def shared_data() -> Path:
+    """The folder of real logs: `IDENT_DATA`, or `../shared/data` beside the checkout. Skips where it is absent."""
+    named = os.environ.get("IDENT_DATA")
+    folder = Path(named) if named else Path(__file__).resolve().parents[2] / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip(f"real logs are not here ({folder}); set IDENT_DATA to their folder")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """`shared_data()` as a fixture."""
+    return shared_data()
