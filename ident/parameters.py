@@ -37,13 +37,3 @@ class ShapeParameter:
     upper: float
     typical: float
     log: bool = False
-
-
-def angle_unit(kind: str) -> str:
-    """Unit of a joint's position: rad for a revolute joint, m for a prismatic one."""
-    return "m" if kind == "prismatic" else "rad"
-
-
-def torque_unit(kind: str) -> str:
-    """Unit of a joint's generalised force: N m for a revolute joint, N for a prismatic one."""
-    return "N" if kind == "prismatic" else "N m"

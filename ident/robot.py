@@ -134,6 +134,17 @@ class Robot:
         except ValueError:
             raise unknown_name("joint", name, self.joint_names) from None
 
+    def position_unit(self, j: int, side: Side) -> str:
+        """"rad" or "m": unit of joint j's (or motor j's) position. A motor that is geared to its joint turns in rad."""
+        return "m" if self.joints[j].prismatic and (side == Side.JOINT or self._direct(j)) else "rad"
+
+    def force_unit(self, j: int, side: Side) -> str:
+        """"N m" or "N": unit of the generalised force that goes with `position_unit`."""
+        return "N" if self.position_unit(j, side) == "m" else "N m"
+
+    def _direct(self, j: int) -> bool:
+        return bool(np.all(self.transmission.K[j] == np.eye(self.n)[j]))
+
     def tree_position(self, q: Array) -> Array:
         """Positions (..., n_tree) of all tree joints from those of the independent ones (..., n)."""
         return q if self.loop.is_trivial else q @ self.loop.W.T + self.loop.offset

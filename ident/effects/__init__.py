@@ -1,0 +1,1 @@
+"""What a joint, drive, sensor or load can do beside friction; one module a family."""

@@ -1,0 +1,28 @@
+"""A constant torque: sensor or current offset, or the mean of an asymmetric friction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..effect import Axis, JointEffect, register
+from ..motion import Coordinates, Motion
+
+Array = np.ndarray
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Offset(JointEffect):
+    """A constant torque on each joint: τ = offset. Confused with the gravity of a vertical axis and asymmetric friction."""
+
+    name: ClassVar[str] = "offset"
+    title: ClassVar[str] = "torque offset"
+    axis: ClassVar[Axis] = Axis.TIME
+    symbols = (("offset", "{tau}", -np.inf),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        yield np.ones_like(own.q)

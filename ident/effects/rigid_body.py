@@ -1,0 +1,44 @@
+"""The rigid body: ten inertial parameters a link, through the joint torque regressor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..effect import Axis, Effect, register
+from ..motion import Motion
+from ..parameters import LINK_SYMBOLS, LINK_UNITS, Parameter
+from ..transmission import Side
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = np.ndarray
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class RigidBody(Effect):
+    """The links: τ = Wᵀ Y(q, dq, ddq) π with π in Pinocchio's order, gravity included; always of the whole robot."""
+
+    name: ClassVar[str] = "rigid_body"
+    title: ClassVar[str] = "rigid body"
+    axis: ClassVar[Axis] = Axis.POSITION
+
+    side: Side = Side.JOINT
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(f"{symbol}_{joint.name}", unit, self.name, joint.name, 0.0 if symbol in ("m", "Ixx", "Iyy", "Izz") else -np.inf)
+            for joint in robot.tree_joints
+            for symbol, unit in zip(LINK_SYMBOLS, LINK_UNITS, strict=True)
+        )
+
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        from ..regressor.rigid import regressor
+
+        own = motion.joint
+        Y = regressor(robot.tree, robot.tree_position(own.q), robot.tree_rate(own.dq), robot.tree_rate(own.ddq))
+        return Y if robot.loop.is_trivial else np.einsum("tj,Ntk->Njk", robot.loop.W, Y)

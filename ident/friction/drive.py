@@ -1,0 +1,56 @@
+"""The drive train every arm has: reflected rotor inertia, viscous and Coulomb friction (SCIENCE.md 1.4, eq. 3.13)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..effect import Axis, JointEffect, register
+from ..motion import Coordinates, Motion
+
+Array = np.ndarray
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class RotorInertia(JointEffect):
+    """Inertia that turns with the motor: τ_m = Ia dω/dt. Through K it couples joints that share motors."""
+
+    name: ClassVar[str] = "rotor_inertia"
+    title: ClassVar[str] = "rotor inertia"
+    axis: ClassVar[Axis] = Axis.ACCELERATION
+    symbols = (("Ia", "{inertia}", 0.0),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        yield own.ddq
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Viscous(JointEffect):
+    """Friction proportional to speed: τ = Fv ω."""
+
+    name: ClassVar[str] = "viscous"
+    title: ClassVar[str] = "viscous friction"
+    axis: ClassVar[Axis] = Axis.VELOCITY
+    symbols = (("Fv", "{tau} s/{q}", 0.0),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        yield own.dq
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Coulomb(JointEffect):
+    """Dry friction: τ = Fc sgn(ω). At rest the torque is any value within ±Fc; the column is zero there."""
+
+    name: ClassVar[str] = "coulomb"
+    title: ClassVar[str] = "Coulomb friction"
+    axis: ClassVar[Axis] = Axis.VELOCITY
+    symbols = (("Fc", "{tau}", 0.0),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        yield np.sign(own.dq)

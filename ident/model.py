@@ -1,0 +1,129 @@
+"""A model is a sum of effects on one robot; every torque row is on the measured side of the transmission."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .effect import Effect, Need
+from .errors import ConfigurationError
+from .motion import Motion
+from .parameters import Parameter
+from .transmission import Side
+
+if TYPE_CHECKING:
+    from .robot import Robot
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """`torque = Σ effects columns @ values`, with k linear parameters in the order of the effects.
+
+    Compose with `+`: `robot.rigid_body() + Viscous() + Coulomb()`."""
+
+    robot: Robot
+    effects: tuple[Effect, ...]
+
+    def __post_init__(self) -> None:
+        twice = [name for name, count in Counter(p.name for p in self.parameters).items() if count > 1]
+        if twice:
+            raise ConfigurationError(f"the model holds the parameter {twice[0]!r} twice: two effects of one kind sit on the same joint.")
+
+    def __add__(self, other: Effect | Model) -> Model:
+        if isinstance(other, Model):
+            if other.robot is not self.robot:
+                raise ConfigurationError("two models of different robots cannot be added.")
+            return replace(self, effects=self.effects + other.effects)
+        return replace(self, effects=(*self.effects, other))
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All k linear parameters."""
+        return tuple(p for block in self._blocks for p in block)
+
+    @cached_property
+    def _blocks(self) -> tuple[tuple[Parameter, ...], ...]:
+        return tuple(effect.parameters(self.robot) for effect in self.effects)
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """The columns of each effect."""
+        ends = np.cumsum([0] + [len(block) for block in self._blocks])
+        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def needs(self) -> frozenset[Need]:
+        """What the columns depend on beside the motion at the same instant."""
+        return frozenset().union(*(e.needs for e in self.effects)) if self.effects else frozenset()
+
+    def replacing(self, old: Effect, new: Effect) -> Model:
+        """The same model with one effect (by identity) replaced."""
+        return replace(self, effects=tuple(new if e is old else e for e in self.effects))
+
+    def without(self, effect: Effect) -> Model:
+        """The same model without one effect (by identity)."""
+        return replace(self, effects=tuple(e for e in self.effects if e is not effect))
+
+    def columns(self, motion: Motion) -> Array:
+        """The regressor Φ on the measured side, (N, n, k)."""
+        robot = self.robot
+        out = np.empty((len(motion), robot.n, len(self.parameters)))
+        measured = robot.transmission.measured
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            values = effect.columns(motion, robot)
+            if effect.side != measured:
+                values = np.matmul(robot.transmission.torque_map(effect.side, measured), values)
+            out[:, :, part] = values
+        return out
+
+    def torque(self, motion: Motion, values: Array) -> Array:
+        """Torque (N, n) on the measured side for parameter values (k,)."""
+        return self.columns(motion) @ values
+
+    def load(self, motion: Motion, values: Array) -> Array:
+        """Torque of the rigid body alone, (N, n) on the joint side, for parameter values (k,)."""
+        from .effects.rigid_body import RigidBody
+
+        out = np.zeros((len(motion), self.robot.n))
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            if isinstance(effect, RigidBody):
+                out += effect.columns(motion, self.robot) @ values[part]
+        return out
+
+    def inverse_dynamics(self, q: Array, dq: Array, ddq: Array, values: Array) -> Array:
+        """Torque (N, n) on the measured side for a joint-side motion (each (N, n))."""
+        motion = Motion.of(self.robot, q, dq, ddq)
+        if Need.LOAD in self.needs:
+            motion = motion.with_load(self.load(motion, values))
+        return self.torque(motion, values)
+
+    def inertia_and_bias(self, q: Array, dq: Array, values: Array) -> tuple[Array, Array]:
+        """`(M (N, n, n), b (N, n))` with torque = M ddq + b on the measured side: the columns are affine in ddq."""
+        N, n = q.shape
+        accelerations = np.concatenate([np.zeros((1, n)), np.eye(n)])
+        repeat = n + 1
+        torque = self.inverse_dynamics(
+            np.repeat(q, repeat, axis=0), np.repeat(dq, repeat, axis=0), np.tile(accelerations, (N, 1)), values
+        ).reshape(N, repeat, n)
+        bias = torque[:, 0]
+        return np.swapaxes(torque[:, 1:] - bias[:, None], 1, 2), bias
+
+    def forward_dynamics(self, q: Array, dq: Array, tau: Array, values: Array) -> Array:
+        """Joint accelerations (N, n) for measured-side torque (N, n), from the same columns."""
+        M, bias = self.inertia_and_bias(q, dq, values)
+        return np.linalg.solve(M, (tau - bias)[..., None])[..., 0]
+
+    def joint_inertia(self, q: Array, values: Array) -> Array:
+        """Inertia matrix on the joint side, (N, n, n), reflected rotor inertia included."""
+        M, _ = self.inertia_and_bias(q, np.zeros_like(q), values)
+        return np.matmul(self.robot.transmission.torque_map(self.robot.transmission.measured, Side.JOINT), M)
