@@ -103,8 +103,10 @@ class JointEffect(Effect):
         found = []
         for j in self.at(robot):
             q, tau = robot.position_unit(j, self.side), robot.force_unit(j, self.side)
+            # Behind a gear, an effect may sit on both sides of the same joint; a J marks the joint side.
+            mark = "J" if self.side == Side.JOINT and not robot.is_direct(j) else ""
             for symbol, unit, lower in self.symbols:
-                found.append(Parameter(f"{symbol}_{robot.joint_names[j]}", unit.format(q=q, tau=tau, inertia="kg" if q == "m" else "kg m^2"), self.name, robot.joint_names[j], lower))
+                found.append(Parameter(f"{symbol}{mark}_{robot.joint_names[j]}", unit.format(q=q, tau=tau, inertia="kg" if q == "m" else "kg m^2"), self.name, robot.joint_names[j], lower))
         return tuple(found)
 
     @abstractmethod

@@ -97,10 +97,15 @@ class Robot:
         `loop`: dependent joint → {independent joint: factor, …, "offset": constant}.
         Raises ConfigurationError."""
         text = str(urdf)
+        origin: dict[str, Any] = {}
         if text.lstrip().startswith("<"):
-            prepared, origin = prepare_urdf(text.encode()), {"urdf_text_sha256": hashlib.sha256(text.encode()).hexdigest(), "urdf_text": text}
+            prepared = prepare_urdf(text.encode())
         else:
-            prepared, origin = read_urdf(Path(urdf)), {"urdf": text}
+            prepared = read_urdf(Path(urdf))
+            origin["urdf"] = text
+            text = Path(urdf).read_bytes().decode(errors="replace")
+        # The text itself is kept: a saved fit can be taken up again where the file has moved.
+        origin |= {"urdf_text": text, "urdf_sha256": hashlib.sha256(text.encode()).hexdigest()}
         source = {
             **origin,
             "gravity": [float(g) for g in gravity],
@@ -136,13 +141,14 @@ class Robot:
 
     def position_unit(self, j: int, side: Side) -> str:
         """"rad" or "m": unit of joint j's (or motor j's) position. A motor that is geared to its joint turns in rad."""
-        return "m" if self.joints[j].prismatic and (side == Side.JOINT or self._direct(j)) else "rad"
+        return "m" if self.joints[j].prismatic and (side == Side.JOINT or self.is_direct(j)) else "rad"
 
     def force_unit(self, j: int, side: Side) -> str:
         """"N m" or "N": unit of the generalised force that goes with `position_unit`."""
         return "N" if self.position_unit(j, side) == "m" else "N m"
 
-    def _direct(self, j: int) -> bool:
+    def is_direct(self, j: int) -> bool:
+        """Whether motor j moves joint j, and nothing else does, one to one."""
         return bool(np.all(self.transmission.K[j] == np.eye(self.n)[j]))
 
     def tree_position(self, q: Array) -> Array:

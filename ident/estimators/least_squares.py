@@ -1,0 +1,74 @@
+"""Ordinary and weighted least squares from information blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from .base import Capability, Estimator, register
+from .solution import finish, order_of, row_variances, solve_triangle
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+    from ..problem import Problem
+
+Array = np.ndarray
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class LeastSquares(Estimator):
+    """Ordinary least squares: every measured row counts alike, whatever its unit or noise."""
+
+    name: ClassVar[str] = "ls"
+    title: ClassVar[str] = "ordinary least squares"
+    capabilities: ClassVar[frozenset[Capability]] = frozenset({Capability.STREAMING})
+
+    def _solve(self, problem: Problem) -> Estimate:
+        weights = np.ones(problem.model.robot.n)
+        R, z, _ = problem.information.combined(weights)
+        return finish(problem, solve_triangle(R, z, order_of(problem.base)), weights, self.name)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class WeightedLeastSquares(Estimator):
+    """Least squares with each row weighted by its noise: given, or estimated from the residual and repeated.
+
+    `noise_std`: standard deviation per joint on the measured side (N m, N); None estimates it. `iterations`: at most."""
+
+    name: ClassVar[str] = "wls"
+    title: ClassVar[str] = "weighted least squares"
+    capabilities: ClassVar[frozenset[Capability]] = frozenset({Capability.STREAMING, Capability.WEIGHTS})
+
+    noise_std: tuple[float, ...] | None = None
+    iterations: int = 20
+
+    def check(self, problem: Problem) -> None:
+        n = problem.model.robot.n
+        if self.noise_std is not None and (len(self.noise_std) != n or min(self.noise_std) <= 0):
+            raise ConfigurationError(f"noise_std must hold {n} positive values, one per joint, not {list(self.noise_std)}.")
+
+    def _solve(self, problem: Problem) -> Estimate:
+        information, order = problem.information, order_of(problem.base)
+        if self.noise_std is not None:
+            weights = 1.0 / np.square(np.asarray(self.noise_std, float))
+            R, z, _ = information.combined(weights)
+            return finish(problem, solve_triangle(R, z, order), weights, self.name)
+        weights = np.where(information.counts > 0, 1.0, 0.0)
+        solution = solve_triangle(*information.combined(weights)[:2], order)
+        for _ in range(self.iterations):
+            selected = information.selected(solution.columns)
+            variance = row_variances(selected, solution.values, solution.root, weights)
+            # A row that is fitted exactly (noise-free data) must not take all the weight.
+            floor = 1e-24 * np.maximum(information.torque_squares(), 1e-300) / np.maximum(information.counts, 1)
+            new = np.where(information.counts > 0, 1.0 / np.maximum(variance, floor), 0.0)
+            change = np.max(np.abs(new - weights) / np.where(new > 0, new, 1.0))
+            weights = new
+            solution = solve_triangle(*information.combined(weights)[:2], order)
+            if change < 1e-6:
+                break
+        return finish(problem, solution, weights, self.name)

@@ -1,0 +1,178 @@
+"""From information and weights to an estimate: shared by every estimator that ends in one linear system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..information import Information
+from ..noise import NoiseModel, fit_noise, noise_gram
+from ..regressor.base import BaseReduction, preference, reduce_columns
+from ..status import Status, StatusCode
+from ..torque_error import TorqueError
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+    from ..problem import Problem
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSolution:
+    """Least-squares solution of R p = z.
+
+    `columns` (b',): which of the information's columns could be told apart; `regroup` (b', b); `values` (b',);
+    `root` (b', b'): upper triangular, rootᵀ root = ΦᵀWΦ over those columns; `condition` of the scaled columns."""
+
+    columns: Array
+    regroup: Array
+    values: Array
+    root: Array
+    condition: float
+
+
+def solve_triangle(R: Array, z: Array, order: list[int] | None = None) -> LinearSolution:
+    """Solve with columns scaled; columns that the data cannot tell from others are grouped into them (see regressor.base).
+
+    `order`: which column may stay before which; by default as they stand."""
+    from scipy.linalg import solve_triangular
+
+    scale = np.linalg.norm(R, axis=0)
+    safe = np.where(scale > 0, scale, 1.0)
+    singular = np.linalg.svd(R / safe, compute_uv=False)
+    if len(singular) and scale.min() > 0 and singular[-1] > 1e-10 * singular[0]:
+        y = solve_triangular(R / safe, z)
+        return LinearSolution(np.arange(len(scale)), np.eye(len(scale)), y / safe, R, float(singular[0] / singular[-1]))
+    # Not full rank in these data: the same reduction as for structure, on the data's own factor.
+    from ..parameters import Parameter
+
+    found = reduce_columns(R, tuple(Parameter(str(i), "", "") for i in range(len(scale))), order or list(range(len(scale))))
+    keep = found.independent
+    Q, root = np.linalg.qr(R[:, keep])
+    scale = np.linalg.norm(root, axis=0)
+    singular = np.linalg.svd(root / scale, compute_uv=False) if len(keep) else np.ones(1)
+    values = solve_triangular(root / scale, Q.T @ z) / scale if len(keep) else np.zeros(0)
+    return LinearSolution(keep, found.regroup, values, root, float(singular[0] / singular[-1]))
+
+
+def row_variances(information: Information, values: Array, root: Array | None = None, weights: Array | None = None) -> Array:
+    """Residual variance of each measured row, (n,), freed of the parameters it helped to fit (trace of its hat matrix)."""
+    squares = information.residual_squares(values)
+    used = np.zeros(information.n)
+    if root is not None and weights is not None and root.size:
+        from scipy.linalg import solve_triangular
+
+        for j in range(information.n):
+            leverage = solve_triangular(root, information.factors[j][:-1, :-1].T, trans="T", lower=False)
+            used[j] = weights[j] * np.sum(leverage**2)
+    return squares / np.maximum(information.counts - used, 1.0)
+
+
+def finish(
+    problem: Problem,
+    solution: LinearSolution,
+    weights: Array,
+    method: str,
+    *,
+    covariance: Array | None = None,
+    warnings: tuple[str, ...] = (),
+    code: StatusCode = StatusCode.OK,
+    details: tuple[str, ...] = (),
+    trace: dict[str, Any] | None = None,
+) -> Estimate:
+    """Build the estimate: noise model from the residual, covariance under its colour, torque error, status."""
+    from ..estimate import Estimate
+
+    base = problem.base
+    full = np.zeros(base.count)
+    full[solution.columns] = solution.values
+    residual = problem.residual(full)
+    noise = fit_noise(residual, problem.signals.row_runs)
+    if covariance is None:
+        noise, covariance = coloured_covariance(problem, solution, weights, noise)
+    reduced = BaseReduction(
+        base.parameters, base.independent[solution.columns], solution.regroup @ base.regroup, base.zero, base.gap, base.notes
+    )
+    names = base.names
+    dropped = tuple(names[i] for i in range(base.count) if i not in set(solution.columns.tolist()))
+    status = _status(code, details, dropped, solution, covariance, noise, problem, reduced)
+    counts = problem.signals.valid.sum(axis=0)
+    return Estimate(
+        method=method,
+        model=problem.model,
+        base=reduced,
+        values=solution.values,
+        covariance=covariance,
+        status=status,
+        fit_error=TorqueError.of(residual, problem.signals.tau),
+        noise=noise,
+        weights=weights,
+        condition=solution.condition,
+        samples=int(counts.sum()),
+        information=problem.information,
+        reference=problem.reference,
+        dropped=dropped,
+        warnings=(*problem.signals.report.warnings, *base.notes, *warnings),
+        trace=trace or {},
+    )
+
+
+def coloured_covariance(problem: Problem, solution: LinearSolution, weights: Array, noise: NoiseModel) -> tuple[NoiseModel, Array]:
+    """Covariance A⁻¹ (Φᵀ W Γ W Φ) A⁻¹ of the solution, and the noise model freed of what the fit absorbed.
+
+    The residual lacks the part of the noise that the fit took up: its expected sum of squares is tr Γ − tr(A⁻¹ ΦᵀWΓWΦ)/w,
+    so each row's level is raised by that share."""
+    from scipy.linalg import solve_triangular
+
+    gram = noise_gram(noise, problem.rows(), weights)[np.ix_(solution.columns, solution.columns)]
+    half = solve_triangular(solution.root, gram, trans="T")
+    inner = solve_triangular(solution.root, half.T, trans="T")  # root⁻ᵀ gram root⁻¹
+    rows = problem.signals.valid.sum(axis=0)
+    energy = float(np.sum(weights * noise.variance * rows))
+    absorbed = min(0.9, float(np.trace(inner)) / energy) if energy > 0 else 0.0
+    inflate = 1.0 / (1.0 - absorbed)
+    back = solve_triangular(solution.root, inner)
+    covariance = solve_triangular(solution.root, back.T).T * inflate
+    return replace(noise, innovation=noise.innovation * inflate, variance=noise.variance * inflate), (covariance + covariance.T) / 2
+
+
+def _status(
+    code: StatusCode,
+    details: tuple[str, ...],
+    dropped: tuple[str, ...],
+    solution: LinearSolution,
+    covariance: Array,
+    noise: NoiseModel,
+    problem: Problem,
+    base: BaseReduction,
+) -> Status:
+    if code != StatusCode.OK:
+        return Status(code, details)
+    rows = problem.signals.valid.sum(axis=0)
+    effective = float(np.sum(rows / noise.correlation_time))
+    if effective < 1.5 * len(solution.values):
+        return Status(StatusCode.FEW_SAMPLES, (f"About {effective:.0f} independent samples for {len(solution.values)} parameters.",))
+    from ..excitation_advice import advice
+
+    if dropped:
+        kept = ", ".join(dropped[:8]) + (" …" if len(dropped) > 8 else "")
+        return Status(StatusCode.RANK_DEFICIENT, (f"Not determined alone: {kept}.", *advice(problem.model.robot, base, dropped)))
+    std = np.sqrt(np.maximum(np.diag(covariance), 0))
+    # The torque a parameter causes, against its own uncertainty: a value near zero that is known well is not poorly excited.
+    gain = np.linalg.norm(solution.root, axis=0)
+    contribution = std * gain / np.sqrt(max(1.0, float(rows.sum())))
+    weak = [i for i in range(len(std)) if std[i] > np.abs(solution.values[i]) and contribution[i] > 0.3]
+    if weak:
+        names = [base.names[i] for i in weak]
+        listed = ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
+        return Status(StatusCode.POORLY_EXCITED, (f"Poorly excited: {listed}.", *advice(problem.model.robot, base, tuple(names))))
+    return Status(StatusCode.OK)
+
+
+def order_of(base: BaseReduction) -> list[int]:
+    """Order of preference of the base parameters themselves."""
+    rank = {p: i for i, p in enumerate(preference(base.parameters))}
+    return sorted(range(base.count), key=lambda i: rank[int(base.independent[i])])

@@ -1,0 +1,160 @@
+"""The noise of the residual: its colour per joint, and the covariance of an estimate under it.
+
+Least squares with coloured noise stays consistent, but its covariance is A⁻¹ (Φᵀ W Γ W Φ) A⁻¹, not A⁻¹. Γ is modelled per joint
+as autoregressive (order by information criterion), joints correlated through their innovations. Rows left out contribute
+nothing (their columns are zero), so gaps and masks are exact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .problem import Rows
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """Autoregressive noise of n measured rows.
+
+    `ar` (n, p+1): coefficients a with a_0 = 1, e_t + a_1 e_{t-1} + … = innovation; `innovation` (n, n): covariance of the
+    innovations across joints; `variance` (n,): variance of the residual itself (torque unit squared);
+    `correlation_time` (n,): rows after which the noise is as good as new (integrated autocorrelation, ≥ 1)."""
+
+    ar: Array
+    innovation: Array
+    variance: Array
+    correlation_time: Array
+
+    @property
+    def order(self) -> int:
+        return self.ar.shape[1] - 1
+
+
+def fit_noise(residual: Array, runs: Iterable[slice], max_order: int = 40) -> NoiseModel:
+    """Fit an autoregressive model to residuals (M, n); NaN marks rows left out; `runs` are contiguous rows."""
+    runs = list(runs)
+    n = residual.shape[1]
+    longest = max((r.stop - r.start for r in runs), default=1)
+    lags = max(1, min(max_order, longest // 8))
+    polynomials, times, variance = [], [], np.empty(n)
+    for j in range(n):
+        gamma, count = autocovariance(residual[:, j], runs, lags)
+        variance[j] = gamma[0]
+        if gamma[0] <= 0 or count < 8:
+            polynomials.append(np.ones(1))
+            times.append(1.0)
+            continue
+        a = _levinson_by_criterion(gamma, count)
+        polynomials.append(a)
+        times.append(max(1.0, _integrated_time(a)))
+    p = max(len(a) for a in polynomials) - 1
+    ar = np.zeros((n, p + 1))
+    for j, a in enumerate(polynomials):
+        ar[j, : len(a)] = a
+    return NoiseModel(ar, _innovation_covariance(residual, runs, ar), variance, np.array(times))
+
+
+def autocovariance(e: Array, runs: Iterable[slice], lags: int) -> tuple[Array, int]:
+    """Autocovariance at lags 0 … `lags` over the pairs present (NaN = absent), and the number of samples present."""
+    total, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
+    present_all = 0
+    for run in runs:
+        x = e[run]
+        present = np.isfinite(x)
+        present_all += int(present.sum())
+        size = 1 << int(np.ceil(np.log2(max(2, 2 * len(x)))))
+        for values, out in ((np.where(present, x, 0.0), total), (present.astype(float), pairs)):
+            spectrum = np.fft.rfft(values, size)
+            sums = np.fft.irfft(spectrum * np.conj(spectrum), size)[: lags + 1]
+            out[: len(sums)] += sums
+    return np.divide(total, pairs, out=np.zeros_like(total), where=pairs > 0.5), present_all
+
+
+def _levinson_by_criterion(gamma: Array, count: int) -> Array:
+    """Levinson-Durbin recursion; the order with the least Akaike criterion (corrected for small samples)."""
+    a = np.ones(1)
+    variance = gamma[0]
+    best, best_score = a, count * np.log(variance)
+    for p in range(1, len(gamma)):
+        reflection = -(a @ gamma[p:0:-1]) / variance
+        if not np.isfinite(reflection) or abs(reflection) >= 1:
+            break
+        a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
+        variance *= 1 - reflection**2
+        if variance <= 1e-12 * gamma[0] or p + 2 >= count:
+            break
+        score = count * np.log(variance) + 2 * p * count / (count - p - 2)
+        if score < best_score:
+            best, best_score = a, score
+    return best
+
+
+def _integrated_time(a: Array) -> float:
+    """Sum of the autocorrelation over all lags of an autoregressive process: spectrum at zero over variance."""
+    from scipy.signal import lfilter
+
+    impulse = np.zeros(4000)
+    impulse[0] = 1.0
+    h = lfilter([1.0], a, impulse)
+    return float(h.sum() ** 2 / np.sum(h**2))
+
+
+def _innovation_covariance(residual: Array, runs: list[slice], ar: Array) -> Array:
+    """Covariance of the innovations across joints, over the samples where both are present."""
+    n, p = ar.shape[0], ar.shape[1] - 1
+    total, count = np.zeros((n, n)), np.zeros((n, n))
+    for run in runs:
+        x = residual[run]
+        if len(x) <= p:
+            continue
+        innovation = np.zeros((len(x) - p, n))
+        for lag in range(p + 1):
+            innovation += ar[:, lag] * x[p - lag : len(x) - lag]
+        present = np.isfinite(innovation)
+        filled = np.where(present, innovation, 0.0)
+        total += filled.T @ filled
+        count += present.T.astype(float) @ present
+    covariance = np.divide(total, count, out=np.zeros_like(total), where=count > 0)
+    own = np.sqrt(np.maximum(np.diag(covariance), 0))
+    bound = np.outer(own, own)
+    # With gaps, pairs come from different samples: keep correlations within ±0.99 and the matrix positive definite.
+    covariance = np.clip(covariance, -0.99 * bound, 0.99 * bound)
+    np.fill_diagonal(covariance, own**2)
+    values, vectors = np.linalg.eigh(covariance)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array) -> Array:
+    """Φᵀ W Γ W Φ (b, b), streamed: columns are filtered by the noise's own shaping filter, run by run."""
+    from scipy.signal import lfilter
+
+    n, p = noise.ar.shape[0], noise.order
+    root = _root(noise.innovation)
+    state: Array | None = None
+    current = -1
+    gram: Array | None = None
+    for block in rows:
+        weighted = np.where(block.valid[:, :, None], block.columns, 0.0) * weights[:, None]
+        b = weighted.shape[2]
+        if gram is None:
+            gram = np.zeros((b, b))
+        if block.run != current or state is None:
+            state, current = np.zeros((n, p, b)), block.run
+        for j in range(n):
+            if p:
+                weighted[:, j], state[j] = lfilter([1.0], noise.ar[j], weighted[:, j], axis=0, zi=state[j])
+        mixed = np.einsum("ij,mik->mjk", root, weighted).reshape(-1, b)
+        gram += mixed.T @ mixed
+    return np.zeros((0, 0)) if gram is None else gram
+
+
+def _root(covariance: Array) -> Array:
+    """C with C Cᵀ = covariance (positive semidefinite)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))

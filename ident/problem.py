@@ -1,0 +1,115 @@
+"""A problem: a model and prepared signals, reduced sample by sample to information on base parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .effect import Need
+from .errors import ConfigurationError, DataError
+from .information import Information
+from .model import Model
+from .motion import Motion
+from .regressor.base import BaseReduction, base_reduction
+
+if TYPE_CHECKING:
+    from .problem_check import ProblemCheck
+    from .signals import Signals
+
+Array = np.ndarray
+#: Full-rate samples held in memory at a time are limited so that their columns stay below this many numbers.
+_BLOCK_NUMBERS = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """A block of rows: `columns` (m, n, b) over base parameters, `tau` (m, n), `valid` (m, n), `place` in the signals' rows, `run`."""
+
+    columns: Array
+    tau: Array
+    valid: Array
+    place: slice
+    run: int
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """τ = Φ p on the measured side: `model` on `signals`.
+
+    `reference` (k,): values of all parameters from which the predicted load is taken, where an effect needs it.
+    `progress`: called with the share done (0 … 1) during a pass over the samples. Raises DataError if nothing can be used."""
+
+    model: Model
+    signals: Signals
+    reference: Array | None = None
+    progress: Callable[[float], None] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.signals.robot.joint_names != self.model.robot.joint_names:
+            raise ConfigurationError(
+                f"the signals are of robot {self.signals.robot.name!r} ({', '.join(self.signals.robot.joint_names)}), the model is of"
+                f" {self.model.robot.name!r} ({', '.join(self.model.robot.joint_names)})."
+            )
+
+    @cached_property
+    def base(self) -> BaseReduction:
+        """Base parameters of the model, from its structure."""
+        return base_reduction(self.model)
+
+    def rows(self) -> Iterator[Rows]:
+        """All rows, block by block, columns over base parameters, filtered like the torque."""
+        signals, model = self.signals, self.model
+        keep = self.base.independent
+        size = max(64, _BLOCK_NUMBERS // (model.robot.n * len(model.parameters)))
+        whole_runs = Need.HISTORY in model.needs
+        total = max(1, len(signals.valid))
+        for block in signals.blocks(None if whole_runs else size):
+            columns = block.reduce(model.columns(self.motion(block.samples))[:, :, keep])
+            yield Rows(columns, signals.tau[block.rows], signals.valid[block.rows], block.rows, block.run)
+            if self.progress is not None:
+                self.progress(min(1.0, block.rows.stop / total))
+
+    def motion(self, samples: slice) -> Motion:
+        """The motion of a range of full-rate samples, with what the model's effects need."""
+        s, model = self.signals, self.model
+        motion = Motion.of(model.robot, s.q[samples], s.dq[samples], s.ddq[samples], s.t[samples], rate=s.rate)
+        if Need.LOAD in model.needs:
+            reference = np.zeros(len(model.parameters)) if self.reference is None else self.reference
+            motion = motion.with_load(model.load(motion, reference))
+        return motion
+
+    @cached_property
+    def information(self) -> Information:
+        """Information on the base parameters, one triangular factor per measured row."""
+        names = self.base.names
+        total = Information.empty(self.model.robot.n, names)
+        for rows in self.rows():
+            total = total.with_rows(rows.columns, rows.tau, rows.valid)
+        if not total.counts.any():
+            raise DataError("no row of the log can be used: every torque is missing or masked. See `audit` for the reason.")
+        return total
+
+    def predict(self, values: Array) -> Array:
+        """Torque (M, n) on the measured side, filtered like the measured one, for base values (b,)."""
+        out = np.empty(self.signals.tau.shape)
+        for rows in self.rows():
+            out[rows.place] = rows.columns @ values
+        return out
+
+    def residual(self, values: Array) -> Array:
+        """Measured minus predicted torque (M, n); NaN in rows that are not used."""
+        return np.where(self.signals.valid, self.signals.tau - self.predict(values), np.nan)
+
+    def with_reference(self, values: Array) -> Problem:
+        """The same problem with the load predicted from all parameters' values (k,)."""
+        return replace(self, reference=np.asarray(values, float))
+
+    def check(self) -> ProblemCheck:
+        """Rank, condition, base parameters and excitation, before anything is estimated."""
+        from .problem_check import check_problem
+
+        return check_problem(self)

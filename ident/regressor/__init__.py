@@ -1,0 +1,1 @@
+"""Regressors: rigid-body columns, base reduction, closed forms."""

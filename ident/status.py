@@ -1,0 +1,45 @@
+"""What became of an estimation: a code for programs and a text that says what happened and what to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class StatusCode(StrEnum):
+    """Outcome of an estimation, from good to bad."""
+
+    OK = "ok"
+    POORLY_EXCITED = "poorly_excited"
+    RANK_DEFICIENT = "rank_deficient"
+    AT_BOUND = "at_bound"
+    NOT_CONVERGED = "not_converged"
+    FEW_SAMPLES = "few_samples"
+    INVALID_INSTRUMENTS = "invalid_instruments"
+
+
+_ADVICE = {
+    StatusCode.OK: "every parameter was determined by the data.",
+    StatusCode.POORLY_EXCITED: "some parameters are known to no better than their own size; the torque they cause in this log is lost in the noise."
+    " Use them for prediction of similar motion only; excite the joints named below more.",
+    StatusCode.RANK_DEFICIENT: "this log cannot tell some parameters apart; they were grouped further, or left out, as listed. Record motion that moves the joints named below.",
+    StatusCode.AT_BOUND: "some parameters ended at their physical bound: the data ask for an impossible value. Look for a missing effect or a wrong sign or unit.",
+    StatusCode.NOT_CONVERGED: "the iteration stopped before it converged. Start closer (a better first fit), allow more iterations, or use more data.",
+    StatusCode.FEW_SAMPLES: "there are hardly more independent samples than parameters; the intervals are not to be trusted. Record a longer log.",
+    StatusCode.INVALID_INSTRUMENTS: "the instruments correlate with the noise. Use instruments simulated from the reference, not from measured torque inside a feedback loop.",
+}
+
+
+@dataclass(frozen=True)
+class Status:
+    """A code and its text. `details` are sentences that name what it is about."""
+
+    code: StatusCode
+    details: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        return " ".join((f"{self.code.value}: {_ADVICE[self.code]}", *self.details))
+
+    def to_dict(self) -> dict[str, str]:
+        return {"code": self.code.value, "text": self.text}

@@ -1,0 +1,62 @@
+"""The report of an estimate that a person wants to read."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .estimate import Estimate
+    from .torque_error import TorqueError
+
+Array = np.ndarray
+
+
+def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
+    """Value ± std, percent, t-ratio, unit and expression of each base parameter; torque errors; strongest correlations; status."""
+    names, std, values = estimate.names, estimate.std, estimate.values
+    width = max((len(n) for n in names), default=4)
+    unit_width = max((len(p.unit) for p in estimate.parameters), default=4)
+    lines = [
+        f"{estimate.method}: {len(values)} parameters from {estimate.samples} rows; condition {estimate.condition:.3g}",
+        estimate.status.text,
+        "",
+        f"{'parameter':<{width}}  {'value':>12} {'std':>10} {'std %':>7} {'|t|':>8}  {'unit':<{unit_width}}  base-parameter expression",
+    ]
+    expressions = estimate.base.expressions
+    for i, p in enumerate(estimate.parameters):
+        share = 100 * std[i] / abs(values[i]) if values[i] else np.inf
+        ratio = abs(values[i]) / std[i] if std[i] > 0 else np.inf
+        lines.append(
+            f"{names[i]:<{width}}  {values[i]:>12.5g} {std[i]:>10.2g} {share:>7.2g} {ratio:>8.3g}  {p.unit:<{unit_width}}  {expressions[i]}"
+        )
+    lines += ["", error_table(estimate, {"fit": estimate.fit_error} | ({"held out": estimate.heldout_error} if estimate.heldout_error else {}))]
+    strongest = _strongest(estimate.correlation, names, correlations)
+    if strongest:
+        lines += ["", "strongest correlations: " + "; ".join(strongest)]
+    lines += [f"warning: {w}" for w in estimate.warnings]
+    return "\n".join(lines)
+
+
+def error_table(estimate: Estimate, errors: dict[str, TorqueError]) -> str:
+    """Torque error per joint, one line per data set."""
+    joints = estimate.model.robot.joint_names
+    side = estimate.model.robot.transmission.measured.value
+    width = max(len(k) for k in errors)
+    columns = [max(len(j), 8) for j in joints]
+    head = " ".join(f"{j:>{w}}" for j, w in zip(joints, columns, strict=True))
+    lines = [f"torque error on the {side} side, relative % (rms)", f"{'':<{width}} {head}      all"]
+    for label, error in errors.items():
+        cells = " ".join(f"{100 * r:>{w}.2f}" for r, w in zip(error.relative, columns, strict=True))
+        lines.append(f"{label:<{width}} {cells} {100 * error.relative_all:8.2f}")
+        cells = " ".join(f"{'(' + format(r, '.3g') + ')':>{w}}" for r, w in zip(error.rms, columns, strict=True))
+        lines.append(f"{'':<{width}} {cells}")
+    return "\n".join(lines)
+
+
+def _strongest(correlation: Array, names: tuple[str, ...], count: int) -> list[str]:
+    upper = np.abs(np.triu(correlation, 1))
+    order = np.argsort(upper, axis=None)[::-1][:count]
+    pairs = [tuple(np.unravel_index(int(o), upper.shape)) for o in order]
+    return [f"{names[i]} and {names[j]} {correlation[i, j]:+.3f}" for i, j in pairs if upper[i, j] > 0.8]
