@@ -1,0 +1,79 @@
+"""Command line of ident. Exit codes: 0 done; 1 done, but a gate failed; 2 usage or configuration; 3 the data cannot be used."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+
+from .errors import IdentError
+
+#: Commands in the order of a session; each is a module of `ident.commands`.
+COMMANDS = (
+    "demo",
+    "check",
+    "base",
+    "fit",
+    "validate",
+    "diagnose",
+    "compare",
+    "judge",
+    "simulate",
+    "excite",
+    "plan",
+    "monitor",
+    "export",
+    "report",
+)
+
+
+def build_parser(only: str | None = None) -> argparse.ArgumentParser:
+    """The parser. `only`: load the arguments of this command alone (start-up stays fast)."""
+    from . import __version__
+
+    parser = argparse.ArgumentParser(
+        prog="ident", description="Identify a robot's dynamics from logs, and find what its model lacks.", epilog="ident COMMAND --help tells more."
+    )
+    parser.add_argument("--version", action="version", version=f"ident {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        if importlib.util.find_spec(f"ident.commands.{name}") is None:
+            continue
+        module = importlib.import_module(f"ident.commands.{name}")
+        sub = commands.add_parser(name, help=module.HELP, description=module.HELP)
+        if only in (None, name):
+            module.add_arguments(sub)
+        sub.set_defaults(run=module.run)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; every error of the user's is one clear text on standard error."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    command = next((a for a in given if not a.startswith("-")), None)
+    args = build_parser(command).parse_args(given)
+    warnings.showwarning = _show_warning
+    try:
+        return int(args.run(args))
+    except IdentError as error:
+        print(f"ident {args.command}: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(f"ident {args.command}: interrupted; nothing half written is left.", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader of our output went away (`| head`): not an error of ours.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, file: object = None, line: str | None = None) -> None:
+    print(f"warning: {message}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
