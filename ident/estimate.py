@@ -18,6 +18,7 @@ from .torque_error import TorqueError
 
 if TYPE_CHECKING:
     from .model import Model
+    from .problem import Problem
     from .signals import Signals
 
 Array = np.ndarray
@@ -29,6 +30,7 @@ class Estimate:
 
     `base`: the reduction whose b base parameters were estimated (grouped further than the model's own where the data
     could not tell them apart); `values` (b,), `covariance` (b, b). `noise`: the residual's noise per measured row.
+    `problem`: what was solved, for diagnosis in the same session (not saved).
     `weights` (n,): weight of each row (1/variance). `reference` (k,): all parameters, from which the predicted load was taken."""
 
     method: str
@@ -50,6 +52,7 @@ class Estimate:
     inputs: tuple[dict[str, Any], ...] = ()
     signals_config: dict[str, Any] = field(default_factory=dict)
     trace: dict[str, Any] = field(default_factory=dict)
+    problem: Problem | None = field(default=None, repr=False)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -107,7 +110,7 @@ class Estimate:
         """Torque error on prepared signals."""
         return TorqueError.of(self.residual(signals), signals.tau)
 
-    def _problem(self, signals: Signals) -> Any:
+    def _problem(self, signals: Signals) -> Problem:
         from .problem import Problem
 
         return Problem(self.model, signals, reference=self.all_values)

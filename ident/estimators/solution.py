@@ -117,6 +117,7 @@ def finish(
         dropped=dropped,
         warnings=(*problem.signals.report.warnings, *base.notes, *warnings),
         trace=trace or {},
+        problem=problem,
     )
 
 
