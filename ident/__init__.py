@@ -35,8 +35,8 @@ _WHERE = {
     "make_estimator": "estimators",
     "validate": "validation",
     "Validation": "validation",
-    "compare": "compare",
-    "Comparison": "compare",
+    "compare": "comparison",
+    "Comparison": "comparison",
     "Study": "study",
     "read_study": "study",
     "IdentError": "errors",
@@ -66,7 +66,7 @@ def __dir__() -> list[str]:
 
 if TYPE_CHECKING:
     from . import diagnosis, effects, estimators, friction, physical, regressor, robots, simulate
-    from .compare import Comparison, compare
+    from .comparison import Comparison, compare
     from .effect import Effect, effect_names, make_effect
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
     from .estimate import Estimate

@@ -52,7 +52,7 @@ class Loop:
 
     @property
     def is_trivial(self) -> bool:
-        return self.W.shape[0] == self.W.shape[1] and bool(np.all(self.W == np.eye(len(self.W))) and not self.offset.any())
+        return self.W.shape[0] == self.W.shape[1] and np.array_equal(self.W, np.eye(len(self.W))) and not self.offset.any()
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +91,7 @@ class Robot:
     ) -> Robot:
         """Load a URDF file (or URDF text that starts with "<").
 
+        Joints are in the order of the tree, parents first, whatever the order in `joints`.
         `transmission`: a `Transmission`, or an array: (n,) signed gear ratios, (n, n) the matrix K of θ = K θ_m.
         `measured`: side of the logged torque where `transmission` is an array. `locked`: joint → position of joints
         that are not identified. `joints`: the moving joints to keep; all others are locked (at `locked`, else at zero).
@@ -114,7 +115,19 @@ class Robot:
             "loop": {k: dict(v) for k, v in (loop or {}).items()},
             "floating_base": floating_base,
         }
-        return _build(cls, prepared, name or prepared.name, transmission, Side(measured), gravity, locked or {}, joints, loop or {}, floating_base, source)
+        return _build(
+            cls,
+            prepared,
+            name or prepared.name,
+            transmission,
+            Side(measured),
+            gravity,
+            locked or {},
+            joints,
+            loop or {},
+            floating_base,
+            source,
+        )
 
     @property
     def n(self) -> int:
@@ -140,11 +153,11 @@ class Robot:
             raise unknown_name("joint", name, self.joint_names) from None
 
     def position_unit(self, j: int, side: Side) -> str:
-        """"rad" or "m": unit of joint j's (or motor j's) position. A motor that is geared to its joint turns in rad."""
+        """Unit ("rad" or "m") of joint j's or motor j's position. A motor that is geared to its joint turns in rad."""
         return "m" if self.joints[j].prismatic and (side == Side.JOINT or self.is_direct(j)) else "rad"
 
     def force_unit(self, j: int, side: Side) -> str:
-        """"N m" or "N": unit of the generalised force that goes with `position_unit`."""
+        """Unit ("N m" or "N") of the generalised force that goes with `position_unit`."""
         return "N" if self.position_unit(j, side) == "m" else "N m"
 
     def is_direct(self, j: int) -> bool:
@@ -162,7 +175,9 @@ class Robot:
     def with_transmission(self, transmission: Transmission) -> Robot:
         """The same robot behind another drive train."""
         if transmission.n != self.n:
-            raise ConfigurationError(f"[drive] describes {transmission.n} joints, but robot {self.name!r} has {self.n}: {', '.join(self.joint_names)}.")
+            raise ConfigurationError(
+                f"[drive] describes {transmission.n} joints, but robot {self.name!r} has {self.n}: {', '.join(self.joint_names)}."
+            )
         return replace(self, transmission=transmission)
 
     def with_gravity(self, gravity: Sequence[float]) -> Robot:
@@ -206,34 +221,32 @@ def _build(
     except Exception as error:  # noqa: BLE001 - Pinocchio raises plain exceptions for what is wrong in a URDF
         raise ConfigurationError(f"URDF of {name!r} is refused by Pinocchio: {str(error).strip().splitlines()[0]}") from None
     first = 2 if floating_base else 1
-    moving = list(model.names)[first:]
-    for joint in locked:
-        if joint not in moving:
-            raise unknown_name("joint in `locked`", joint, moving)
-    if keep is not None:
-        for joint in keep:
-            if joint not in moving:
-                raise unknown_name("joint in `joints`", joint, moving)
-        followers = {m.joint for m in urdf.mimics if m.master in keep} | set(loop)
-        locked = {**{j: 0.0 for j in moving if j not in keep and j not in followers}, **locked}
-    if locked:
+    held = _held(urdf, list(model.names)[first:], locked, keep, loop)
+    if held:
         at = pin.neutral(model)
-        for joint, position in locked.items():
-            at[model.joints[model.getJointId(joint)].idx_q] = float(position)
-        model = pin.buildReducedModel(model, [model.getJointId(j) for j in locked], at)
+        for joint, position in held.items():
+            at[model.joints[model.getJointId(joint)].idx_q] = position
+        model = pin.buildReducedModel(model, [model.getJointId(j) for j in held], at)
     model.armature[:] = 0.0  # rotor inertia is an effect; it must not count twice
     model.gravity.linear[:] = _gravity(gravity)
     tree_joints = tuple(Joint(j, urdf.kinds[j], *urdf.limits[j]) for j in list(model.names)[first:])
     if not tree_joints:
         raise ConfigurationError(f"robot {name!r} has no moving joint: there is nothing to identify.")
-    closure, joints = _closure(urdf, tree_joints, locked, loop)
+    closure, joints = _closure(urdf, tree_joints, loop)
     notes = list(urdf.notes)
-    for mimic in urdf.mimics:
-        if mimic.joint not in locked:
-            notes.append(f"joint {mimic.joint} mimics {mimic.master}: taken as a rigid coupling (dependent joint), not as a joint of its own.")
-    if urdf.links_without_inertial:
-        bare = ", ".join(urdf.links_without_inertial[:6]) + (" …" if len(urdf.links_without_inertial) > 6 else "")
-        notes.append(f"no <inertial> on moving links {bare}: fine for fitting; there are no nominal values to compare with.")
+    notes += [
+        f"joint {m.joint} mimics {m.master}: taken as a rigid coupling (dependent joint), not as a joint of its own."
+        for m in urdf.mimics
+        if m.joint not in held
+    ]
+    bare = [
+        j.name
+        for j, inertia in zip(tree_joints, list(model.inertias)[-len(tree_joints) :], strict=True)
+        if not np.any(inertia.toDynamicParameters())
+    ]
+    if bare:
+        which = ", ".join(bare[:6]) + (" …" if len(bare) > 6 else "")
+        notes.append(f"no <inertial> on what joints {which} carry: fine for fitting; there are no nominal values to compare with.")
     nominal = np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
     robot = cls(
         name=name,
@@ -255,16 +268,36 @@ def _build(
     return robot.with_transmission(transmission)
 
 
-def _closure(
-    urdf: UrdfText, tree_joints: tuple[Joint, ...], locked: Mapping[str, float], loop: Mapping[str, Mapping[str, float]]
-) -> tuple[Loop, tuple[Joint, ...]]:
+def _held(
+    urdf: UrdfText, moving: Sequence[str], locked: Mapping[str, float], keep: Sequence[str] | None, loop: Mapping[str, Mapping[str, float]]
+) -> dict[str, float]:
+    """Joint → position of every joint that does not move: locked ones, those not kept, and the followers of such."""
+    held = {}
+    for joint, position in locked.items():
+        if joint not in moving:
+            raise unknown_name("joint in `locked`", joint, moving)
+        if joint in loop:
+            raise ConfigurationError(f"joint {joint!r} is both locked and dependent ([loop]); it can only be one of them.")
+        held[joint] = float(position)
+        if not np.isfinite(held[joint]):
+            raise ConfigurationError(f"joint {joint!r} is locked at {position}, which is not a finite position.")
+    masters = {m.joint: m for m in urdf.mimics if m.joint not in held and m.joint not in loop}
+    if keep is not None:
+        for joint in keep:
+            if joint not in moving:
+                raise unknown_name("joint in `joints`", joint, moving)
+            if joint in masters and masters[joint].master not in keep:
+                raise ConfigurationError(f"joint {joint!r} mimics {masters[joint].master!r}; keep that one, and it follows.")
+        held = {j: 0.0 for j in moving if j not in keep and j not in loop and j not in masters} | held
+    for joint, mimic in masters.items():
+        if mimic.master in held or mimic.master not in moving:  # a fixed joint is at zero
+            held[joint] = mimic.multiplier * held.get(mimic.master, 0.0) + mimic.offset
+    return held
+
+
+def _closure(urdf: UrdfText, tree_joints: tuple[Joint, ...], loop: Mapping[str, Mapping[str, float]]) -> tuple[Loop, tuple[Joint, ...]]:
     names = [j.name for j in tree_joints]
-    rules: dict[str, dict[str, float]] = {
-        m.joint: {m.master: m.multiplier, "offset": m.offset} for m in urdf.mimics if m.joint in names
-    }
-    for mimic in urdf.mimics:
-        if mimic.joint in names and mimic.master in locked:
-            rules[mimic.joint] = {"offset": mimic.multiplier * float(locked[mimic.master]) + mimic.offset}
+    rules: dict[str, dict[str, float]] = {m.joint: {m.master: m.multiplier, "offset": m.offset} for m in urdf.mimics if m.joint in names}
     for joint, rule in loop.items():
         if joint not in names:
             raise unknown_name("joint in [loop]", joint, names)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from lxml import etree
 
-from .errors import ConfigurationError
+from .errors import ConfigurationError, unknown_name
 
 _SUPPORTED = {"revolute", "continuous", "prismatic", "fixed"}
+_NOISE = 1e-6  # rad: below this, an angle differs from an exact one by the writer's round-off alone
 
 
 @dataclass(frozen=True)
@@ -29,15 +31,14 @@ class UrdfText:
     """A URDF made ready for Pinocchio.
 
     `xml`: the text with exact right angles and mimic tags taken out; `kinds`: joint name → URDF type;
-    `limits`: joint name → (lower, upper, velocity, effort), infinite where not given; `mimics`: followers;
-    `links_without_inertial`: moving links that carry none; `notes`: what was changed, for the user."""
+    `limits`: joint name → (lower, upper, velocity, effort), infinite where not given; `mimics`: followers, each bound to
+    a joint that follows none; `notes`: what was changed, for the user."""
 
     xml: str
     name: str
     kinds: dict[str, str]
     limits: dict[str, tuple[float, float, float, float]]
     mimics: tuple[Mimic, ...]
-    links_without_inertial: tuple[str, ...]
     notes: tuple[str, ...]
 
 
@@ -52,110 +53,212 @@ def read_urdf(path: Path) -> UrdfText:
     return prepare_urdf(data, str(path))
 
 
-def prepare_urdf(data: bytes, where: str = "URDF") -> UrdfText:
-    """Prepare URDF text (bytes). `where` names the source in messages."""
+def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
+    """Prepare URDF text (bytes). `where` names the source in messages. Raises ConfigurationError."""
+    parser = etree.XMLParser(remove_comments=True, remove_pis=True, resolve_entities=False)
     try:
-        root = etree.fromstring(data, etree.XMLParser(remove_comments=True, resolve_entities=False))
+        root = etree.fromstring(data.lstrip(), parser)
     except etree.XMLSyntaxError as error:
         raise ConfigurationError(f"URDF {where}: does not parse: {error.msg}.") from None
+    _refuse_xacro(root, where)
     if root.tag != "robot":
-        hint = " Run xacro on it first." if "xacro" in str(root.nsmap) else ""
-        raise ConfigurationError(f"URDF {where}: the root element is <{root.tag}>, not <robot>.{hint}")
-    notes: list[str] = []
+        raise ConfigurationError(f"URDF {where}: the root element is <{root.tag}>, not <robot>.")
     kinds: dict[str, str] = {}
     limits: dict[str, tuple[float, float, float, float]] = {}
-    mimics: list[Mimic] = []
-    children = set()
+    mimics: dict[str, Mimic] = {}
+    snapped: dict[str, float] = {}
     for joint in root.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type", "")
         if not name:
             raise ConfigurationError(f"URDF {where}: a <joint> has no name.")
+        if name in kinds:
+            raise ConfigurationError(f"URDF {where}: two joints are named {name!r}.")
         if kind not in _SUPPORTED:
             raise ConfigurationError(
                 f"URDF {where}: joint {name!r} has type {kind!r}; supported are {', '.join(sorted(_SUPPORTED))}."
                 " Replace it by a chain of those (a floating base: pass floating_base=True and leave the joint out)."
             )
-        child = joint.find("child")
-        if child is None or joint.find("parent") is None:
-            raise ConfigurationError(f"URDF {where}: joint {name!r} lacks <parent> or <child>.")
         kinds[name] = kind
         limits[name] = _limits(joint, where, name)
-        _snap_origin(joint, where, name, notes)
+        snapped[name] = _snap_origin(joint, where, name)
         mimic = joint.find("mimic")
         if mimic is not None:
-            mimics.append(
-                Mimic(name, mimic.get("joint", ""), _number(mimic.get("multiplier", "1"), where, name), _number(mimic.get("offset", "0"), where, name))
-            )
+            factor, offset = (_number(mimic.get(key, default), where, name) for key, default in (("multiplier", "1"), ("offset", "0")))
+            mimics[name] = Mimic(name, mimic.get("joint", ""), factor, offset)
             joint.remove(mimic)
         if kind != "fixed":
-            children.add(child.get("link", ""))
-        if kind == "continuous":
+            _settle_axis(joint, where, name)
             # One coordinate a joint: Pinocchio would store (cos, sin) for a continuous joint.
-            joint.set("type", "revolute")
-        if kind != "fixed":
+            joint.set("type", "prismatic" if kind == "prismatic" else "revolute")
             for old in joint.findall("limit"):
                 joint.remove(old)
             etree.SubElement(joint, "limit", lower="-1e30", upper="1e30", velocity="1e30", effort="1e30")
-    bare = tuple(link.get("name", "") for link in root.findall("link") if link.find("inertial") is None and link.get("name") in children)
+    _check_tree(root, where)
+    moved = {name: by for name, by in snapped.items() if by > _NOISE}
+    notes: tuple[str, ...] = ()
+    if moved:
+        notes = (f"rpy of {_some(moved)} taken as exact multiples of pi/4 (moved by at most {max(moved.values()):.1e} rad).",)
     return UrdfText(
-        etree.tostring(root, encoding="unicode"), root.get("name", "robot"), kinds, limits, tuple(mimics), bare, tuple(notes)
+        etree.tostring(root, encoding="unicode"), root.get("name", "robot"), kinds, limits, _resolve(mimics, kinds, where), notes
     )
+
+
+def _some(names: Iterable[str], most: int = 6) -> str:
+    names = list(names)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _refuse_xacro(root: etree._Element, where: str) -> None:
+    """Raise if the file still holds xacro; plain elements lose any default namespace, which URDF does not have."""
+    for element in root.iter(etree.Element):
+        name = etree.QName(element)
+        if "xacro" in (name.namespace or "") or any("${" in v or "$(arg" in v for v in element.attrib.values()):
+            raise ConfigurationError(f"URDF {where}: is a xacro template. Expand it first (`xacro FILE > robot.urdf`) and give the result.")
+        element.tag = name.localname
+
+
+def _check_tree(root: etree._Element, where: str) -> None:
+    """Every joint hangs between two declared links, and the links form one tree."""
+    links = [link.get("name", "") for link in root.findall("link")]
+    if not links:
+        raise ConfigurationError(f"URDF {where}: there is no <link>.")
+    twice = [name for name in links if links.count(name) > 1] if len(set(links)) < len(links) else []
+    if twice:
+        raise ConfigurationError(f"URDF {where}: two links are named {twice[0]!r}.")
+    parent_of: dict[str, str] = {}
+    for joint in root.findall("joint"):
+        name = joint.get("name", "")
+        ends = []
+        for tag in ("parent", "child"):
+            end = joint.find(tag)
+            link = "" if end is None else end.get("link", "")
+            if not link:
+                raise ConfigurationError(f"URDF {where}: joint {name!r} lacks <{tag} link=…>.")
+            if link not in links:
+                raise ConfigurationError(f"URDF {where}: joint {name!r}: its {tag} link {link!r} is not declared.")
+            ends.append(link)
+        parent, child = ends
+        if child in parent_of:
+            raise ConfigurationError(
+                f"URDF {where}: link {child!r} is the child of two joints. Cut the loop at one of them, and declare it in [loop]."
+            )
+        parent_of[child] = parent
+    roots = [link for link in links if link not in parent_of]
+    if len(roots) > 1:
+        raise ConfigurationError(f"URDF {where}: the links do not form one tree: {_some(roots)} have no parent. Join them by fixed joints.")
+    reached = set(roots)
+    while grown := {child for child, parent in parent_of.items() if parent in reached} - reached:
+        reached |= grown
+    if len(reached) < len(links):
+        raise ConfigurationError(
+            f"URDF {where}: the links do not form a tree: {_some(n for n in links if n not in reached)} form a circle."
+        )
+
+
+def _resolve(mimics: dict[str, Mimic], kinds: dict[str, str], where: str) -> tuple[Mimic, ...]:
+    """Followers of followers are bound to the joint at the head of the chain; a fixed head is at zero."""
+    found = []
+    for mimic in mimics.values():
+        master, factor, offset, passed = mimic.master, mimic.multiplier, mimic.offset, {mimic.joint}
+        if kinds[mimic.joint] == "fixed":
+            continue
+        while master in mimics and master not in passed and kinds[master] != "fixed":
+            passed.add(master)
+            above = mimics[master]
+            offset, factor, master = offset + factor * above.offset, factor * above.multiplier, above.master
+        if master in passed:
+            raise ConfigurationError(f"URDF {where}: joint {mimic.joint!r} mimics itself, through {_some(sorted(passed))}.")
+        if master not in kinds:
+            raise unknown_name(f"joint that {mimic.joint!r} mimics (URDF {where})", master, kinds)
+        found.append(Mimic(mimic.joint, master, factor, offset))
+    return tuple(found)
 
 
 def _limits(joint: etree._Element, where: str, name: str) -> tuple[float, float, float, float]:
     limit = joint.find("limit")
     found = {} if limit is None else dict(limit.attrib)
     bounded = joint.get("type") != "continuous"
-    lower = _number(found.get("lower", "-inf"), where, name) if bounded else -math.inf
-    upper = _number(found.get("upper", "inf"), where, name) if bounded else math.inf
-    if lower >= upper:  # URDF's default of 0, 0: not a limit anyone meant
+    lower, upper = -math.inf, math.inf
+    if bounded and {"lower", "upper"} & set(found):
+        lower, upper = (_number(found.get(key, "0"), where, name) for key in ("lower", "upper"))  # URDF's default is 0
+    if lower >= upper:  # 0, 0: not a limit anyone meant
         lower, upper = -math.inf, math.inf
-    velocity = _number(found.get("velocity", "inf"), where, name)
-    effort = _number(found.get("effort", "inf"), where, name)
+    velocity = _number(found.get("velocity", "0"), where, name)
+    effort = _number(found.get("effort", "0"), where, name)
     return lower, upper, velocity if velocity > 0 else math.inf, effort if effort > 0 else math.inf
 
 
 def _number(text: str, where: str, name: str) -> float:
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
-        raise ConfigurationError(f"URDF {where}: joint {name!r}: {text!r} is not a number.") from None
+        value = math.nan
+    if math.isnan(value):
+        raise ConfigurationError(f"URDF {where}: joint {name!r}: {text!r} is not a number.")
+    return value
 
 
-def _snap_origin(joint: etree._Element, where: str, name: str, notes: list[str]) -> None:
-    origin = joint.find("origin")
-    if origin is None or not origin.get("rpy"):
+def _three(text: str, key: str, where: str, name: str) -> list[float]:
+    words = text.split()
+    values = [_number(word, where, name) for word in words]
+    if len(words) != 3 or not all(math.isfinite(v) for v in values):
+        raise ConfigurationError(f"URDF {where}: joint {name!r}: {key}={text!r} does not hold three finite numbers.")
+    return values
+
+
+def _settle_axis(joint: etree._Element, where: str, name: str) -> None:
+    """Make the axis a unit vector, and exact where it is a coordinate axis but for round-off."""
+    axis = joint.find("axis")
+    if axis is None or not axis.get("xyz"):
         return
-    words = origin.get("rpy", "").split()
-    if len(words) != 3:
-        raise ConfigurationError(f"URDF {where}: joint {name!r}: rpy={origin.get('rpy')!r} does not hold three numbers.")
-    snapped = [exact_angle(word) for word in words]
-    values = [_number(w, where, name) if s is None else s for w, s in zip(words, snapped, strict=True)]
-    moved = max(abs(v - _number(w, where, name)) for v, w in zip(values, words, strict=True))
-    if moved > 1e-7 and joint.get("type") != "fixed":
-        notes.append(f"joint {name}: rpy {' '.join(words)!r} taken as exact multiples of pi/4 (moved by {moved:.1e} rad).")
+    given = _three(axis.get("xyz", ""), "axis xyz", where, name)
+    length = math.hypot(*given)
+    if length == 0:
+        raise ConfigurationError(f"URDF {where}: joint {name!r}: its axis is the zero vector.")
+    unit = [v / length for v in given]
+    unit = [float(round(v)) for v in unit] if max(abs(v - round(v)) for v in unit) < _NOISE else unit
+    axis.set("xyz", " ".join(repr(v) for v in unit))
+
+
+def _snap_origin(joint: etree._Element, where: str, name: str) -> float:
+    """Make the origin's angles exact; returns by how much (rad) the furthest moved."""
+    origin = joint.find("origin")
+    if origin is None:
+        return 0.0
+    if origin.get("xyz"):
+        _three(origin.get("xyz", ""), "xyz", where, name)
+    if not origin.get("rpy"):
+        return 0.0
+    given = _three(origin.get("rpy", ""), "rpy", where, name)
+    exact = [exact_angle(word) for word in origin.get("rpy", "").split()]
+    values = [g if e is None else e for g, e in zip(given, exact, strict=True)]
     origin.set("rpy", " ".join(repr(v) for v in values))
+    return max(abs(v - g) for v, g in zip(values, given, strict=True))
 
 
 def exact_angle(text: str) -> float | None:
     """The multiple of π/4 that `text` rounds, or None if it rounds none.
 
     A URDF writes π/2 as 1.5708; taken literally the axes are not perpendicular, and a base reduction finds parameters
-    that the robot does not have. The decision rests on the digits written: an angle is exact only if the multiple,
-    rounded or cut off at as many decimals (two at least), gives the very text. A calibrated 1.5701 stays."""
+    that the robot does not have. The decision rests on the digits written: an angle is exact if the multiple, rounded or
+    cut off at as many decimals, gives the very text (at least two decimals for a multiple of π/2, three for one of π/4:
+    0.79 says too little). A calibrated 1.5701 stays. Beside that, whatever is nearer than 1e-6 rad (the noise of single
+    precision, which no assembly holds) is exact, zero included."""
     try:
         number = Decimal(text)
     except InvalidOperation:
         return None
     exponent = number.as_tuple().exponent
-    if not number.is_finite() or not isinstance(exponent, int) or number == 0:
+    if not number.is_finite() or not isinstance(exponent, int):
         return None
-    decimals = -exponent
-    multiple = round(float(number) / (math.pi / 4))
+    value, decimals = float(number), -exponent
+    multiple = round(value / (math.pi / 4))
     exact = multiple * math.pi / 4
-    if multiple == 0 or decimals < 2:
+    if abs(exact - value) < _NOISE:
+        return exact
+    if multiple == 0 or decimals < (3 if multiple % 2 else 2):
         return None
-    unit = 10.0 ** -min(decimals, 15)
-    # Rounded: within half a unit; cut off: within one unit towards zero. 1e-15: double precision of the comparison.
-    inside = abs(exact - float(number)) <= 0.5 * unit + 1e-15 or 0 <= abs(exact) - abs(float(number)) < unit + 1e-15
-    return exact if inside else None
+    unit = 10.0**-decimals
+    rounded = abs(exact - value) <= 0.5 * unit
+    cut_off = 0 <= abs(exact) - abs(value) < unit
+    return exact if rounded or cut_off else None

@@ -25,7 +25,7 @@ def coefficient_text(value: float) -> str:
     """A kinematic constant in as few digits as give it (up to nine), else in six."""
     for digits in range(1, 10):
         text = f"{value:.{digits}g}"
-        if abs(float(text) - value) <= 1e-9 * abs(value):
+        if abs(float(text) - value) <= 2e-10 * abs(value):
             return text
     return f"{value:.6g}"
 
