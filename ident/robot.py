@@ -13,7 +13,7 @@ import numpy as np
 
 from .errors import ConfigurationError, unknown_name
 from .transmission import Side, Transmission
-from .urdf import UrdfText, prepare_urdf, read_urdf
+from .urdf import UrdfText, prepare_urdf, read_urdf, some
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -234,19 +234,17 @@ def _build(
         raise ConfigurationError(f"robot {name!r} has no moving joint: there is nothing to identify.")
     closure, joints = _closure(urdf, tree_joints, loop)
     notes = list(urdf.notes)
-    notes += [
-        f"joint {m.joint} mimics {m.master}: taken as a rigid coupling (dependent joint), not as a joint of its own."
-        for m in urdf.mimics
-        if m.joint not in held
-    ]
+    for master in dict.fromkeys(m.master for m in urdf.mimics if m.joint not in held):
+        followers = [m.joint for m in urdf.mimics if m.master == master and m.joint not in held]
+        verb = "mimics" if len(followers) == 1 else "mimic"
+        notes.append(f"{some(followers)} {verb} {master}: taken as rigidly coupled (dependent), not as joints of their own.")
     bare = [
         j.name
         for j, inertia in zip(tree_joints, list(model.inertias)[-len(tree_joints) :], strict=True)
         if not np.any(inertia.toDynamicParameters())
     ]
     if bare:
-        which = ", ".join(bare[:6]) + (" …" if len(bare) > 6 else "")
-        notes.append(f"no <inertial> on what joints {which} carry: fine for fitting; there are no nominal values to compare with.")
+        notes.append(f"no <inertial> on what joints {some(bare)} carry: fine for fitting; there are no nominal values to compare with.")
     nominal = np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
     robot = cls(
         name=name,

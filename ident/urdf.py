@@ -10,7 +10,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from .errors import ConfigurationError, unknown_name
+from .errors import ConfigurationError
 
 _SUPPORTED = {"revolute", "continuous", "prismatic", "fixed"}
 _NOISE = 1e-6  # rad: below this, an angle differs from an exact one by the writer's round-off alone
@@ -95,15 +95,15 @@ def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
             etree.SubElement(joint, "limit", lower="-1e30", upper="1e30", velocity="1e30", effort="1e30")
     _check_tree(root, where)
     moved = {name: by for name, by in snapped.items() if by > _NOISE}
-    notes: tuple[str, ...] = ()
+    notes: list[str] = []
     if moved:
-        notes = (f"rpy of {_some(moved)} taken as exact multiples of pi/4 (moved by at most {max(moved.values()):.1e} rad).",)
-    return UrdfText(
-        etree.tostring(root, encoding="unicode"), root.get("name", "robot"), kinds, limits, _resolve(mimics, kinds, where), notes
-    )
+        notes.append(f"rpy of {some(moved)} taken as exact multiples of pi/4 (moved by at most {max(moved.values()):.1e} rad).")
+    bound = _resolve(mimics, kinds, where, notes)
+    return UrdfText(etree.tostring(root, encoding="unicode"), root.get("name", "robot"), kinds, limits, bound, tuple(notes))
 
 
-def _some(names: Iterable[str], most: int = 6) -> str:
+def some(names: Iterable[str], most: int = 6) -> str:
+    """The first few names of many, for messages."""
     names = list(names)
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
@@ -145,17 +145,15 @@ def _check_tree(root: etree._Element, where: str) -> None:
         parent_of[child] = parent
     roots = [link for link in links if link not in parent_of]
     if len(roots) > 1:
-        raise ConfigurationError(f"URDF {where}: the links do not form one tree: {_some(roots)} have no parent. Join them by fixed joints.")
+        raise ConfigurationError(f"URDF {where}: the links do not form one tree: {some(roots)} have no parent. Join them by fixed joints.")
     reached = set(roots)
     while grown := {child for child, parent in parent_of.items() if parent in reached} - reached:
         reached |= grown
     if len(reached) < len(links):
-        raise ConfigurationError(
-            f"URDF {where}: the links do not form a tree: {_some(n for n in links if n not in reached)} form a circle."
-        )
+        raise ConfigurationError(f"URDF {where}: the links do not form a tree: {some(n for n in links if n not in reached)} form a circle.")
 
 
-def _resolve(mimics: dict[str, Mimic], kinds: dict[str, str], where: str) -> tuple[Mimic, ...]:
+def _resolve(mimics: dict[str, Mimic], kinds: dict[str, str], where: str, notes: list[str]) -> tuple[Mimic, ...]:
     """Followers of followers are bound to the joint at the head of the chain; a fixed head is at zero."""
     found = []
     for mimic in mimics.values():
@@ -167,9 +165,10 @@ def _resolve(mimics: dict[str, Mimic], kinds: dict[str, str], where: str) -> tup
             above = mimics[master]
             offset, factor, master = offset + factor * above.offset, factor * above.multiplier, above.master
         if master in passed:
-            raise ConfigurationError(f"URDF {where}: joint {mimic.joint!r} mimics itself, through {_some(sorted(passed))}.")
+            raise ConfigurationError(f"URDF {where}: joint {mimic.joint!r} mimics itself, through {some(sorted(passed))}.")
         if master not in kinds:
-            raise unknown_name(f"joint that {mimic.joint!r} mimics (URDF {where})", master, kinds)
+            notes.append(f"joint {mimic.joint} mimics {master!r}, which the file does not have: taken as a joint of its own.")
+            continue
         found.append(Mimic(mimic.joint, master, factor, offset))
     return tuple(found)
 
