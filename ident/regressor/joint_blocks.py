@@ -1,0 +1,344 @@
+"""A tree cut into blocks of joints that share no coordinate: how motion and energy pass through each block, exactly.
+
+A block is one joint, or, under a linear loop closure, the smallest connected part of the tree that holds all joints moved by
+the same independent coordinates. Poses in a block are finite sums of trigonometric polynomials (revolute joints) and powers
+(prismatic joints) of its coordinates, so their coefficients follow from as many well-placed nodes; that the nodes determine
+them is checked, not assumed. Lengths are divided by the robot's typical length.
+
+Kinetic energy is half the inner product of a body's pseudo-inertia J (4 x 4) and sym(Vᵀ V), with V the 4 x 4 twist matrix;
+under a pose G the latter becomes Gᵀ sym(Vᵀ V) G. Its ten coordinates dual to a link's inertial parameters are called an
+energy vector here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .tree import RigidBodyTree
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = np.ndarray
+
+#: Larger function spaces are probed at generic nodes instead of being resolved into coefficients.
+_MOST_FUNCTIONS = 400
+
+
+def _pseudo_inertia_basis() -> tuple[Array, Array]:
+    """J_k (10, 4, 4): pseudo-inertia per unit of each inertial parameter; D_k (10, 4, 4) dual to them."""
+    J = np.zeros((10, 4, 4))
+    J[0, 3, 3] = 1.0
+    for axis in range(3):
+        J[1 + axis, axis, 3] = J[1 + axis, 3, axis] = 1.0
+    # Second moments: S = trace(I)/2 E - I.
+    for k, (a, b) in enumerate([(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)], start=4):
+        if a == b:
+            J[k, :3, :3] = 0.5 * np.eye(3)
+            J[k, a, a] -= 1.0
+        else:
+            J[k, a, b] = J[k, b, a] = -1.0
+    gram = np.einsum("kij,lij->kl", J, J)
+    return J, np.einsum("kl,lij->kij", np.linalg.inv(gram), J)
+
+
+PSEUDO_INERTIA, ENERGY_BASIS = _pseudo_inertia_basis()
+_FLAT_INERTIA = PSEUDO_INERTIA.reshape(10, 16)
+
+
+def energy_vector(V: Array, W: Array) -> Array:
+    """Energy vectors (..., 10) of pairs of twist or pose-rate matrices (..., 4, 4): coefficient of each inertial parameter in VᵀJW."""
+    Y = np.swapaxes(V, -1, -2) @ W
+    flat = Y.reshape(*Y.shape[:-2], 16) @ _FLAT_INERTIA.T  # J is symmetric: the antisymmetric part of Y drops out
+    return flat
+
+
+def twist_matrix(twist: Array) -> Array:
+    """4 x 4 matrices (..., 4, 4) of twists (..., 6), linear part first."""
+    M = np.zeros((*twist.shape[:-1], 4, 4))
+    M[..., 0, 3], M[..., 1, 3], M[..., 2, 3] = twist[..., 0], twist[..., 1], twist[..., 2]
+    x, y, z = twist[..., 3], twist[..., 4], twist[..., 5]
+    M[..., 0, 1], M[..., 0, 2], M[..., 1, 2] = -z, y, -x
+    M[..., 1, 0], M[..., 2, 0], M[..., 2, 1] = z, -y, x
+    return M
+
+
+def twist_vector(M: Array) -> Array:
+    """Twists (..., 6) of 4 x 4 matrices (..., 4, 4)."""
+    return np.stack([M[..., 0, 3], M[..., 1, 3], M[..., 2, 3], M[..., 2, 1], M[..., 0, 2], M[..., 1, 0]], axis=-1)
+
+
+_UNIT_TWISTS = twist_matrix(np.eye(6))
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Bodies moved by one set of coordinates, and what passes through them.
+
+    `bodies`: in order; `entrance`: the body before, -1 for the fixed base; `coordinates`: independent coordinates of the block
+    (d of them). F functions, the first of which is the constant one (unless not `exact`: then a common reference value):
+    `transport` (F, 10, 10 r): energy vector at the entrance → energy vectors of the r bodies (row vectors);
+    `cross` (F, 6, d, 10 r): entrance twist with coordinate rate; `own` (F, d, d, 10 r): rates among themselves;
+    `carry` (F, r, 6, 6): entrance twist → twists of the bodies (row vectors); `rate` (F, r, d, 6): twist per coordinate rate.
+    `scale` (d,): coordinate units in use. `exact`: coefficients were resolved, not probed."""
+
+    bodies: tuple[int, ...]
+    entrance: int
+    coordinates: tuple[int, ...]
+    transport: Array
+    cross: Array
+    own: Array
+    carry: Array
+    rate: Array
+    scale: Array
+    exact: bool
+
+
+def typical_length(tree: RigidBodyTree) -> float:
+    """Mean distance between joints, those on the base left out (where the base stands does not matter); 1 if all are zero."""
+    lengths = np.linalg.norm(tree.translation[tree.parent >= 0], axis=1)
+    lengths = lengths[lengths > 0]
+    return float(lengths.mean()) if len(lengths) else 1.0
+
+
+def joint_blocks(robot: Robot, length: float) -> list[Block]:
+    """The blocks of a robot's tree, each after the one that holds its entrance; a free-flyer's body is in none."""
+    tree, first = robot.tree, int(robot.floating_base)
+    W, offset = robot.loop.W, robot.loop.offset
+    blocks = []
+    for bodies, entrance in _partition(tree, W, first):
+        rows = [b - first for b in bodies]
+        coordinates = tuple(int(a) for a in np.flatnonzero(np.abs(W[rows]).sum(axis=0) > 0))
+        blocks.append(_resolve(tree, bodies, entrance, coordinates, W[np.ix_(rows, coordinates)], offset[rows], length))
+    return blocks
+
+
+def _partition(tree: RigidBodyTree, W: Array, first: int) -> list[tuple[tuple[int, ...], int]]:
+    """(bodies, entrance) of each block, in order of the first body."""
+    parent = tree.parent
+    group = {b: {b} for b in range(first, tree.nb)}
+
+    def merge(bodies: set[int]) -> None:
+        joined = set().union(*(group[b] for b in bodies))
+        for b in joined:
+            group[b] = joined
+
+    for column in W.T:
+        merge({int(j) + first for j in np.flatnonzero(column)})
+    for row_body, row in enumerate(W):
+        if not row.any():
+            group[row_body + first] = {row_body + first}
+    changed = True
+    while changed:
+        changed = False
+        for members in {id(g): g for g in group.values()}.values():
+            region = _connected(parent, members)
+            if region != members:
+                merge(region)
+                changed = True
+                break
+    distinct = {id(g): g for g in group.values()}.values()
+    cut = [(tuple(sorted(g)), _entrance(parent, g)) for g in distinct]
+    return sorted(cut, key=lambda item: item[0][0])
+
+
+def _entrance(parent: Array, members: set[int]) -> int:
+    """The last body that comes before every member (-1: the base)."""
+
+    def before(body: int) -> list[int]:
+        line = []
+        while body >= 0:
+            body = int(parent[body])
+            line.append(body)
+        return line
+
+    lines = [before(b) for b in sorted(members)]
+    common = set(lines[0]).intersection(*lines[1:])
+    return next(b for b in lines[0] if b in common)
+
+
+def _connected(parent: Array, members: set[int]) -> set[int]:
+    """The members and all bodies between them and their entrance."""
+    entrance, region = _entrance(parent, members), set(members)
+    for body in members:
+        while body != entrance:
+            region.add(body)
+            body = int(parent[body])
+    return region
+
+
+def _resolve(
+    tree: RigidBodyTree, bodies: tuple[int, ...], entrance: int, coordinates: tuple[int, ...], W: Array, offset: Array, length: float
+) -> Block:
+    d = len(coordinates)
+    prismatic = tree.prismatic[list(bodies)]
+    unit = np.where(prismatic, 1.0 / length, 1.0)
+    rates, start = W * unit[:, None], offset * unit
+    scale = np.ones(d)
+    for a in range(d):
+        scale[a] = 1.0 / np.abs(rates[:, a]).max()
+    rates = rates * scale
+    nodes, to_coefficients, exact = _nodes(tree, bodies, rates)
+    G, dG, inverse = _poses(tree, bodies, start + nodes @ rates.T, rates, length)
+    M, r = G.shape[:2]
+    Y = np.swapaxes(G, -1, -2)[:, :, None] @ ENERGY_BASIS @ G[:, :, None]  # (M, r, 10, 4, 4)
+    transport = Y.reshape(M, r, 10, 16) @ _FLAT_INERTIA.T
+    carried = _UNIT_TWISTS @ G[:, :, None]  # (M, r, 6, 4, 4)
+    cross = energy_vector(carried[:, :, :, None], dG[:, :, None])  # (M, r, 6, d, 10)
+    own = energy_vector(dG[:, :, :, None], dG[:, :, None])  # (M, r, d, d, 10)
+    carry = twist_vector(inverse[:, :, None] @ carried)
+    rate = twist_vector(inverse[:, :, None] @ dG)
+
+    def coefficients(values: Array) -> Array:
+        return np.tensordot(to_coefficients, values, axes=1)
+
+    def side_by_side(values: Array) -> Array:  # (F, r, ..., 10) -> (F, ..., 10 r)
+        moved = np.moveaxis(values, 1, -2)
+        return moved.reshape(*moved.shape[:-2], 10 * r)
+
+    return Block(
+        bodies,
+        entrance,
+        coordinates,
+        side_by_side(coefficients(transport)),
+        side_by_side(coefficients(cross)),
+        side_by_side(coefficients(own)),
+        coefficients(carry),
+        coefficients(rate),
+        scale,
+        exact,
+    )
+
+
+def _poses(tree: RigidBodyTree, bodies: tuple[int, ...], theta: Array, rates: Array, length: float) -> tuple[Array, Array, Array]:
+    """Poses (M, r, 4, 4) from the entrance, their derivatives by the coordinates (M, r, d, 4, 4), and inverse poses."""
+    M, r = theta.shape
+    d = rates.shape[1]
+    G, dG = np.zeros((M, r, 4, 4)), np.zeros((M, r, d, 4, 4))
+    place = {body: i for i, body in enumerate(bodies)}
+    for i, body in enumerate(bodies):
+        fixed = np.eye(4)
+        fixed[:3, :3], fixed[:3, 3] = tree.rotation[body], tree.translation[body] / length
+        u = tree.axis[body]
+        moving, turning = np.zeros((M, 4, 4)), np.zeros((M, 4, 4))
+        moving[:, 3, 3] = 1.0
+        if tree.prismatic[body]:
+            moving[:, :3, :3] = np.eye(3)
+            moving[:, :3, 3] = theta[:, i, None] * u
+            turning[:, :3, 3] = u
+        else:
+            along, skew = np.outer(u, u), twist_matrix(np.r_[0, 0, 0, u])[:3, :3]
+            c, s = np.cos(theta[:, i])[:, None, None], np.sin(theta[:, i])[:, None, None]
+            moving[:, :3, :3] = along + c * (np.eye(3) - along) + s * skew
+            turning[:, :3, :3] = -s * (np.eye(3) - along) + c * skew
+        local, change = fixed @ moving, fixed @ turning
+        before = place.get(int(tree.parent[body]))
+        if before is None:
+            G[:, i] = local
+            dG[:, i] = change[:, None] * rates[i][:, None, None]
+        else:
+            G[:, i] = G[:, before] @ local
+            dG[:, i] = dG[:, before] @ local[:, None] + (G[:, before] @ change)[:, None] * rates[i][:, None, None]
+    inverse = np.zeros_like(G)
+    turned = np.swapaxes(G[..., :3, :3], -1, -2)
+    inverse[..., :3, :3] = turned
+    inverse[..., :3, 3] = -(turned @ G[..., :3, 3, None])[..., 0]
+    inverse[..., 3, 3] = 1.0
+    return G, dG, inverse
+
+
+def _nodes(tree: RigidBodyTree, bodies: tuple[int, ...], rates: Array) -> tuple[Array, Array, bool]:
+    """Nodes (M, d), the map from node values to coefficients (F, M), and whether it is exact."""
+    d = rates.shape[1]
+    if d == 0:
+        return np.zeros((1, 0)), np.ones((1, 1)), True
+    if len(bodies) == 1 and d == 1:
+        return _PRISMATIC if tree.prismatic[bodies[0]] else _REVOLUTE
+    functions = _functions(tree, bodies, rates)
+    slow = np.array([min((abs(w) for w in column if w != 0.0)) for column in rates.T])
+    if functions is not None:
+        count = 2 * len(functions) + 8
+        nodes = _spread(count, d) * np.pi / slow
+        values = np.column_stack([_evaluate(f, nodes, slow) for f in functions])
+        if np.linalg.cond(values) < 1e8:
+            return nodes, np.linalg.pinv(values), True
+    nodes = _spread(_MOST_FUNCTIONS, d) * np.pi / slow
+    differences = np.eye(len(nodes))
+    differences[1:, 0] = -1.0
+    return nodes, differences, False
+
+
+def _spread(count: int, d: int) -> Array:
+    """Points (count, d) spread over (-1, 1)^d: an additive recurrence with the generalised golden ratio."""
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (d + 1))
+    steps = root ** -np.arange(1.0, d + 1)
+    points: Array = 2.0 * np.modf(0.5 + np.outer(np.arange(1, count + 1), steps))[0] - 1.0
+    return points
+
+
+#: A function of the coordinates: frequency and power per coordinate.
+_Function = tuple[tuple[float, ...], tuple[int, ...]]
+
+
+def _functions(tree: RigidBodyTree, bodies: tuple[int, ...], rates: Array) -> list[_Function] | None:
+    """Functions that occur in products of two poses of the block, constant first; None where they are too many."""
+    d = rates.shape[1]
+    constant: _Function = ((0.0,) * d, (0,) * d)
+    pose: dict[int, set[_Function]] = {}
+    found: set[_Function] = {constant}
+    for i, body in enumerate(bodies):
+        if tree.prismatic[body]:
+            steps = {constant} | {((0.0,) * d, tuple(int(b == a) for b in range(d))) for a in range(d) if rates[i, a] != 0.0}
+        else:
+            steps = {constant, (tuple(rates[i]), (0,) * d), (tuple(-rates[i]), (0,) * d)}
+        pose[body] = _products(pose.get(int(tree.parent[body]), {constant}), steps)
+        if len(pose[body]) ** 2 > 50 * _MOST_FUNCTIONS**2:
+            return None
+        found |= _products(pose[body], pose[body])
+        if len(found) > 2 * _MOST_FUNCTIONS:
+            return None
+    half = {f for f in found if f[0] >= tuple(-w for w in f[0])}  # e^{iw} and e^{-iw} give one cosine and one sine
+    cosines = [f for f in sorted(half, key=lambda f: (f != constant, f))]
+    real: list[_Function] = []
+    for frequency, power in cosines:
+        real.append((frequency, power))
+        if any(frequency):
+            real.append((frequency, (*power, -1)))  # the mark -1: the sine
+    return real if len(real) <= _MOST_FUNCTIONS else None
+
+
+def _products(one: set[_Function], other: set[_Function]) -> set[_Function]:
+    return {
+        (tuple(round(a + b, 9) + 0.0 for a, b in zip(f[0], g[0], strict=True)), tuple(a + b for a, b in zip(f[1], g[1], strict=True)))
+        for f, g in product(one, other)
+    }
+
+
+def _evaluate(function: _Function, nodes: Array, slow: Array) -> Array:
+    frequency, power = np.array(function[0]), function[1]
+    d = nodes.shape[1]
+    phase = nodes @ frequency
+    wave = np.sin(phase) if len(power) > d else np.cos(phase)
+    reach = nodes * slow / np.pi
+    value: Array = wave * np.prod(reach ** np.array(power[:d]), axis=1)
+    return value
+
+
+def _single_revolute() -> tuple[Array, Array, bool]:
+    angle = 2.0 * np.pi * np.arange(5) / 5.0
+    waves = [np.ones(5), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)]
+    return angle[:, None], np.linalg.inv(np.column_stack(waves)), True
+
+
+def _single_prismatic() -> tuple[Array, Array, bool]:
+    at = np.array([0.0, 1.0, -1.0])
+    return at[:, None], np.linalg.inv(np.column_stack([np.ones(3), at, at**2])), True
+
+
+_REVOLUTE = _single_revolute()
+_PRISMATIC = _single_prismatic()
