@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
 
-from .errors import ConfigurationError
+from .errors import ConfigurationError, unknown_name
 
 Array = np.ndarray
 
@@ -18,6 +19,10 @@ class Side(StrEnum):
 
     JOINT = "joint"
     MOTOR = "motor"
+
+    @classmethod
+    def _missing_(cls, value: object) -> Side:
+        raise unknown_name("side of the transmission", str(value), [side.value for side in cls])
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +50,8 @@ class Transmission:
         zero = np.zeros(n) if self.zero is None else np.asarray(self.zero, float).reshape(-1)
         if zero.shape != (n,):
             raise ConfigurationError(f"[drive] zero has {zero.size} entries, but K is {n} x {n}.")
+        if not np.all(np.isfinite(zero)):
+            raise ConfigurationError("[drive] zero holds a value that is not finite.")
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "zero", zero)
         object.__setattr__(self, "measured", Side(self.measured))
@@ -52,6 +59,8 @@ class Transmission:
             constants = np.asarray(self.torque_constants, float).reshape(-1)
             if constants.shape != (n,):
                 raise ConfigurationError(f"[drive] torque_constants has {constants.size} entries for {n} motors.")
+            if not np.all(np.isfinite(constants)) or np.any(constants == 0):
+                raise ConfigurationError("[drive] torque_constants holds a zero or a value that is not finite.")
             object.__setattr__(self, "torque_constants", constants)
 
     @classmethod
@@ -67,8 +76,23 @@ class Transmission:
             raise ConfigurationError("[drive] ratio holds a zero or a value that is not finite.")
         return cls(np.diag(1.0 / ratio), np.zeros(ratio.size), measured)
 
+    def restricted(self, keep: Sequence[int]) -> Transmission:
+        """The drive of some of the joints (indices), where the others do not move.
+
+        Raises ConfigurationError if K couples them with the others: their motors would then carry torque of joints that
+        are held, which no row of the kept motors reveals."""
+        keep = list(keep)
+        rest = [i for i in range(self.n) if i not in keep]
+        if np.any(self.K[np.ix_(keep, rest)]) or np.any(self.K[np.ix_(rest, keep)]):
+            raise ConfigurationError(
+                "[drive] K couples joints that move with joints that are locked; give the K of the moving joints, or lock the whole coupled group."
+            )
+        constants = None if self.torque_constants is None else self.torque_constants[keep]
+        return Transmission(self.K[np.ix_(keep, keep)], self.zero[keep], self.measured, constants)
+
     @property
     def n(self) -> int:
+        """Number of joints, and of motors."""
         return self.K.shape[0]
 
     @cached_property
