@@ -22,6 +22,7 @@ from .parameters import Parameter, ShapeParameter
 from .transmission import Side
 
 if TYPE_CHECKING:
+    from .correction import SignalCorrection
     from .robot import Robot
 
 Array = np.ndarray
@@ -42,13 +43,30 @@ class Axis(StrEnum):
 class Need(StrEnum):
     """What an effect's columns depend on beside the motion at the same instant.
 
-    LOAD: the rigid body's torque as the model predicts it (`Motion.load`). HISTORY: the motion before, from the start of
-    the run. TORQUE: the measured torque. TIME: the run's own clock."""
+    LOAD: the torque that the links ask for, as the model predicts it (`Motion.load`). REFERENCE: the model's whole
+    prediction, also at other positions or of another robot (`Motion.reference`). HISTORY: the motion before, from the start
+    of the run. NEIGHBOURS: the samples right before and after, uniform in time. TORQUE: the measured torque. TIME: the
+    run's own clock (`Motion.clock`)."""
 
     LOAD = "load"
+    REFERENCE = "reference"
     HISTORY = "history"
+    NEIGHBOURS = "neighbours"
     TORQUE = "torque"
     TIME = "time"
+
+
+class Nature(StrEnum):
+    """Where in the chain from link to log an effect sits.
+
+    LINK: torque that the links ask for and the gears transmit (rigid body, springs, payload). FRICTION: zero at standstill;
+    columns whose parameter is bounded below by zero take power out. DRIVE: the rest of the drive train. SENSOR: only in
+    what is measured, so that simulating the motion leaves it out."""
+
+    LINK = "link"
+    FRICTION = "friction"
+    DRIVE = "drive"
+    SENSOR = "sensor"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,20 +74,30 @@ class Effect(ABC):
     """One additive term of the torque equation, linear in its parameters.
 
     `joints`: names of the joints (or motors) it sits on, None for all. `side`: the side on which its torque acts.
+    `label`: goes into the names of its parameters, so that two effects of one kind can sit on the same joint.
     Shape (nonlinear) parameters are further fields, declared by `shape`."""
 
     name: ClassVar[str]
     title: ClassVar[str]
     axis: ClassVar[Axis]
+    nature: ClassVar[Nature] = Nature.DRIVE
     needs: ClassVar[frozenset[Need]] = frozenset()
 
     joints: tuple[str, ...] | None = None
     side: Side = Side.MOTOR
+    label: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "side", Side(self.side))
         if self.joints is not None:
             object.__setattr__(self, "joints", (self.joints,) if isinstance(self.joints, str) else tuple(self.joints))
+        for parameter in self.shape():
+            value = getattr(self, parameter.name)
+            if not (isinstance(value, (int, float)) and parameter.lower <= value <= parameter.upper):
+                raise ConfigurationError(
+                    f"effect {self.name!r}: {parameter.name} must be a number from {parameter.lower:g} to {parameter.upper:g}"
+                    f" ({parameter.unit}), not {value!r}."
+                )
 
     @abstractmethod
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
@@ -85,28 +113,53 @@ class Effect(ABC):
 
     def with_shape(self, **values: float) -> Self:
         """The same effect with other shape parameters."""
-        return dataclasses.replace(self, **values)
+        for name in values:
+            known = [p.name for p in self.shape()]
+            if name not in known:
+                raise unknown_name(f"shape parameter of effect {self.name!r}", name, known)
+        return dataclasses.replace(self, **{name: float(value) for name, value in values.items()})
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        """For each shape parameter the range worth searching on these samples, within its bounds."""
+        return {p.name: (p.lower, p.upper) for p in self.shape()}
+
+    def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
+        """Torque (N, n) on the effect's side for parameter values (k,)."""
+        return self.columns(motion, robot) @ values
+
+    def applied(self, robot: Robot, values: Array) -> Robot | SignalCorrection | None:
+        """The finding made permanent, for parameter values (k,): the robot it means, or what to do to the logged signals.
+
+        None: the effect stays a term of the model."""
+        return None
 
     def at(self, robot: Robot) -> list[int]:
         """Indices of the joints the effect sits on. Raises ConfigurationError for a name the robot does not have."""
         return list(range(robot.n)) if self.joints is None else [robot.joint_index(j) for j in self.joints]
+
+    def named(self, symbol: str, robot: Robot, j: int) -> str:
+        """Name of a parameter on joint j. Behind a gear, an effect off its usual side is marked J (joint) or M (motor)."""
+        usual = type(self).__dataclass_fields__["side"].default
+        mark = "" if self.side == usual or robot.is_direct(j) else self.side[0].upper()
+        return f"{symbol}{mark}{self.label}_{robot.joint_names[j]}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointEffect(Effect):
     """An effect with the same few columns on each joint: torque on joint j depends on joint j's own motion."""
 
-    #: For each column: symbol, unit of the parameter with `{tau}`, `{q}`, `{inertia}` for the units of torque, position and inertia, lower bound.
+    #: For each column: symbol, unit of the parameter, lower bound. In units, `{tau}`, `{q}`, `{inertia}` stand for the units
+    #: of torque, position and inertia, and the names of shape parameters for their values.
     symbols: ClassVar[tuple[tuple[str, str, float], ...]]
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         found = []
+        shape = {p.name: f"{getattr(self, p.name):.6g}" for p in self.shape()}
         for j in self.at(robot):
             q, tau = robot.position_unit(j, self.side), robot.force_unit(j, self.side)
-            # Behind a gear, an effect may sit on both sides of the same joint; a J marks the joint side.
-            mark = "J" if self.side == Side.JOINT and not robot.is_direct(j) else ""
+            units = {"q": q, "tau": tau, "inertia": "kg" if q == "m" else "kg m^2", **shape}
             for symbol, unit, lower in self.symbols:
-                found.append(Parameter(f"{symbol}{mark}_{robot.joint_names[j]}", unit.format(q=q, tau=tau, inertia="kg" if q == "m" else "kg m^2"), self.name, robot.joint_names[j], lower))
+                found.append(Parameter(self.named(symbol, robot, j), unit.format(**units), self.name, robot.joint_names[j], lower))
         return tuple(found)
 
     @abstractmethod
@@ -115,13 +168,19 @@ class JointEffect(Effect):
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         at = self.at(robot)
-        full = motion.on(self.side)
-        own = Coordinates(full.q[:, at], full.dq[:, at], full.ddq[:, at])
         width = len(self.symbols)
         out = np.zeros((len(motion), robot.n, width * len(at)))
-        for s, values in enumerate(self.basis(own, motion, at)):
+        for s, values in enumerate(self.basis(motion.on(self.side).of(at), motion, at)):
             for i, j in enumerate(at):
                 out[:, j, i * width + s] = values[:, i]
+        return out
+
+    def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
+        at = self.at(robot)
+        out = np.zeros((len(motion), robot.n))
+        each = np.asarray(values, float).reshape(len(at), len(self.symbols))
+        for s, basis in enumerate(self.basis(motion.on(self.side).of(at), motion, at)):
+            out[:, at] += basis * each[:, s]
         return out
 
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .effect import Effect, Need
+from .effect import Effect, Nature, Need
 from .errors import ConfigurationError
 from .motion import Motion
 from .parameters import Parameter
+from .reference import Reference
 from .transmission import Side
 
 if TYPE_CHECKING:
@@ -33,7 +35,10 @@ class Model:
     def __post_init__(self) -> None:
         twice = [name for name, count in Counter(p.name for p in self.parameters).items() if count > 1]
         if twice:
-            raise ConfigurationError(f"the model holds the parameter {twice[0]!r} twice: two effects of one kind sit on the same joint.")
+            raise ConfigurationError(
+                f"the model holds the parameter {twice[0]!r} twice: two effects of one kind sit on the same joint."
+                " If both are meant, give one of them a `label`."
+            )
 
     def __add__(self, other: Effect | Model) -> Model:
         if isinstance(other, Model):
@@ -55,7 +60,7 @@ class Model:
     def slices(self) -> tuple[slice, ...]:
         """The columns of each effect."""
         ends = np.cumsum([0] + [len(block) for block in self._blocks])
-        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,23 +93,27 @@ class Model:
 
     def torque(self, motion: Motion, values: Array) -> Array:
         """Torque (N, n) on the measured side for parameter values (k,)."""
-        return self.columns(motion) @ values
+        robot = self.robot
+        out = np.zeros((len(motion), robot.n))
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            own = effect.torque(motion, robot, values[part])
+            out += robot.transmission.torque(own, effect.side, robot.transmission.measured)
+        return out
 
     def load(self, motion: Motion, values: Array) -> Array:
-        """Torque of the rigid body alone, (N, n) on the joint side, for parameter values (k,)."""
-        from .effects.rigid_body import RigidBody
-
-        out = np.zeros((len(motion), self.robot.n))
+        """Torque that the links ask for, (N, n) on the joint side, for parameter values (k,): what the gears transmit."""
+        robot = self.robot
+        out = np.zeros((len(motion), robot.n))
         for effect, part in zip(self.effects, self.slices, strict=True):
-            if isinstance(effect, RigidBody):
-                out += effect.columns(motion, self.robot) @ values[part]
+            if effect.nature == Nature.LINK and Need.REFERENCE not in effect.needs:
+                out += robot.transmission.torque(effect.torque(motion, robot, values[part]), effect.side, Side.JOINT)
         return out
 
     def inverse_dynamics(self, q: Array, dq: Array, ddq: Array, values: Array) -> Array:
         """Torque (N, n) on the measured side for a joint-side motion (each (N, n))."""
         motion = Motion.of(self.robot, q, dq, ddq)
-        if Need.LOAD in self.needs:
-            motion = motion.with_load(self.load(motion, values))
+        if self.needs & {Need.LOAD, Need.REFERENCE}:
+            motion = motion.with_reference(Reference(self, np.asarray(values, float)))
         return self.torque(motion, values)
 
     def inertia_and_bias(self, q: Array, dq: Array, values: Array) -> tuple[Array, Array]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .errors import ConfigurationError
 from .transmission import Side
 
 if TYPE_CHECKING:
+    from .reference import Reference
     from .robot import Robot
 
 Array = np.ndarray
@@ -17,11 +20,24 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """Position, velocity and acceleration, each (N, n), on one side of the transmission."""
+    """Position, velocity and acceleration, each (N, n), on one side of the transmission.
+
+    `kept`: the direction of motion (N, n), where it is not to follow from `dq` (see `direction`)."""
 
     q: Array
     dq: Array
     ddq: Array
+    kept: Array | None = None
+
+    @cached_property
+    def direction(self) -> Array:
+        """Sign of the velocity (N, n), 0 at standstill. Effects that jump at a reversal take it from here, not from `dq`:
+        derivatives of the prediction hold it constant, because a difference quotient over a jump means nothing."""
+        return np.sign(self.dq) if self.kept is None else self.kept
+
+    def of(self, joints: list[int]) -> Coordinates:
+        """Of some joints (or motors) only: arrays (N, len(joints))."""
+        return Coordinates(self.q[:, joints], self.dq[:, joints], self.ddq[:, joints], self.direction[:, joints])
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +45,10 @@ class Motion:
     """N samples of a robot's motion, in time order.
 
     `t` (N,) s; `joint` and `motor`: the same motion on both sides of the transmission. `load` (N, n), if known: the torque
-    of the rigid body on the joint side, as the model predicts it (effects that depend on load must not use the noisy
+    that the links ask for on the joint side, as the model predicts it (effects that depend on load must not use the noisy
     measured torque). `torque` (N, n), if known: the measured torque on the measured side. `rate`: samples per second
-    where the samples are one uniform run, else 0."""
+    where the samples are one uniform run, else 0. `reference`, if known: the model's prediction, for effects that correct
+    it. `start`: time of the first sample of the run."""
 
     t: Array
     joint: Coordinates
@@ -39,15 +56,30 @@ class Motion:
     load: Array | None = None
     torque: Array | None = None
     rate: float = 0.0
+    reference: Reference | None = None
+    start: float = 0.0
 
     @classmethod
     def of(
-        cls, robot: Robot, q: Array, dq: Array, ddq: Array, t: Array | None = None, *, rate: float = 0.0, torque: Array | None = None
+        cls,
+        robot: Robot,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+        t: Array | None = None,
+        *,
+        rate: float = 0.0,
+        torque: Array | None = None,
+        start: float | None = None,
     ) -> Motion:
-        """From joint-side arrays (N, n). Without `t` the samples are unrelated in time (t = 0)."""
+        """From joint-side arrays (N, n). Without `t` the samples are unrelated in time (t = 0); without `start` the run
+        starts with the first sample."""
         transmission = robot.transmission
         motor = Coordinates(transmission.motor_position(q), transmission.motor_rate(dq), transmission.motor_rate(ddq))
-        return cls(np.zeros(len(q)) if t is None else t, Coordinates(q, dq, ddq), motor, None, torque, rate)
+        time = np.zeros(len(q)) if t is None else t
+        if start is None:
+            start = float(time[0]) if len(time) else 0.0
+        return cls(time, Coordinates(q, dq, ddq), motor, None, torque, rate, None, start)
 
     def __len__(self) -> int:
         return len(self.joint.q)
@@ -57,5 +89,50 @@ class Motion:
         return self.joint if side == Side.JOINT else self.motor
 
     def with_load(self, load: Array | None) -> Motion:
-        """The same motion with the rigid body's predicted torque (N, n), joint side."""
+        """The same motion with the predicted torque of the links (N, n), joint side."""
         return replace(self, load=load)
+
+    def with_reference(self, reference: Reference) -> Motion:
+        """The same motion with the model's prediction, and the load that it predicts."""
+        return replace(self, reference=reference, load=reference.load(self))
+
+    def moved(self, robot: Robot, joint: Coordinates) -> Motion:
+        """The same samples at other joint coordinates or behind another transmission; directions of motion are kept."""
+        transmission = robot.transmission
+        rates = transmission.motor_rate(joint.dq), transmission.motor_rate(joint.ddq)
+        motor = Coordinates(transmission.motor_position(joint.q), *rates, self.motor.direction)
+        return replace(self, joint=replace(joint, kept=self.joint.direction), motor=motor, load=None, reference=None)
+
+    @property
+    def clock(self) -> Array:
+        """Seconds (N,) since the start of the run."""
+        return self.t - self.start
+
+    @cached_property
+    def predicted(self) -> Array:
+        """Torque (N, n) on the measured side as the model predicts it, corrections left out (`Reference.torque`)."""
+        return self.needed_reference("the predicted torque").torque(self)
+
+    def needed_reference(self, what: str) -> Reference:
+        """The reference. Raises ConfigurationError where it is missing; `what` needs it."""
+        if self.reference is None:
+            raise ConfigurationError(
+                f"{what} needs the model's own prediction: fit the model first, then `Problem.with_reference(values)`."
+            )
+        return self.reference
+
+    def needed_load(self, what: str, side: Side, robot: Robot) -> Array:
+        """The load (N, n) on a side. Raises ConfigurationError where it is missing; `what` needs it."""
+        if self.load is None:
+            raise ConfigurationError(
+                f"{what} needs the load as the model predicts it: fit the model first, then `Problem.with_reference(values)`."
+            )
+        return robot.transmission.torque(self.load, Side.JOINT, side)
+
+    def needed_rate(self, what: str) -> float:
+        """Samples per second. Raises ConfigurationError where the samples are not one uniform run; `what` needs it."""
+        if self.rate <= 0.0 or len(self) < 2:
+            raise ConfigurationError(
+                f"{what} needs samples that are uniform in time, but the motion has no sampling rate (or is a single sample)."
+            )
+        return self.rate

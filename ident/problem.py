@@ -14,6 +14,7 @@ from .errors import ConfigurationError, DataError
 from .information import Information
 from .model import Model
 from .motion import Motion
+from .reference import Reference
 from .regressor.base import BaseReduction, base_reduction
 
 if TYPE_CHECKING:
@@ -76,10 +77,13 @@ class Problem:
     def motion(self, samples: slice) -> Motion:
         """The motion of a range of full-rate samples, with what the model's effects need."""
         s, model = self.signals, self.model
-        motion = Motion.of(model.robot, s.q[samples], s.dq[samples], s.ddq[samples], s.t[samples], rate=s.rate)
-        if Need.LOAD in model.needs:
+        run = next((r for r in s.runs if r.start <= samples.start < r.stop), samples)
+        motion = Motion.of(
+            model.robot, s.q[samples], s.dq[samples], s.ddq[samples], s.t[samples], rate=s.rate, start=float(s.t[run.start])
+        )
+        if model.needs & {Need.LOAD, Need.REFERENCE}:
             reference = np.zeros(len(model.parameters)) if self.reference is None else self.reference
-            motion = motion.with_load(model.load(motion, reference))
+            motion = motion.with_reference(Reference(model, reference))
         return motion
 
     @cached_property

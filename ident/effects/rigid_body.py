@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effect import Axis, Effect, register
+from ..effect import Axis, Effect, Nature, register
 from ..motion import Motion
 from ..parameters import LINK_SYMBOLS, LINK_UNITS, Parameter
 from ..transmission import Side
@@ -26,6 +26,7 @@ class RigidBody(Effect):
     name: ClassVar[str] = "rigid_body"
     title: ClassVar[str] = "rigid body"
     axis: ClassVar[Axis] = Axis.POSITION
+    nature: ClassVar[Nature] = Nature.LINK
 
     side: Side = Side.JOINT
 
@@ -42,3 +43,10 @@ class RigidBody(Effect):
         own = motion.joint
         Y = regressor(robot.tree, robot.tree_position(own.q), robot.tree_rate(own.dq), robot.tree_rate(own.ddq))
         return Y if robot.loop.is_trivial else np.einsum("tj,Ntk->Njk", robot.loop.W, Y)
+
+    def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
+        from ..regressor.rigid import inverse_dynamics
+
+        own = motion.joint
+        tau = inverse_dynamics(robot.tree, values, robot.tree_position(own.q), robot.tree_rate(own.dq), robot.tree_rate(own.ddq))
+        return tau if robot.loop.is_trivial else tau @ robot.loop.W

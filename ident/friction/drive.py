@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..effect import Axis, JointEffect, register
+from ..effect import Axis, JointEffect, Nature, register
 from ..motion import Coordinates, Motion
 
 Array = np.ndarray
@@ -36,6 +36,7 @@ class Viscous(JointEffect):
     name: ClassVar[str] = "viscous"
     title: ClassVar[str] = "viscous friction"
     axis: ClassVar[Axis] = Axis.VELOCITY
+    nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("Fv", "{tau} s/{q}", 0.0),)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
@@ -50,7 +51,8 @@ class Coulomb(JointEffect):
     name: ClassVar[str] = "coulomb"
     title: ClassVar[str] = "Coulomb friction"
     axis: ClassVar[Axis] = Axis.VELOCITY
+    nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("Fc", "{tau}", 0.0),)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
-        yield np.sign(own.dq)
+        yield own.direction
