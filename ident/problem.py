@@ -74,14 +74,14 @@ class Problem:
             if self.progress is not None:
                 self.progress(min(1.0, block.rows.stop / total))
 
-    def motion(self, samples: slice) -> Motion:
-        """The motion of a range of full-rate samples, with what the model's effects need."""
+    def motion(self, samples: slice, needs: frozenset[Need] = frozenset()) -> Motion:
+        """The motion of a range of full-rate samples, with what the model's effects (and `needs`) ask for."""
         s, model = self.signals, self.model
         run = next((r for r in s.runs if r.start <= samples.start < r.stop), samples)
         motion = Motion.of(
             model.robot, s.q[samples], s.dq[samples], s.ddq[samples], s.t[samples], rate=s.rate, start=float(s.t[run.start])
         )
-        if model.needs & {Need.LOAD, Need.REFERENCE}:
+        if (model.needs | needs) & {Need.LOAD, Need.REFERENCE}:
             reference = np.zeros(len(model.parameters)) if self.reference is None else self.reference
             motion = motion.with_reference(Reference(model, reference))
         return motion
