@@ -21,8 +21,11 @@ _NOISE = 1e-10
 _RANK = {LINK_SYMBOLS[index]: place for place, index in enumerate(LINK_PREFERENCE)}
 
 
+@lru_cache(maxsize=4096)
 def coefficient_text(value: float) -> str:
     """A kinematic constant in as few digits as give it (up to nine), else in six."""
+    if value == 1.0:
+        return "1"
     for digits in range(1, 10):
         text = f"{value:.{digits}g}"
         if abs(float(text) - value) <= 2e-10 * abs(value):

@@ -114,13 +114,9 @@ def base_set(robot: Robot, rotor_inertia: bool | Sequence[str] = False, toleranc
 
     ranks = _Ranks(tolerance)
     rows, rotors, pivots, dimensions, alone = _propagate(robot, blocks, k / rotor_size[:, None], ranks)
-    pivoted = rows[:, pivots]  # unit triangular up to the order of rows
-    rows, rotors = np.linalg.solve(pivoted, rows), np.linalg.solve(pivoted, rotors)
-    rows[:, pivots] = np.eye(len(rows))
-    free, free_rotors, _, _ = ranks.local(alone, np.zeros((len(alone), 0)))
-    del free_rotors
+    free, _, _, _ = ranks.local(alone, np.zeros((len(alone), 0)))
     leading = _leading_columns(free, list(range(len(motors))))
-    free = np.linalg.solve(free[:, leading], free) if len(leading) else free
+    free = np.linalg.inv(free[:, leading]) @ free
     rotors = rotors - rotors[:, leading] @ free
 
     width = rows.shape[1]
@@ -128,6 +124,7 @@ def base_set(robot: Robot, rotor_inertia: bool | Sequence[str] = False, toleranc
     scale = np.r_[np.tile(np.repeat([1.0, 1 / length, 1 / length**2], [1, 3, 6]), robot.tree.nb), rotor_size**2 / length**2]
     kept = np.r_[np.array(pivots, int), width + np.array(leading, int)]
     full = _tidy(full * scale / scale[kept][:, None])
+    full[:, kept] = np.eye(len(full))
     order = np.argsort([_column_place(int(c)) if c < width else c for c in kept], kind="stable")
     full, kept = full[order], kept[order]
     spread = np.zeros((len(full), robot.n))
@@ -181,14 +178,19 @@ def _propagate(
         generated, parts = _generated(block, at, k, done)
         basis, parts, weights, rest = ranks.local(generated, parts)
         alone.append(rest)
-        columns = np.concatenate([np.arange(10 * b, 10 * b + 10) for b in block.bodies])
-        if block.entrance >= 0:
-            rows[:, columns] = rows[:, 10 * block.entrance : 10 * block.entrance + 10] @ block.transport[0]
+        columns = (10 * np.array(block.bodies)[:, None] + np.arange(10)).ravel()
         lead = _leading_columns(basis, [10 * i + c for i in range(len(block.bodies)) for c in LINK_PREFERENCE])
-        inverse = np.linalg.inv(basis[:, lead]) if lead else np.zeros((0, 0))
+        inverse = np.linalg.inv(basis[:, lead])
+        basis_reduced, parts = inverse @ basis, inverse @ parts
+        if block.entrance >= 0:
+            # Earlier rows reach these bodies; what they hold at the new leading columns is taken out at once.
+            carried = rows[:, 10 * block.entrance : 10 * block.entrance + 10] @ block.transport[0]
+            share = carried[:, lead]
+            rows[:, columns] = carried - share @ basis_reduced
+            rotors -= share @ parts
         new = np.zeros((len(basis), rows.shape[1]))
-        new[:, columns] = inverse @ basis
-        rows, rotors = np.vstack([rows, new]), np.vstack([rotors, inverse @ parts])
+        new[:, columns] = basis_reduced
+        rows, rotors = np.vstack([rows, new]), np.vstack([rotors, parts])
         pivots += [int(columns[c]) for c in lead]
         dimensions.append((" + ".join(names[b] for b in block.bodies), len(basis)))
         for i, body in enumerate(block.bodies):
