@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
@@ -93,11 +94,12 @@ class Effect(ABC):
             object.__setattr__(self, "joints", (self.joints,) if isinstance(self.joints, str) else tuple(self.joints))
         for parameter in self.shape():
             value = getattr(self, parameter.name)
-            if not (isinstance(value, (int, float)) and parameter.lower <= value <= parameter.upper):
+            if isinstance(value, bool) or not (isinstance(value, Real) and parameter.lower <= float(value) <= parameter.upper):
                 raise ConfigurationError(
                     f"effect {self.name!r}: {parameter.name} must be a number from {parameter.lower:g} to {parameter.upper:g}"
                     f" ({parameter.unit}), not {value!r}."
                 )
+            object.__setattr__(self, parameter.name, float(value))
 
     @abstractmethod
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
@@ -113,15 +115,25 @@ class Effect(ABC):
 
     def with_shape(self, **values: float) -> Self:
         """The same effect with other shape parameters."""
+        known = [p.name for p in self.shape()]
         for name in values:
-            known = [p.name for p in self.shape()]
             if name not in known:
                 raise unknown_name(f"shape parameter of effect {self.name!r}", name, known)
-        return dataclasses.replace(self, **{name: float(value) for name, value in values.items()})
+        changes: dict[str, Any] = dict(values)
+        return dataclasses.replace(self, **changes)
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         """For each shape parameter the range worth searching on these samples, within its bounds."""
-        return {p.name: (p.lower, p.upper) for p in self.shape()}
+        return self.bounded()
+
+    def bounded(self, **ranges: tuple[float, float]) -> dict[str, tuple[float, float]]:
+        """Ranges of all shape parameters: those given, cut to the bounds; the bounds where none is given or nothing is left."""
+        out = {}
+        for p in self.shape():
+            low, high = ranges.get(p.name, (p.lower, p.upper))
+            low, high = max(low, p.lower), min(high, p.upper)
+            out[p.name] = (low, high) if low < high else (p.lower, p.upper)
+        return out
 
     def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
         """Torque (N, n) on the effect's side for parameter values (k,)."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import ConfigurationError
-from .transmission import Side
+from .transmission import Side, Transmission
 
 if TYPE_CHECKING:
     from .reference import Reference
@@ -48,7 +48,7 @@ class Motion:
     that the links ask for on the joint side, as the model predicts it (effects that depend on load must not use the noisy
     measured torque). `torque` (N, n), if known: the measured torque on the measured side. `rate`: samples per second
     where the samples are one uniform run, else 0. `reference`, if known: the model's prediction, for effects that correct
-    it. `start`: time of the first sample of the run."""
+    it. `start`: time of the first sample of the run. `transmission`: what is between the sides."""
 
     t: Array
     joint: Coordinates
@@ -58,6 +58,7 @@ class Motion:
     rate: float = 0.0
     reference: Reference | None = None
     start: float = 0.0
+    transmission: Transmission | None = None
 
     @classmethod
     def of(
@@ -79,7 +80,7 @@ class Motion:
         time = np.zeros(len(q)) if t is None else t
         if start is None:
             start = float(time[0]) if len(time) else 0.0
-        return cls(time, Coordinates(q, dq, ddq), motor, None, torque, rate, None, start)
+        return cls(time, Coordinates(q, dq, ddq), motor, None, torque, rate, None, start, transmission)
 
     def __len__(self) -> int:
         return len(self.joint.q)
@@ -101,7 +102,8 @@ class Motion:
         transmission = robot.transmission
         rates = transmission.motor_rate(joint.dq), transmission.motor_rate(joint.ddq)
         motor = Coordinates(transmission.motor_position(joint.q), *rates, self.motor.direction)
-        return replace(self, joint=replace(joint, kept=self.joint.direction), motor=motor, load=None, reference=None)
+        joint = replace(joint, kept=self.joint.direction)
+        return replace(self, joint=joint, motor=motor, load=None, reference=None, transmission=transmission)
 
     @property
     def clock(self) -> Array:
@@ -121,13 +123,13 @@ class Motion:
             )
         return self.reference
 
-    def needed_load(self, what: str, side: Side, robot: Robot) -> Array:
+    def needed_load(self, what: str, side: Side) -> Array:
         """The load (N, n) on a side. Raises ConfigurationError where it is missing; `what` needs it."""
-        if self.load is None:
+        if self.load is None or self.transmission is None:
             raise ConfigurationError(
                 f"{what} needs the load as the model predicts it: fit the model first, then `Problem.with_reference(values)`."
             )
-        return robot.transmission.torque(self.load, Side.JOINT, side)
+        return self.transmission.torque(self.load, Side.JOINT, side)
 
     def needed_rate(self, what: str) -> float:
         """Samples per second. Raises ConfigurationError where the samples are not one uniform run; `what` needs it."""
