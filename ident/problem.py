@@ -61,13 +61,28 @@ class Problem:
         """Base parameters of the model, from its structure."""
         return base_reduction(self.model)
 
+    @property
+    def tau(self) -> Array:
+        """Left side of the rows, (M, n)."""
+        return self.signals.tau
+
+    @property
+    def valid(self) -> Array:
+        """Which rows may be used, (M, n) bool."""
+        return self.signals.valid
+
+    @property
+    def row_runs(self) -> tuple[slice, ...]:
+        """The rows of each run."""
+        return self.signals.row_runs
+
     def rows(self) -> Iterator[Rows]:
         """All rows, block by block, columns over base parameters, filtered like the torque."""
         signals, model = self.signals, self.model
         keep = self.base.independent
         size = max(64, _BLOCK_NUMBERS // (model.robot.n * len(model.parameters)))
         whole_runs = Need.HISTORY in model.needs
-        total = max(1, len(signals.valid))
+        total = max(1, len(self.valid))
         for block in signals.blocks(None if whole_runs else size):
             columns = block.reduce(model.columns(self.motion(block.samples))[:, :, keep])
             yield Rows(columns, signals.tau[block.rows], signals.valid[block.rows], block.rows, block.run)
@@ -90,7 +105,7 @@ class Problem:
     def information(self) -> Information:
         """Information on the base parameters, one triangular factor per measured row."""
         names = self.base.names
-        total = Information.empty(self.model.robot.n, names)
+        total = Information.empty(self.valid.shape[1], names)
         for rows in self.rows():
             total = total.with_rows(rows.columns, rows.tau, rows.valid)
         if not total.counts.any():
@@ -99,14 +114,14 @@ class Problem:
 
     def predict(self, values: Array) -> Array:
         """Torque (M, n) on the measured side, filtered like the measured one, for base values (b,)."""
-        out = np.empty(self.signals.tau.shape)
+        out = np.empty(self.tau.shape)
         for rows in self.rows():
             out[rows.place] = rows.columns @ values
         return out
 
     def residual(self, values: Array) -> Array:
         """Measured minus predicted torque (M, n); NaN in rows that are not used."""
-        return np.where(self.signals.valid, self.signals.tau - self.predict(values), np.nan)
+        return np.where(self.valid, self.tau - self.predict(values), np.nan)
 
     def with_reference(self, values: Array) -> Problem:
         """The same problem with the load predicted from all parameters' values (k,)."""
