@@ -26,6 +26,8 @@ Array = np.ndarray
 
 #: Larger function spaces are probed at generic nodes instead of being resolved into coefficients.
 _MOST_FUNCTIONS = 400
+#: Nodes are taken for coefficients only if they lose fewer digits than this.
+_WORST_CONDITION = 1e4
 
 
 def _pseudo_inertia_basis() -> tuple[Array, Array]:
@@ -260,11 +262,13 @@ def _nodes(tree: RigidBodyTree, bodies: tuple[int, ...], rates: Array) -> tuple[
     functions = _functions(tree, bodies, rates)
     slow = np.array([min((abs(w) for w in column if w != 0.0)) for column in rates.T])
     if functions is not None:
-        count = 2 * len(functions) + 8
-        nodes = _spread(count, d) * np.pi / slow
-        values = np.column_stack([_evaluate(f, nodes, slow) for f in functions])
-        if np.linalg.cond(values) < 1e8:
-            return nodes, np.linalg.pinv(values), True
+        # Powers beside waves are told apart only over several periods, so wider spreads are tried too.
+        for periods in (1.0, 2.5, 6.0):
+            reach = periods * np.pi / slow
+            nodes = _spread(3 * len(functions) + 8, d) * reach
+            values = np.column_stack([_evaluate(f, nodes, reach) for f in functions])
+            if np.linalg.cond(values) < _WORST_CONDITION:
+                return nodes, np.linalg.pinv(values), True
     nodes = _spread(_MOST_FUNCTIONS, d) * np.pi / slow
     differences = np.eye(len(nodes))
     differences[1:, 0] = -1.0
@@ -319,13 +323,12 @@ def _products(one: set[_Function], other: set[_Function]) -> set[_Function]:
     }
 
 
-def _evaluate(function: _Function, nodes: Array, slow: Array) -> Array:
+def _evaluate(function: _Function, nodes: Array, reach: Array) -> Array:
     frequency, power = np.array(function[0]), function[1]
     d = nodes.shape[1]
     phase = nodes @ frequency
     wave = np.sin(phase) if len(power) > d else np.cos(phase)
-    reach = nodes * slow / np.pi
-    value: Array = wave * np.prod(reach ** np.array(power[:d]), axis=1)
+    value: Array = wave * np.prod((nodes / reach) ** np.array(power[:d]), axis=1)
     return value
 
 

@@ -1,0 +1,135 @@
+"""Random kinematic structures as URDF text, and the sampled torque regressor from Pinocchio as an independent oracle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ident.robot import Robot
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class JointSpec:
+    """A joint of a tree: its frame at zero in the parent's frame, and its axis in its own frame."""
+
+    parent: int
+    prismatic: bool
+    rotation: Array
+    translation: Array
+    axis: Array
+
+
+def urdf_text(joints: list[JointSpec], name: str = "random") -> str:
+    """URDF text of a tree; joint i is `joint<i+1>`, link i is `link<i+1>`, the base is `link0`."""
+    parts = [f'<robot name="{name}"><link name="link0"/>']
+    for i, joint in enumerate(joints, start=1):
+        rpy = pin.rpy.matrixToRpy(np.array(joint.rotation))
+        kind = "prismatic" if joint.prismatic else "revolute"
+        words = [" ".join(repr(float(x)) for x in v) for v in (rpy, joint.translation, joint.axis)]
+        parts.append(
+            f'<link name="link{i}"/><joint name="joint{i}" type="{kind}"><parent link="link{joint.parent + 1}"/><child link="link{i}"/>'
+            f'<origin rpy="{words[0]}" xyz="{words[1]}"/><axis xyz="{words[2]}"/>'
+            '<limit lower="-3" upper="3" velocity="5" effort="5"/></joint>'
+        )
+    return "".join(parts) + "</robot>"
+
+
+def rotation(axis: Array, angle: float) -> Array:
+    return pin.AngleAxis(angle, np.asarray(axis, float)).toRotationMatrix()
+
+
+def random_rotation(rng: np.random.Generator) -> Array:
+    q = rng.normal(size=4)
+    return pin.Quaternion(q / np.linalg.norm(q)).toRotationMatrix()
+
+
+def from_frames(frames: list[Array], parents: list[int], prismatic: list[bool], rng: np.random.Generator, base: Array | None = None) -> list[JointSpec]:
+    """Joints whose axes are the z axes of `frames` (4 x 4, in the world at zero), in arbitrary link frames: turned at random,
+    moved along the axis, z or another direction as axis."""
+    own = []
+    for frame in frames:
+        turn, shift = np.eye(4), np.eye(4)
+        style = rng.integers(4)
+        if style == 1:
+            turn[:3, :3] = random_rotation(rng)
+        elif style == 2:
+            turn[:3, :3] = rotation([1, 0, 0], np.pi) if rng.random() < 0.5 else rotation([0, 1, 0], np.pi / 2)
+        if style >= 2:
+            shift[2, 3] = rng.normal() * 0.3
+        own.append(frame @ shift @ turn)
+    joints = []
+    for i, parent in enumerate(parents):
+        before = own[parent] if parent >= 0 else (np.eye(4) if base is None else base)
+        local = np.linalg.inv(before) @ own[i]
+        axis = own[i][:3, :3].T @ frames[i][:3, 2]
+        axis[np.abs(axis) < 1e-15] = 0.0
+        joints.append(JointSpec(parent, prismatic[i], local[:3, :3], local[:3, 3], axis))
+    return joints
+
+
+def random_tree(rng: np.random.Generator, size: int, prismatic: float = 0.3, right: float = 0.6, branch: float = 0.2) -> list[JointSpec]:
+    """Any tree: axes at right angles with probability `right`, else oblique; zero offsets are common."""
+    joints = []
+    for i in range(size):
+        parent = -1 if i == 0 else (int(rng.integers(i)) if rng.random() < branch else i - 1)
+        turn = rotation(np.eye(3)[rng.integers(3)], np.pi / 2 * rng.integers(4)) if rng.random() < right else random_rotation(rng)
+        axis = np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
+        joints.append(JointSpec(parent, bool(rng.random() < prismatic), turn, rng.normal(size=3) * 0.4 * (rng.random(3) < 0.6), axis))
+    return joints
+
+
+def sampled_regressor(robot: Robot, rotors: bool = False, seed: int = 0, samples: int | None = None) -> Array:
+    """Stacked joint-side regressor (rows, 10 nb [+ n]) at random states, through the loop, with the motors' reflected inertias."""
+    model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(seed)
+    free, n, nb = 6 * robot.floating_base, robot.n, robot.tree.nb
+    samples = samples or max(3 * (10 * nb + n) // (n + free) + 20, 30)
+    W, k = robot.loop.W, robot.transmission.K_inverse
+    out = []
+    for _ in range(samples):
+        q, dq, ddq = rng.uniform(-np.pi, np.pi, n), rng.normal(size=n), 2.0 * rng.normal(size=n)
+        position, velocity, acceleration = robot.tree_position(q), robot.tree_rate(dq), robot.tree_rate(ddq)
+        if free:
+            quaternion = rng.normal(size=4)
+            position = np.r_[0, 0, 0, quaternion / np.linalg.norm(quaternion), position]
+            velocity, acceleration = np.r_[rng.normal(size=6), velocity], np.r_[rng.normal(size=6), acceleration]
+        Y = pin.computeJointTorqueRegressor(model, data, position, velocity, acceleration).reshape(model.nv, -1)
+        Y = np.vstack([Y[:free], W.T @ Y[free:]])
+        if rotors:
+            reflected = np.vstack([np.zeros((free, n)), k.T * (k @ ddq)])
+            Y = np.hstack([Y, reflected])
+        out.append(Y)
+    return np.vstack(out)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Rank of the sampled regressor, and by how much (relative) either row space leaves the other."""
+
+    rank: int
+    form_outside: float
+    sampled_outside: float
+    gap: tuple[float, float]
+
+
+def compare_row_spaces(form: Array, sampled: Array, tolerance: float = 1e-9) -> Comparison:
+    """Row space of a base form (b, k) against that of a sampled regressor (rows, k), both directions, columns scaled alike."""
+    scale = np.linalg.norm(sampled, axis=0)
+    zero = scale <= 1e-12 * scale.max()
+    scale = np.where(zero, 1.0, scale)
+    rows = np.linalg.qr(np.where(zero, 0.0, sampled / scale), mode="r")
+    _, s, vt = np.linalg.svd(rows)
+    rank = int((s > tolerance * s[0]).sum())
+    space = vt[:rank]
+    gap = (float(s[rank - 1] / s[0]), float(s[rank] / s[0]) if rank < len(s) else 0.0)
+    if not len(form):
+        return Comparison(rank, 0.0, float(rank > 0), gap)
+    scaled = form / scale
+    scaled = scaled / np.linalg.norm(scaled, axis=1)[:, None]
+    ours = np.linalg.svd(scaled, full_matrices=False)[2]
+    outside = float(np.abs(scaled - (scaled @ space.T) @ space).max())
+    missing = float(np.abs(space - (space @ ours.T) @ ours).max())
+    return Comparison(rank, outside, missing, gap)
