@@ -117,9 +117,7 @@ class Estimate:
 
     @cached_property
     def _structural_values(self) -> Array:
-        from .regressor.base import base_reduction
-
-        return base_reduction(self.model).base_values(self.all_values)
+        return self.model.base.base_values(self.all_values)
 
     def with_heldout(self, error: TorqueError) -> Estimate:
         """The same estimate with its error on data it did not see."""

@@ -18,6 +18,7 @@ from .reference import Reference
 from .transmission import Side
 
 if TYPE_CHECKING:
+    from .regressor.base import BaseReduction
     from .robot import Robot
 
 Array = np.ndarray
@@ -70,6 +71,13 @@ class Model:
     def needs(self) -> frozenset[Need]:
         """What the columns depend on beside the motion at the same instant."""
         return frozenset().union(*(e.needs for e in self.effects)) if self.effects else frozenset()
+
+    @cached_property
+    def base(self) -> BaseReduction:
+        """Base parameters of the whole model, from its structure."""
+        from .regressor.base import base_reduction
+
+        return base_reduction(self)
 
     def replacing(self, old: Effect, new: Effect) -> Model:
         """The same model with one effect (by identity) replaced."""

@@ -15,9 +15,9 @@ from .information import Information
 from .model import Model
 from .motion import Motion
 from .reference import Reference
-from .regressor.base import BaseReduction, base_reduction
 
 if TYPE_CHECKING:
+    from .regressor.base import BaseReduction
     from .problem_check import ProblemCheck
     from .signals import Signals
 
@@ -56,10 +56,10 @@ class Problem:
                 f" {self.model.robot.name!r} ({', '.join(self.model.robot.joint_names)})."
             )
 
-    @cached_property
+    @property
     def base(self) -> BaseReduction:
         """Base parameters of the model, from its structure."""
-        return base_reduction(self.model)
+        return self.model.base
 
     @property
     def tau(self) -> Array:

@@ -94,9 +94,7 @@ def nominal_values(estimate: Estimate) -> Array | None:
     robot, information = estimate.model.robot, estimate.information
     if robot.nominal is None or information is None:
         return None
-    from .regressor.base import base_reduction
-
-    base = base_reduction(estimate.model)
+    base = estimate.model.base
     if base.names != information.names:
         return None
     rigid = np.array([p.effect == "rigid_body" for p in base.parameters])
