@@ -85,7 +85,8 @@ class Transmission:
         rest = [i for i in range(self.n) if i not in keep]
         if np.any(self.K[np.ix_(keep, rest)]) or np.any(self.K[np.ix_(rest, keep)]):
             raise ConfigurationError(
-                "[drive] K couples joints that move with joints that are locked; give the K of the moving joints, or lock the whole coupled group."
+                "[drive] K couples joints that move with joints that are locked;"
+                " give the K of the moving joints, or lock the whole coupled group."
             )
         constants = None if self.torque_constants is None else self.torque_constants[keep]
         return Transmission(self.K[np.ix_(keep, keep)], self.zero[keep], self.measured, constants)
@@ -102,7 +103,7 @@ class Transmission:
 
     @property
     def is_diagonal(self) -> bool:
-        return bool(np.all(self.K == np.diag(np.diag(self.K))))
+        return np.array_equal(self.K, np.diag(np.diag(self.K)))
 
     def motor_position(self, q: Array) -> Array:
         """Motor positions (..., n) from joint positions (..., n)."""
