@@ -1,0 +1,322 @@
+// Rigid-body dynamics of a tree on lanes of samples. V is either Lanes or double (one sample: tails, single states).
+// All quantities of a body are in its own (renamed) frame: w angular velocity, a angular acceleration, b acceleration of the frame's
+// origin less gravity, B = [a]x + [w]x[w]x. Force and moment about the origin: f = m b + B h, n = h x b + I a + w x I w,
+// h the first moment. Nothing is divided by a mass.
+
+template <class V> struct Vec {
+    V c[3];
+    V& operator[](int i) { return c[i]; }
+    const V& operator[](int i) const { return c[i]; }
+};
+template <class A, class B> static inline auto operator+(const Vec<A>& x, const Vec<B>& y) -> Vec<decltype(A() + B())> {
+    return {{x[0] + y[0], x[1] + y[1], x[2] + y[2]}};
+}
+template <class A, class B> static inline auto cross(const Vec<A>& x, const Vec<B>& y) -> Vec<decltype(A() * B())> {
+    return {{x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]}};
+}
+template <class V> static inline Vec<V> product(const V* M, const Vec<V>& x) {  // M 3 x 3, row by row
+    return {{M[0] * x[0] + M[1] * x[1] + M[2] * x[2], M[3] * x[0] + M[4] * x[1] + M[5] * x[2], M[6] * x[0] + M[7] * x[1] + M[8] * x[2]}};
+}
+static inline Vec<double> constant(const double* x) { return {{x[0], x[1], x[2]}}; }
+
+template <class V> struct Link {
+    V R[9];     // rotation to the parent's frame; of a sparse body only the four products that turn about z'
+    Vec<V> p;   // origin in the parent's frame
+    Vec<V> w, a, b;
+    V B[9];
+    V P[3], D[3];   // products (wy wz, wx wz, wx wy) and differences of squares (wy2 - wz2, ...) of w
+};
+
+// R' v: from the parent's frame into the body's.
+template <class V> static inline Vec<V> into(const Body& body, const Link<V>& k, const Vec<V>& v) {
+    const V* R = k.R;
+    if (body.sparse) {
+        const V x = v[body.axes[0]], y = v[body.axes[1]], z = v[body.axes[2]];
+        return {{R[0] * x + R[1] * y, R[2] * x + R[3] * y, body.sign[2] * z}};
+    }
+    return {{R[0] * v[0] + R[3] * v[1] + R[6] * v[2], R[1] * v[0] + R[4] * v[1] + R[7] * v[2], R[2] * v[0] + R[5] * v[1] + R[8] * v[2]}};
+}
+
+// R v: back into the parent's frame.
+template <class V> static inline Vec<V> out_of(const Body& body, const Link<V>& k, const Vec<V>& v) {
+    const V* R = k.R;
+    if (!body.sparse) return product(R, v);
+    Vec<V> r;
+    r[body.axes[0]] = R[0] * v[0] + R[2] * v[1];
+    r[body.axes[1]] = R[1] * v[0] + R[3] * v[1];
+    r[body.axes[2]] = body.sign[2] * v[2];
+    return r;
+}
+
+// Lanes beyond `count` repeat the first sample: they are finite, and the caller weighs them with zero.
+template <class V> static inline V gather(const double* array, int64_t sample, int width, int column, int count = Width<V>::value) {
+    V x = V();
+    const double* at = array + sample * width + column;
+    if (count == Width<V>::value)
+        for (int i = 0; i < Width<V>::value; ++i) set_lane(x, i, at[(int64_t)i * width]);
+    else
+        for (int i = 0; i < Width<V>::value; ++i) set_lane(x, i, at[i < count ? (int64_t)i * width : 0]);
+    return x;
+}
+template <class V> static inline void scatter(V x, double* array, int64_t sample, int64_t width, int64_t column) {
+    for (int i = 0; i < Width<V>::value; ++i) array[(sample + i) * width + column] = lane(x, i);
+}
+
+template <class V> static void pose(const Tree& t, const V* q, Link<V>* links) {
+    for (int i = 0; i < t.nb; ++i) {
+        const Body& body = t.bodies[i];
+        Link<V>& k = links[i];
+        const V zero = V();
+        k.p = {{zero + body.p[0], zero + body.p[1], zero + body.p[2]}};
+        const V* at = q + body.position;
+        if (body.kind == REVOLUTE) {
+            V s, c;
+            sine_cosine(body.sparse ? at[0] * body.turn : at[0], s, c);
+            if (body.sparse) {
+                k.R[0] = c * body.sign[0], k.R[1] = s * body.sign[1];
+                k.R[2] = s * -body.sign[0], k.R[3] = c * body.sign[1];
+            } else {
+                for (int e = 0; e < 9; ++e) k.R[e] = body.fixed[e] + c * body.cosine[e] + s * body.sine[e];
+            }
+        } else if (body.kind == PRISMATIC) {
+            for (int e = 0; e < 9; ++e) k.R[e] = zero + body.R0[e];
+            for (int r = 0; r < 3; ++r)
+                k.p[r] += at[0] * (body.R0[3 * r] * body.u[0] + body.R0[3 * r + 1] * body.u[1] + body.R0[3 * r + 2] * body.u[2]);
+        } else {
+            const V norm = 1.0 / square_root(at[3] * at[3] + at[4] * at[4] + at[5] * at[5] + at[6] * at[6]);
+            const V x = at[3] * norm, y = at[4] * norm, z = at[5] * norm, w = at[6] * norm;
+            const V Q[9] = {1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w),       2.0 * (x * z + y * w),
+                            2.0 * (x * y + z * w),       1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
+                            2.0 * (x * z - y * w),       2.0 * (y * z + x * w),       1.0 - 2.0 * (x * x + y * y)};
+            for (int r = 0; r < 3; ++r) {
+                for (int c = 0; c < 3; ++c)
+                    k.R[3 * r + c] = body.R0[3 * r] * Q[c] + body.R0[3 * r + 1] * Q[3 + c] + body.R0[3 * r + 2] * Q[6 + c];
+                k.p[r] += body.R0[3 * r] * at[0] + body.R0[3 * r + 1] * at[1] + body.R0[3 * r + 2] * at[2];
+            }
+        }
+    }
+}
+
+// Motion of all bodies, base first. ddq may be null: no acceleration.
+template <class V> static void motion(const Tree& t, const V* dq, const V* ddq, Link<V>* links) {
+    const V zero = V();
+    for (int i = 0; i < t.nb; ++i) {
+        const Body& body = t.bodies[i];
+        Link<V>& k = links[i];
+        Vec<V> w{{zero, zero, zero}}, a = w, b;
+        if (body.parent < 0) {
+            b = into(body, k, Vec<V>{{zero - t.gravity[0], zero - t.gravity[1], zero - t.gravity[2]}});
+        } else {
+            const Link<V>& up = links[body.parent];
+            w = into(body, k, up.w);
+            a = into(body, k, up.a);
+            b = into(body, k, up.b + product(up.B, k.p));
+        }
+        const V* rate = dq + body.row;
+        const V* acceleration = ddq ? ddq + body.row : nullptr;
+        const Vec<double> u = constant(body.u);
+        if (body.kind == REVOLUTE) {
+            const V s = rate[0], ds = acceleration ? acceleration[0] : zero;
+            if (body.sparse) {
+                a = {{a[0] + w[1] * (body.turn * s), a[1] - w[0] * (body.turn * s), a[2] + body.turn * ds}};
+                w[2] += body.turn * s;
+            } else {
+                const Vec<V> c = cross(w, u);
+                for (int e = 0; e < 3; ++e) a[e] += c[e] * s + u[e] * ds, w[e] += u[e] * s;
+            }
+        } else if (body.kind == PRISMATIC) {
+            const V s = 2.0 * rate[0], ds = acceleration ? acceleration[0] : zero;
+            const Vec<V> c = cross(w, u);
+            for (int e = 0; e < 3; ++e) b[e] += c[e] * s + u[e] * ds;
+        } else {
+            w = {{rate[3], rate[4], rate[5]}};
+            b = b + cross(w, Vec<V>{{rate[0], rate[1], rate[2]}});
+            if (acceleration) {
+                a = {{acceleration[3], acceleration[4], acceleration[5]}};
+                b = b + Vec<V>{{acceleration[0], acceleration[1], acceleration[2]}};
+            }
+        }
+        const V xx = w[0] * w[0], yy = w[1] * w[1], zz = w[2] * w[2], yz = w[1] * w[2], xz = w[0] * w[2], xy = w[0] * w[1];
+        k.w = w, k.a = a, k.b = b;
+        k.P[0] = yz, k.P[1] = xz, k.P[2] = xy;
+        k.D[0] = yy - zz, k.D[1] = zz - xx, k.D[2] = xx - yy;
+        const V B[9] = {-(yy + zz), xy - a[2], xz + a[1], xy + a[2], -(xx + zz), yz - a[0], xz - a[1], yz + a[0], -(xx + yy)};
+        for (int e = 0; e < 9; ++e) k.B[e] = B[e];
+    }
+}
+
+// Component d of a wrench along joint d of a body.
+template <class V> static inline V along(const Body& body, int d, const Vec<V>& force, const Vec<V>& moment) {
+    if (body.kind == FREE) return d < 3 ? force[d] : moment[d - 3];
+    if (body.sparse) return body.turn * moment[2];
+    const Vec<V>& x = body.kind == PRISMATIC ? force : moment;
+    return body.u[0] * x[0] + body.u[1] * x[1] + body.u[2] * x[2];
+}
+
+static inline int freedoms(const Body& body) { return body.kind == FREE ? 6 : 1; }
+
+// I x for the six entries xx xy yy xz yz zz.
+template <class E, class V> static inline Vec<V> inertia_times(const E* I, const Vec<V>& x) {
+    return {{I[0] * x[0] + I[1] * x[1] + I[3] * x[2], I[1] * x[0] + I[2] * x[1] + I[4] * x[2], I[3] * x[0] + I[4] * x[1] + I[5] * x[2]}};
+}
+
+// Recursive Newton-Euler: joint torques (nv) from links with their motion. wrench: 2 nb vectors of scratch.
+template <class V> static void torques(const Tree& t, const double* inertia, const Link<V>* links, Vec<V>* wrench, V* tau) {
+    for (int i = 0; i < t.nb; ++i) {
+        const Link<V>& k = links[i];
+        const double* parameter = inertia + PARAMETERS * i;
+        const Vec<double> h = constant(parameter + 1);
+        const Vec<V> gyroscopic = cross(k.w, inertia_times(parameter + 4, k.w));
+        const Vec<V> turning = inertia_times(parameter + 4, k.a);
+        const Vec<V> lever = cross(h, k.b);
+        for (int e = 0; e < 3; ++e) {
+            wrench[2 * i][e] = parameter[0] * k.b[e] + k.B[3 * e] * h[0] + k.B[3 * e + 1] * h[1] + k.B[3 * e + 2] * h[2];
+            wrench[2 * i + 1][e] = lever[e] + turning[e] + gyroscopic[e];
+        }
+    }
+    for (int i = t.nb - 1; i >= 0; --i) {
+        const Body& body = t.bodies[i];
+        for (int d = 0; d < freedoms(body); ++d) tau[body.row + d] = along(body, d, wrench[2 * i], wrench[2 * i + 1]);
+        if (body.parent < 0) continue;
+        const Vec<V> force = out_of(body, links[i], wrench[2 * i]);
+        const Vec<V> moment = out_of(body, links[i], wrench[2 * i + 1]) + cross(links[i].p, force);
+        wrench[2 * body.parent] = wrench[2 * body.parent] + force;
+        wrench[2 * body.parent + 1] = wrench[2 * body.parent + 1] + moment;
+    }
+}
+
+// Composite-rigid-body algorithm: lower triangle of the mass matrix in M (nv x nv). composite: 10 nb of scratch.
+template <class V> static void masses(const Tree& t, const double* inertia, const Link<V>* links, V* composite, V* M) {
+    const V zero = V();
+    for (int e = 0; e < t.nv * t.nv; ++e) M[e] = zero;
+    for (int e = 0; e < PARAMETERS * t.nb; ++e) composite[e] = zero + inertia[e];
+    for (int i = t.nb - 1; i >= 0; --i) {
+        const Body& body = t.bodies[i];
+        const V* C = composite + PARAMETERS * i;
+        const Vec<V> h{{C[1], C[2], C[3]}};
+        for (int d = 0; d < freedoms(body); ++d) {
+            // Wrench that moves everything from this body on with unit acceleration of its joint.
+            const bool linear = body.kind == PRISMATIC || (body.kind == FREE && d < 3);
+            Vec<double> s = constant(body.u);
+            if (body.kind == FREE) s = {{double(d % 3 == 0), double(d % 3 == 1), double(d % 3 == 2)}};
+            Vec<V> force, moment;
+            if (linear) {
+                force = {{C[0] * s[0], C[0] * s[1], C[0] * s[2]}};
+                moment = cross(h, s);
+            } else {
+                force = cross(s, h);
+                moment = inertia_times(C + 4, Vec<V>{{zero + s[0], zero + s[1], zero + s[2]}});
+            }
+            for (int j = i;; j = t.bodies[j].parent) {
+                const Body& other = t.bodies[j];
+                for (int e = 0; e < (j == i ? d + 1 : freedoms(other)); ++e)
+                    M[(body.row + d) * t.nv + other.row + e] = along(other, e, force, moment);
+                if (other.parent < 0) break;
+                force = out_of(other, links[j], force);
+                moment = out_of(other, links[j], moment) + cross(links[j].p, force);
+            }
+        }
+        if (body.parent < 0) continue;
+        // To the parent's origin: h' = R h, I' = R I R' + 2 (h'.p) E - h'p' - p h'' + m (p.p E - p p').
+        const Link<V>& k = links[i];
+        const Vec<V> g = out_of(body, k, h);
+        const Vec<V> rows[3] = {out_of(body, k, Vec<V>{{C[4], C[5], C[7]}}), out_of(body, k, Vec<V>{{C[5], C[6], C[8]}}),
+                                out_of(body, k, Vec<V>{{C[7], C[8], C[9]}})};
+        const Vec<V> x = out_of(body, k, Vec<V>{{rows[0][0], rows[1][0], rows[2][0]}});
+        const Vec<V> y = out_of(body, k, Vec<V>{{rows[0][1], rows[1][1], rows[2][1]}});
+        const Vec<V> z = out_of(body, k, Vec<V>{{rows[0][2], rows[1][2], rows[2][2]}});
+        const Vec<V>& p = k.p;
+        const Vec<V> r{{g[0] + C[0] * p[0], g[1] + C[0] * p[1], g[2] + C[0] * p[2]}};  // first moment about the parent's origin
+        const V trace = r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + g[0] * p[0] + g[1] * p[1] + g[2] * p[2];
+        V* U = composite + PARAMETERS * body.parent;
+        U[0] += C[0];
+        for (int e = 0; e < 3; ++e) U[1 + e] += r[e];
+        U[4] += x[0] + trace - (r[0] * p[0] + g[0] * p[0]);
+        U[5] += x[1] - (r[0] * p[1] + g[1] * p[0]);
+        U[6] += y[1] + trace - (r[1] * p[1] + g[1] * p[1]);
+        U[7] += x[2] - (r[0] * p[2] + g[2] * p[0]);
+        U[8] += y[2] - (r[1] * p[2] + g[2] * p[1]);
+        U[9] += z[2] + trace - (r[2] * p[2] + g[2] * p[2]);
+    }
+}
+
+static inline bool none(Lanes x) {
+    bool all = true;
+    for (int i = 0; i < LANES; ++i) all &= x[i] == 0.0;
+    return all;
+}
+static inline bool none(double x) { return x == 0.0; }
+static inline bool positive(Lanes x) {
+    bool all = true;
+    for (int i = 0; i < LANES; ++i) all &= x[i] > 0.0;
+    return all;
+}
+static inline bool positive(double x) { return x > 0.0; }
+
+// LU with partial pivoting for one sample, A (n x n) row by row; false if a pivot is zero.
+static bool eliminate(int n, double* A, double* x) {
+    for (int c = 0; c < n; ++c) {
+        int best = c;
+        for (int r = c + 1; r < n; ++r)
+            if (std::fabs(A[r * n + c]) > std::fabs(A[best * n + c])) best = r;
+        if (!(std::fabs(A[best * n + c]) > 0.0)) return false;
+        if (best != c) {
+            for (int e = c; e < n; ++e) {
+                const double kept = A[c * n + e];
+                A[c * n + e] = A[best * n + e], A[best * n + e] = kept;
+            }
+            const double kept = x[c];
+            x[c] = x[best], x[best] = kept;
+        }
+        for (int r = c + 1; r < n; ++r) {
+            const double factor = A[r * n + c] / A[c * n + c];
+            for (int e = c + 1; e < n; ++e) A[r * n + e] -= factor * A[c * n + e];
+            x[r] -= factor * x[c];
+        }
+    }
+    for (int r = n - 1; r >= 0; --r) {
+        for (int e = r + 1; e < n; ++e) x[r] -= A[r * n + e] * x[e];
+        x[r] /= A[r * n + r];
+    }
+    return true;
+}
+
+// Solve M x = x for symmetric M (lower triangle given, n x n). M = L'DL from the tip to the base, which keeps the zeros of a tree
+// (Featherstone 2008, ch. 6); exact as long as all pivots are positive. Lanes where they are not go through LU with pivoting.
+// Returns the first lane whose matrix is singular, or -1. scratch: n^2 + n doubles.
+template <class V> static int solve(int n, V* M, V* x, V* diagonal, double* scratch) {
+    bool definite = true;
+    for (int r = 0; r < n; ++r) {
+        diagonal[r] = M[r * n + r];
+        for (int c = 0; c < r; ++c) M[c * n + r] = M[r * n + c];   // kept for LU
+    }
+    V* right = diagonal + n;
+    for (int r = 0; r < n; ++r) right[r] = x[r];
+    for (int k = n - 1; k >= 0; --k) {
+        V* row = M + k * n;
+        definite &= positive(row[k]);
+        const V inverse = 1.0 / row[k];
+        for (int i = k - 1; i >= 0; --i) {
+            if (none(row[i])) continue;
+            const V factor = row[i] * inverse;
+            for (int j = 0; j <= i; ++j) M[i * n + j] -= factor * row[j];
+            x[i] -= factor * x[k];
+            row[i] = factor;   // column i of row k is not read again: rows above used columns up to i only
+        }
+        x[k] *= inverse;
+    }
+    for (int k = 0; k < n; ++k)
+        for (int i = 0; i < k; ++i) x[k] -= M[k * n + i] * x[i];
+    if (__builtin_expect(definite, 1)) return -1;
+    for (int l = 0; l < Width<V>::value; ++l) {
+        double* A = scratch;
+        double* y = scratch + n * n;
+        for (int r = 0; r < n; ++r) {
+            for (int c = 0; c < n; ++c) A[r * n + c] = r == c ? lane(diagonal[r], l) : lane(M[(r < c ? r : c) * n + (r < c ? c : r)], l);
+            y[r] = lane(right[r], l);
+        }
+        if (!eliminate(n, A, y)) return l;
+        for (int r = 0; r < n; ++r) set_lane(x[r], l, y[r]);
+    }
+    return -1;
+}

@@ -1,0 +1,96 @@
+// Numbers that are several samples at once (or one), and the few functions on them that the language does not have.
+// Included inside the namespace of an instruction set; LANES is its number of doubles in a register.
+
+typedef double Lanes __attribute__((vector_size(8 * LANES)));
+typedef long long Bits __attribute__((vector_size(8 * LANES)));
+
+static inline Bits bits(Lanes x) { return (Bits)x; }
+static inline Lanes number(Bits x) { return (Lanes)x; }
+static inline long long bits(double x) { long long b; memcpy(&b, &x, 8); return b; }
+static inline double number(long long x) { double d; memcpy(&d, &x, 8); return d; }
+
+template <class V> struct Width { static constexpr int value = LANES; };
+template <> struct Width<double> { static constexpr int value = 1; };
+
+static inline double lane(Lanes x, int i) { return x[i]; }
+static inline double lane(double x, int) { return x; }
+static inline void set_lane(Lanes& x, int i, double value) { x[i] = value; }
+static inline void set_lane(double& x, int, double value) { x = value; }
+
+static inline bool any_beyond(Lanes x, double limit) {
+    bool found = false;
+    for (int i = 0; i < LANES; ++i) found |= !(std::fabs(x[i]) <= limit);
+    return found;
+}
+static inline bool any_beyond(double x, double limit) { return !(std::fabs(x) <= limit); }
+
+// Sine and cosine to about one unit in the last place. The argument is reduced by a multiple of pi/2 split in three parts
+// (Cody and Waite), then minimax polynomials on +-pi/4. Angles beyond 1e5 rad, where the split is too short, go to libm.
+template <class V> static inline void sine_cosine(V x, V& sine, V& cosine) {
+    const double shift = 6755399441055744.0;  // 1.5 * 2^52: adding it rounds, and leaves the integer in the low bits
+    const V t = x * 0.63661977236758134308 + shift;
+    const V k = t - shift;
+    const V r = ((x - k * 1.57079632673412561417e+00) - k * 6.07710050630396597660e-11) - k * 2.02226624879595063154e-21;
+    const V z = r * r;
+    V s = z * 1.58969099521155010221e-10 - 2.50507602534068634195e-08;
+    s = s * z + 2.75573137070700676789e-06;
+    s = s * z - 1.98412698298579493134e-04;
+    s = s * z + 8.33333333332248946124e-03;
+    s = s * z - 1.66666666666666324348e-01;
+    s = r + r * z * s;
+    V c = z * -1.13596475577881948265e-11 + 2.08757232129817482790e-09;
+    c = c * z - 2.75573143513906633035e-07;
+    c = c * z + 2.48015872894767294178e-05;
+    c = c * z - 1.38888888888741095749e-03;
+    c = c * z + 4.16666666666666019037e-02;
+    c = 1.0 - (0.5 * z - z * z * c);
+    const auto n = bits(t);
+    const auto odd = (n & 1) != 0;
+    sine = number(bits(odd ? c : s) ^ ((n & 2) << 62));
+    cosine = number(bits(odd ? s : c) ^ (((n + 1) & 2) << 62));
+    if (__builtin_expect(any_beyond(x, 1e5), 0))
+        for (int i = 0; i < Width<V>::value; ++i) {
+            set_lane(sine, i, std::sin(lane(x, i)));
+            set_lane(cosine, i, std::cos(lane(x, i)));
+        }
+}
+
+static inline Lanes square_root(Lanes x) {
+    for (int i = 0; i < LANES; ++i) x[i] = std::sqrt(x[i]);
+    return x;
+}
+static inline double square_root(double x) { return std::sqrt(x); }
+
+// Sums over the lanes of LANES vectors at once: lane i of the result is the sum of x[i]. Neighbours are interleaved and added, and
+// the number of vectors halves at each step.
+#if LANES == 8
+static inline Lanes lane_sums(const Lanes* x) {
+    Lanes a[4], b[2];
+    for (int i = 0; i < 4; ++i)
+        a[i] = __builtin_shufflevector(x[2 * i], x[2 * i + 1], 0, 8, 2, 10, 4, 12, 6, 14) +
+               __builtin_shufflevector(x[2 * i], x[2 * i + 1], 1, 9, 3, 11, 5, 13, 7, 15);
+    for (int i = 0; i < 2; ++i)
+        b[i] = __builtin_shufflevector(a[2 * i], a[2 * i + 1], 0, 1, 8, 9, 4, 5, 12, 13) +
+               __builtin_shufflevector(a[2 * i], a[2 * i + 1], 2, 3, 10, 11, 6, 7, 14, 15);
+    return __builtin_shufflevector(b[0], b[1], 0, 1, 2, 3, 8, 9, 10, 11) + __builtin_shufflevector(b[0], b[1], 4, 5, 6, 7, 12, 13, 14, 15);
+}
+#elif LANES == 4
+static inline Lanes lane_sums(const Lanes* x) {
+    Lanes a[2];
+    for (int i = 0; i < 2; ++i)
+        a[i] = __builtin_shufflevector(x[2 * i], x[2 * i + 1], 0, 4, 2, 6) + __builtin_shufflevector(x[2 * i], x[2 * i + 1], 1, 5, 3, 7);
+    return __builtin_shufflevector(a[0], a[1], 0, 1, 4, 5) + __builtin_shufflevector(a[0], a[1], 2, 3, 6, 7);
+}
+#else
+static inline Lanes lane_sums(const Lanes* x) {
+    return __builtin_shufflevector(x[0], x[1], 0, 2) + __builtin_shufflevector(x[0], x[1], 1, 3);
+}
+#endif
+
+// Sums of `count` vectors, a multiple of LANES.
+template <int count> static inline void sums(const Lanes* x, double* out) {
+    for (int i = 0; i < count; i += LANES) {
+        const Lanes s = lane_sums(x + i);
+        for (int j = 0; j < LANES; ++j) out[i + j] = s[j];
+    }
+}

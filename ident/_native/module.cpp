@@ -1,0 +1,348 @@
+// The Python module ident._native._kernel: buffers in and out, choice of the instruction set, threads over chunks of samples.
+// Only the stable interface of CPython 3.11 is used. Arrays come through the buffer protocol, checked for type and size here and
+// for content in ident/regressor/native.py; shapes follow from the tree and the number of samples.
+#define Py_LIMITED_API 0x030B0000
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#include <memory>
+#include <new>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tree.h"
+
+using namespace ident;
+
+namespace {
+
+const Kernel* active = &kernel_baseline;
+
+std::vector<const Kernel*> supported() {
+    std::vector<const Kernel*> found = {&kernel_baseline};
+#if defined(__x86_64__)
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) found.push_back(&kernel_avx2);
+    if (found.size() == 2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+        found.push_back(&kernel_avx512);
+#endif
+    return found;
+}
+
+struct Refused : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+// A contiguous buffer of doubles, or of any records, released at the end of the call. None gives a null pointer.
+struct Buffer {
+    Py_buffer view{};
+    bool held = false;
+    Buffer() = default;
+    Buffer(const Buffer&) = delete;
+    ~Buffer() { if (held) PyBuffer_Release(&view); }
+
+    void* take(PyObject* object, int64_t bytes, int flags, const char* what) {
+        if (object == Py_None) return nullptr;
+        if (PyObject_GetBuffer(object, &view, PyBUF_C_CONTIGUOUS | flags) < 0) {
+            PyErr_Clear();
+            throw Refused(std::string(what) + ": not a contiguous array");
+        }
+        held = true;
+        if (view.len != bytes) throw Refused(std::string(what) + ": expected " + std::to_string(bytes) + " bytes, given " + std::to_string(view.len));
+        return view.buf;
+    }
+    double* doubles(PyObject* object, int64_t count, int flags, const char* what) {
+        void* found = take(object, 8 * count, flags | PyBUF_FORMAT, what);
+        if (found && strcmp(view.format, "d") != 0) throw Refused(std::string(what) + ": not an array of float64");
+        return (double*)found;
+    }
+    const double* numbers(PyObject* object, int64_t count, const char* what) { return doubles(object, count, 0, what); }
+    double* room(PyObject* object, int64_t count, const char* what) { return doubles(object, count, PyBUF_WRITABLE, what); }
+};
+
+struct OwnedTree : Tree {
+    std::vector<Body> kept;
+};
+
+struct OwnedPlan : Plan {
+    std::vector<Row> rows_kept;
+    std::vector<Step> steps_kept;
+    std::vector<Extra> extras_kept;
+    int bodies = 0;
+};
+
+template <class T> T* unwrap(PyObject* capsule, const char* name) {
+    void* held = PyCapsule_GetPointer(capsule, name);
+    if (!held) {
+        PyErr_Clear();
+        throw Refused(std::string("expected a ") + name);
+    }
+    return (T*)held;
+}
+template <class T> void destroy(PyObject* capsule) { delete (T*)PyCapsule_GetPointer(capsule, PyCapsule_GetName(capsule)); }
+
+int64_t integer(PyObject* object) {
+    const long long value = PyLong_AsLongLong(object);
+    if (value == -1 && PyErr_Occurred()) {
+        PyErr_Clear();
+        throw Refused("expected an integer");
+    }
+    return value;
+}
+
+void require(bool holds, const char* what) {
+    if (!holds) throw Refused(what);
+}
+
+// Memory of the calling thread, kept between calls: a single state must not wait for an allocation.
+struct Memory {
+    std::unique_ptr<char[]> block;
+    size_t size = 0;
+    char* get(size_t wanted) {
+        if (wanted > size) block.reset(new char[wanted]), size = wanted;
+        return block.get();
+    }
+};
+
+// work(thread, lo, hi, memory) over `count` samples cut evenly, the same way for the same number of threads. The GIL is released
+// unless there is next to nothing to do.
+template <class Work> void over_samples(int64_t count, int64_t threads, size_t memory, Work work) {
+    static thread_local Memory own;
+    const int64_t block = 2048;   // fewer samples are not worth a thread
+    const int64_t blocks = (count + block - 1) / block;
+    if (threads > blocks) threads = blocks;
+    if (threads <= 1) {
+        char* at = own.get(memory);
+        if (count < 32) return work(0, 0, count, at);
+        Py_BEGIN_ALLOW_THREADS
+        work(0, 0, count, at);
+        Py_END_ALLOW_THREADS
+        return;
+    }
+    std::vector<std::unique_ptr<char[]>> blocks_of_memory;
+    for (int64_t i = 0; i < threads; ++i) blocks_of_memory.emplace_back(new char[memory]);
+    std::vector<std::thread> team;
+    team.reserve((size_t)threads);
+    const auto part = [&](int64_t i) {
+        const int64_t lo = blocks * i / threads * block, hi = blocks * (i + 1) / threads * block;
+        work((int)i, lo, hi < count ? hi : count, blocks_of_memory[(size_t)i].get());
+    };
+    Py_BEGIN_ALLOW_THREADS
+    for (int64_t i = 1; i < threads; ++i) {
+        try {
+            team.emplace_back(part, i);
+        } catch (const std::exception&) {   // no more threads to be had: do it here
+            part(i);
+        }
+    }
+    part(0);
+    for (std::thread& member : team) member.join();
+    Py_END_ALLOW_THREADS
+}
+
+// make_tree(bodies: bytes of Body records, nv, nq, gravity (3))
+PyObject* make_tree(PyObject* const* a) {
+    auto tree = std::make_unique<OwnedTree>();
+    Buffer records, gravity;
+    const int64_t nv = integer(a[1]), nq = integer(a[2]);
+    const int64_t nb = nv == nq ? nv : nv - 5;
+    require(nb > 0, "tree: no body");
+    const Body* body = (const Body*)records.take(a[0], nb * (int64_t)sizeof(Body), 0, "bodies");
+    tree->kept.assign(body, body + nb);
+    tree->nb = (int)nb, tree->nv = (int)nv, tree->nq = (int)nq, tree->bodies = tree->kept.data();
+    memcpy(tree->gravity, gravity.numbers(a[3], 3, "gravity"), sizeof tree->gravity);
+    for (int i = 0; i < nb; ++i) {
+        const Body& b = tree->bodies[i];
+        const int d = b.kind == FREE ? 6 : 1;
+        require(b.parent >= -1 && b.parent < i && b.kind >= REVOLUTE && b.kind <= FREE && b.row >= 0 && b.row + d <= nv && b.position >= 0 &&
+                    b.position + d + (b.kind == FREE) <= nq, "tree: a body is out of range");
+        for (int64_t axis : b.axes) require(axis >= 0 && axis < 3, "tree: an axis is out of range");
+    }
+    return PyCapsule_New(tree.release(), "tree", destroy<OwnedTree>);
+}
+
+// make_plan(tree, rows: int64 (R, 4) of steps, extras, width, padded; steps: Step records; extras: Extra records; columns of extra; dense)
+PyObject* make_plan(PyObject* const* a) {
+    const OwnedTree* tree = unwrap<OwnedTree>(a[0], "tree");
+    auto plan = std::make_unique<OwnedPlan>();
+    Buffer rows, steps, extras;
+    const int64_t count = integer(a[1]);
+    const int64_t* row = (const int64_t*)rows.take(a[2], 32 * count, 0, "rows");
+    int64_t total_steps = 0, total_extras = 0, widest = 0;
+    for (int64_t r = 0; r < count; ++r) {
+        const int64_t* v = row + 4 * r;
+        require(v[0] >= 0 && v[0] <= tree->nb && v[1] >= 0 && v[2] >= 1 && v[3] >= v[2] && v[3] % 4 == 0 && v[3] < 100000, "plan: a row is out of range");
+        total_steps += v[0], total_extras += v[1], widest = v[3] > widest ? v[3] : widest;
+    }
+    const Step* step = (const Step*)steps.take(a[3], total_steps * (int64_t)sizeof(Step), 0, "steps");
+    const Extra* extra = (const Extra*)extras.take(a[4], total_extras * (int64_t)sizeof(Extra), 0, "extras");
+    plan->steps_kept.assign(step, step + total_steps);
+    plan->extras_kept.assign(extra, extra + total_extras);
+    plan->extras = (int)integer(a[5]);
+    plan->dense = integer(a[6]) != 0;
+    plan->rows = (int)count, plan->widest = (int)widest, plan->gram = false, plan->bodies = tree->nb;
+    step = plan->steps_kept.data(), extra = plan->extras_kept.data();
+    for (int64_t r = 0; r < count; ++r, row += 4) {
+        plan->rows_kept.push_back({row[0], row[1], row[2], row[3], step, extra});
+        for (int64_t e = 0; e < row[0]; ++e, ++step) {
+            require(step->body >= 0 && step->body < tree->nb && (step->starts || tree->bodies[step->body].parent >= 0), "plan: a step is out of range");
+            for (int64_t c : step->column) require(c >= 0 && c <= row[3], "plan: a column is out of range");
+        }
+        for (int64_t e = 0; e < row[1]; ++e, ++extra)
+            require(extra->index >= 0 && extra->index < plan->extras && extra->column >= 0 && extra->column < row[3], "plan: an extra is out of range");
+    }
+    plan->row = plan->rows_kept.data();
+    return PyCapsule_New(plan.release(), "plan", destroy<OwnedPlan>);
+}
+
+// regressor(tree, plan, n, threads, q, dq, ddq, out)
+PyObject* regressor(PyObject* const* a) {
+    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
+    const OwnedPlan& plan = *unwrap<OwnedPlan>(a[1], "plan");
+    require(plan.rows == t.nv && plan.bodies == t.nb && plan.widest <= PARAMETERS * t.nb + 4, "plan: not the plan of the whole tree");
+    const int64_t n = integer(a[2]);
+    Buffer q, dq, ddq, out;
+    Arrays x{};
+    x.q = q.numbers(a[4], n * t.nq, "q"), x.dq = dq.numbers(a[5], n * t.nv, "dq"), x.ddq = ddq.numbers(a[6], n * t.nv, "ddq");
+    x.out = out.room(a[7], n * t.nv * PARAMETERS * t.nb, "out");
+    require(x.q && x.dq && x.ddq && x.out, "regressor: an array is missing");
+    over_samples(n, integer(a[3]), active->workspace(t, nullptr),
+                 [&](int, int64_t lo, int64_t hi, char* memory) { active->regressor(t, plan, x, lo, hi, memory); });
+    Py_RETURN_NONE;
+}
+
+// inverse(tree, inertia, n, threads, q, dq, ddq or None, out)
+PyObject* inverse(PyObject* const* a) {
+    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
+    const int64_t n = integer(a[2]);
+    Buffer inertia, q, dq, ddq, out;
+    Arrays x{};
+    x.inertia = inertia.numbers(a[1], PARAMETERS * t.nb, "inertia");
+    x.q = q.numbers(a[4], n * t.nq, "q"), x.dq = dq.numbers(a[5], n * t.nv, "dq"), x.ddq = ddq.numbers(a[6], n * t.nv, "ddq");
+    x.out = out.room(a[7], n * t.nv, "out");
+    require(x.inertia && x.q && x.dq && x.out, "inverse: an array is missing");
+    over_samples(n, integer(a[3]), active->workspace(t, nullptr),
+                 [&](int, int64_t lo, int64_t hi, char* memory) { active->inverse(t, x, lo, hi, memory); });
+    Py_RETURN_NONE;
+}
+
+// mass(tree, inertia, n, threads, q, out)
+PyObject* mass(PyObject* const* a) {
+    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
+    const int64_t n = integer(a[2]);
+    Buffer inertia, q, out;
+    Arrays x{};
+    x.inertia = inertia.numbers(a[1], PARAMETERS * t.nb, "inertia");
+    x.q = q.numbers(a[4], n * t.nq, "q");
+    x.out = out.room(a[5], n * t.nv * t.nv, "out");
+    require(x.inertia && x.q && x.out, "mass: an array is missing");
+    over_samples(n, integer(a[3]), active->workspace(t, nullptr),
+                 [&](int, int64_t lo, int64_t hi, char* memory) { active->mass(t, x, lo, hi, memory); });
+    Py_RETURN_NONE;
+}
+
+// forward(tree, inertia, added or None, n, threads, q, dq, tau, out) -> first sample with a singular matrix, -1 for
+// none, -2 for input that is not finite
+PyObject* forward(PyObject* const* a) {
+    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
+    const int64_t n = integer(a[3]);
+    Buffer inertia, added, q, dq, tau, out;
+    Arrays x{};
+    x.inertia = inertia.numbers(a[1], PARAMETERS * t.nb, "inertia"), x.added = added.numbers(a[2], t.nv * t.nv, "added");
+    x.q = q.numbers(a[5], n * t.nq, "q"), x.dq = dq.numbers(a[6], n * t.nv, "dq"), x.tau = tau.numbers(a[7], n * t.nv, "tau");
+    x.out = out.room(a[8], n * t.nv, "out");
+    require(x.inertia && x.q && x.dq && x.tau && x.out, "forward: an array is missing");
+    double sum = 0.0;
+    for (int64_t e = 0; e < n * t.nq; ++e) sum += x.q[e];
+    for (int64_t e = 0; e < n * t.nv; ++e) sum += x.dq[e] + x.tau[e];
+    if (!std::isfinite(sum)) return PyLong_FromLong(-2);
+    const int64_t threads = integer(a[4]);
+    std::vector<int64_t> stops(threads > 1 ? (size_t)threads : 1, -1);
+    over_samples(n, threads, active->workspace(t, nullptr),
+                 [&](int i, int64_t lo, int64_t hi, char* memory) { stops[(size_t)i] = active->forward(t, x, lo, hi, memory); });
+    for (int64_t stop : stops)
+        if (stop >= 0) return PyLong_FromLongLong(stop);
+    return PyLong_FromLong(-1);
+}
+
+// information(tree, plan, gram, n, threads, q, dq, ddq, tau, valid or None, weight or None, extra or None, out): `out` holds the
+// factors of all rows one after the other, each padded x padded, and is added to.
+PyObject* information(PyObject* const* a) {
+    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
+    const OwnedPlan& owned = *unwrap<OwnedPlan>(a[1], "plan");
+    Plan plan = owned;
+    plan.gram = integer(a[2]) != 0;
+    const int64_t n = integer(a[3]), all = n * plan.rows;
+    require(owned.bodies == t.nb, "plan: of another tree");
+    Buffer q, dq, ddq, tau, valid, weight, extra, out;
+    Arrays x{};
+    x.q = q.numbers(a[5], n * t.nq, "q"), x.dq = dq.numbers(a[6], n * t.nv, "dq"), x.ddq = ddq.numbers(a[7], n * t.nv, "ddq");
+    x.tau = tau.numbers(a[8], all, "tau"), x.valid = (const uint8_t*)valid.take(a[9], all, 0, "valid");
+    x.weight = weight.numbers(a[10], all, "weight"), x.extra = extra.numbers(a[11], plan.extras * (plan.dense ? all : n), "extra");
+    int64_t size = 0;
+    for (int r = 0; r < plan.rows; ++r) size += plan.row[r].padded * plan.row[r].padded;
+    double* into = out.room(a[12], size, "out");
+    require(x.q && x.dq && x.ddq && x.tau && into && (x.extra || !plan.extras), "information: an array is missing");
+
+    const int64_t threads = integer(a[4]);
+    const size_t memory = active->workspace(t, &plan);
+    std::vector<std::vector<double>> others;   // factors of the threads but the first
+    for (int64_t i = 1; i < threads; ++i) others.emplace_back((size_t)size, 0.0);
+    const auto factors = [&](int i) {
+        std::vector<double*> rows;
+        double* at = i ? others[(size_t)i - 1].data() : into;
+        for (int r = 0; r < plan.rows; ++r) rows.push_back(at), at += plan.row[r].padded * plan.row[r].padded;
+        return rows;
+    };
+    std::vector<std::vector<double*>> places;
+    for (int64_t i = 0; i < threads || i == 0; ++i) places.push_back(factors((int)i));
+    over_samples(n, threads, memory, [&](int i, int64_t lo, int64_t hi, char* at) {
+        active->information(t, plan, x, lo, hi, at, places[(size_t)i].data());
+    });
+    std::unique_ptr<char[]> scratch(new char[memory]);
+    for (size_t i = 1; i < places.size(); ++i) active->merge(plan, scratch.get(), places[0].data(), places[i].data());
+    Py_RETURN_NONE;
+}
+
+PyObject* instruction_sets(PyObject* const*) {
+    std::string names;
+    for (const Kernel* kernel : supported()) names += std::string(names.empty() ? "" : " ") + kernel->name;
+    return PyUnicode_FromString(names.c_str());
+}
+
+PyObject* use(PyObject* const* a) {
+    for (const Kernel* kernel : supported())
+        if (PyUnicode_CompareWithASCIIString(a[0], kernel->name) == 0) {
+            active = kernel;
+            return PyLong_FromLong(kernel->lanes);
+        }
+    throw Refused("this processor does not have that instruction set");
+}
+
+// A Python function of `count` arguments around `function`; C++ exceptions become Python's.
+template <PyObject* (*function)(PyObject* const*), int count> PyObject* call(PyObject*, PyObject* const* arguments, Py_ssize_t given) {
+    if (given != count) return PyErr_Format(PyExc_TypeError, "expected %d arguments, given %zd", count, given);
+    try {
+        return function(arguments);
+    } catch (const Refused& refused) {
+        PyErr_SetString(PyExc_ValueError, refused.what());
+    } catch (const std::bad_alloc&) {
+        PyErr_NoMemory();
+    }
+    return nullptr;
+}
+
+#define METHOD(name, count) {#name, (PyCFunction)(void (*)())call<name, count>, METH_FASTCALL, nullptr}
+PyMethodDef methods[] = {METHOD(make_tree, 4), METHOD(make_plan, 7), METHOD(regressor, 8),        METHOD(inverse, 8), METHOD(mass, 6),
+                         METHOD(forward, 9),   METHOD(information, 13), METHOD(instruction_sets, 0), METHOD(use, 1),
+                         {nullptr, nullptr, 0, nullptr}};
+PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", "Compiled rigid-body kernels.", -1, methods, nullptr, nullptr, nullptr, nullptr};
+
+}  // namespace
+
+PyMODINIT_FUNC PyInit__kernel() {
+    active = supported().back();
+    return PyModule_Create(&definition);
+}

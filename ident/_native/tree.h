@@ -1,0 +1,92 @@
+// The kinematic tree and the work to be done on it, as plain data shared by the kernels of all instruction sets. The records are
+// filled in Python (ident/regressor/native.py), member by member in this order, int64 before double.
+// Nothing here has code: an inline function compiled for AVX-512 must never be the one that another file links to.
+#pragma once
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+
+namespace ident {
+
+enum Kind : int64_t { REVOLUTE, PRISMATIC, FREE };
+
+// One moving body. The axes of its frame are renamed cyclically, such that a joint about a principal axis turns about z.
+struct Body {
+    int64_t parent;          // -1: the base
+    int64_t position, row;   // first position and velocity coordinate
+    int64_t kind;
+    int64_t sparse;          // revolute about +-z behind a constant rotation that only permutes axes: 5 products instead of 9
+    int64_t axes[3];         // sparse: component j of R0' v is sign[j] * v[axes[j]]
+    double sign[3];
+    double turn;             // sparse: +1 or -1, the sense of the rotation about z
+    double R0[9], p[3], u[3];               // constant placement in the parent's frame, unit axis
+    double fixed[9], cosine[9], sine[9];    // R = fixed + cos q cosine + sin q sine (Rodrigues behind R0)
+};
+
+struct Tree {
+    int nb, nv, nq;
+    double gravity[3];
+    Body* bodies;
+};
+
+constexpr int PARAMETERS = 10;   // m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz of a body
+
+// One body in one row of the regression equation. The row is the power of the motion in which velocity v_j is T[row, j]:
+// the body's unit twist (linear, angular) follows from its parent's, plus `twist` where its own joint takes part.
+struct Step {
+    int64_t body;
+    int64_t starts;               // no body before it takes part: the twist is `twist` alone
+    int64_t own;                  // ... and it is an angular velocity about z of size twist[5]
+    int64_t joins;                // its own joint takes part too
+    int64_t column[PARAMETERS];   // tile column of each parameter; the spare column (number `padded`) if not wanted
+    double twist[6];
+};
+
+struct Extra {
+    int64_t index;    // column of `extra`
+    int64_t column;   // tile column
+    double factor;
+};
+
+// One row of the regression equation: its live columns, the last of them the torque, padded to a multiple of four.
+struct Row {
+    int64_t steps, extras, width, padded;
+    const Step* step;
+    const Extra* extra;
+};
+
+struct Plan {
+    int rows, widest, extras;   // widest: greatest padded width; extras: columns of `extra`
+    bool dense;                 // extra is (N, rows, extras), not (N, extras)
+    bool gram;
+    Row* row;
+};
+
+// Arrays of one call, samples first. Unused ones are null.
+struct Arrays {
+    const double *q, *dq, *ddq, *tau, *extra, *weight;
+    const uint8_t* valid;
+    const double *inertia, *added;   // inertia in renamed frames
+    double* out;
+};
+
+// What one instruction set offers. Every function handles the samples lo ... hi-1 with memory that the caller owns.
+struct Kernel {
+    const char* name;
+    int lanes;
+    size_t (*workspace)(const Tree&, const Plan*);
+    void (*regressor)(const Tree&, const Plan&, const Arrays&, int64_t lo, int64_t hi, char* memory);
+    void (*inverse)(const Tree&, const Arrays&, int64_t lo, int64_t hi, char* memory);
+    void (*mass)(const Tree&, const Arrays&, int64_t lo, int64_t hi, char* memory);
+    int64_t (*forward)(const Tree&, const Arrays&, int64_t lo, int64_t hi, char* memory);   // first singular sample or -1
+    // factors: per row `padded` x `padded`, updated in place
+    void (*information)(const Tree&, const Plan&, const Arrays&, int64_t lo, int64_t hi, char* memory, double* const* factors);
+    void (*merge)(const Plan&, char* memory, double* const* into, const double* const* from);
+};
+
+extern const Kernel kernel_baseline;
+extern const Kernel kernel_avx2;
+extern const Kernel kernel_avx512;
+
+}  // namespace ident

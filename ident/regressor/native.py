@@ -1,0 +1,311 @@
+"""The compiled kernel seen from Python: trees and row plans as records, the functions of `numpy_kernel` with the same numbers.
+
+Importing this module raises ImportError where the extension was not built; `ident.regressor.rigid` then takes NumPy.
+The C++ side (ident/_native) trusts the records made here for their meaning and checks them for range only."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from .._native import _kernel  # type: ignore[attr-defined, unused-ignore]
+from ..errors import ConfigurationError, DataError
+from . import numpy_kernel
+from .numpy_kernel import singular
+from .tree import RigidBodyTree
+
+Array = np.ndarray
+
+#: Records of ident/_native/tree.h.
+_BODY = np.dtype(
+    [(name, "i8") for name in ("parent", "position", "row", "kind", "sparse")]
+    + [("axes", "i8", 3), ("sign", "f8", 3), ("turn", "f8"), ("R0", "f8", (3, 3)), ("p", "f8", 3), ("u", "f8", 3)]
+    + [(name, "f8", (3, 3)) for name in ("fixed", "cosine", "sine")]
+)
+_STEP = np.dtype([(name, "i8") for name in ("body", "starts", "own", "joins")] + [("column", "i8", 10), ("twist", "f8", 6)])
+_EXTRA = np.dtype([("index", "i8"), ("column", "i8"), ("factor", "f8")])
+_REVOLUTE, _PRISMATIC, _FREE = range(3)
+
+#: Place of I_ab among the ten parameters of a body.
+_INERTIA = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
+#: Columns below this share of the largest of their kind are structural zeros (their numbers are rounding of the trigonometry).
+_ZERO = 1e-14
+
+
+def instruction_sets() -> tuple[str, ...]:
+    """Instruction sets that this processor has and the extension was built for; the last is taken by default."""
+    return tuple(_kernel.instruction_sets().split())
+
+
+def use_instruction_set(name: str) -> int:
+    """Take another instruction set (for tests and benchmarks); returns its number of lanes."""
+    if name not in instruction_sets():
+        raise ConfigurationError(f"instruction set {name!r} is not available here; there is {', '.join(instruction_sets())}.")
+    return int(_kernel.use(name))
+
+
+def thread_count(threads: int | None = None) -> int:
+    """`threads`, else IDENT_NUM_THREADS, else the processors this process may use."""
+    if threads is None:
+        text = os.environ.get("IDENT_NUM_THREADS", "").strip()
+        if not text:
+            return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        if not text.isdecimal() or int(text) < 1:
+            raise ConfigurationError(f"IDENT_NUM_THREADS={text!r}: must be a whole number, 1 or more.")
+        return int(text)
+    if threads < 1:
+        raise ConfigurationError(f"threads={threads}: must be 1 or more.")
+    return min(int(threads), 1024)
+
+
+@dataclass(eq=False)
+class _Compiled:
+    """A tree as the kernel has it. `order` (nb, 10): the kernel's parameter k of a body is Pinocchio's `order[k]`."""
+
+    handle: Any
+    bodies: Array
+    order: Array
+    samples: Array = field(repr=False)
+    whole: Any = None
+    plans: dict[tuple[Any, ...], _Plan] = field(default_factory=dict)
+
+    def inertia(self, inertia: Array) -> Array:
+        """Parameters (10 nb,) in the kernel's frames."""
+        return np.ascontiguousarray(np.take_along_axis(inertia.reshape(-1, 10), self.order, axis=1).reshape(-1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """Rows of the regression equation for the kernel. `live`: per row, the places of its columns among the k chosen, then the torque."""
+
+    handle: Any
+    live: tuple[Array, ...]
+    padded: tuple[int, ...]
+
+
+_TREES: WeakKeyDictionary[RigidBodyTree, _Compiled] = WeakKeyDictionary()
+
+
+def compiled(tree: RigidBodyTree) -> _Compiled:
+    """The kernel's form of a tree, made once."""
+    found = _TREES.get(tree)
+    if found is None:
+        found = _TREES[tree] = _compile(tree)
+    return found
+
+
+def _compile(tree: RigidBodyTree) -> _Compiled:
+    bodies = np.zeros(tree.nb, _BODY)
+    order = np.empty((tree.nb, 10), np.int64)
+    frames = []
+    for i in range(tree.nb):
+        body, free = bodies[i], tree.floating and i == 0
+        # Rename the axes (a cyclic permutation C) so that a joint about a principal axis turns about z.
+        u = tree.axis[i]
+        principal = not free and np.count_nonzero(u) == 1
+        first = (int(np.argmax(np.abs(u))) + 1) % 3 if principal else 0
+        names = (first + np.arange(3)) % 3
+        frames.append(np.eye(3)[:, names])
+        order[i] = [0, *(1 + names), *(_INERTIA[names[a], names[b]] for a, b in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))]
+        up = tree.parent[i]
+        before = frames[up] if up >= 0 else np.eye(3)
+        R0 = before.T @ tree.rotation[i] @ frames[i]
+        R0 = np.where(np.abs(R0) < 1e-15, 0.0, np.where(np.abs(np.abs(R0) - 1.0) < 1e-15, np.sign(R0), R0))
+        u = frames[i].T @ u
+        skew = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
+        along = R0 @ np.outer(u, u)
+        body["parent"], body["position"], body["row"] = up, i + 6 * (tree.floating and i > 0), i + 5 * (tree.floating and i > 0)
+        body["kind"] = _FREE if free else _PRISMATIC if tree.prismatic[i] else _REVOLUTE
+        body["R0"], body["p"], body["u"] = R0, before.T @ tree.translation[i], u
+        body["fixed"], body["cosine"], body["sine"] = along, R0 - along, R0 @ skew
+        body["sparse"] = bool(principal and not tree.prismatic[i] and np.count_nonzero(R0) == 3)
+        body["axes"] = np.argmax(np.abs(R0), axis=0)
+        body["sign"] = R0[body["axes"], range(3)]
+        body["turn"] = u[2]
+    handle = _kernel.make_tree(bodies.tobytes(), tree.nv, tree.nq, np.ascontiguousarray(tree.gravity))
+    found = _Compiled(handle, bodies, order, _sampled(tree))
+    every = np.arange(10 * tree.nb)
+    found.whole = _plan(tree, found, np.eye(tree.nv), every, np.zeros((tree.nv, 0)), False, whole=True).handle
+    return found
+
+
+def _sampled(tree: RigidBodyTree) -> Array:
+    """Regressor at a few generic states (16, nv, 10 nb): what is zero in all of them is zero always."""
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-np.pi, np.pi, (16, tree.nq))
+    if tree.floating:
+        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
+    return numpy_kernel.regressor(tree, q, rng.normal(size=(16, tree.nv)), rng.normal(size=(16, tree.nv)))
+
+
+def _plan(tree: RigidBodyTree, own: _Compiled, rows: Array, columns: Array, pattern: Array, dense: bool, whole: bool = False) -> _Plan:
+    """`rows` (R, nv): row map; `columns` (k,): chosen of the 10 nb rigid and the extra columns; `pattern` (R, e): extra columns' factors."""
+    rigid = 10 * tree.nb
+    size = np.abs(np.einsum("rv,svc->src", rows, own.samples)).max(axis=0)
+    kind = np.tile([0, 1, 1, 1, 2, 2, 2, 2, 2, 2], tree.nb)
+    largest = np.array([size[:, kind == k].max(initial=0.0) for k in range(3)])
+    alive = size > _ZERO * largest[kind]
+    table, steps, extras, live = [], [], [], []
+    for r in range(len(rows)):
+        shown = [p for p, c in enumerate(columns) if (alive[r, c] if c < rigid else pattern[r, c - rigid] != 0.0)]
+        place = {int(columns[p]): t for t, p in enumerate(shown)}
+        width = len(shown) + 1
+        padded = -(-width // 4) * 4
+        if whole:  # all ten parameters of every body, at their own place
+            place = dict(zip(range(rigid), range(rigid), strict=True))
+        mine = _steps(tree, own, rows[r], place, padded)
+        chosen = [(c - rigid, place[c], pattern[r, c - rigid]) for c in place if c >= rigid]
+        table.append((len(mine), len(chosen), width, padded if not whole else rigid + 4 - rigid % 4))
+        steps.extend(mine)
+        extras.extend(chosen)
+        live.append(np.array([*shown, len(columns)]))
+    handle = _kernel.make_plan(
+        own.handle,
+        len(rows),
+        np.array(table, np.int64).tobytes(),
+        np.array(steps, _STEP).tobytes(),
+        np.array(extras, _EXTRA).tobytes(),
+        pattern.shape[1],
+        int(dense),
+    )
+    return _Plan(handle, tuple(live), tuple(t[3] for t in table))
+
+
+def _steps(tree: RigidBodyTree, own: _Compiled, row: Array, place: dict[int, int], spare: int) -> list[tuple[Any, ...]]:
+    """The bodies that take part in one row, base first, without those that show no column themselves or further on."""
+    active = np.zeros(tree.nb, bool)
+    joins = np.zeros(tree.nb, bool)
+    needed = np.zeros(tree.nb, bool)
+    for i, body in enumerate(own.bodies):
+        joins[i] = bool(np.any(row[body["row"] : body["row"] + (6 if body["kind"] == _FREE else 1)]))
+        active[i] = joins[i] or (body["parent"] >= 0 and active[body["parent"]])
+    for i in reversed(range(tree.nb)):
+        needed[i] |= any(10 * i + k in place for k in range(10))
+        if needed[i] and tree.parent[i] >= 0:
+            needed[tree.parent[i]] = True
+    steps = []
+    for i, body in enumerate(own.bodies):
+        if not (active[i] and needed[i]):
+            continue
+        twist = np.zeros(6)
+        if body["kind"] == _FREE:
+            twist[:] = row[:6]
+        else:
+            twist[3 * (body["kind"] == _REVOLUTE) :][:3] = row[body["row"]] * body["u"]
+        starts = body["parent"] < 0 or not active[body["parent"]]
+        column = [place.get(10 * i + int(k), spare) for k in own.order[i]]
+        steps.append((i, starts, starts and body["sparse"], joins[i], column, twist))
+    return steps
+
+
+def regressor(tree: RigidBodyTree, q: Array, dq: Array, ddq: Array, threads: int | None = None) -> Array:
+    """Joint torque regressor (N, nv, 10 nb), gravity included."""
+    own = compiled(tree)
+    out = np.zeros((len(q), tree.nv, 10 * tree.nb))
+    _kernel.regressor(own.handle, own.whole, len(q), thread_count(threads), q, dq, ddq, out)
+    return out
+
+
+def inverse_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, ddq: Array | None, threads: int | None = None) -> Array:
+    """Joint torque (N, nv) by the recursive Newton-Euler algorithm."""
+    own = compiled(tree)
+    out = np.empty((len(q), tree.nv))
+    _kernel.inverse(own.handle, own.inertia(inertia), len(q), thread_count(threads), q, dq, ddq, out)
+    return out
+
+
+def bias_torque(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, threads: int | None = None) -> Array:
+    """Coriolis, centrifugal and gravity torque (N, nv)."""
+    return inverse_dynamics(tree, inertia, q, dq, None, threads)
+
+
+def mass_matrix(tree: RigidBodyTree, inertia: Array, q: Array, threads: int | None = None) -> Array:
+    """Joint-space mass matrix (N, nv, nv) by the composite-rigid-body algorithm."""
+    own = compiled(tree)
+    out = np.empty((len(q), tree.nv, tree.nv))
+    _kernel.mass(own.handle, own.inertia(inertia), len(q), thread_count(threads), q, out)
+    return out
+
+
+def forward_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, tau: Array, added: Array, threads: int | None = None) -> Array:
+    """Joint acceleration (N, nv) from (M + added) ddq = tau - bias."""
+    own = compiled(tree)
+    out = np.empty((len(q), tree.nv))
+    stop = _kernel.forward(own.handle, own.inertia(inertia), added, len(q), thread_count(threads), q, dq, tau, out)
+    if stop >= 0:
+        raise singular(stop)
+    return out
+
+
+def information(
+    tree: RigidBodyTree,
+    q: Array,
+    dq: Array,
+    ddq: Array,
+    tau: Array,
+    rows: Array,
+    columns: Array,
+    extra: Array,
+    pattern: Array,
+    valid: Array | None,
+    weight: Array | None,
+    gram: bool,
+    threads: int | None = None,
+) -> Array:
+    """Triangular factors or Gram matrices (R, k+1, k+1) of [columns torque], one per row; see `rigid.information`."""
+    own = compiled(tree)
+    key = (rows.tobytes(), columns.tobytes(), pattern.tobytes(), extra.ndim)
+    plan = own.plans.get(key)
+    if plan is None:
+        if len(own.plans) >= 16:
+            own.plans.clear()
+        plan = own.plans[key] = _plan(tree, own, rows, columns, pattern, extra.ndim == 3)
+    flat = np.zeros(sum(p * p for p in plan.padded))
+    _kernel.information(
+        own.handle, plan.handle, int(gram), len(q), thread_count(threads), q, dq, ddq, tau, valid, weight, extra if extra.shape[-1] else None, flat
+    )
+    out = np.zeros((len(rows), len(columns) + 1, len(columns) + 1))
+    start = 0
+    for r, (live, padded) in enumerate(zip(plan.live, plan.padded, strict=True)):
+        factor = np.triu(flat[start : start + padded * padded].reshape(padded, padded)[: len(live), : len(live)])
+        out[r][np.ix_(live, live)] = factor + np.triu(factor, 1).T if gram else factor
+        start += padded * padded
+    return out
+
+
+class NativeDynamics:
+    """Forward dynamics of one tree with fixed parameters, for integrators: as little as possible between the call and the kernel.
+
+    `inertia` (10 nb,) linear parameters; `added` (nv, nv) constant symmetric matrix (reflected rotor inertia) or None."""
+
+    def __init__(self, tree: RigidBodyTree, inertia: Array, added: Array | None = None) -> None:
+        own = compiled(tree)
+        self._nv, self._nq = tree.nv, tree.nq
+        self._handle = own.handle
+        self._inertia = own.inertia(np.ascontiguousarray(inertia, float))
+        self._added = None if added is None else np.ascontiguousarray(added, float)
+        self._call = _kernel.forward
+
+    def forward(self, q: Array, dq: Array, tau: Array, threads: int = 1) -> Array:
+        """Acceleration (nv,) for one state, or (N, nv) for a batch. Raises DataError where it is not finite or M is singular."""
+        single = q.ndim == 1
+        out = np.empty(self._nv if single else (len(q), self._nv))
+        count = 1 if single else len(q)
+        try:
+            stop = self._call(self._handle, self._inertia, self._added, count, threads, q, dq, tau, out)
+        except ValueError:
+            q, dq, tau = (np.ascontiguousarray(x, float) for x in (q, dq, tau))
+            lead = () if single else (count,)
+            for name, array, width in (("q", q, self._nq), ("dq", dq, self._nv), ("tau", tau, self._nv)):
+                if array.shape != (*lead, width):
+                    raise ConfigurationError(f"{name}: expected shape {(*lead, width)}, but it is {array.shape}.") from None
+            stop = self._call(self._handle, self._inertia, self._added, count, threads, q, dq, tau, out)
+        if stop >= 0:
+            raise singular(stop)
+        if stop == -2:
+            raise DataError("forward dynamics: the state or the torque is not finite.")
+        return out
