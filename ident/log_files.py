@@ -1,0 +1,268 @@
+"""Reading tables from files: CSV (plain or compressed), Parquet, MAT. Names in, float columns out; nothing about robots."""
+
+from __future__ import annotations
+
+import bz2
+import csv
+import gzip
+import io
+import lzma
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from .errors import ConfigurationError, DataError
+
+Array = np.ndarray
+_MISSING = {"", "nan", "na", "n/a", "null", "none", "-nan", "+nan", "#n/a", "<na>"}
+_OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ", lzma.open))
+
+
+@dataclass(frozen=True)
+class Header:
+    """Column names of a table; for text, on which line they stand (from 1) and what separates fields."""
+
+    names: tuple[str, ...]
+    line: int = 0
+    delimiter: str = ","
+
+
+def check_file(path: Path) -> None:
+    """Raises DataError if `path` is no readable, non-empty file."""
+    if not path.exists():
+        raise DataError(f"log {path}: no such file.")
+    if path.is_dir():
+        raise DataError(f"log {path}: is a folder; give its files, for example {path}/*.csv.")
+    try:
+        if path.stat().st_size == 0:
+            raise DataError(f"log {path}: the file is empty.")
+        with path.open("rb"):
+            pass
+    except OSError as error:
+        raise DataError(f"log {path}: cannot be read ({error.strerror}).") from None
+
+
+def read_header(path: Path) -> Header:
+    """Column names of a file. Raises DataError."""
+    check_file(path)
+    kind = path.suffix.lower()
+    if kind in (".parquet", ".pq"):
+        return Header(tuple(_parquet(path).schema.names))
+    if kind == ".mat":
+        return Header(tuple(_mat_columns(path)))
+    return _text_header(path)
+
+
+def read_columns(path: Path, header: Header, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
+    """The named columns as float arrays (missing entries are NaN), and those of `optional` that are numbers.
+
+    Raises DataError naming file, column and row."""
+    kind = path.suffix.lower()
+    if kind in (".parquet", ".pq", ".mat"):
+        if kind == ".mat":
+            columns = _mat_columns(path)
+        else:
+            table = _parquet(path).read(columns=[*names, *optional])
+            columns = {name: np.asarray(table.column(name)) for name in (*names, *optional)}
+        out = {name: _numeric(columns[name], path, name) for name in names}
+        for name in optional:
+            with suppress(DataError):
+                out[name] = _numeric(columns[name], path, name)
+        return out
+    first = [fields for _, fields in islice(rows_of_text(path, header), 5)]
+    place = {name: header.names.index(name) for name in optional}
+    numbers = [n for n, i in place.items() if all(i < len(f) and (f[i].strip().lower() in _MISSING or _is_number(f[i])) for f in first)]
+    if not numbers:
+        return _text_columns(path, header, names)
+    try:
+        return _text_columns(path, header, [*names, *numbers])
+    except DataError:
+        return _text_columns(path, header, names)
+
+
+def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
+    """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists)."""
+    import pandas as pd
+
+    with open_binary(path) as stream:
+        frame = pd.read_csv(stream, sep=header.delimiter, skiprows=header.line, names=list(header.names), usecols=list(names), dtype=str, keep_default_na=False)
+    return {name: frame[name].to_numpy(dtype=object) for name in names}
+
+
+def open_binary(path: Path) -> IO[bytes]:
+    """The bytes of a file, decompressed if it begins like a gzip, bzip2 or xz file."""
+    with path.open("rb") as raw:
+        start = raw.read(6)
+    for magic, opener in _OPENERS:
+        if start.startswith(magic):
+            return opener(path, "rb")  # type: ignore[no-any-return]
+    return path.open("rb")
+
+
+def _text_header(path: Path) -> Header:
+    try:
+        with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", newline="") as text:
+            for number, line in enumerate(text, 1):
+                if line.strip() and not line.startswith("#"):
+                    break
+            else:
+                raise DataError(f"log {path}: the file holds no header row.")
+            more = any(rest.strip() for rest in text)
+    except (UnicodeDecodeError, EOFError, OSError) as error:
+        raise DataError(f"log {path}: is not a text table ({error}).") from None
+    delimiter = next((d for d in (",", ";", "\t") if d in line), ",")
+    names = tuple(n.strip() for n in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter)))
+    if all(_is_number(n) for n in names):
+        raise DataError(f"log {path}: line {number} should be a header row with column names, but it holds numbers ({', '.join(names[:4])} …).")
+    if not more:
+        raise DataError(f"log {path}: there is a header, but no row of data.")
+    return Header(names, number, delimiter)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
+    import pandas as pd
+
+    if find_spec("pyarrow") is not None:
+        found = _arrow_columns(path, header, names)
+        if found is not None:
+            return found
+    try:
+        with open_binary(path) as stream:
+            frame = pd.read_csv(
+                stream,
+                sep=header.delimiter,
+                skiprows=header.line,
+                names=list(header.names),
+                usecols=list(names),
+                dtype=float,
+                index_col=False,
+                skipinitialspace=True,
+                float_precision="round_trip",
+            )
+    except (ValueError, OverflowError) as error:
+        raise _bad_text(path, header, names, str(error)) from None
+    except (EOFError, OSError) as error:
+        raise DataError(f"log {path}: the file is damaged ({error}).") from None
+    return {name: frame[name].to_numpy() for name in names}
+
+
+def _arrow_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array] | None:
+    """The fast way; None where it refuses, so that the slower reader can say why or be more lenient."""
+    import pyarrow as pa
+    from pyarrow import csv as arrow
+
+    try:
+        with open_binary(path) as stream:
+            table = arrow.read_csv(
+                pa.PythonFile(stream, mode="r"),
+                read_options=arrow.ReadOptions(column_names=list(header.names), skip_rows=header.line, block_size=1 << 22),
+                parse_options=arrow.ParseOptions(delimiter=header.delimiter),
+                convert_options=arrow.ConvertOptions(include_columns=list(names), column_types=dict.fromkeys(names, pa.float64())),
+            )
+    except (pa.ArrowException, OSError, EOFError, ValueError):
+        return None
+    return {name: table.column(name).to_numpy() for name in names}
+
+
+def rows_of_text(path: Path, header: Header) -> Iterator[tuple[int, list[str]]]:
+    """Line number (from 1) and fields of every row of data."""
+    with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", errors="replace", newline="") as text:
+        reader = csv.reader(text, delimiter=header.delimiter)
+        for fields in reader:
+            if reader.line_num > header.line and any(f.strip() for f in fields):
+                yield reader.line_num, fields
+
+
+def _bad_text(path: Path, header: Header, names: Sequence[str], reason: str) -> DataError:
+    """Find the first row that cannot be read and say what is wrong with it."""
+    index = [(header.names.index(n), n) for n in names]
+    for row, (line, fields) in enumerate(rows_of_text(path, header), 1):
+        if len(fields) > len(header.names):
+            return DataError(f"log {path}: line {line} (data row {row}) has {len(fields)} fields, but the header has {len(header.names)}.")
+        for i, name in index:
+            text = fields[i].strip() if i < len(fields) else ""
+            if text.lower() not in _MISSING and not _is_number(text):
+                return DataError(
+                    f"log {path}: column {name!r}, line {line} (data row {row}): {text!r} is not a number."
+                    " Correct or remove the row; write a missing value as an empty field."
+                )
+    return DataError(f"log {path}: cannot be read as a table of numbers: {reason}.")
+
+
+def _numeric(values: Array, path: Path, name: str) -> Array:
+    if values.dtype.kind in "fiub":
+        return values.astype(float)
+    if values.dtype.kind == "M":  # time stamps: seconds
+        return values.astype("datetime64[ns]").astype(np.int64) * 1e-9
+    for row, value in enumerate(values.tolist(), 1):
+        if value is not None and not isinstance(value, (int, float)) and not (isinstance(value, str) and _is_number(value)):
+            raise DataError(f"log {path}: column {name!r}, data row {row}: {value!r} is not a number.")
+    return np.array([np.nan if v is None else float(v) for v in values.tolist()])
+
+
+def _parquet(path: Path) -> Any:
+    if find_spec("pyarrow") is None:
+        raise ConfigurationError(f"log {path}: reading Parquet needs pyarrow: pip install pyarrow. Or export the log as CSV.")
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        return parquet.ParquetFile(path)
+    except (pa.ArrowException, OSError) as error:
+        raise DataError(f"log {path}: is not a Parquet file ({str(error).splitlines()[0]}).") from None
+
+
+def _mat_columns(path: Path) -> dict[str, Array]:
+    """Columns of a MAT file: vectors under their name; a matrix `q` of n columns as q1 … qn, `q_deg` as q1_deg …; structs by their fields."""
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(path, simplify_cells=True)
+    except NotImplementedError:
+        raise DataError(f"log {path}: is a MATLAB 7.3 file, which is not read. Save it with -v7 (save('log.mat', '-v7')).") from None
+    except Exception as error:  # noqa: BLE001 - whatever SciPy makes of a damaged file
+        raise DataError(f"log {path}: is not a MAT file ({error}).") from None
+    arrays: dict[str, Array] = {}
+    for name, value in content.items():
+        if name.startswith("__"):
+            continue
+        fields = value.items() if isinstance(value, dict) else [(name, value)]
+        arrays.update({k: v for k, v in fields if isinstance(v, np.ndarray) and v.dtype.kind in "fiub" and v.ndim in (1, 2)})
+    if not arrays:
+        raise DataError(f"log {path}: holds no numeric variable.")
+    rows = max(a.size if 1 in a.shape or a.ndim == 1 else max(a.shape) for a in arrays.values())
+    if rows < 2:
+        raise DataError(f"log {path}: holds no series of samples.")
+    columns: dict[str, Array] = {}
+    for name, array in arrays.items():
+        if array.size == rows:
+            columns[name] = array.reshape(-1)
+        elif array.ndim == 2 and rows in array.shape:
+            matrix = array if array.shape[0] == rows else array.T
+            columns.update({_indexed(name, j + 1): matrix[:, j] for j in range(matrix.shape[1])})
+    return columns
+
+
+def _indexed(name: str, j: int) -> str:
+    """`q_deg`, 3 → `q3_deg`."""
+    from .log_units import split_unit
+
+    stem, unit = split_unit(name)
+    # The m of q_m or tau_m means the motor side, not metres.
+    if unit == "m" and stem.lower() in ("q", "dq", "ddq", "tau"):
+        return f"{name}{j}"
+    return f"{stem}{j}" + (f"_{unit}" if unit else "")
