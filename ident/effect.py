@@ -89,7 +89,7 @@ class Effect(ABC):
     label: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "side", Side(self.side))
+        object.__setattr__(self, "side", choice(Side, self.side, "side", self.name))
         if self.joints is not None:
             object.__setattr__(self, "joints", (self.joints,) if isinstance(self.joints, str) else tuple(self.joints))
         for parameter in self.shape():
@@ -196,8 +196,17 @@ class JointEffect(Effect):
         return out
 
 
+_S = TypeVar("_S", bound=StrEnum)
 _E = TypeVar("_E", bound=Effect)
 _REGISTRY: dict[str, type[Effect]] = {}
+
+
+def choice(kind: type[_S], value: str, key: str, effect: str) -> _S:
+    """A member of an enumeration by its text. Raises ConfigurationError with the nearest members."""
+    try:
+        return kind(value)
+    except ValueError:
+        raise unknown_name(f"value of `{key}` of effect {effect!r}", str(value), [str(member) for member in kind]) from None
 
 
 def register(effect: type[_E]) -> type[_E]:

@@ -115,6 +115,20 @@ class Motion:
         """Torque (N, n) on the measured side as the model predicts it, corrections left out (`Reference.torque`)."""
         return self.needed_reference("the predicted torque").torque(self)
 
+    def predicted_on(self, side: Side) -> Array:
+        """`predicted` carried to a side, (N, n)."""
+        reference = self.needed_reference("the predicted torque")
+        transmission = reference.model.robot.transmission
+        return transmission.torque(self.predicted, transmission.measured, side)
+
+    def measured_on(self, side: Side) -> Array:
+        """The measured torque carried to a side, (N, n). Raises ConfigurationError where it is missing."""
+        if self.torque is None or self.transmission is None:
+            raise ConfigurationError(
+                "the measured torque is needed at the full rate, but the motion does not carry it (`Motion.of(torque=...)`)."
+            )
+        return self.transmission.torque(self.torque, self.transmission.measured, side)
+
     def needed_reference(self, what: str) -> Reference:
         """The reference. Raises ConfigurationError where it is missing; `what` needs it."""
         if self.reference is None:

@@ -1,0 +1,74 @@
+"""Torque offsets that change during a run: a slow drift, a sudden step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..effect import Axis, JointEffect, Need, register
+from ..motion import Coordinates, Motion
+from ..parameters import ShapeParameter
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = np.ndarray
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class OffsetDrift(JointEffect):
+    """A torque offset that grows with time: τ = rate × t, t the run's own clock (SCIENCE.md 7.1)."""
+
+    name: ClassVar[str] = "offset_drift"
+    title: ClassVar[str] = "torque offset that drifts"
+    axis: ClassVar[Axis] = Axis.TIME
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.TIME})
+    symbols = (("drift", "{tau}/s", -np.inf),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        yield np.broadcast_to(motion.clock[:, None], own.q.shape)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class OffsetStep(JointEffect):
+    """A torque offset that appears at a moment: τ = step for t ≥ t_0, t the run's own clock (SCIENCE.md 7.1)."""
+
+    name: ClassVar[str] = "offset_step"
+    title: ClassVar[str] = "torque offset that appears during the run"
+    axis: ClassVar[Axis] = Axis.TIME
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.TIME})
+    symbols = (("step", "{tau}", -np.inf),)
+
+    t_0: float = 10.0
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (step_time(),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        yield np.broadcast_to(after(motion, self.t_0)[:, None], own.q.shape)
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        return self.bounded(t_0=inside(motion))
+
+
+def step_time() -> ShapeParameter:
+    """The moment t_0 of a step."""
+    return ShapeParameter("t_0", "s", 0.0, 1e6, 10.0)
+
+
+def after(motion: Motion, t_0: float) -> Array:
+    """1 from t_0 on, 0 before, (N,)."""
+    return (motion.clock >= t_0).astype(float)
+
+
+def inside(motion: Motion) -> tuple[float, float]:
+    """Moments of a step that leave something of the run on both sides (5 %)."""
+    if not len(motion):
+        return 0.0, 0.0
+    first, last = float(motion.clock.min()), float(motion.clock.max())
+    return first + 0.05 * (last - first), last - 0.05 * (last - first)

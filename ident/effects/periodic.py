@@ -1,0 +1,73 @@
+"""Torque that repeats with the angle of a motor or a joint: cogging, ripple of the torque (SCIENCE.md 7.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..effect import Axis, JointEffect, Need, choice, register
+from ..motion import Coordinates, Motion
+from ..parameters import ShapeParameter
+from ..transmission import Side
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Periodic(JointEffect):
+    """`angle`: the side whose position counts. `order`: cycles a turn of it, whole or not (rad/m on a slide)."""
+
+    axis: ClassVar[Axis] = Axis.MOTOR_ANGLE
+
+    angle: Side = Side.MOTOR
+    order: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "angle", choice(Side, self.angle, "angle", self.name))
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (ShapeParameter("order", "1/rad (1/m)", 0.05, 1000.0, 1.0, log=True),)
+
+    def phase(self, motion: Motion, at: list[int]) -> Array:
+        """Angle times order, (N, len(at))."""
+        return self.order * motion.on(self.angle).q[:, at]
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Cogging(_Periodic):
+    """A torque that repeats with the angle, whatever the load: τ = cogs sin(n φ) + cogc cos(n φ).
+
+    At the motor: magnets and slots; with `angle="joint"`: a gear that runs out of true."""
+
+    name: ClassVar[str] = "cogging"
+    title: ClassVar[str] = "cogging (torque that repeats with the angle)"
+    symbols = (("cogs", "{tau}", -np.inf), ("cogc", "{tau}", -np.inf))
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        phase = self.phase(motion, at)
+        yield np.sin(phase)
+        yield np.cos(phase)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class TorqueRipple(_Periodic):
+    """A torque constant that varies over a turn: τ = τ_pred (ripples sin(n φ) + ripplec cos(n φ)), τ_pred as the model predicts it.
+
+    The reading is the torque times 1 + ripple. Hard to tell from cogging where the load hardly varies."""
+
+    name: ClassVar[str] = "torque_ripple"
+    title: ClassVar[str] = "torque ripple (torque constant that varies over a turn)"
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE})
+    symbols = (("ripples", "1", -np.inf), ("ripplec", "1", -np.inf))
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        phase = self.phase(motion, at)
+        torque = motion.predicted_on(self.side)[:, at]
+        yield torque * np.sin(phase)
+        yield torque * np.cos(phase)

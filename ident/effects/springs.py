@@ -1,0 +1,101 @@
+"""Springs, cables and counterbalances between a joint's two sides (SCIENCE.md 7.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..effect import Axis, JointEffect, Nature, register
+from ..errors import ConfigurationError
+from ..motion import Coordinates, Motion
+from ..parameters import ShapeParameter
+from ..transmission import Side
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = np.ndarray
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class LinearSpring(JointEffect):
+    """A spring in parallel with the joint: τ = ks q + ks0. Its rest position is −ks0/ks."""
+
+    name: ClassVar[str] = "linear_spring"
+    title: ClassVar[str] = "spring in parallel with the joint"
+    axis: ClassVar[Axis] = Axis.POSITION
+    nature: ClassVar[Nature] = Nature.LINK
+    symbols = (("ks", "{tau}/{q}", 0.0), ("ks0", "{tau}", -np.inf))
+
+    side: Side = Side.JOINT
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        yield own.q
+        yield np.ones_like(own.q)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class NonlinearSpring(JointEffect):
+    """A cable, hose or hardening spring: τ = kc0 + kc1 q + kc2 q² + kc3 q³."""
+
+    name: ClassVar[str] = "nonlinear_spring"
+    title: ClassVar[str] = "cable, hose or nonlinear spring"
+    axis: ClassVar[Axis] = Axis.POSITION
+    nature: ClassVar[Nature] = Nature.LINK
+    symbols = (
+        ("kc0", "{tau}", -np.inf),
+        ("kc1", "{tau}/{q}", -np.inf),
+        ("kc2", "{tau}/{q}^2", -np.inf),
+        ("kc3", "{tau}/{q}^3", -np.inf),
+    )
+
+    side: Side = Side.JOINT
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        yield np.ones_like(own.q)
+        yield own.q
+        yield own.q**2
+        yield own.q**3
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Counterbalance(JointEffect):
+    """A spring between a point of the base, at distance a from the joint axis, and a point of the link, at distance r.
+
+    With α = q − q_0 (q_0 = `angle`: both points on one ray), ρ = r/a = `ratio` and the spring's length a ℓ,
+    ℓ² = 1 + ρ² − 2ρ cos α, a spring of stiffness k and free length l_0 takes τ = kar sin α − kal sin α / ℓ with
+    kar = k a r, kal = k r l_0. The first term alone is the ideal balancer (l_0 = 0); it looks like the gravity of the link."""
+
+    name: ClassVar[str] = "counterbalance"
+    title: ClassVar[str] = "counterbalance spring on a linkage"
+    axis: ClassVar[Axis] = Axis.POSITION
+    nature: ClassVar[Nature] = Nature.LINK
+    symbols = (("kar", "{tau}", -np.inf), ("kal", "{tau}", -np.inf))
+
+    side: Side = Side.JOINT
+    angle: float = 0.0
+    ratio: float = 0.4
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (ShapeParameter("angle", "rad", -np.pi, np.pi, 0.0), ShapeParameter("ratio", "1", 0.02, 0.95, 0.4))
+
+    def at(self, robot: Robot) -> list[int]:
+        """The joints that turn; a slide has no angle. Raises ConfigurationError where one is asked for."""
+        found = super().at(robot)
+        if self.joints is not None:
+            for j in found:
+                if robot.joints[j].prismatic:
+                    raise ConfigurationError(f"effect {self.name!r} needs a joint that turns, but {robot.joint_names[j]!r} is prismatic.")
+        return [j for j in found if not robot.joints[j].prismatic]
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        alpha = own.q - self.angle
+        length = np.sqrt(1.0 + self.ratio**2 - 2.0 * self.ratio * np.cos(alpha))
+        yield np.sin(alpha)
+        yield -np.sin(alpha) / length

@@ -1,0 +1,125 @@
+"""Errors of the torque reading as functions of the torque: scale, curvature, saturation (SCIENCE.md 7.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..correction import SignalCorrection
+from ..effect import Axis, JointEffect, Nature, Need, choice, register
+from ..motion import Coordinates, Motion
+from ..parameters import ShapeParameter
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = np.ndarray
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class TorqueConstant(JointEffect):
+    """A torque constant that is off: reading = (1 + ekt) × torque, so τ = ekt τ_pred with the torque as the model predicts it.
+
+    Seen only where other joints anchor the scale: the joint's own inertia and friction scale with it."""
+
+    name: ClassVar[str] = "torque_constant"
+    title: ClassVar[str] = "error of the torque constant"
+    axis: ClassVar[Axis] = Axis.TORQUE
+    nature: ClassVar[Nature] = Nature.SENSOR
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE})
+    symbols = (("ekt", "1", -1.0),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        yield motion.predicted_on(self.side)[:, at]
+
+    def applied(self, robot: Robot, values: Array) -> SignalCorrection:
+        gain = np.ones(robot.n)
+        gain[self.at(robot)] += values
+        return SignalCorrection(self.side, gain=gain)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class TorqueNonlinearity(JointEffect):
+    """A reading that is not in proportion to the torque: τ = enl sgn(τ_pred) |τ_pred|^p, p = `power` (2 and 3 are usual)."""
+
+    name: ClassVar[str] = "torque_nonlinearity"
+    title: ClassVar[str] = "torque reading that is not in proportion"
+    axis: ClassVar[Axis] = Axis.TORQUE
+    nature: ClassVar[Nature] = Nature.SENSOR
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE})
+    symbols = (("enl", "({tau})^(1-{power})", -np.inf),)
+
+    power: float = 3.0
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (ShapeParameter("power", "1", 1.5, 5.0, 3.0),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        torque = motion.predicted_on(self.side)[:, at]
+        yield np.sign(torque) * np.abs(torque) ** self.power
+
+
+class Clipping(StrEnum):
+    """What is cut off at the limit. DRIVE: the torque itself, while the log shows what was asked for. LOG: only the reading."""
+
+    DRIVE = "drive"
+    LOG = "log"
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Saturation(JointEffect):
+    """A torque limit that the log does not tell of: τ = sat × excess, excess(x) = sgn(x) max(0, |x| − limit).
+
+    `clipped="drive"`: the drive delivers no more than the limit, the log shows the demand: the reading exceeds the torque by
+    the excess of the reading. `clipped="log"`: the reading stops at the limit, the torque does not: the reading falls short
+    by the excess of the prediction. Either way sat is 1 if this is what happens; far from 1 it is something else."""
+
+    name: ClassVar[str] = "saturation"
+    title: ClassVar[str] = "torque saturation"
+    axis: ClassVar[Axis] = Axis.TORQUE
+    nature: ClassVar[Nature] = Nature.SENSOR
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.TORQUE, Need.REFERENCE})
+    symbols = (("sat", "1", 0.0),)
+
+    limit: float = 1.0
+    clipped: Clipping = Clipping.DRIVE
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "clipped", choice(Clipping, self.clipped, "clipped", self.name))
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (ShapeParameter("limit", "N m (N)", 1e-6, 1e6, 1.0, log=True),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        if self.clipped == Clipping.DRIVE:
+            yield self._excess(motion.measured_on(self.side)[:, at])
+        else:
+            yield -self._excess(motion.predicted_on(self.side)[:, at])
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        """From a torque that a fifth of the samples exceed to the largest one."""
+        torque = motion.measured_on(self.side) if self.clipped == Clipping.DRIVE else motion.predicted_on(self.side)
+        size = np.abs(torque[:, self.at(robot)])
+        size = size[np.isfinite(size).all(axis=1)]
+        if not size.size:
+            return self.bounded()
+        return self.bounded(limit=(float(np.quantile(size, 0.8, axis=0).min()), float(size.max())))
+
+    def applied(self, robot: Robot, values: Array) -> SignalCorrection | None:
+        """What the drive delivered, from what the log shows. A reading that was cut off cannot be restored."""
+        if self.clipped == Clipping.LOG:
+            return None
+        limit = np.full(robot.n, np.inf)
+        limit[self.at(robot)] = self.limit
+        return SignalCorrection(self.side, limit=limit)
+
+    def _excess(self, torque: Array) -> Array:
+        return np.sign(torque) * np.maximum(np.abs(torque) - self.limit, 0.0)

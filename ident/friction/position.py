@@ -1,0 +1,67 @@
+"""Friction that depends on where the joint or motor is, and friction on the joint side of the gears."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..effect import Axis, JointEffect, Nature, choice, register
+from ..motion import Coordinates, Motion
+from ..parameters import ShapeParameter
+from ..transmission import Side
+
+Array = np.ndarray
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class PositionDependentFriction(JointEffect):
+    """Dry friction that varies over a turn: τ = s(ω) (Fps sin(n x) + Fpc cos(n x)), s = sgn of the speed on `side`.
+
+    `angle`: the side whose position x modulates it, the joint by default (a gear that runs out of true, a seal). `order`: n,
+    cycles a turn (rad/m on a slide). Source: SCIENCE.md 7.1."""
+
+    name: ClassVar[str] = "position_dependent_friction"
+    title: ClassVar[str] = "friction that varies with position"
+    axis: ClassVar[Axis] = Axis.POSITION
+    nature: ClassVar[Nature] = Nature.FRICTION
+    symbols = (("Fps", "{tau}", -np.inf), ("Fpc", "{tau}", -np.inf))
+
+    angle: Side = Side.JOINT
+    order: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "angle", choice(Side, self.angle, "angle", self.name))
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (ShapeParameter("order", "1/rad (1/m)", 0.05, 1000.0, 1.0, log=True),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        phase = self.order * motion.on(self.angle).q[:, at]
+        yield own.direction * np.sin(phase)
+        yield own.direction * np.cos(phase)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class JointSideFriction(JointEffect):
+    """Coulomb and viscous friction of the joint's own bearings and seals: τ = Fc_link s(dq) + Fv_link dq on the joint side.
+
+    Behind a gear that couples no joints it cannot be told from the motor's friction, and base reduction joins the two; in a
+    coupled wrist it can (SCIENCE.md 7.1)."""
+
+    name: ClassVar[str] = "joint_side_friction"
+    title: ClassVar[str] = "friction on the joint side of the gears"
+    axis: ClassVar[Axis] = Axis.VELOCITY
+    nature: ClassVar[Nature] = Nature.FRICTION
+    symbols = (("Fc_link", "{tau}", 0.0), ("Fv_link", "{tau} s/{q}", 0.0))
+
+    side: Side = Side.JOINT
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        yield own.direction
+        yield own.dq
