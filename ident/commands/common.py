@@ -1,0 +1,140 @@
+"""What the commands share: arguments, progress, output folders, JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import ConfigurationError
+from ..files import write_atomic
+
+if TYPE_CHECKING:
+    from ..study import Study
+
+
+def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -> None:
+    """A study file, or flags for the same."""
+    parser.add_argument("study", nargs="?", help="study file (TOML); or give the flags below")
+    parser.add_argument("--robot", help="built-in robot or example-robot-data robot, by name")
+    parser.add_argument("--urdf", help="URDF file of the robot")
+    parser.add_argument("--drive", help="TOML file with a [drive] table: ratio or K, measured, effects …")
+    if logs:
+        parser.add_argument("--log", nargs="+", metavar="FILE", help="logs to fit (CSV, CSV.gz, MAT, Parquet; patterns allowed)")
+        parser.add_argument("--validate", nargs="+", metavar="FILE", help="logs held out; without them the last part of each log is held out")
+        parser.add_argument("--method", help="estimator, e.g. ls, wls")
+        parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="declared model beside the rigid body, e.g. rotor_inertia viscous coulomb")
+        parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off; without it, it is chosen from the data")
+
+
+def add_output_arguments(parser: argparse.ArgumentParser) -> None:
+    """`--json`, `--out`, `--force`, `--quiet`."""
+    parser.add_argument("--json", action="store_true", help="machine-readable result on standard output, everything for people on standard error")
+    parser.add_argument("--out", metavar="DIR", help="folder that keeps all artefacts; must not exist unless --force")
+    parser.add_argument("--force", action="store_true", help="write into an existing folder, over files of the same name")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def study_from(args: argparse.Namespace) -> Study:
+    """The study that the arguments describe; flags override the file."""
+    from ..study import Study, read_study
+
+    if not (args.study or args.robot or args.urdf):
+        raise ConfigurationError("no study file and no robot given. Name a study file, or use --robot NAME or --urdf FILE (and --log FILE).")
+    study = read_study(Path(args.study)) if args.study else Study()
+    study = study.with_flags(
+        robot=args.robot,
+        urdf=args.urdf,
+        drive=args.drive,
+        logs=getattr(args, "log", None) or (),
+        validate=getattr(args, "validate", None) or (),
+        method=getattr(args, "method", None),
+        effects=getattr(args, "effects", None),
+    )
+    cutoff = getattr(args, "cutoff", None)
+    if cutoff is None:
+        return study
+    return replace(study, signals=replace(study.signals, options={**study.signals.options, "cutoff_hz": cutoff}))
+
+
+class Output:
+    """Where results go: text for people, JSON for programs, files into `--out`."""
+
+    def __init__(self, args: argparse.Namespace) -> None:
+        self.json = bool(args.json)
+        self.quiet = bool(args.quiet)
+        self.force = bool(args.force)
+        self.folder = Path(args.out) if args.out else None
+        if self.folder is not None:
+            self._claim(self.folder)
+
+    def _claim(self, folder: Path) -> None:
+        if folder.exists() and not folder.is_dir():
+            raise ConfigurationError(f"--out {folder} is a file; give a folder.")
+        if folder.exists() and any(folder.iterdir()) and not self.force:
+            raise ConfigurationError(f"--out {folder} exists and is not empty; nothing was written. Choose another folder, or add --force.")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigurationError(f"--out {folder} cannot be made ({error.strerror}).") from None
+
+    def say(self, text: object = "") -> None:
+        """Text for people: standard output, or standard error beside JSON."""
+        print(text, file=sys.stderr if self.json else sys.stdout, flush=True)
+
+    def note(self, text: object) -> None:
+        """A remark on the way, on standard error."""
+        print(text, file=sys.stderr, flush=True)
+
+    def result(self, data: Mapping[str, Any], name: str) -> None:
+        """The machine-readable result: to standard output with `--json`, and into the folder."""
+        text = json.dumps(data, indent=2)
+        if self.json:
+            print(text, flush=True)
+        self.keep(f"{name}.json", text + "\n")
+
+    def keep(self, name: str, data: str | bytes) -> Path | None:
+        """Write a file into the folder, if there is one."""
+        return None if self.folder is None else write_atomic(self.folder / name, data, force=self.force)
+
+    def path(self, name: str) -> Path | None:
+        """Path of an artefact in the folder, or None."""
+        return None if self.folder is None else self.folder / name
+
+    def progress(self, label: str) -> Callable[[float], None] | None:
+        """A progress line on standard error for work that lasts; None where nobody watches."""
+        if self.quiet or not sys.stderr.isatty():
+            return None if self.quiet else _slow_progress(label)
+        return _line_progress(label)
+
+
+def _line_progress(label: str) -> Callable[[float], None]:
+    start = time.monotonic()
+    shown = [-1]
+
+    def show(share: float) -> None:
+        percent = int(100 * share)
+        if percent != shown[0] and (time.monotonic() - start > 0.5):
+            shown[0] = percent
+            end = "\n" if share >= 1 else ""
+            print(f"\r{label} {percent:3d} %  {time.monotonic() - start:.0f} s", end=end, file=sys.stderr, flush=True)
+
+    return show
+
+
+def _slow_progress(label: str) -> Callable[[float], None]:
+    """For logs of a terminal: a line every ten seconds."""
+    last = [time.monotonic()]
+
+    def show(share: float) -> None:
+        now = time.monotonic()
+        if now - last[0] > 10:
+            last[0] = now
+            print(f"{label} {100 * share:.0f} %", file=sys.stderr, flush=True)
+
+    return show

@@ -1,0 +1,53 @@
+"""`ident validate`: how well a fit predicts logs that it did not see: torque, and replayed motion."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..errors import ConfigurationError
+from ..estimate import Estimate
+from ..results import result
+from ..session import Session
+from .common import Output, add_output_arguments, add_study_arguments, study_from
+
+HELP = "predict held-out logs with a fit: torque error per joint, replayed motion"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_study_arguments(parser)
+    add_output_arguments(parser)
+    parser.add_argument("--fit", metavar="FILE", help="saved fit (fit.json); its robot and model are used. Without it, the study is fitted first")
+    parser.add_argument("--no-replay", action="store_true", help="torque prediction only, no forward simulation")
+    parser.add_argument("--max-error", type=float, metavar="SHARE", help="exit with 1 if the relative torque error over all joints exceeds this")
+
+
+def run(args: argparse.Namespace) -> int:
+    out = Output(args)
+    if args.fit:
+        validation, inputs = _of_saved(args, out)
+    else:
+        session = Session(study_from(args), out.progress("fitting"))
+        validation, inputs = session.validation(simulate=not args.no_replay), session.inputs
+    out.say(validation)
+    out.result(result("ident.validation/1", validation.to_dict(), inputs=inputs, warnings=validation.estimate.warnings), "validation")
+    if args.max_error is not None and not validation.error.relative_all <= args.max_error:
+        out.note(f"gate: relative error {validation.error.relative_all:.4g} exceeds {args.max_error:g}")
+        return 1
+    return 0
+
+
+def _of_saved(args: argparse.Namespace, out: Output):  # type: ignore[no-untyped-def]
+    from ..logs import read_logs
+    from ..study import Study, read_study
+    from ..validation import validate
+
+    estimate = Estimate.load(args.fit)
+    study = read_study(Path(args.study)) if args.study else Study()
+    study = study.with_flags(logs=args.log or (), validate=args.validate or ())
+    files = [*map(str, study.validation_files())] or [*map(str, study.fit_files())]
+    if not files:
+        raise ConfigurationError("no log to validate on; name it with --validate FILE or --log FILE, or in a study file.")
+    logs = read_logs(files, estimate.model.robot, study.columns or None)
+    signals = estimate.preparation()(logs)
+    return validate(estimate, signals, simulate=not args.no_replay), (*estimate.inputs, *logs.inputs)

@@ -1,0 +1,101 @@
+"""From a study to a problem: the steps that every command takes, in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from .problem import Problem
+
+if TYPE_CHECKING:
+    from .audit import Audit
+    from .estimate import Estimate
+    from .logs import LogSet
+    from .model import Model
+    from .robot import Robot
+    from .signals import Signals
+    from .study import Study
+    from .validation import Validation
+
+#: Share of each log that is held out (its last part) where no validation log is given.
+HELD_SHARE = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A study taken up: robot, model, logs and signals, each made when it is first needed."""
+
+    study: Study
+    progress: Callable[[float], None] | None = None
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot behind its drive."""
+        return self.study.robot()
+
+    @cached_property
+    def model(self) -> Model:
+        """The declared model."""
+        return self.study.model(self.robot)
+
+    @cached_property
+    def recorded(self) -> LogSet:
+        """The logs named for fitting, whole."""
+        from .logs import read_logs
+
+        return read_logs([*map(str, self.study.fit_files())], self.robot, self.study.columns or None)
+
+    @cached_property
+    def _parts(self) -> tuple[LogSet, LogSet]:
+        from .logs import read_logs
+
+        files = self.study.validation_files()
+        if files:
+            return self.recorded, read_logs([*map(str, files)], self.robot, self.study.columns or None)
+        return self.recorded.split(by="fraction", held=HELD_SHARE)
+
+    @property
+    def held_by_split(self) -> bool:
+        """Whether the held-out data are the last part of the fitted logs, for want of validation logs."""
+        return not self.study.validation_files()
+
+    @cached_property
+    def audit(self) -> Audit:
+        """Audit of the logs named for fitting."""
+        return self.recorded.audit(self.robot)
+
+    @cached_property
+    def fit_signals(self) -> Signals:
+        """The signals that are fitted."""
+        return self.study.make_preparation()(self._parts[0])
+
+    @cached_property
+    def held_signals(self) -> Signals:
+        """The signals that no fit sees, prepared like the fitted ones (the same cut-off)."""
+        return self.fit_signals.report.preparation(self._parts[1])
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The declared model on the fitted signals."""
+        return Problem(self.model, self.fit_signals, progress=self.progress)
+
+    @cached_property
+    def estimate(self) -> Estimate:
+        """The estimate that the study asks for, with its error on held-out data and its inputs."""
+        found = self.study.make_estimator().solve(self.problem)
+        held = found.torque_error(self.held_signals)
+        return replace(found, inputs=self.inputs, heldout_error=held, signals_config=self.fit_signals.report.to_dict())
+
+    @property
+    def inputs(self) -> tuple[dict[str, Any], ...]:
+        """Paths and SHA-256 of every log used."""
+        parts = self._parts
+        return (*parts[0].inputs, *(() if self.held_by_split else parts[1].inputs))
+
+    def validation(self, *, simulate: bool) -> Validation:
+        """The estimate on held-out data."""
+        from .validation import validate
+
+        return validate(self.estimate, self.held_signals, simulate=simulate)
