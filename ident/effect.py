@@ -83,6 +83,8 @@ class Effect(ABC):
     axis: ClassVar[Axis]
     nature: ClassVar[Nature] = Nature.DRIVE
     needs: ClassVar[frozenset[Need]] = frozenset()
+    #: Whether it sits on joints one by one. If not, it is one thing for the whole robot; `joints`, if it is of use, says where.
+    per_joint: ClassVar[bool] = True
 
     joints: tuple[str, ...] | None = None
     side: Side = Side.MOTOR

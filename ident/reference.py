@@ -34,27 +34,29 @@ class Reference:
     model: Model
     values: Array
 
-    def torque(self, motion: Motion, side: Side | None = None, robot: Robot | None = None) -> Array:
-        """Predicted torque (N, n) on a side (the measured one if None), of the model's robot or of a perturbed one.
-
-        The motor side of `motion` must be that of `robot` (`Motion.moved`)."""
-        robot = robot or self.model.robot
-        return self._sum(motion, robot, side or robot.transmission.measured, link_only=False)
+    def torque(self, motion: Motion, side: Side | None = None) -> Array:
+        """Predicted torque (N, n) on a side (the measured one if None)."""
+        return self.part(motion, side)
 
     def load(self, motion: Motion, robot: Robot | None = None) -> Array:
-        """Torque (N, n) that the links ask for, joint side."""
-        return self._sum(motion, robot or self.model.robot, Side.JOINT, link_only=True)
+        """Torque (N, n) that the links ask for, joint side, of the model's robot or of a perturbed one."""
+        return self.part(motion, Side.JOINT, robot, link_only=True)
 
-    def inertia(self, motion: Motion) -> Array:
-        """Inertia (N, n) that each joint moves by itself, joint side, rotor not counted: diagonal of the links' mass matrix."""
-        at_rest = replace(motion.joint, dq=np.zeros_like(motion.joint.dq), ddq=np.zeros_like(motion.joint.ddq))
-        still = self.load(motion.moved(self.model.robot, at_rest))
-        out = np.empty_like(still)
-        for j in range(out.shape[1]):
-            ddq = np.zeros_like(still)
-            ddq[:, j] = 1.0
-            out[:, j] = (self.load(motion.moved(self.model.robot, replace(at_rest, ddq=ddq))) - still)[:, j]
-        return out
+    def gravity(self, motion: Motion, gravity: Array) -> Array:
+        """Torque (N, n) of the links, joint side, in a field of `gravity` (3,) alone; linear in it."""
+        robot = self.model.robot
+        still = np.zeros_like(motion.joint.q)
+        at_rest = motion.moved(robot, replace(motion.joint, dq=still, ddq=still))
+        there, nowhere = robot.with_gravity(gravity.tolist()), robot.with_gravity((0.0, 0.0, 0.0))
+        return self.load(at_rest, there) - self.load(at_rest, nowhere)
+
+    def inertia(self, motion: Motion, direction: Array) -> Array:
+        """Inertia (N,) of the links, rotors not counted, against moving all joints along `direction` (n,): dᵀ M d."""
+        robot = self.model.robot
+        still = np.zeros_like(motion.joint.q)
+        rates = [still, np.broadcast_to(direction, still.shape)]
+        torque = [self.load(motion.moved(robot, replace(motion.joint, dq=still, ddq=ddq))) for ddq in rates]
+        return (torque[1] - torque[0]) @ direction
 
     def along(self, motion: Motion, shift: Coordinates, side: Side | None = None, *, link_only: bool = False) -> Array:
         """Derivative (N, n) of the predicted torque when the joint coordinates move along `shift` (q, dq, ddq on the joint side).
@@ -72,18 +74,28 @@ class Reference:
         ends = []
         for step in (h, -h):
             there = replace(own, q=own.q + step * shift.q, dq=own.dq + step * shift.dq, ddq=own.ddq + step * shift.ddq)
-            ends.append(self._sum(motion.moved(robot, there), robot, side, link_only))
+            ends.append(self.part(motion.moved(robot, there), side, link_only=link_only))
         return (ends[0] - ends[1]) / (2.0 * h)
 
-    def _sum(self, motion: Motion, robot: Robot, side: Side, link_only: bool) -> Array:
+    def part(
+        self, motion: Motion, side: Side | None = None, robot: Robot | None = None, *, link_only: bool = False, acting: Side | None = None
+    ) -> Array:
+        """Predicted torque (N, n) on `side` (the measured one if None) of some of the effects, of the model's robot or of a perturbed one.
+
+        `link_only`: those of the links; `acting`: those that act on that side. The motor side of `motion` must be that of
+        `robot` (`Motion.moved`)."""
         from .effect import Nature, Need
 
+        robot = robot or self.model.robot
+        side = side or robot.transmission.measured
         chosen: list[tuple[Effect, Array]] = []
-        for effect, part in zip(self.model.effects, self.model.slices, strict=True):
-            values = self.values[part]
-            if Need.REFERENCE not in effect.needs and values.any() and (effect.nature == Nature.LINK or not link_only):
+        for effect, columns in zip(self.model.effects, self.model.slices, strict=True):
+            values = self.values[columns]
+            if Need.REFERENCE in effect.needs or not values.any():
+                continue
+            if (effect.nature == Nature.LINK or not link_only) and acting in (None, effect.side):
                 chosen.append((effect, values))
-        if any(Need.LOAD in effect.needs for effect, _ in chosen):
+        if motion.load is None and any(Need.LOAD in effect.needs for effect, _ in chosen):
             motion = motion.with_load(self.load(motion, robot))
         out = np.zeros((len(motion), robot.n))
         for effect, values in chosen:

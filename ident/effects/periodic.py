@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..effect import Axis, JointEffect, Need, choice, register
+from ..effect import Axis, JointEffect, Nature, Need, choice, register
 from ..motion import Coordinates, Motion
 from ..parameters import ShapeParameter
 from ..transmission import Side
@@ -63,6 +63,7 @@ class TorqueRipple(_Periodic):
 
     name: ClassVar[str] = "torque_ripple"
     title: ClassVar[str] = "torque ripple (torque constant that varies over a turn)"
+    nature: ClassVar[Nature] = Nature.SENSOR
     needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE})
     symbols = (("ripples", "1", -np.inf), ("ripplec", "1", -np.inf))
 

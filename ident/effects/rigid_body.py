@@ -27,6 +27,7 @@ class RigidBody(Effect):
     title: ClassVar[str] = "rigid body"
     axis: ClassVar[Axis] = Axis.POSITION
     nature: ClassVar[Nature] = Nature.LINK
+    per_joint: ClassVar[bool] = False
 
     side: Side = Side.JOINT
 

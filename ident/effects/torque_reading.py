@@ -122,4 +122,5 @@ class Saturation(JointEffect):
         return SignalCorrection(self.side, limit=limit)
 
     def _excess(self, torque: Array) -> Array:
-        return np.sign(torque) * np.maximum(np.abs(torque) - self.limit, 0.0)
+        # A missing reading (NaN) makes no excess; its rows are masked anyway.
+        return np.nan_to_num(np.sign(torque) * np.maximum(np.abs(torque) - self.limit, 0.0), nan=0.0)

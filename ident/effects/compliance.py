@@ -1,0 +1,195 @@
+"""Between a motor's encoder and its link: an elastic gear, play (SCIENCE.md 7.1).
+
+The position is read at the motor; the link moves by δ more. With u the torque that the link would ask for at the position
+read, I its inertia and k the stiffness, I d²δ/dt² = −u − k x(δ) − damping, x(δ) the spring's deflection: δ itself, or δ less
+the play. The torque at the motor then is that of the link's true motion: the prediction plus T(δ, dδ/dt, d²δ/dt²). What is
+fitted is the response, by how much of this the data show: 1 if stiffness and play are right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..effect import Axis, Effect, Need, register
+from ..motion import Coordinates, Motion
+from ..parameters import Parameter, ShapeParameter
+from ..transmission import Side
+
+if TYPE_CHECKING:
+    from ..reference import Reference
+    from ..robot import Robot
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Compliance(Effect):
+    """`side`: the side of the transmission on which the spring is. `damping`: share of critical damping."""
+
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE, Need.HISTORY})
+    symbol: ClassVar[str]
+
+    side: Side = Side.JOINT
+    stiffness: float = 1e4
+    damping: float = 0.03
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        return tuple(Parameter(self.named(self.symbol, robot, j), "1", self.name, robot.joint_names[j], 0.0) for j in self.at(robot))
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (
+            ShapeParameter("stiffness", "N m/rad (N/m)", 1e-4, 1e10, 1e4, log=True),
+            ShapeParameter("damping", "1", 0.0, 1.0, 0.03),
+        )
+
+    @property
+    def play(self) -> float:
+        """Free play, rad or m."""
+        return 0.0
+
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        rate = motion.needed_rate(f"effect {self.name!r}")
+        reference = motion.needed_reference(f"effect {self.name!r}")
+        load = reference.load(motion)
+        out = []
+        for j in self.at(robot):
+            along = self.moves(robot, j)
+            torque = load @ along
+            inertia = _positive(reference.inertia(motion, along))
+            if inertia is None:
+                out.append(np.zeros((len(motion), robot.n)))
+                continue
+            delta = response(torque / inertia, np.sqrt(self.stiffness / inertia), self.damping, self.play, 1.0 / rate)
+            shift = Coordinates(*(np.multiply.outer(x, along) for x in delta))
+            out.append(reference.along(motion, shift, self.side, link_only=True))
+        return np.stack(out, axis=2) if out else np.zeros((len(motion), robot.n, 0))
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        """Stiffness that puts the resonance between what the run lasts and what its samples resolve."""
+        if motion.reference is None or motion.rate <= 0.0:
+            return self.bounded()
+        found = [_positive(motion.reference.inertia(motion, self.moves(robot, j))) for j in self.at(robot)]
+        inertia = [float(np.median(x)) for x in found if x is not None]
+        if not inertia:
+            return self.bounded()
+        slow, fast = 2.0 * np.pi * 2.0, 2.0 * np.pi * min(motion.rate / 3.0, 300.0)
+        return self.bounded(stiffness=(min(inertia) * slow**2, max(inertia) * fast**2), damping=(0.0, 0.3))
+
+    def moves(self, robot: Robot, j: int) -> Array:
+        """Joint motion (n,) per unit deflection."""
+        return np.eye(robot.n)[j] if self.side == Side.JOINT else robot.transmission.K[:, j]
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class JointElasticity(_Compliance):
+    """An elastic gear behind the encoder: τ = elastic × T(δ), δ the deflection of a spring of `stiffness` under the link.
+
+    Seen near the anti-resonance (stiffness / inertia)^½ / 2π."""
+
+    name: ClassVar[str] = "joint_elasticity"
+    title: ClassVar[str] = "elastic joint"
+    axis: ClassVar[Axis] = Axis.LOAD
+    symbol: ClassVar[str] = "elastic"
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Backlash(_Compliance):
+    """Play in the gear behind the encoder: τ = play × T(δ), δ the link's motion in a `gap` (whole width) with springy flanks.
+
+    Within the gap the link is free: the motor feels none of it until the other flank is reached, with a knock."""
+
+    name: ClassVar[str] = "backlash"
+    title: ClassVar[str] = "backlash (play in the gear)"
+    axis: ClassVar[Axis] = Axis.LOAD
+    symbol: ClassVar[str] = "play"
+
+    gap: float = 1e-3
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (ShapeParameter("gap", "rad (m)", 1e-8, 10.0, 1e-3, log=True), *super().shape())
+
+    @property
+    def play(self) -> float:
+        return self.gap
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        """A gap up to a tenth of the range that is moved through."""
+        ranges = super().search_range(motion, robot)
+        q = motion.on(self.side).q[:, self.at(robot)]
+        span = float(np.ptp(q, axis=0).max()) if q.size else 0.0
+        return self.bounded(**{**ranges, "gap": (1e-6 * span, 0.1 * span)})
+
+
+def response(load: Array, omega: Array, damping: float, gap: float, step: float) -> tuple[Array, Array, Array]:
+    """δ and its two derivatives (N,) under `load` (N,), torque over inertia in rad/s² (m/s²), linear between samples.
+
+    `omega` (N,): angular frequency of the contact spring on the link; `gap`: free play, whole width; `step`: s. Starts at rest
+    on the flank that the load asks for. Within a step (a quarter of one where there is play) each regime is solved exactly."""
+    half = 0.5 * gap
+    parts = 4 if gap > 0.0 else 1
+    h = step / parts
+    coefficients = _spring_step(omega, damping, h)
+    force = (-load).tolist()
+    w2, zw = (omega**2).tolist(), (2.0 * damping * omega).tolist()
+    a11, a12, a21, a22, b10, b11, b20, b21 = (c.tolist() for c in coefficients)
+    at = force[0] / w2[0] if force else 0.0
+    x, v = at + (half if at > 0 else -half if at < 0 else 0.0), 0.0
+    position, velocity = [x], [v]
+    for k in range(len(force) - 1):
+        f0, rise = force[k], (force[k + 1] - force[k]) / parts
+        for _ in range(parts):
+            f1 = f0 + rise
+            if -half <= x <= half and half > 0.0:
+                x, v = x + v * h + (2.0 * f0 + f1) * h * h / 6.0, v + 0.5 * (f0 + f1) * h
+            else:
+                flank = half if x > 0 else -half
+                y = x - flank
+                y, v = a11[k] * y + a12[k] * v + b10[k] * f0 + b11[k] * f1, a21[k] * y + a22[k] * v + b20[k] * f0 + b21[k] * f1
+                x = y + flank
+            f0 = f1
+        position.append(x)
+        velocity.append(v)
+    delta, rate = np.array(position), np.array(velocity)
+    outside = np.abs(delta) > half
+    deflection = np.where(outside, delta - np.sign(delta) * half, 0.0)
+    return delta, rate, -load - np.asarray(w2) * deflection - np.where(outside, np.asarray(zw) * rate, 0.0)
+
+
+def _spring_step(omega: Array, damping: float, h: float) -> tuple[Array, ...]:
+    """Exact step h of y'' = f − ω² y − 2ζω y' with f linear in between: (y, y')_1 = A (y, y')_0 + b_0 f_0 + b_1 f_1."""
+    damped = omega * np.sqrt(max(1.0 - damping**2, 1e-12))
+    decay = np.exp(-damping * omega * h)
+    c, s = decay * np.cos(damped * h), decay * np.sin(damped * h) / damped
+    zw = damping * omega
+    a11, a12, a21, a22 = c + zw * s, s, -(omega**2) * s, c - zw * s
+    # A constant force shifts the rest position by f/ω²; a ramp r t moves it along (r/ω²)(t − 2ζ/ω).
+    lag = 2.0 * damping / omega
+    w2 = omega**2
+    slope = 1.0 / (h * w2)
+    b1_y = slope * (h - lag + a11 * lag - a12)
+    b1_v = slope * (1.0 + a21 * lag - a22)
+    b0_y = (1.0 - a11) / w2 - b1_y
+    b0_v = -a21 / w2 - b1_v
+    return a11, a12, a21, a22, b0_y, b1_y, b0_v, b1_v
+
+
+def _positive(inertia: Array) -> Array | None:
+    """The inertia where it is positive, held above a tenth of its median; None where the model gives none."""
+    if not len(inertia):
+        return None
+    usual = float(np.median(inertia))
+    return np.maximum(inertia, 0.1 * usual) if usual > 0.0 else None
+
+
+def anti_resonance(effect: _Compliance, reference: Reference, motion: Motion, robot: Robot) -> dict[str, float]:
+    """Frequency (Hz) at which each joint's link swings on its spring while the motor stands, at the median inertia of the run."""
+    out = {}
+    for j in effect.at(robot):
+        inertia = _positive(reference.inertia(motion, effect.moves(robot, j)))
+        if inertia is not None:
+            out[robot.joint_names[j]] = float(np.sqrt(effect.stiffness / np.median(inertia)) / (2.0 * np.pi))
+    return out

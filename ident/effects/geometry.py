@@ -1,0 +1,167 @@
+"""Geometry that is not as declared: a coupling missing from the transmission, a link of another length (SCIENCE.md 7.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..effect import Axis, Effect, Need, choice, register
+from ..errors import ConfigurationError
+from ..motion import Coordinates, Motion
+from ..parameters import Parameter
+from ..transmission import Side
+
+if TYPE_CHECKING:
+    from ..reference import Reference
+    from ..robot import Robot
+
+Array = np.ndarray
+
+#: Largest relative change of a motor's motion in a difference quotient.
+_STEP = 1e-5
+#: Change of a length (m) in a difference quotient: torques are quadratic in lengths, so that any step is exact.
+_LENGTH_STEP = 0.1
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class GearCoupling(Effect):
+    """An entry of θ = K θ_m that is not as declared: τ = Σ K_ij ∂τ/∂K_ij of the whole drive, K_ij the true less the declared entry.
+
+    The torque of link i appears at motor j, and the motors of joint i turn with motor j. `joints`: rows i; `motors`: columns
+    j, by the names of their joints; every other motor if None. `encoder`: the side whose positions were measured; if it is
+    the motor side, the joint positions themselves follow from K."""
+
+    name: ClassVar[str] = "gear_coupling"
+    title: ClassVar[str] = "coupling missing from the transmission"
+    axis: ClassVar[Axis] = Axis.LOAD
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE})
+
+    motors: tuple[str, ...] | None = None
+    encoder: Side = Side.JOINT
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "encoder", choice(Side, self.encoder, "encoder", self.name))
+        if self.motors is not None:
+            object.__setattr__(self, "motors", (self.motors,) if isinstance(self.motors, str) else tuple(self.motors))
+
+    def pairs(self, robot: Robot) -> list[tuple[int, int]]:
+        """(joint i, motor j) of each column."""
+        rows = self.at(robot)
+        if self.motors is None:
+            return [(i, j) for i in rows for j in range(robot.n) if i != j]
+        columns = [robot.joint_index(name) for name in self.motors]
+        return [(i, j) for i in rows for j in columns]
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(
+                f"{self.named('K', robot, i)}_{robot.joint_names[j]}",
+                f"{robot.position_unit(i, Side.JOINT)}/{robot.position_unit(j, Side.MOTOR)}",
+                self.name,
+                robot.joint_names[i],
+            )
+            for i, j in self.pairs(robot)
+        )
+
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        reference = motion.needed_reference(f"effect {self.name!r}")
+        transmission = robot.transmission
+        links = reference.part(motion, Side.JOINT, acting=Side.JOINT)
+        motion = replace(motion, load=reference.load(motion))
+        pairs = self.pairs(robot)
+        out = np.zeros((len(motion), robot.n, len(pairs)))
+        for column, (i, j) in enumerate(pairs):
+            size = float(np.linalg.norm(transmission.K[i]))
+            h = _STEP * size / max(1.0, float(np.abs(motion.motor.q[:, j]).max(initial=0.0)))
+            ends = []
+            for step in (h, -h):
+                K = transmission.K.copy()
+                K[i, j] += step
+                ends.append(self._reading(motion, reference, robot.with_transmission(replace(transmission, K=K)), links))
+            slope = (ends[0] - ends[1]) / (2.0 * h)
+            out[:, :, column] = transmission.torque(slope, transmission.measured, self.side)
+        return out
+
+    def applied(self, robot: Robot, values: Array) -> Robot:
+        """The robot with the entries found in its transmission."""
+        K = robot.transmission.K.copy()
+        for (i, j), value in zip(self.pairs(robot), values, strict=True):
+            K[i, j] += value
+        return robot.with_transmission(replace(robot.transmission, K=K))
+
+    def _reading(self, motion: Motion, reference: Reference, robot: Robot, links: Array) -> Array:
+        """Torque (N, n) on the measured side behind another transmission, at the motion that was measured."""
+        transmission, motor = robot.transmission, motion.motor
+        measured = transmission.measured
+        if self.encoder == Side.JOINT:
+            # The links move as before: only what sits on the motors changes.
+            there = replace(motion.moved(robot, motion.joint), load=motion.load)
+        else:
+            q, dq, ddq = transmission.joint_position(motor.q), transmission.joint_rate(motor.dq), transmission.joint_rate(motor.ddq)
+            there = replace(motion.moved(robot, Coordinates(q, dq, ddq)), motor=motor)
+            links = reference.part(there, Side.JOINT, robot, acting=Side.JOINT)
+        drive = reference.part(there, measured, robot, acting=Side.MOTOR)
+        return transmission.torque(links, Side.JOINT, measured) + drive
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class LinkLength(Effect):
+    """A link that is longer than declared by dL: τ = dL ∂τ/∂L, L the distance from the joint before to this joint.
+
+    Only joints that follow another at some distance have one. Mostly absorbed by base parameters; what is left is small."""
+
+    name: ClassVar[str] = "link_length"
+    title: ClassVar[str] = "error of a link's length"
+    axis: ClassVar[Axis] = Axis.POSITION
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE})
+
+    side: Side = Side.JOINT
+
+    def at(self, robot: Robot) -> list[int]:
+        """The joints at some distance from another. Raises ConfigurationError where others are asked for."""
+        named = super().at(robot)
+        found = [j for j in named if _offset(robot, j) is not None]
+        if self.joints is not None and len(found) < len(named):
+            missing = robot.joint_names[next(j for j in named if j not in found)]
+            raise ConfigurationError(f"effect {self.name!r}: joint {missing!r} is at no distance from a joint before it.")
+        return found
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        return tuple(Parameter(self.named("dL", robot, j), "m", self.name, robot.joint_names[j]) for j in self.at(robot))
+
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        reference = motion.needed_reference(f"effect {self.name!r}")
+        at = self.at(robot)
+        out = np.zeros((len(motion), robot.n, len(at)))
+        for column, j in enumerate(at):
+            ends = [reference.load(motion, _lengthened(robot, j, step)) for step in (_LENGTH_STEP, -_LENGTH_STEP)]
+            out[:, :, column] = robot.transmission.torque((ends[0] - ends[1]) / (2.0 * _LENGTH_STEP), Side.JOINT, self.side)
+        return out
+
+    def applied(self, robot: Robot, values: Array) -> Robot:
+        """The robot with the lengths found."""
+        for j, value in zip(self.at(robot), values, strict=True):
+            robot = _lengthened(robot, j, float(value))
+        return robot
+
+
+def _offset(robot: Robot, j: int) -> Array | None:
+    """Unit vector from the joint before to joint j, in the frame of the former; None where there is no such distance."""
+    body = [joint.name for joint in robot.tree_joints].index(robot.joint_names[j]) + int(robot.floating_base)
+    offset = robot.tree.translation[body]
+    length = float(np.linalg.norm(offset))
+    return None if robot.tree.parent[body] < 0 or length < 1e-9 else offset / length
+
+
+def _lengthened(robot: Robot, j: int, by: float) -> Robot:
+    model = robot.model.copy()
+    placement = model.jointPlacements[model.getJointId(robot.joint_names[j])]
+    direction = _offset(robot, j)
+    if direction is not None:
+        placement.translation = placement.translation + by * direction
+    return replace(robot, model=model)

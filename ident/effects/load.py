@@ -1,0 +1,156 @@
+"""What a link carries: a payload, one picked up during the run, a force from outside (SCIENCE.md 7.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from ..effect import Axis, Effect, Nature, Need, register
+from ..errors import ConfigurationError
+from ..motion import Motion
+from ..parameters import LINK_SYMBOLS, LINK_UNITS, Parameter, ShapeParameter
+from ..transmission import Side
+from .drift import after, inside, step_time
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Carried(Effect):
+    """`joints`: the joints whose links carry it; the last joint's if None."""
+
+    nature: ClassVar[Nature] = Nature.LINK
+    per_joint: ClassVar[bool] = False
+
+    side: Side = Side.JOINT
+
+    def at(self, robot: Robot) -> list[int]:
+        return [robot.n - 1] if self.joints is None else super().at(robot)
+
+    def bodies(self, robot: Robot) -> list[int]:
+        """Indices of the carrying bodies in the tree."""
+        names = [joint.name for joint in robot.tree_joints]
+        return [names.index(robot.joint_names[j]) + int(robot.floating_base) for j in self.at(robot)]
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Payload(_Carried):
+    """A body fixed to a link: τ = Y_link(q, dq, ddq) π, π its ten inertial parameters about the link's joint frame.
+
+    In one log a payload cannot be told from its link: base reduction joins the two. It is of use where the link is known
+    (fixed values, a fit without payload)."""
+
+    name: ClassVar[str] = "payload"
+    title: ClassVar[str] = "payload"
+    axis: ClassVar[Axis] = Axis.POSITION
+    #: What goes before the symbols of the ten parameters in their names.
+    prefix: ClassVar[str] = "payload_"
+    smallest_mass: ClassVar[float] = 0.0
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        lowest = {"m": self.smallest_mass}
+        return tuple(
+            Parameter(self.named(self.prefix + symbol, robot, j), unit, self.name, robot.joint_names[j], lowest.get(symbol, -np.inf))
+            for j in self.at(robot)
+            for symbol, unit in zip(LINK_SYMBOLS, LINK_UNITS, strict=True)
+        )
+
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        from ..regressor.rigid import regressor
+
+        Y = regressor(robot.tree, *_tree_motion(motion, robot))
+        own = [10 * body + s for body in self.bodies(robot) for s in range(10)]
+        return self._on_side(np.einsum("tj,Ntk->Njk", robot.loop.W, Y[:, :, own]), robot)
+
+    def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
+        from ..regressor.rigid import inverse_dynamics
+
+        inertia = np.zeros(10 * robot.tree.nb)
+        for i, body in enumerate(self.bodies(robot)):
+            inertia[10 * body : 10 * body + 10] += values[10 * i : 10 * i + 10]
+        tau = inverse_dynamics(robot.tree, inertia, *_tree_motion(motion, robot)) @ robot.loop.W
+        return robot.transmission.torque(tau, Side.JOINT, self.side)
+
+    def _on_side(self, columns: Array, robot: Robot) -> Array:
+        return columns if self.side == Side.JOINT else np.matmul(robot.transmission.torque_map(Side.JOINT, self.side), columns)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class PayloadStep(Payload):
+    """A payload picked up (or put down) at t_0: τ = Y_link π for t ≥ t_0, t the run's own clock."""
+
+    name: ClassVar[str] = "payload_step"
+    title: ClassVar[str] = "payload picked up or put down during the run"
+    axis: ClassVar[Axis] = Axis.TIME
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.TIME})
+    prefix: ClassVar[str] = "payload_step_"
+    smallest_mass: ClassVar[float] = -np.inf
+
+    t_0: float = 10.0
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (step_time(),)
+
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        return super().columns(motion, robot) * after(motion, self.t_0)[:, None, None]
+
+    def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
+        return super().torque(motion, robot, values) * after(motion, self.t_0)[:, None]
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        return self.bounded(t_0=inside(motion))
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class ExternalForce(_Carried):
+    """A constant force that the surroundings exert on a link (a hose, a tool that is pulled): τ = −Jᵀ f.
+
+    f = (fx, fy, fz) in the base frame, at `point` (m, in the frame of the link's joint; its origin if not given)."""
+
+    name: ClassVar[str] = "external_force"
+    title: ClassVar[str] = "constant force on a link"
+    axis: ClassVar[Axis] = Axis.POSITION
+
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        point = tuple(float(x) for x in self.point)
+        if len(point) != 3 or not np.all(np.isfinite(point)):
+            raise ConfigurationError(f"effect {self.name!r}: point must be three finite numbers (m), not {self.point!r}.")
+        object.__setattr__(self, "point", point)
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(self.named(f"f{axis}", robot, j), "N", self.name, robot.joint_names[j]) for j in self.at(robot) for axis in "xyz"
+        )
+
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        from ..regressor.rigid import inverse_dynamics
+
+        still = np.zeros_like(motion.joint.q)
+        at_rest = replace(motion.joint, dq=still, ddq=still)
+        position, *rates = _tree_motion(replace(motion, joint=at_rest), robot)
+        out = np.empty((len(motion), robot.n, 3 * len(self.at(robot))))
+        for i, body in enumerate(self.bodies(robot)):
+            # A unit mass at the point, in a field along one axis: holding it takes −Jᵀ of that unit force.
+            mass = np.zeros(10 * robot.tree.nb)
+            mass[10 * body : 10 * body + 4] = (1.0, *self.point)
+            for axis, field in enumerate(np.eye(3)):
+                tau = inverse_dynamics(replace(robot.tree, gravity=field), mass, position, *rates) @ robot.loop.W
+                out[:, :, 3 * i + axis] = robot.transmission.torque(tau, Side.JOINT, self.side)
+        return out
+
+
+def _tree_motion(motion: Motion, robot: Robot) -> tuple[Any, Any, Any]:
+    """Positions, velocities and accelerations of all joints of the tree."""
+    own = motion.joint
+    return robot.tree_position(own.q), robot.tree_rate(own.dq), robot.tree_rate(own.ddq)

@@ -1,0 +1,97 @@
+"""The torque reading comes late: a delay, or the lag of a filter (SCIENCE.md 7.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..correction import SignalCorrection
+from ..effect import Axis, JointEffect, Nature, Need, register
+from ..motion import Coordinates, Motion
+from ..parameters import ShapeParameter
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = np.ndarray
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Delay(JointEffect):
+    """A torque reading that is late by d: τ(t − d) − τ(t) ≈ −d dτ/dt, τ as the model predicts it.
+
+    First order in d: apply the finding and refit to converge."""
+
+    name: ClassVar[str] = "delay"
+    title: ClassVar[str] = "delay between motion and torque"
+    axis: ClassVar[Axis] = Axis.TIME
+    nature: ClassVar[Nature] = Nature.SENSOR
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE, Need.NEIGHBOURS})
+    symbols = (("delay", "s", 0.0),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        rate = motion.needed_rate(f"effect {self.name!r}")
+        yield -derivative(motion.predicted_on(self.side)[:, at], rate)
+
+    def applied(self, robot: Robot, values: Array) -> SignalCorrection:
+        delay = np.zeros(robot.n)
+        delay[self.at(robot)] = values
+        return SignalCorrection(self.side, delay=delay)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class FilterLag(JointEffect):
+    """A torque reading behind a first-order low-pass of time constant T: LP[τ] − τ = −lag (τ − LP[τ])/T, τ as predicted.
+
+    (τ − LP[τ])/T is dτ/dt behind the same low-pass, so that a small T looks like a delay. lag equals T where this is what
+    happens. The filter starts at rest with the run."""
+
+    name: ClassVar[str] = "filter_lag"
+    title: ClassVar[str] = "lag of a filter in the torque reading"
+    axis: ClassVar[Axis] = Axis.TIME
+    nature: ClassVar[Nature] = Nature.SENSOR
+    needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE, Need.HISTORY})
+    symbols = (("lag", "s", 0.0),)
+
+    T: float = 0.01
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (ShapeParameter("T", "s", 1e-5, 10.0, 0.01, log=True),)
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        torque = motion.predicted_on(self.side)[:, at]
+        yield (low_pass(torque, self.T, motion.needed_rate(f"effect {self.name!r}")) - torque) / self.T
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        return self.bounded(T=(0.3 / motion.rate, 0.2)) if motion.rate > 0.0 else self.bounded()
+
+    def applied(self, robot: Robot, values: Array) -> SignalCorrection:
+        lag = np.zeros(robot.n)
+        lag[self.at(robot)] = values
+        return SignalCorrection(self.side, lag=lag)
+
+
+def derivative(x: Array, rate: float) -> Array:
+    """Time derivative of uniform samples x (N, m): central differences of fourth order, of second order at the ends."""
+    if len(x) < 3:
+        return np.gradient(x, axis=0) * rate
+    out = np.gradient(x, axis=0, edge_order=2)
+    if len(x) >= 5:
+        out[2:-2] = (8.0 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / 12.0
+    return out * rate
+
+
+def low_pass(x: Array, T: float, rate: float) -> Array:
+    """T dy/dt + y = x for x (N, m) linear between samples, at rest before the first; exact."""
+    from scipy.signal import lfilter
+
+    step = 1.0 / (rate * T)
+    keep = np.exp(-step)
+    mean = -np.expm1(-step) / step
+    y, _ = lfilter([1.0 - mean, mean - keep], [1.0, -keep], x, axis=0, zi=mean * x[:1])
+    return y
