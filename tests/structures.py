@@ -27,7 +27,7 @@ def urdf_text(joints: list[JointSpec], name: str = "random") -> str:
     """URDF text of a tree; joint i is `joint<i+1>`, link i is `link<i+1>`, the base is `link0`."""
     parts = [f'<robot name="{name}"><link name="link0"/>']
     for i, joint in enumerate(joints, start=1):
-        rpy = pin.rpy.matrixToRpy(np.array(joint.rotation))
+        rpy = roll_pitch_yaw(joint.rotation)
         kind = "prismatic" if joint.prismatic else "revolute"
         words = [" ".join(repr(float(x)) for x in v) for v in (rpy, joint.translation, joint.axis)]
         parts.append(
@@ -36,6 +36,14 @@ def urdf_text(joints: list[JointSpec], name: str = "random") -> str:
             '<limit lower="-3" upper="3" velocity="5" effort="5"/></joint>'
         )
     return "".join(parts) + "</robot>"
+
+
+def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
+    """URDF angles; where the pitch is a right angle roll is taken as zero, which loses no digits."""
+    level = float(np.hypot(R[0, 0], R[1, 0]))
+    if level < 1e-8:
+        return 0.0, float(np.arctan2(-R[2, 0], level)), float(np.arctan2(-R[0, 1], R[1, 1]))
+    return float(np.arctan2(R[2, 1], R[2, 2])), float(np.arctan2(-R[2, 0], level)), float(np.arctan2(R[1, 0], R[0, 0]))
 
 
 def rotation(axis: Array, angle: float) -> Array:
@@ -119,7 +127,7 @@ def compare_row_spaces(form: Array, sampled: Array, tolerance: float = 1e-9) -> 
     """Row space of a base form (b, k) against that of a sampled regressor (rows, k), both directions, columns scaled alike."""
     scale = np.linalg.norm(sampled, axis=0)
     zero = scale <= 1e-12 * scale.max()
-    scale = np.where(zero, 1.0, scale)
+    scale = np.where(zero, 1.0, np.maximum(scale, 1e-4 * scale.max()))  # a faint column is not blown up to its rounding
     rows = np.linalg.qr(np.where(zero, 0.0, sampled / scale), mode="r")
     _, s, vt = np.linalg.svd(rows)
     rank = int((s > tolerance * s[0]).sum())
@@ -133,3 +141,90 @@ def compare_row_spaces(form: Array, sampled: Array, tolerance: float = 1e-9) -> 
     outside = float(np.abs(scaled - (scaled @ space.T) @ space).max())
     missing = float(np.abs(space - (space @ ours.T) @ ours).max())
     return Comparison(rank, outside, missing, gap)
+
+
+def pose(turn: Array | None = None, at: Array | tuple[float, ...] = (0, 0, 0)) -> Array:
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = np.eye(3) if turn is None else turn, at
+    return out
+
+
+def successive_axes(rng: np.random.Generator, count: int, twists: Array, zero: float = 0.4) -> list[Array]:
+    """World frames at zero of successive axes of rotation (their z): any angle about z, [Lx, 0, Lz], then a twist about x."""
+    frames = [pose(random_rotation(rng), rng.normal(size=3))]
+    for _ in range(count - 1):
+        Lx, Lz = rng.normal(size=2) * 0.5 * (rng.random(2) > zero)
+        frames.append(frames[-1] @ pose(rotation([0, 0, 1], rng.uniform(-3, 3))) @ pose(None, (Lx, 0, Lz)) @ pose(rotation([1, 0, 0], rng.choice(twists))))
+    return frames
+
+
+def right_twists(rng: np.random.Generator) -> Array:
+    """Twist angles to draw from: right angles of either sign and (anti)parallel axes, in various proportions."""
+    return np.array([[0.0, np.pi, np.pi / 2, -np.pi / 2], [0.0, 0.0, 0.0, np.pi / 2], [np.pi / 2, -np.pi / 2, np.pi / 2, 0.0], [0.0, np.pi, 0.0, np.pi]][rng.integers(4)])
+
+
+def gravity_for(rng: np.random.Generator, direction: Array) -> Array:
+    """Gravity along an axis, against it, across it or anywhere."""
+    kind = rng.integers(4)
+    if kind == 3:
+        g = rng.normal(size=3)
+    elif kind == 2:
+        g = np.cross(direction, rng.normal(size=3))
+    else:
+        g = direction * (-1.0) ** kind
+    return 9.81 * g / np.linalg.norm(g)
+
+
+def rotational_robot(rng: np.random.Generator, count: int, twists: Array | None = None, **keywords) -> Robot:
+    """Open chain of revolute joints; successive axes parallel or perpendicular unless `twists` are given."""
+    frames = successive_axes(rng, count, right_twists(rng) if twists is None else twists)
+    joints = from_frames(frames, list(range(-1, count - 1)), [False] * count, rng)
+    return Robot.from_urdf(urdf_text(joints), gravity=gravity_for(rng, frames[0][:3, 2]), **keywords)
+
+
+def mixed_robot(rng: np.random.Generator, count: int, slides: float = 0.35, **keywords) -> Robot:
+    """Open chain of revolute and prismatic joints; prismatic axes along, across or oblique to the axis of rotation before."""
+    prismatic = [bool(rng.random() < slides) for _ in range(count)]
+    turning = successive_axes(rng, max(prismatic.count(False), 1), right_twists(rng))
+    last, frames, following = turning[0], [], iter(turning)
+    for slide in prismatic:
+        if not slide:
+            last = next(following)
+            frames.append(last)
+            continue
+        kind = rng.integers(4)
+        turn = [np.eye(3), rotation([1, 0, 0], np.pi), rotation([np.cos(1.0), np.sin(1.0), 0], np.pi / 2), random_rotation(rng)][kind]
+        frames.append(last @ pose(turn, rng.normal(size=3) * 0.3 * (rng.random(3) < 0.5)))
+    joints = from_frames(frames, list(range(-1, count - 1)), prismatic, rng)
+    return Robot.from_urdf(urdf_text(joints), gravity=gravity_for(rng, turning[0][:3, 2]), **keywords)
+
+
+def parallelogram_robot(rng: np.random.Generator, count: int, oblique: bool = True, **keywords) -> Robot:
+    """Chain of `count` revolute joints with a planar parallelogram at a random place; loop declared, independent joints chosen at random."""
+    xi = int(rng.integers(1, count))
+    twists = np.array([0.0, np.pi / 2, -np.pi / 2, np.pi, *(rng.uniform(-3, 3, 2) if oblique else ())])
+    frames = successive_axes(rng, count, twists)
+    # Joint xi + 1 is parallel to xi at a distance; what follows it is moved along.
+    wanted = frames[xi - 1] @ pose(rotation([0, 0, 1], rng.uniform(-3, 3))) @ pose(None, (rng.uniform(0.2, 0.8), 0, rng.normal() * 0.2))
+    wanted = wanted @ pose(rotation([1, 0, 0], rng.choice([0.0, np.pi])))
+    move = wanted @ np.linalg.inv(frames[xi])
+    main = frames[:xi] + [move @ f for f in frames[xi:]]
+    crank = main[xi - 1] @ pose(rotation([0, 0, 1], rng.uniform(-3, 3)), (0, 0, rng.normal() * 0.2)) @ pose(rotation([1, 0, 0], rng.choice([0.0, np.pi])))
+    coupler = crank @ pose(None, (rng.uniform(0.2, 0.6), 0, rng.normal() * 0.1)) @ pose(rotation([1, 0, 0], rng.choice([0.0, np.pi])))
+    crank_first = bool(rng.random() < 0.5)
+    order = [*range(xi), "zeta", "zeta+1", *range(xi, count)] if crank_first else [*range(count), "zeta", "zeta+1"]
+    place = {label: i for i, label in enumerate(order)}
+    world = [crank if o == "zeta" else coupler if o == "zeta+1" else main[o] for o in order]
+    parents = [place[xi - 2] if o == "zeta" and xi > 1 else -1 if o == "zeta" else place["zeta"] if o == "zeta+1" else place[o - 1] if o else -1 for o in order]
+    joints = from_frames(world, parents, [False] * len(order), rng)
+    name = {label: f"joint{i + 1}" for label, i in place.items()}
+    z = main[xi - 1][:3, 2]
+    sense = {label: float(np.sign(z @ world[place[label]][:3, 2])) for label in (xi - 1, xi, "zeta", "zeta+1")}
+    a, b, c, d = (sense[label] for label in (xi - 1, xi, "zeta", "zeta+1"))
+    first, second, third, fourth = (name[label] for label in (xi - 1, xi, "zeta", "zeta+1"))
+    offsets = rng.uniform(-2, 2, 2) * (rng.random(2) < 0.7)
+    if rng.random() < 0.7:  # both cranks driven: a q_xi + b q_xi1 = c q_zeta, c q_zeta + d q_zeta1 = a q_xi, up to constants
+        loop = {second: {third: c / b, first: -a / b, "offset": offsets[0]}, fourth: {first: a / d, third: -c / d, "offset": offsets[1]}}
+    else:  # relative joints driven
+        loop = {third: {first: a / c, second: b / c, "offset": offsets[0]}, fourth: {second: -b / d, "offset": offsets[1]}}
+    return Robot.from_urdf(urdf_text(joints), gravity=gravity_for(rng, main[0][:3, 2]), loop=loop, **keywords)

@@ -24,8 +24,10 @@ class BaseForm:
     nb counts the bodies of the tree, so dependent joints of a loop are included, and a free-flyer is body 0.
     `rotor_matrix` (b, n): coefficients of the motors' reflected inertias (kg m^2, motor side), zero where they were not asked for.
     `names` (b,), `expressions` (b,): short name and readable combination. `count_formula`: how b comes about.
-    `parameters` (10 nb,), `rotors` (n,): names of the columns. `method`: what found the set. `notes`: what to know about it."""
+    `parameters` (10 nb,), `rotors` (n,): names of the columns. `robot`, `method`: whose set it is, and what found it. `notes`: what to
+    know about it."""
 
+    robot: Robot
     method: str
     matrix: Array
     rotor_matrix: Array
@@ -82,4 +84,4 @@ def make_form(
     parameters = link_parameter_names(body_names(robot))
     expressions = tuple(expression(row, parameters) for row in matrix)
     rotor = np.zeros((len(matrix), robot.n))
-    return BaseForm(method, matrix, rotor, names, expressions, count_formula, parameters, rotor_names(robot), notes)
+    return BaseForm(robot, method, matrix, rotor, names, expressions, count_formula, parameters, rotor_names(robot), notes)

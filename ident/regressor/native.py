@@ -23,10 +23,10 @@ Array = np.ndarray
 #: Records of ident/_native/tree.h.
 _BODY = np.dtype(
     [(name, "i8") for name in ("parent", "position", "row", "kind", "sparse")]
-    + [("axes", "i8", 3), ("sign", "f8", 3), ("turn", "f8"), ("R0", "f8", (3, 3)), ("p", "f8", 3), ("u", "f8", 3)]
+    + [("axes", "i8", 3), ("sign", "f8", 3), ("lever", "f8", 3), ("turn", "f8"), ("R0", "f8", (3, 3)), ("p", "f8", 3), ("u", "f8", 3)]
     + [(name, "f8", (3, 3)) for name in ("fixed", "cosine", "sine")]
 )
-_STEP = np.dtype([(name, "i8") for name in ("body", "starts", "own", "joins")] + [("column", "i8", 10), ("twist", "f8", 6)])
+_STEP = np.dtype([(name, "i8") for name in ("body", "starts", "own", "joins", "shows")] + [("column", "i8", 10), ("twist", "f8", 6)])
 _EXTRA = np.dtype([("index", "i8"), ("column", "i8"), ("factor", "f8")])
 _REVOLUTE, _PRISMATIC, _FREE = range(3)
 
@@ -123,8 +123,9 @@ def _compile(tree: RigidBodyTree) -> _Compiled:
         body["R0"], body["p"], body["u"] = R0, before.T @ tree.translation[i], u
         body["fixed"], body["cosine"], body["sine"] = along, R0 - along, R0 @ skew
         body["sparse"] = bool(principal and not tree.prismatic[i] and np.count_nonzero(R0) == 3)
-        body["axes"] = np.argmax(np.abs(R0), axis=0)
-        body["sign"] = R0[body["axes"], range(3)]
+        axes = np.argmax(np.abs(R0), axis=0) if body["sparse"] else np.arange(3)
+        odd = (axes[1] - axes[0]) % 3 != 1
+        body["axes"], body["sign"], body["lever"] = axes, R0[axes, range(3)], (-1.0 if odd else 1.0) * body["p"][axes]
         body["turn"] = u[2]
     handle = _kernel.make_tree(bodies.tobytes(), tree.nv, tree.nq, np.ascontiguousarray(tree.gravity))
     found = _Compiled(handle, bodies, order, _sampled(tree))
@@ -198,7 +199,8 @@ def _steps(tree: RigidBodyTree, own: _Compiled, row: Array, place: dict[int, int
             twist[3 * (body["kind"] == _REVOLUTE) :][:3] = row[body["row"]] * body["u"]
         starts = body["parent"] < 0 or not active[body["parent"]]
         column = [place.get(10 * i + int(k), spare) for k in own.order[i]]
-        steps.append((i, starts, starts and body["sparse"], joins[i], column, twist))
+        shows = any(10 * i + k in place for k in range(10))
+        steps.append((i, starts, starts and body["sparse"], joins[i], shows, column, twist))
     return steps
 
 

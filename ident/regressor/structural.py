@@ -137,6 +137,7 @@ def base_set(robot: Robot, rotor_inertia: bool | Sequence[str] = False, toleranc
     terms = " + ".join(f"{count} ({name})" for name, count in dimensions if count)
     strength = np.sort(ranks.kept)
     return StructuralSet(
+        robot=robot,
         method="structural",
         matrix=full[:, :width],
         rotor_matrix=spread,
