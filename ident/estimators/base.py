@@ -13,25 +13,32 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 import numpy as np
 
 from ..effect import Need
-from ..errors import ConfigurationError, unknown_name
+from ..errors import ConfigurationError, UnsupportedError, unknown_name
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
+    from ..model import Model
     from ..problem import Problem
+    from .recursive import RecursiveState
 
 #: Passes of the fixed point between parameters and the load they predict; it contracts fast (friction is the smaller part).
 _LOAD_PASSES = 12
 
 
 class Capability(StrEnum):
-    """What an estimator can do beyond plain least squares on independent rows."""
+    """What an estimator can do beyond plain least squares on independent rows.
+
+    STREAMING: works from information blocks, with a fixed number of passes over the samples. RECURSIVE: takes samples as they
+    come (`start`). NOISY_REGRESSOR: stays consistent where the motion itself is noisy. DRIFT: parameters may change slowly."""
 
     WEIGHTS = "weights"
     BOUNDS = "bounds"
     PRIOR = "prior"
     STREAMING = "streaming"
+    RECURSIVE = "recursive"
     ROBUST = "robust"
     NOISY_REGRESSOR = "noisy regressor"
+    DRIFT = "drift"
     PHYSICAL = "physical"
 
 
@@ -43,13 +50,18 @@ class Estimator(ABC):
     title: ClassVar[str]
     capabilities: ClassVar[frozenset[Capability]] = frozenset()
 
+    def __post_init__(self) -> None:
+        # Lists come from study files; a configuration is hashable and cannot change under its owner.
+        for f in dataclasses.fields(self):
+            object.__setattr__(self, f.name, _frozen(getattr(self, f.name)))
+
     def solve(self, problem: Problem) -> Estimate:
         """Estimate the base parameters of a problem.
 
-        Where an effect needs the predicted load, the fit is repeated with the load of the last one until it stands."""
+        Where an effect needs the model's own prediction (load), the fit is repeated with that of the last one until it stands."""
         self.check(problem)
         estimate = self._solve(problem)
-        if Need.LOAD not in problem.model.needs:
+        if not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
             return estimate
         for _ in range(_LOAD_PASSES):
             values = estimate.all_values
@@ -60,12 +72,37 @@ class Estimator(ABC):
                 break
         return estimate
 
-    def check(self, problem: Problem) -> None:
+    def start(self, model: Model) -> RecursiveState:
+        """Begin a recursion that takes samples as they come. Raises UnsupportedError unless the estimator is RECURSIVE."""
+        raise UnsupportedError(
+            f"method {self.name!r} fits whole logs and cannot take samples one by one; methods that can: {_able(Capability.RECURSIVE)}."
+        )
+
+    def check(self, problem: Problem) -> None:  # noqa: B027 - most estimators refuse nothing
         """Refuse, before any work, what this estimator cannot do (UnsupportedError that names one that can)."""
 
     @abstractmethod
     def _solve(self, problem: Problem) -> Estimate:
         """The estimate for a problem whose reference load is given."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As study files give it: `method` and every key that is not at its default."""
+        out: dict[str, Any] = {"method": self.name}
+        for f in dataclasses.fields(self):
+            value = getattr(self, f.name)
+            if value != f.default:
+                out[f.name] = _thawed(value)
+        return out
+
+
+def _frozen(value: Any) -> Any:
+    if isinstance(value, dict):
+        return tuple((k, _frozen(v)) for k, v in value.items())
+    return tuple(_frozen(v) for v in value) if isinstance(value, list | tuple) else value
+
+
+def _thawed(value: Any) -> Any:
+    return [_thawed(v) for v in value] if isinstance(value, tuple) else value
 
 
 _REGISTRY: dict[str, type[Estimator]] = {}
@@ -89,13 +126,25 @@ def estimator_types() -> dict[str, type[Estimator]]:
     return dict(sorted(_REGISTRY.items()))
 
 
+def _able(capability: Capability) -> str:
+    """Names of the methods that have a capability."""
+    return ", ".join(name for name, kind in estimator_types().items() if capability in kind.capabilities) or "none"
+
+
 def make_estimator(name: str, **configuration: Any) -> Estimator:
-    """An estimator by its name, as study files and the command line give it."""
+    """An estimator by its name, as study files and the command line give it.
+
+    Raises ConfigurationError for an unknown method or key, with the nearest known ones; UnsupportedError where the key
+    belongs to other methods, which it names."""
     types = estimator_types()
     if name not in types:
         raise unknown_name("method", name, types)
     known = {f.name for f in dataclasses.fields(types[name])}
     for key in configuration:
-        if key not in known:
-            raise unknown_name(f"key of method {name!r}", key, known)
+        if key in known:
+            continue
+        others = [other for other, kind in types.items() if key in {f.name for f in dataclasses.fields(kind)}]
+        if others:
+            raise UnsupportedError(f"method {name!r} has no {key!r}; methods that have it: {', '.join(others)}.")
+        raise unknown_name(f"key of method {name!r}", key, known)
     return types[name](**configuration)

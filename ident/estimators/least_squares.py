@@ -28,7 +28,7 @@ class LeastSquares(Estimator):
     capabilities: ClassVar[frozenset[Capability]] = frozenset({Capability.STREAMING})
 
     def _solve(self, problem: Problem) -> Estimate:
-        weights = np.ones(problem.model.robot.n)
+        weights = np.ones(problem.valid.shape[1])
         R, z, _ = problem.information.combined(weights)
         return finish(problem, solve_triangle(R, z, order_of(problem.base)), weights, self.name)
 
@@ -48,7 +48,7 @@ class WeightedLeastSquares(Estimator):
     iterations: int = 20
 
     def check(self, problem: Problem) -> None:
-        n = problem.model.robot.n
+        n = problem.valid.shape[1]
         if self.noise_std is not None and (len(self.noise_std) != n or min(self.noise_std) <= 0):
             raise ConfigurationError(f"noise_std must hold {n} positive values, one per joint, not {list(self.noise_std)}.")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from ..information import Information
 from ..noise import NoiseModel, fit_noise, noise_gram
+from ..problem import Rows
 from ..regressor.base import BaseReduction, preference, reduce_columns
 from ..status import Status, StatusCode
 from ..torque_error import TorqueError
@@ -58,6 +60,22 @@ def solve_triangle(R: Array, z: Array, order: list[int] | None = None) -> Linear
     return LinearSolution(keep, found.regroup, values, root, float(singular[0] / singular[-1]))
 
 
+def step_size(solution: LinearSolution, values: Array, previous: Array) -> float:
+    """Largest change from `previous` (b,) to `values` (b,), in standard deviations of the information (rows of the root).
+
+    Changes within round-off of the predicted torque count as none: a noise-free log has no standard deviation to compare with."""
+    step = solution.root @ (values - previous)[solution.columns]
+    roundoff = 1e-12 * float(np.linalg.norm(solution.root @ values[solution.columns]))
+    return float(np.max(np.where(np.abs(step) > roundoff, np.abs(step), 0.0), initial=0.0))
+
+
+def full_values(problem: Problem, solution: LinearSolution) -> Array:
+    """Values (b,) over all base parameters of the problem; those that were grouped away are zero."""
+    out = np.zeros(problem.base.count)
+    out[solution.columns] = solution.values
+    return out
+
+
 def row_variances(information: Information, values: Array, root: Array | None = None, weights: Array | None = None) -> Array:
     """Residual variance of each measured row, (n,), freed of the parameters it helped to fit (trace of its hat matrix)."""
     squares = information.residual_squares(values)
@@ -71,35 +89,46 @@ def row_variances(information: Information, values: Array, root: Array | None = 
     return squares / np.maximum(information.counts - used, 1.0)
 
 
+#: What each row contributes to the estimating equation Σ score' (τ − Φ p) = 0: (m, n, b) for a block of rows.
+Score = Callable[[Rows], Array]
+
+
 def finish(
     problem: Problem,
     solution: LinearSolution,
     weights: Array,
     method: str,
     *,
+    score: Score | None = None,
     covariance: Array | None = None,
+    noise: NoiseModel | None = None,
     warnings: tuple[str, ...] = (),
     code: StatusCode = StatusCode.OK,
     details: tuple[str, ...] = (),
     trace: dict[str, Any] | None = None,
 ) -> Estimate:
-    """Build the estimate: noise model from the residual, covariance under its colour, torque error, status."""
+    """Build the estimate: noise model from the residual, covariance under its colour, torque error, status.
+
+    `score`: of rows whose solution is not plain weighted least squares (default weights times columns). `covariance` over
+    the solution's columns, and `noise`, where the estimator has its own."""
     from ..estimate import Estimate
 
     base = problem.base
-    full = np.zeros(base.count)
-    full[solution.columns] = solution.values
+    full = full_values(problem, solution)
     residual = problem.residual(full)
-    noise = fit_noise(residual, problem.signals.row_runs)
-    if covariance is None:
-        noise, covariance = coloured_covariance(problem, solution, weights, noise)
+    if noise is None:
+        noise = fit_noise(residual, problem.row_runs)
+        if covariance is None:
+            noise, covariance = coloured_covariance(problem, solution, weights, noise, score)
+    elif covariance is None:
+        covariance = coloured_covariance(problem, solution, weights, noise, score)[1]
     reduced = BaseReduction(
         base.parameters, base.independent[solution.columns], solution.regroup @ base.regroup, base.zero, base.gap, base.notes
     )
     names = base.names
-    dropped = tuple(names[i] for i in range(base.count) if i not in set(solution.columns.tolist()))
+    kept = set(solution.columns.tolist())
+    dropped = tuple(names[i] for i in range(base.count) if i not in kept)
     status = _status(code, details, dropped, solution, covariance, noise, problem, reduced)
-    counts = problem.signals.valid.sum(axis=0)
     return Estimate(
         method=method,
         model=problem.model,
@@ -107,31 +136,51 @@ def finish(
         values=solution.values,
         covariance=covariance,
         status=status,
-        fit_error=TorqueError.of(residual, problem.signals.tau),
+        fit_error=TorqueError.of(residual, problem.tau),
         noise=noise,
         weights=weights,
         condition=solution.condition,
-        samples=int(counts.sum()),
+        samples=int(problem.valid.sum()),
         information=problem.information,
         reference=problem.reference,
         dropped=dropped,
         warnings=(*problem.signals.report.warnings, *base.notes, *warnings),
         trace=trace or {},
-        problem=problem,
     )
 
 
-def coloured_covariance(problem: Problem, solution: LinearSolution, weights: Array, noise: NoiseModel) -> tuple[NoiseModel, Array]:
-    """Covariance A⁻¹ (Φᵀ W Γ W Φ) A⁻¹ of the solution, and the noise model freed of what the fit absorbed.
+def score_gram(problem: Problem, noise: NoiseModel, score: Score) -> Array:
+    """Covariance (b, b) of Σ scoreᵀ noise over all rows, under the noise's colour; rows left out count nothing."""
+    blocks = (Rows(score(rows), rows.tau, rows.valid, rows.place, rows.run) for rows in problem.rows())
+    return noise_gram(noise, blocks, np.ones(problem.valid.shape[1]))
+
+
+def sandwich(root: Array, gram: Array) -> Array:
+    """A⁻¹ gram A⁻¹ with A = rootᵀ root, by triangular solves."""
+    from scipy.linalg import solve_triangular
+
+    half = solve_triangular(root, solve_triangular(root, gram, trans="T"))
+    both = solve_triangular(root, solve_triangular(root, half.T, trans="T"))
+    return (both + both.T) / 2
+
+
+def coloured_covariance(
+    problem: Problem, solution: LinearSolution, weights: Array, noise: NoiseModel, score: Score | None = None
+) -> tuple[NoiseModel, Array]:
+    """Covariance A⁻¹ (Ψᵀ Γ Ψ) A⁻¹ of the solution (Ψ = WΦ by default), and the noise model freed of what the fit absorbed.
 
     The residual lacks the part of the noise that the fit took up: its expected sum of squares is tr Γ − tr(A⁻¹ ΦᵀWΓWΦ)/w,
     so each row's level is raised by that share."""
     from scipy.linalg import solve_triangular
 
-    gram = noise_gram(noise, problem.rows(), weights)[np.ix_(solution.columns, solution.columns)]
+    if score is None:
+        gram = noise_gram(noise, problem.rows(), weights)
+    else:
+        gram = score_gram(problem, noise, score)
+    gram = gram[np.ix_(solution.columns, solution.columns)]
     half = solve_triangular(solution.root, gram, trans="T")
     inner = solve_triangular(solution.root, half.T, trans="T")  # root⁻ᵀ gram root⁻¹
-    rows = problem.signals.valid.sum(axis=0)
+    rows = problem.valid.sum(axis=0)
     energy = float(np.sum(weights * noise.variance * rows))
     absorbed = min(0.9, float(np.trace(inner)) / energy) if energy > 0 else 0.0
     inflate = 1.0 / (1.0 - absorbed)
@@ -152,8 +201,10 @@ def _status(
 ) -> Status:
     if code != StatusCode.OK:
         return Status(code, details)
-    rows = problem.signals.valid.sum(axis=0)
-    effective = float(np.sum(rows / noise.correlation_time))
+    rows = problem.valid.sum(axis=0)
+    # A residual within round-off says nothing about noise.
+    exact = noise.variance * rows <= 1e-20 * np.sum(np.where(problem.valid, problem.tau, 0.0) ** 2, axis=0)
+    effective = float(np.sum(np.where(exact, rows, rows / noise.correlation_time)))
     if effective < 1.5 * len(solution.values):
         return Status(StatusCode.FEW_SAMPLES, (f"About {effective:.0f} independent samples for {len(solution.values)} parameters.",))
     from ..excitation_advice import advice
