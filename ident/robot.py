@@ -65,15 +65,15 @@ class Robot:
     Pinocchio's order, or None where the URDF gives none. `source`: what is needed to load it again (JSON-able)."""
 
     name: str
-    model: pin.Model
+    model: pin.Model = field(repr=False)
     joints: tuple[Joint, ...]
     tree_joints: tuple[Joint, ...]
     transmission: Transmission
     loop: Loop
-    nominal: Array | None
+    nominal: Array | None = field(repr=False)
     floating_base: bool = False
     notes: tuple[str, ...] = ()
-    source: Mapping[str, Any] = field(default_factory=dict)
+    source: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
     def from_urdf(
@@ -128,6 +128,12 @@ class Robot:
             floating_base,
             source,
         )
+
+    def __str__(self) -> str:
+        kinds = ", ".join(j.name + (" (prismatic)" if j.prismatic else "") for j in self.joints)
+        drive = "direct" if np.array_equal(self.transmission.K, np.eye(self.n)) else "geared" if self.transmission.is_diagonal else "coupled"
+        lines = [f"robot {self.name}: {self.n} joints: {kinds}; {drive} drive, torque measured on the {self.transmission.measured} side"]
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
     @property
     def n(self) -> int:
