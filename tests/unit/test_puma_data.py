@@ -40,7 +40,9 @@ def base_map(arms=ARMS) -> tuple[list[str], np.ndarray]:
             RZ = sum((R[j]["z"] for j in after), np.zeros(60))
             following = CLUSTERS[d + 1] if i == cluster[-1] and d + 1 < len(CLUSTERS) else ()
             RZB = sum((R[j]["z"] for j in following), np.zeros(60))
-            JYB = sum((J[j]["yy"] + 2 * L[j][1] * sum((R[s]["z"] for s in following if s > j), np.zeros(60)) for j in following), np.zeros(60))
+            JYB = sum(
+                (J[j]["yy"] + 2 * L[j][1] * sum((R[s]["z"] for s in following if s > j), np.zeros(60)) for j in following), np.zeros(60)
+            )
             x, z = L[i]
             entries = {f"J{i + 1}z": J[i]["zz"] + JYB}
             if i > 0:

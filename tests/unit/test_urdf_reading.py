@@ -26,7 +26,9 @@ def urdf(*joints, links=None, inertial=INERTIAL, attributes=""):
 def chain(*insides, kinds=None):
     kinds = kinds or ["revolute"] * len(insides)
     names = ["base", *(f"l{i}" for i in range(1, len(insides) + 1))]
-    return urdf(*(joint(f"j{i + 1}", names[i], names[i + 1], kind, inside) for i, (inside, kind) in enumerate(zip(insides, kinds, strict=True))))
+    return urdf(
+        *(joint(f"j{i + 1}", names[i], names[i + 1], kind, inside) for i, (inside, kind) in enumerate(zip(insides, kinds, strict=True)))
+    )
 
 
 @pytest.mark.parametrize(
@@ -61,7 +63,27 @@ def test_angles_taken_as_exact(written, multiple):
 
 @pytest.mark.parametrize(
     "written",
-    ["1.5701", "1.5700", "1.5710", "0.7851", "0.79", "0.78", "2.36", "3.1", "1.6", "2", "3", "1.55", "0.3", "3.1406", "5.4949e-05", "inf", "nan", "x", ""],
+    [
+        "1.5701",
+        "1.5700",
+        "1.5710",
+        "0.7851",
+        "0.79",
+        "0.78",
+        "2.36",
+        "3.1",
+        "1.6",
+        "2",
+        "3",
+        "1.55",
+        "0.3",
+        "3.1406",
+        "5.4949e-05",
+        "inf",
+        "nan",
+        "x",
+        "",
+    ],
 )
 def test_angles_left_as_written(written):
     assert exact_angle(written) is None
