@@ -110,7 +110,7 @@ def test_closed_form_spans_the_regressor(robot):
 
 
 def test_thirty_six_and_sixteen(robot, model):
-    names, B = base_map()
+    _, B = base_map()
     m = motion(robot)
     Y = robot.rigid_body().columns(m) @ np.linalg.pinv(B)
     drive = model.columns(m)[:, :, 60:]

@@ -170,7 +170,7 @@ def test_unknown_method_and_option(folder):
 
 
 def test_missing_study_and_logs(folder):
-    with pytest.raises(ConfigurationError, match="study nowhere.toml: no such file"):
+    with pytest.raises(ConfigurationError, match=r"study nowhere\.toml: no such file"):
         read_study("nowhere.toml")
     with pytest.raises(ConfigurationError, match="cannot be read"):
         read_study(folder)
