@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..information import stack_triangles
 from .base import Capability, Estimator, register
-from .least_squares import WeightedLeastSquares
+from .least_squares import weighted_solution
 from .solution import LinearSolution, finish, full_values, order_of, solve_triangle, step_size
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class GeneralisedLeastSquares(Estimator):
             known = np.asarray(self.covariance, float)
             solution = _whitened_solution(problem, RowWeights(known))
             return self._finish(problem, solution, known, [])
-        values = problem.base.base_values(WeightedLeastSquares()._solve(problem).all_values)
+        values = full_values(problem, weighted_solution(problem)[0])
         steps: list[float] = []
         while True:
             across = row_covariance(problem, values)
@@ -64,7 +64,7 @@ class GeneralisedLeastSquares(Estimator):
     def _finish(self, problem: Problem, solution: LinearSolution, across: Array, steps: list[float]) -> Estimate:
         warnings: tuple[str, ...] = ()
         if steps and steps[-1] > 1e-3:
-            warnings = (f"gls: the estimate still moved by {steps[-1]:.1e} standard deviations at pass {len(steps)}; allow more iterations.",)
+            warnings = (f"gls: pass {len(steps)} still moved the estimate by {steps[-1]:.1e} standard deviations; allow more iterations.",)
         trace = {"covariance": across.tolist(), "steps": steps}
         score = RowWeights(across).score
         return finish(problem, solution, 1.0 / np.diag(across), self.name, score=score, warnings=warnings, trace=trace)

@@ -9,10 +9,11 @@ import numpy as np
 
 from ..errors import ConfigurationError
 from .base import Capability, Estimator, register
-from .solution import finish, order_of, row_variances, solve_triangle
+from .solution import LinearSolution, finish, order_of, row_variances, solve_triangle
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
+    from ..information import Information
     from ..problem import Problem
 
 Array = np.ndarray
@@ -53,22 +54,33 @@ class WeightedLeastSquares(Estimator):
             raise ConfigurationError(f"noise_std must hold {n} positive values, one per joint, not {list(self.noise_std)}.")
 
     def _solve(self, problem: Problem) -> Estimate:
-        information, order = problem.information, order_of(problem.base)
-        if self.noise_std is not None:
+        if self.noise_std is None:
+            solution, weights = weighted_solution(problem, self.iterations)
+        else:
             weights = 1.0 / np.square(np.asarray(self.noise_std, float))
-            R, z, _ = information.combined(weights)
-            return finish(problem, solve_triangle(R, z, order), weights, self.name)
-        weights = np.where(information.counts > 0, 1.0, 0.0)
-        solution = solve_triangle(*information.combined(weights)[:2], order)
-        for _ in range(self.iterations):
-            selected = information.selected(solution.columns)
-            variance = row_variances(selected, solution.values, solution.root, weights)
-            # A row that is fitted exactly (noise-free data) must not take all the weight.
-            floor = 1e-24 * np.maximum(information.torque_squares(), 1e-300) / np.maximum(information.counts, 1)
-            new = np.where(information.counts > 0, 1.0 / np.maximum(variance, floor), 0.0)
-            change = np.max(np.abs(new - weights) / np.where(new > 0, new, 1.0))
-            weights = new
-            solution = solve_triangle(*information.combined(weights)[:2], order)
-            if change < 1e-6:
-                break
+            solution = solve_triangle(*problem.information.combined(weights)[:2], order_of(problem.base))
         return finish(problem, solution, weights, self.name)
+
+
+def weighted_solution(problem: Problem, iterations: int = 20) -> tuple[LinearSolution, Array]:
+    """Solution and weights (n,) of iterated weighted least squares: each row weighs by its own residual's variance."""
+    information, order = problem.information, order_of(problem.base)
+    weights = np.where(information.counts > 0, 1.0, 0.0)
+    solution = solve_triangle(*information.combined(weights)[:2], order)
+    for _ in range(iterations):
+        new = residual_weights(information, solution, weights)
+        change = np.max(np.abs(new - weights) / np.where(new > 0, new, 1.0))
+        weights = new
+        solution = solve_triangle(*information.combined(weights)[:2], order)
+        if change < 1e-6:
+            break
+    return solution, weights
+
+
+def residual_weights(information: Information, solution: LinearSolution, weights: Array) -> Array:
+    """Inverse residual variance of each row (n,), zero where a row has no data; `weights` are those of the solution."""
+    selected = information.selected(solution.columns)
+    variance = row_variances(selected, solution.values, solution.root, weights)
+    # A row that is fitted exactly (noise-free data) must not take all the weight.
+    floor = 1e-24 * np.maximum(information.torque_squares(), 1e-300) / np.maximum(information.counts, 1)
+    return np.where(information.counts > 0, 1.0 / np.maximum(variance, floor), 0.0)

@@ -12,7 +12,7 @@ from ..information import Information
 from ..noise import fit_noise
 from ..status import StatusCode
 from .base import Capability, Estimator, register
-from .least_squares import WeightedLeastSquares
+from .least_squares import weighted_solution
 from .solution import LinearSolution, finish, full_values, order_of, sandwich, score_gram, solve_triangle, step_size
 
 if TYPE_CHECKING:
@@ -97,14 +97,13 @@ class RobustLeastSquares(Estimator):
             raise ConfigurationError(f"method 'irls': tuning must be positive (standard deviations), not {self.tuning}.")
 
     def _solve(self, problem: Problem) -> Estimate:
-        first = WeightedLeastSquares()._solve(problem)
-        values = problem.base.base_values(first.all_values)
-        done = True
-        for name in dict.fromkeys(("huber", self.loss)):
-            c = self.tuning if name == self.loss and self.tuning is not None else _LOSSES[name].tuning
-            solution, scale, done, steps = _iterate(problem, values, _LOSSES[name], c, self.iterations)
-            values = full_values(problem, solution)
-        return _finish(problem, solution, scale, _LOSSES[self.loss], c, self.name, done, steps)
+        values = full_values(problem, weighted_solution(problem)[0])
+        loss = _LOSSES[self.loss]
+        if loss is not Huber:
+            values = full_values(problem, _iterate(problem, values, Huber, Huber.tuning, self.iterations)[0])
+        c = self.tuning or loss.tuning
+        solution, scale, done, steps = _iterate(problem, values, loss, c, self.iterations)
+        return _finish(problem, solution, scale, loss, c, self.name, done, steps)
 
 
 def robust_scale(residual: Array, torque_squares: Array, counts: Array) -> Array:
