@@ -1,0 +1,55 @@
+"""`ident base`: which combinations of parameters a robot's torques reveal, in symbols, without a log."""
+
+from __future__ import annotations
+
+import argparse
+
+from ..results import result
+from .common import Output, add_output_arguments, add_study_arguments, study_from
+
+HELP = "base parameters of a robot in readable expressions, and what cannot be identified"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_study_arguments(parser, logs=False)
+    add_output_arguments(parser)
+    parser.add_argument("--rotor-inertia", action="store_true", help="count the motors' reflected inertias as parameters too")
+    parser.add_argument("--gravity", nargs=3, type=float, metavar=("X", "Y", "Z"), help="gravity in the base frame (m/s^2); other than the robot's own")
+    parser.add_argument("--floating-base", action="store_true", help="the base moves freely (six more equations)")
+    parser.add_argument(
+        "--principal", nargs="+", metavar="FILE", help="logs: rank orthogonal combinations by their effect on the torque along this motion"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    from ..regressor.base_report import base_report
+
+    out = Output(args)
+    study = study_from(args)
+    robot = study.robot()
+    if args.floating_base:
+        from dataclasses import replace
+
+        study = replace(study, description=replace(study.description, robot=replace(study.description.robot, floating_base=True)))
+        robot = study.robot()
+    if args.gravity:
+        robot = robot.with_gravity(args.gravity)
+    principal = _principal(args.principal, robot) if args.principal else None
+    report = base_report(robot, rotor_inertia=args.rotor_inertia, principal=principal)
+    out.say(report)
+    out.result(result("ident.base/1", report.to_dict(), warnings=report.notes), "base")
+    return 0 if report.agreement else 1
+
+
+def _principal(files, robot):  # type: ignore[no-untyped-def]
+    import numpy as np
+
+    from ..logs import read_logs
+    from ..problem import Problem
+    from ..regressor.principal import principal_parameters
+    from ..signals import ZeroPhase
+
+    problem = Problem(robot.rigid_body(), ZeroPhase()(read_logs(files, robot)))
+    information = problem.information
+    R, _, _ = information.combined(np.where(information.counts > 0, 1.0, 0.0))
+    return principal_parameters(R, information.names, rows=int(information.counts.sum()))
