@@ -256,7 +256,7 @@ class LogSet:
         if not 0 < held < 1:
             raise ConfigurationError(f"split: held = {held} must lie between 0 and 1.")
         if by == "run":
-            chosen = _spread(len(self), held)
+            chosen = spread(len(self), held)
             if not chosen or len(chosen) == len(self):
                 raise ConfigurationError(f"split: {len(self)} run cannot be split by run; use by=\"fraction\" or by=\"blocks\", or give more logs.")
             return (
@@ -269,7 +269,7 @@ class LogSet:
                 cut = int(np.searchsorted(log.t, log.t[0] + (1 - held) * log.duration))
                 parts += [(log.rows(slice(0, cut)), False), (log.rows(slice(cut, None), f"{log.name} (last part)"), True)]
         elif by == "blocks":
-            chosen = _spread(blocks, held)
+            chosen = spread(blocks, held)
             if not chosen or len(chosen) >= blocks:
                 raise ConfigurationError(f"split: {blocks} blocks cannot hold out a share of {held}.")
             parts = []
@@ -285,7 +285,7 @@ class LogSet:
         return replace(self, logs=fit), replace(self, logs=out)
 
 
-def _spread(count: int, share: float) -> set[int]:
+def spread(count: int, share: float) -> set[int]:
     """About `share` of `count` indices, evenly spread, never the first alone of several."""
     number = min(count - 1, max(1, round(share * count))) if count > 1 else 0
     return {int((i + 0.5) * count / number + 0.5 * (count / number > 2)) if number else 0 for i in range(number)} if number else set()

@@ -1,0 +1,185 @@
+"""From derived runs to signals: masks, the rows' filter, and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .cutoff import CutoffChoice
+from .errors import DataError
+from .filters import RowFilter
+from .masks import Saturation, find_saturation
+from .prepared import JointReport, PreparationReport, Signals
+from .resample import bridge
+from .robot import Robot
+from .transmission import Side
+from .uniform import Recording, Resampling, UniformRun
+
+if TYPE_CHECKING:
+    from .preparation import Preparation
+
+Array = np.ndarray
+#: A row is not used if more than this share of its filter's weight lies on samples whose torque is missing or cut off.
+_UNSOUND = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Derived:
+    """A run with derivatives: `q`, `dq`, `ddq`, `torque` (L, n) from sample `offset` of `run` on."""
+
+    run: UniformRun
+    q: Array
+    dq: Array
+    ddq: Array
+    torque: Array
+    offset: int
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def trimmed(self, margin: int) -> Derived:
+        """Without so many samples at either end."""
+        if margin <= 0:
+            return self
+        inner = slice(margin, max(margin, len(self) - margin))
+        return replace(self, q=self.q[inner], dq=self.dq[inner], ddq=self.ddq[inner], torque=self.torque[inner], offset=self.offset + margin)
+
+    @property
+    def samples(self) -> slice:
+        """The samples of `run` that are left."""
+        return slice(self.offset, self.offset + len(self))
+
+
+def assemble(
+    prep: Preparation,
+    robot: Robot,
+    recordings: Sequence[Recording],
+    uniform: Resampling,
+    derived: Sequence[Derived],
+    row_filter: RowFilter | None,
+    choice: CutoffChoice,
+    cutoff: float,
+    inputs: tuple[dict[str, str], ...],
+) -> Signals:
+    """Concatenate runs, mask rows, report. Raises DataError if nothing is left."""
+    need = len(row_filter.taps) if row_filter else 1
+    kept = [d for d in derived if len(d) >= need]
+    warnings = list(dict.fromkeys(note for r in recordings for note in r.notes))
+    if not kept:
+        longest = max(len(r) for r in uniform.runs) / uniform.rate
+        raise DataError(
+            f"the longest run without a gap lasts {longest:.3g} s: too short for a cut-off of {cutoff:.3g} Hz, whose filters lose"
+            f" about {6 / cutoff:.2g} s. Record longer runs, or raise cutoff_hz."
+        )
+    if len(kept) < len(derived):
+        warnings.append(f"{len(derived) - len(kept)} of {len(derived)} stretches are shorter than the filters and are left out.")
+    edges = np.cumsum([0, *(len(d) for d in kept)]).tolist()
+    runs = tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
+    t = np.concatenate([d.run.t[d.samples] for d in kept])
+    q, dq, ddq = (np.concatenate([getattr(d, k) for d in kept]) for k in ("q", "dq", "ddq"))
+    torque = np.concatenate([d.run.torque[d.samples] for d in kept])
+    missing = np.concatenate([d.run.missing[d.samples] for d in kept])
+
+    speed = dq if robot.transmission.measured == Side.JOINT else robot.transmission.motor_rate(dq)
+    top = np.abs(speed).max(axis=0)
+    noise = _speed_noise(robot, choice, cutoff)
+    # Differences of a constant leave only rounding.
+    rounding = 100 * np.spacing(np.abs(q).max(axis=0)) * uniform.rate
+    if robot.transmission.measured == Side.MOTOR:
+        rounding = np.abs(robot.transmission.K_inverse) @ rounding
+    still_joint = top <= np.maximum(6 * noise, rounding)
+    rule = prep.standstill
+    threshold = np.zeros(robot.n) if rule is None else np.where(still_joint, np.inf, rule.thresholds(top, noise))
+    moving = np.abs(speed) > np.where(still_joint, np.inf, np.maximum(threshold, 0.01 * top))
+    resting = np.abs(speed) <= threshold if rule is not None else np.zeros(speed.shape, bool)
+    cut = find_saturation(torque, moving)
+    flags = {"torque missing": missing, "torque at its limit": cut.flag if prep.saturated == "mask" else np.zeros_like(missing), "standstill": resting}
+    shares = {"torque missing": _UNSOUND, "torque at its limit": _UNSOUND, "standstill": rule.share if rule is not None else 0.5}
+
+    tau_parts, share_parts = [], {k: [] for k in flags}  # type: tuple[list[Array], dict[str, list[Array]]]
+    for d, run in zip(kept, runs, strict=True):
+        if row_filter is None:
+            tau_parts.append(d.torque)
+        else:
+            tau_parts.append(row_filter.apply(bridge(t[run], d.torque)))
+        for k, flag in flags.items():
+            part = flag[run]
+            share_parts[k].append(part if row_filter is None else _share(row_filter, part) > shares[k])
+    tau = np.concatenate(tau_parts)
+    lost = {k: np.concatenate(v) for k, v in share_parts.items()}
+    valid = ~np.logical_or.reduce(list(lost.values()))
+    tau[lost["torque missing"]] = np.nan
+    warnings += _warnings(robot, still_joint, rule is not None, cut, prep.saturated, valid, lost)
+    if rule is not None and still_joint.all():
+        raise DataError(
+            "no joint moves: every speed stays within the noise of its position. There is nothing to identify a motion's model from."
+            " For logs of standstill alone, prepare them with standstill = false."
+        )
+    joints = tuple(
+        JointReport(
+            s.name, s.noise, s.suggested_hz, float(top[j]), float(threshold[j]), int(valid[:, j].sum()), {k: int(v[:, j].sum()) for k, v in lost.items()}
+        )
+        for j, s in enumerate(choice.joints)
+    )
+    report = PreparationReport(
+        config=prep.config(),
+        cutoff_hz=cutoff if prep.filters_positions else None,
+        cutoff_reason=choice.reason if prep.cutoff_hz is None else f"as asked; from the data {choice.cutoff_hz:.3g} Hz: {choice.reason}",
+        row_cutoff_hz=None if row_filter is None else _half_gain(row_filter, uniform.rate),
+        rate_hz=uniform.rate,
+        row_rate_hz=uniform.rate / (row_filter.factor if row_filter else 1),
+        samples_read=sum(len(r.t) for r in recordings),
+        samples=len(t),
+        rows=len(tau),
+        resampled=uniform.text,
+        joints=joints,
+        warnings=tuple(dict.fromkeys(warnings)),
+    )
+    names = tuple(d.run.name for d in kept)
+    return Signals(robot, t, q, dq, ddq, torque, tau, valid, runs, names, uniform.rate, row_filter, report, inputs)
+
+
+def _share(row_filter: RowFilter, flag: Array) -> Array:
+    """Share of the row filter's weight on flagged samples (L, n) → (M, n)."""
+    if not flag.any():
+        return np.zeros((row_filter.count(len(flag)), flag.shape[1]))
+    return row_filter.magnitude.apply(flag)
+
+
+def _speed_noise(robot: Robot, choice: CutoffChoice, cutoff: float) -> Array:
+    """Standard deviation (n,) of the speed's noise on the measured side, behind the low-pass."""
+    joint = np.array([s.velocity_noise(cutoff) for s in choice.joints])
+    if robot.transmission.measured == Side.JOINT:
+        return joint
+    return np.sqrt(robot.transmission.K_inverse**2 @ joint**2)
+
+
+def _half_gain(row_filter: RowFilter, rate: float) -> float:
+    """Frequency at which the row filter's gain is one half, Hz."""
+    f = np.linspace(0, rate / 2, 4096)
+    below = np.flatnonzero(row_filter.gain(f, rate) < 0.5)
+    return float(f[below[0]]) if len(below) else float(rate / 2)
+
+
+def _warnings(
+    robot: Robot, still: Array, masked: bool, cut: Saturation, saturated: str, valid: Array, lost: dict[str, Array]
+) -> list[str]:
+    out = []
+    if still.any():
+        names = ", ".join(n for n, s in zip(robot.joint_names, still, strict=True) if s)
+        what = "its rows are left out" if still.sum() == 1 else "their rows are left out"
+        out.append(f"never moved: {names}" + (f"; {what}, and friction and inertia there stay unknown." if masked else "."))
+    for j, name in enumerate(robot.joint_names):
+        if np.isfinite(cut.limits[j]).any():
+            at = " and ".join(f"{x:.4g}" for x in cut.limits[j] if np.isfinite(x))
+            use = "left out" if saturated == "mask" else "kept, as asked"
+            out.append(f"torque of {name} stays at its extreme ({at}) in {int(cut.flag[:, j].sum())} samples: taken as saturated, rows {use}.")
+        rest = float(lost["standstill"][:, j].mean()) if len(valid) else 0.0
+        if not still[j] and rest > 0.5:
+            out.append(f"{name} stands still in {rest:.0%} of its rows; they are left out.")
+        if len(valid) and not valid[:, j].any() and not still[j] and not lost["torque missing"][:, j].all():
+            out.append(f"no row of {name} can be used.")
+    return out

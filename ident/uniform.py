@@ -1,0 +1,133 @@
+"""Runs at one uniform rate, cut at gaps: between logs as recorded and signals as prepared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .errors import ConfigurationError, DataError
+from .logs import Log, measured, unwrapped
+from .resample import Clock, common_rate, flag_at, grid, interpolate, is_even, stretches, thin
+from .robot import Robot
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A log in the robot's terms: joint positions (N, n), torque on the measured side (N, n), measured derivatives or None."""
+
+    name: str
+    t: Array
+    q: Array
+    torque: Array
+    dq: Array | None
+    ddq: Array | None
+    clock: Clock
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, log: Log, robot: Robot) -> Recording:
+        """Positions from the motors where need be and without jumps of a turn, torque on the measured side. Raises DataError."""
+        if log.n != robot.n:
+            raise DataError(f"log {log.name} has {log.n} joints, but robot {robot.name!r} has {robot.n}: {', '.join(robot.joint_names)}.")
+        notes = list(log.notes)
+        recorded = log.position(robot.transmission)
+        turning = [not j.prismatic for j in robot.joints]
+        q = recorded.copy()
+        q[:, turning] = unwrapped(recorded[:, turning])
+        jumps = [name for j, name in enumerate(robot.joint_names) if not np.array_equal(q[:, j], recorded[:, j], equal_nan=True)]
+        if jumps:
+            notes.append(f"log {log.name}: positions of {', '.join(jumps)} jump by a full turn; they are taken as continuous.")
+        torque = measured(log, robot.transmission)
+        notes += torque.notes
+        missing = np.isnan(torque.torque)
+        absent = [name for j, name in enumerate(robot.joint_names) if missing[:, j].all()]
+        partly = [f"{name} ({int(missing[:, j].sum())})" for j, name in enumerate(robot.joint_names) if missing[:, j].any() and not missing[:, j].all()]
+        if absent:
+            notes.append(f"log {log.name}: no torque of {', '.join(absent)}: their rows are not used.")
+        if partly:
+            notes.append(f"log {log.name}: torque is missing in some samples of {', '.join(partly)}; rows that rest on them are not used.")
+        if len(absent) == robot.n:
+            raise DataError(f"log {log.name}: the torque columns hold no number.")
+        return cls(
+            log.name, log.t, q, torque.torque, log.velocity(robot.transmission), log.ddq, Clock.of(log.t), tuple(dict.fromkeys(notes))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class UniformRun:
+    """A stretch without gap at one rate: `t` (N,), `q`, `torque`, `dq`, `ddq` (N, n) or None; `missing` (N, n): no torque there."""
+
+    name: str
+    t: Array
+    q: Array
+    torque: Array
+    missing: Array
+    dq: Array | None
+    ddq: Array | None
+    interpolated: bool
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, eq=False)
+class Resampling:
+    """Uniform runs, their rate (Hz), and in words what became of the time stamps."""
+
+    runs: tuple[UniformRun, ...]
+    rate: float
+    text: str
+    gaps: int
+    thinned: int
+
+
+def uniform_runs(recordings: Sequence[Recording], rate: float | None, longest_gap: float | None, cutoff: float | None) -> Resampling:
+    """Put recordings on one uniform rate. `rate`: None takes the logs' own. `longest_gap` (s): longer steps cut a run; None: what a
+    motion below `cutoff` (Hz) can be bridged over, a tenth of its period, and at least three and a half steps."""
+    own = common_rate([r.clock for r in recordings])
+    if rate is not None and not 0 < rate <= 20 * own:
+        raise ConfigurationError(f"resample_hz = {rate:g} makes no sense for logs of {own:.4g} Hz.")
+    rate = rate or own
+    runs: list[UniformRun] = []
+    gaps = thinned = 0
+    for rec in recordings:
+        limit = longest_gap or max(3.5 * rec.clock.step, 0.1 / cutoff if cutoff else 0.0)
+        parts = [p for p in stretches(rec.t, limit) if p.stop - p.start >= 4]
+        gaps += len(parts) - 1
+        for k, part in enumerate(parts):
+            run, lost = _uniform(rec, part, rate)
+            thinned += lost
+            runs.append(run if len(parts) == 1 else replace(run, name=f"{rec.name} [{k + 1}]"))
+    if not runs:
+        raise DataError("no stretch of the logs is long enough: the time stamps have gaps everywhere. See `audit`.")
+    uneven = sum(r.interpolated for r in runs)
+    clocks = [r.clock for r in recordings]
+    text = f"even, {rate:.6g} Hz" if not uneven else (
+        f"{uneven} of {len(runs)} stretches resampled to {rate:.6g} Hz (steps vary by {max(c.jitter / c.step for c in clocks):.1%} rms)"
+    )  # fmt: skip
+    text += f"; {gaps} gap{'s' * (gaps > 1)} cut the runs" if gaps else ""
+    text += f"; {thinned} samples too close to the one before left out" if thinned else ""
+    return Resampling(tuple(runs), rate, text, gaps, thinned)
+
+
+def _uniform(rec: Recording, part: slice, rate: float) -> tuple[UniformRun, int]:
+    t = rec.t[part]
+    rows: slice | Array = part
+    if is_even(t, rate, rec.clock.resolution):
+        at = t[0] + np.arange(len(t)) / rate
+        missing = np.isnan(rec.torque[rows])
+        arrays = [None if a is None else a[rows] for a in (rec.dq, rec.ddq)]
+        return UniformRun(rec.name, at, rec.q[rows], rec.torque[rows], missing, arrays[0], arrays[1], False), 0
+    keep = thin(t, rec.clock.step)
+    rows = part.start + keep
+    lost = len(t) - len(keep)
+    t = t[keep]
+    at = grid(t, rate)
+    missing = flag_at(t, np.isnan(rec.torque[rows]), at)
+    torque = np.where(missing, np.nan, interpolate(t, rec.torque[rows], at))
+    arrays = [None if a is None else interpolate(t, a[rows], at) for a in (rec.dq, rec.ddq)]
+    return UniformRun(rec.name, at, interpolate(t, rec.q[rows], at), torque, missing, arrays[0], arrays[1], True), lost
