@@ -1,0 +1,152 @@
+"""Running a plant over control periods, and keeping what happened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from ..motion import Coordinates
+from .actuators import Actuator
+from .dynamics import Dynamics, Input, State
+from .integrator import Phase, advance, begin, require_finite
+from .result import Simulation
+
+if TYPE_CHECKING:
+    from .plant import Plant
+    from .sensors import Sensors
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What happened in B runs at N logged instants: arrays (N, B, …); torque `reported` and `applied` (K, B, n) at all K control
+    instants, `every` of which is logged."""
+
+    t: Array
+    link: Coordinates
+    motor: Coordinates
+    friction: Array
+    held: Array
+    states: Array
+    reported: Array
+    applied: Array
+    every: int
+    period: float
+    linear: bool
+
+    def simulation(self, plant: Plant, lane: int, sensors: Sensors, seed: int) -> Simulation:
+        """One run, with its sensors read."""
+
+        def of(c: Coordinates) -> Coordinates:
+            return Coordinates(c.q[:, lane], c.dq[:, lane], c.ddq[:, lane])
+
+        return Simulation.of(
+            plant.robot,
+            self.t,
+            of(self.link),
+            of(self.motor),
+            self.reported[:, lane],
+            self.applied[:: self.every, lane],
+            self.friction[:, lane],
+            self.held[:, lane],
+            self.states[:, lane],
+            self.every,
+            self.linear,
+            sensors,
+            seed,
+        )
+
+
+def run(
+    plant: Plant,
+    q: Array,
+    dq: Array,
+    command: Callable[[int, State, Dynamics], Array],
+    linear: bool,
+    count: int,
+    period: float,
+    step: float,
+    actuators: tuple[Actuator, ...],
+    every: int,
+    progress: Callable[[float], None] | None,
+) -> Record:
+    """Integrate B runs from q, dq (B, n) over `count` control instants. `linear`: torque runs straight to its next value."""
+    if not step > 0:
+        raise ConfigurationError(f"the integration step must be positive, not {step}.")
+    if linear and actuators:
+        raise ConfigurationError("actuators act on commands that are held; use them with Hold.ZERO_ORDER.")
+    lanes, n = q.shape
+    substeps = max(1, int(np.ceil(period / step - 1e-9)))
+    h = period / substeps
+    dynamics = plant.dynamics(0.0)
+    state = dynamics.start(np.zeros(lanes), q, dq)
+    keep = [np.empty(((count - 1) // every + 1, lanes, n)) for _ in range(7)]
+    held = np.empty(keep[0].shape, bool)
+    states = np.empty((len(held), lanes, state.x.shape[1]))
+    reported, applied = np.empty((count, lanes, n)), np.empty((count, lanes, n))
+    loaded: list[Array] | None = None
+    modes: Array | None = None
+    guess: Array | None = None
+    following = command(0, state, dynamics)
+    for k in range(count):
+        t = k * period
+        new = plant.dynamics(t)
+        if new is not dynamics:
+            dynamics, modes = new, None
+        state = State(np.full(lanes, t), state.y, state.v, state.x)
+        now = following if linear or k == 0 else command(k, state, dynamics)
+        following = command(min(k + 1, count - 1), state, dynamics) if linear else now
+        if loaded is None:
+            loaded = _started(actuators, now)
+        reported[k] = now
+        for i in range(substeps):
+            first, loaded = _acted(actuators, now if not linear else now + i / substeps * (following - now), dynamics, state, loaded, h)
+            last = first if not linear else Input(*(2 * [now + (i + 1) / substeps * (following - now)]))
+            phase = begin(dynamics, state, first, modes, guess)
+            if i == 0:
+                applied[k] = first.applied
+                if k % every == 0:
+                    _keep(keep, held, states, k // every, dynamics, phase)
+                    require_finite(state, t)
+                    if progress is not None:
+                        progress(k / (count - 1))
+            if k == count - 1:
+                break
+            state, modes = advance(dynamics, phase, first, last, h)
+            guess = phase.response.a
+    link, motor = Coordinates(*keep[:3]), Coordinates(*keep[3:6])
+    return Record(np.arange(len(held)) * every * period, link, motor, keep[6], held, states, reported, applied, every, period, linear)
+
+
+def _started(actuators: tuple[Actuator, ...], command: Array) -> list[Array]:
+    return [actuator.start(command) for actuator in actuators]
+
+
+def _acted(
+    actuators: tuple[Actuator, ...], command: Array, dynamics: Dynamics, state: State, loaded: list[Array], h: float
+) -> tuple[Input, list[Array]]:
+    """The torque that the actuators make of a command, and their states after the step."""
+    if not actuators:
+        return Input(command, command), loaded
+    motion, torque, after = dynamics.motion(state), command, []
+    for actuator, own in zip(actuators, loaded, strict=True):
+        torque, new = actuator.apply(torque, motion, own, h)
+        after.append(new)
+    return Input(command, torque), after
+
+
+def _keep(keep: list[Array], held: Array, states: Array, row: int, dynamics: Dynamics, phase: Phase) -> None:
+    motion = dynamics.motion(phase.state, phase.response.a)
+    parts = (motion.joint.q, motion.joint.dq, motion.joint.ddq, motion.motor.q, motion.motor.dq, motion.motor.ddq)
+    for target, values in zip(keep, parts, strict=False):
+        target[row] = values
+    robot = dynamics.robot
+    on_joint = phase.response.friction[:, : dynamics.n]
+    keep[6][row] = on_joint if robot.transmission.measured == "joint" else on_joint @ robot.transmission.K
+    held[row] = dynamics.touching(phase.modes)
+    states[row] = phase.state.x
