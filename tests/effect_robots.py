@@ -61,7 +61,8 @@ def pendulum() -> Robot:
 
 def slide() -> Robot:
     """One prismatic joint that climbs, behind a spindle, torque measured at the motor."""
-    return Robot.from_urdf(chain("slide", [("prismatic", "0 0 1", "0 0.4 0", "0 0 1")]), transmission=np.array([-300.0]), measured=Side.MOTOR)
+    urdf = chain("slide", [("prismatic", "0 0 1", "0 0.4 0", "0 0 1")])
+    return Robot.from_urdf(urdf, transmission=np.array([-300.0]), measured=Side.MOTOR)
 
 
 def seven() -> Robot:
