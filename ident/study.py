@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .description import Description, DriveTable, RobotTable, effect_entry, read_drive, read_loop
-from .errors import ConfigurationError, DataError, unknown_name
+from .errors import ConfigurationError, DataError
 from .files import write_atomic
 from .toml_tables import Unfit, anything, check_options, check_table, load_toml, table_of, text, texts, to_toml
 
@@ -19,9 +19,8 @@ if TYPE_CHECKING:
     from .estimators import Estimator
     from .model import Model
     from .robot import Robot
+    from .signals import Preparation
 
-#: Ways to prepare signals by their name in `[signals] method`; each is a class of `ident.signals`, its fields are the keys.
-PREPARATIONS = {"zero_phase": "ZeroPhase", "savitzky_golay": "SavitzkyGolay", "central_difference": "CentralDifference"}
 DEFAULT_PREPARATION = "zero_phase"
 DEFAULT_METHOD = "wls"
 
@@ -131,16 +130,15 @@ class Study:
             check_options(kind, self.estimator.options, "[estimator]", {"method"})
         return make_estimator(name, **self.estimator.options)
 
-    def make_preparation(self) -> Any:
-        """What turns logs into signals, as `[signals]` asks for: an object of `ident.signals` to call on logs."""
-        from . import signals
+    def make_preparation(self) -> Preparation:
+        """The strategy that turns logs into signals, as `[signals]` asks for; zero-phase filtering if it names none."""
+        from .signals import Preparation, make_preparation
 
-        name = self.signals.method or DEFAULT_PREPARATION
-        if name not in PREPARATIONS:
-            raise unknown_name("method of [signals]", name, PREPARATIONS)
-        kind = getattr(signals, PREPARATIONS[name])
-        check_options(kind, self.signals.options, "[signals]", {"method"})
-        return kind(**self.signals.options)
+        name, options = self.signals.method or DEFAULT_PREPARATION, dict(self.signals.options)
+        kind = next((k for k in Preparation.__subclasses__() if k.method == name), None)
+        if kind is not None:
+            check_options(kind, options, "[signals]", {"method"})
+        return make_preparation(name, **options)
 
     def fit_files(self) -> tuple[Path, ...]:
         """The logs to fit, patterns expanded. Raises ConfigurationError if there are none, DataError for a pattern without a match."""

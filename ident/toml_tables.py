@@ -148,11 +148,14 @@ def check_options(kind: type, options: Mapping[str, Any], where: str, also: Iter
 
     `also`: further keys that may stand beside them, for the list of known ones."""
     known = {f.name for f in dataclasses.fields(kind)}
-    hints = typing.get_type_hints(kind)
+    try:
+        hints = typing.get_type_hints(kind)
+    except NameError:  # a type that is imported for type checkers only: the class itself checks its fields
+        hints = {}
     for key, value in options.items():
         if key not in known:
             raise unknown_name(f"key of {where}", key, known.union(also))
-        if not _fits(value, hints[key]):
+        if not _fits(value, hints.get(key)):
             shown = getattr(hints[key], "__name__", None) if isinstance(hints[key], type) else str(hints[key])
             raise ConfigurationError(f"{where} {key} must be {shown}, not {_shown(value)}.")
 
@@ -171,7 +174,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return any(value in (member, member.value) for member in hint)
     if hint in (bool, str, type(None)):
         return isinstance(value, hint)
-    return True  # whatever else it is, the class itself checks it
+    return True  # None: not known; whatever else it is, the class itself checks it
 
 
 def to_toml(tables: Mapping[str, Mapping[str, Any]]) -> str:

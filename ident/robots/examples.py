@@ -73,6 +73,8 @@ def find_example(name: str) -> Path:
     them), not a URDF, or package not installed."""
     from . import built_in_names
 
+    if name.lower().endswith((".urdf", ".xml")):
+        raise ConfigurationError(f"{name!r} is a file, not a robot's name; give it as a URDF (--urdf, urdf = …, Robot.from_urdf).")
     try:
         known, wanted = _by_name(), _plain(name).removesuffix("_robot")
     except ConfigurationError as missing:

@@ -70,6 +70,7 @@ def test_folder_and_stem_settle_an_ambiguity():
         ("cassie", "ships only as SDF"),
         ("hector", "has no moving joint"),
         ("", "unknown robot ''"),
+        ("arm.urdf", "'arm.urdf' is a file, not a robot's name"),
     ],
 )
 def test_names_that_do_not_load(name, message):

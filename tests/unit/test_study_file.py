@@ -76,12 +76,12 @@ def test_a_full_study(folder):
 
 
 def test_preparation_follows_the_signals_table(folder):
-    pytest.importorskip("ident.signals")
     assert study(folder, FULL).make_preparation().cutoff_hz == 10
-    with pytest.raises(ConfigurationError, match=r"unknown method of \[signals\] 'zero_fase'; did you mean 'zero_phase'"):
+    with pytest.raises(ConfigurationError, match=r"unknown way to prepare signals 'zero_fase'; did you mean 'zero_phase'"):
         study(folder, '[signals]\nmethod = "zero_fase"').make_preparation()
     with pytest.raises(ConfigurationError, match=r"unknown key of \[signals\] 'cutof_hz'; did you mean 'cutoff_hz'"):
         study(folder, "[signals]\ncutof_hz = 3").make_preparation()
+    assert study(folder, '[signals]\nmethod = "savitzky_golay"\nstandstill = { share = 0.3 }').make_preparation().standstill.share == 0.3
     with pytest.raises(ConfigurationError, match=r"\[signals\] cutoff_hz must be .*, not 'ten'"):
         study(folder, '[signals]\ncutoff_hz = "ten"').make_preparation()
 
