@@ -26,11 +26,11 @@ def coefficient_text(value: float) -> str:
     """A kinematic constant in as few digits as give it (up to nine), else in six."""
     if value == 1.0:
         return "1"
-    for digits in range(1, 10):
-        text = f"{value:.{digits}g}"
-        if abs(float(text) - value) <= 2e-10 * abs(value):
-            return text
-    return f"{value:.6g}"
+    digits = next((d for d in range(1, 10) if abs(float(f"{value:.{d}g}") - value) <= 2e-10 * abs(value)), 6)
+    text = f"{value:.{digits}g}"
+    if "e" in text and 1e-4 <= abs(value) < 1e7:
+        return np.format_float_positional(float(text), trim="-")
+    return text
 
 
 def expression(row: Array, names: Sequence[str]) -> str:

@@ -269,9 +269,10 @@ def _nodes(tree: RigidBodyTree, bodies: tuple[int, ...], rates: Array) -> tuple[
             values = np.column_stack([_evaluate(f, nodes, reach) for f in functions])
             if np.linalg.cond(values) < _WORST_CONDITION:
                 return nodes, np.linalg.pinv(values), True
-    nodes = _spread(_MOST_FUNCTIONS, d) * np.pi / slow
+    nodes = _spread(2 * len(bodies) + 40, d) * np.pi / slow
     differences = np.eye(len(nodes))
     differences[1:, 0] = -1.0
+    differences[1:] /= np.sqrt(len(nodes))
     return nodes, differences, False
 
 

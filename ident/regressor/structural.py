@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 #: Directions weaker than this (lengths over the typical length, unit motions) are rounding.
-TOLERANCE = 1e-10
+TOLERANCE = 1e-12
 #: Weaker directions are passed on with their weight over this, so that their rounding does not grow from body to body.
 _FAINT = 1e-3
 #: A column becomes the name of a base parameter only with at least this share: keeps coefficients small.
@@ -42,14 +42,16 @@ class StructuralSet(BaseForm):
     row contains (Gautier's regrouping).
 
     `kept` (b,): column of `full` that names each row. `dimensions`: (joint or motor, how many base parameters it adds), in order.
-    `strength`: how strongely each direction shows (1: fully), ascending; `gap`: (weakest kept, strongest dropped).
-    `exact`: no part of a loop had to be probed at generic positions."""
+    `strength`: how strongly each direction shows (1: fully), ascending; `gap`: (weakest kept, strongest dropped).
+    `exact`: no part of a loop had to be probed at generic positions. `turning` (nb,): dimension of the angular velocities that each
+    body attains (0: it never turns, 1: about one direction only)."""
 
     kept: Array
     dimensions: tuple[tuple[str, int], ...]
     strength: Array
     gap: tuple[float, float]
     exact: bool
+    turning: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +78,14 @@ class _Ranks:
         the rotor parts of what vanishes on the links."""
         if not rows.any():
             return rows[:0], rotors[:0], np.zeros(0), rotors
+        if not rotors.size and len(rows) > 2 * rows.shape[1]:
+            rows = np.linalg.qr(rows, mode="r")  # the same span in fewer rows
         U, s, Vt = np.linalg.svd(rows, full_matrices=bool(rotors.size))
         r = int((s > self.tolerance * max(1.0, s[0])).sum())
         self.kept += list(np.minimum(s[:r] / max(1.0, s[0]), 1.0))
         self.dropped += list(s[r:])
         if not rotors.size:
-            return Vt[:r], np.zeros((r, rotors.shape[1])), s[:r], rotors[:0]
+            return Vt[:r], np.zeros((r, rotors.shape[1])), s[:r], np.zeros((0, rotors.shape[1]))
         turned = U.T @ rotors
         return Vt[:r], turned[:r] / s[:r, None], s[:r], turned[r:]
 
@@ -89,6 +93,8 @@ class _Ranks:
         """Rows that span the same space: unit vectors, faint ones at their weight; the identity for the full space."""
         if not rows.any():
             return rows[:0]
+        if len(rows) > 4 * rows.shape[1]:
+            rows = np.linalg.qr(rows, mode="r")
         _, s, Vt = np.linalg.svd(rows, full_matrices=False)
         r = int((s > self.tolerance).sum())
         if r == rows.shape[1] and s[-1] >= _FAINT:
@@ -113,7 +119,7 @@ def base_set(robot: Robot, rotor_inertia: bool | Sequence[str] = False, toleranc
     rotor_size = np.linalg.norm(k, axis=1)
 
     ranks = _Ranks(tolerance)
-    rows, rotors, pivots, dimensions, alone = _propagate(robot, blocks, k / rotor_size[:, None], ranks)
+    rows, rotors, pivots, dimensions, alone, turning = _propagate(robot, blocks, k / rotor_size[:, None], ranks)
     free, _, _, _ = ranks.local(alone, np.zeros((len(alone), 0)))
     leading = _leading_columns(free, list(range(len(motors))))
     free = np.linalg.inv(free[:, leading]) @ free
@@ -152,14 +158,15 @@ def base_set(robot: Robot, rotor_inertia: bool | Sequence[str] = False, toleranc
         strength=strength,
         gap=(float(strength[0]), float(max(ranks.dropped))),
         exact=all(block.exact for block in blocks),
+        turning=turning,
     )
 
 
 def _propagate(
     robot: Robot, blocks: list[Block], k: Array, ranks: _Ranks
-) -> tuple[Array, Array, list[int], list[tuple[str, int]], Array]:
-    """Rows (b, 10 nb) in carried form with their rotor part (b, m), the column that names each, what each block adds, and rows on
-    rotors alone."""
+) -> tuple[Array, Array, list[int], list[tuple[str, int]], Array, tuple[int, ...]]:
+    """Rows (b, 10 nb) reduced, with their rotor part (b, m), the column that names each, what each block adds, rows on rotors alone,
+    and how many directions each body turns about."""
     tree, n, m = robot.tree, robot.n, len(k)
     names = body_names(robot)
     rows, rotors, alone = np.zeros((0, 10 * tree.nb)), np.zeros((0, m)), [np.zeros((0, m))]
@@ -197,7 +204,8 @@ def _propagate(
         for i, body in enumerate(block.bodies):
             seen[body] = _beyond(block, i, at, weights[:, None] * basis[:, 10 * i : 10 * i + 10], ranks, bool(m))
         done += block.coordinates
-    return rows, rotors, pivots, dimensions, np.vstack(alone)
+    turning = tuple(len(ranks.basis(seen[b].twists[:, 3:])) for b in range(tree.nb))
+    return rows, rotors, pivots, dimensions, np.vstack(alone), turning
 
 
 def _generated(block: Block, at: _Seen, k: Array, done: list[int]) -> tuple[Array, Array]:

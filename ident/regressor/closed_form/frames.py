@@ -23,6 +23,8 @@ Array = np.ndarray
 
 #: rad; axes nearer than this are parallel (perpendicular).
 ANGLE = 1e-9
+#: rad; axes nearer than this to parallel, but not parallel, have no usable common normal.
+NEARLY_PARALLEL = 1e-3
 #: Share of the typical distance between joints below which a length is zero.
 LENGTH = 1e-10
 
@@ -179,6 +181,14 @@ def refuse_oblique(robot: Robot, theorem: str, frames: AxisFrames, names: Sequen
             raise unsupported(
                 robot, theorem, f"the axes of {names[i - 1]!r} and {names[i]!r} are at {np.degrees(twist):.6g} deg, neither parallel nor perpendicular", otherwise
             )
+
+
+def refuse_nearly_parallel(robot: Robot, theorem: str, frames: AxisFrames, names: Sequence[str]) -> None:
+    """Raise for successive axes that are almost parallel: their common normal, on which the formulas stand, lies far away."""
+    for i in range(1, frames.count):
+        deviation = min(float(frames.twist[i]), np.pi - float(frames.twist[i]))
+        if 0.0 < deviation < NEARLY_PARALLEL:
+            raise unsupported(robot, theorem, f"the axes of {names[i - 1]!r} and {names[i]!r} are {deviation:.1e} rad from parallel, too near for its frames")
 
 
 def unsupported(robot: Robot, theorem: str, reason: str, otherwise: str = "") -> UnsupportedError:

@@ -8,18 +8,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base_form import BaseForm, make_form
-from .frames import AxisFrames
+from .frames import AxisFrames, refuse_nearly_parallel
 from .rotational import hidden_moments, revolute_chain, sums
 
 if TYPE_CHECKING:
     from ...robot import Robot
 
 Array = np.ndarray
+_FORM = "the closed form for revolute chains with any twist"
 
 
 def oblique(robot: Robot) -> BaseForm:
     """Base parameters of an open chain of revolute joints with axes at any angles. Raises UnsupportedError for other structures."""
-    chain, frames = revolute_chain(robot, "the closed form for revolute chains with any twist")
+    chain, frames = revolute_chain(robot, _FORM)
+    refuse_nearly_parallel(robot, _FORM, frames, robot.joint_names)
     _, R, J = sums(chain, frames)
     N, K = frames.count, len(frames.clusters()[0])
     Q = hidden_moments(chain, frames, K)

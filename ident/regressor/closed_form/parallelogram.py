@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base_form import BaseForm, make_form
-from .frames import ANGLE, Chain, axis_frames, link_change, read_tree, unsupported
+from .frames import ANGLE, Chain, axis_frames, link_change, read_tree, refuse_nearly_parallel, unsupported
 from .linear_forms import LinkForms, point_inertia, point_moment
 from .oblique import chain_rows, distal_moments, next_twist, sine, tilted_inertia
 from .rotational import hidden_moments
@@ -42,6 +42,7 @@ def parallelogram(robot: Robot) -> BaseForm:
     where = find_parallelogram(chain)
     main, xi = list(where.main), where.xi
     frames = axis_frames(chain.points[main], chain.axes[main], chain.zero_length)
+    refuse_nearly_parallel(robot, _THEOREM, frames, [robot.tree_joints[b].name for b in main])
     z, origin = frames.rotation[xi - 1, :, 2], frames.origin[xi - 1]
     reach = chain.points[where.zeta_next] - origin
     reach = reach - (reach @ z) * z
