@@ -9,7 +9,7 @@ import dataclasses
 import importlib
 import pkgutil
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from numbers import Real
@@ -102,6 +102,17 @@ class Effect(ABC):
                     f" ({parameter.unit}), not {value!r}."
                 )
             object.__setattr__(self, parameter.name, float(value))
+
+    @classmethod
+    def placements(cls, robot: Robot, **configuration: Any) -> Iterator[Self]:
+        """Every smallest thing of this kind that a robot can have: one a joint, or one for the whole robot.
+
+        `configuration`: other fields. Raises ConfigurationError where the robot can have none at all."""
+        if not cls.per_joint:
+            yield cls(**configuration)
+            return
+        for j in cls(**configuration).at(robot):
+            yield cls(joints=(robot.joint_names[j],), **configuration)
 
     @abstractmethod
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:

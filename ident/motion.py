@@ -97,6 +97,10 @@ class Motion:
         """The same motion with the model's prediction, and the load that it predicts."""
         return replace(self, reference=reference, load=reference.load(self))
 
+    def behind(self, transmission: Transmission) -> Motion:
+        """The same motion, told what is between its sides if it does not know."""
+        return self if self.transmission is not None else replace(self, transmission=transmission)
+
     def moved(self, robot: Robot, joint: Coordinates) -> Motion:
         """The same samples at other joint coordinates or behind another transmission; directions of motion are kept."""
         transmission = robot.transmission

@@ -94,7 +94,14 @@ class Problem:
         s, model = self.signals, self.model
         run = next((r for r in s.runs if r.start <= samples.start < r.stop), samples)
         motion = Motion.of(
-            model.robot, s.q[samples], s.dq[samples], s.ddq[samples], s.t[samples], rate=s.rate, start=float(s.t[run.start])
+            model.robot,
+            s.q[samples],
+            s.dq[samples],
+            s.ddq[samples],
+            s.t[samples],
+            rate=s.rate,
+            torque=s.torque[samples],
+            start=float(s.t[run.start]),
         )
         if (model.needs | needs) & {Need.LOAD, Need.REFERENCE}:
             reference = np.zeros(len(model.parameters)) if self.reference is None else self.reference

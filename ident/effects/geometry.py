@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -47,6 +49,12 @@ class GearCoupling(Effect):
         object.__setattr__(self, "encoder", choice(Side, self.encoder, "encoder", self.name))
         if self.motors is not None:
             object.__setattr__(self, "motors", (self.motors,) if isinstance(self.motors, str) else tuple(self.motors))
+
+    @classmethod
+    def placements(cls, robot: Robot, **configuration: Any) -> Iterator[Self]:
+        """One for each entry of K beside the diagonal."""
+        for joint, motor in itertools.permutations(robot.joint_names, 2):
+            yield cls(joints=(joint,), motors=(motor,), **configuration)
 
     def pairs(self, robot: Robot) -> list[tuple[int, int]]:
         """(joint i, motor j) of each column."""

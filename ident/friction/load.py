@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from ..effect import Axis, JointEffect, Nature, Need, register
 from ..motion import Coordinates, Motion
+
+if TYPE_CHECKING:
+    from ..robot import Robot
 
 Array = np.ndarray
 
@@ -28,6 +31,12 @@ class LoadDependentFriction(JointEffect):
     nature: ClassVar[Nature] = Nature.FRICTION
     needs: ClassVar[frozenset[Need]] = frozenset({Need.LOAD})
     symbols = (("Fl", "1", 0.0),)
+
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        return super().columns(motion.behind(robot.transmission), robot)
+
+    def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
+        return super().torque(motion.behind(robot.transmission), robot, values)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         yield own.direction * np.abs(motion.needed_load(f"effect {self.name!r}", self.side)[:, at])

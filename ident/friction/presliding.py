@@ -14,6 +14,7 @@ from ..parameters import ShapeParameter
 
 if TYPE_CHECKING:
     from ..robot import Robot
+    from .bristle import BristleForce
 
 Array = np.ndarray
 
@@ -44,6 +45,12 @@ class Presliding(JointEffect):
         for i in range(z.shape[1]):
             z[:, i] = deflection(own.q[:, i], self.z_s)
         yield z - own.direction
+
+    def force_model(self, robot: Robot, values: Array) -> BristleForce:
+        """The same law with the bristles' deflection as states, for simulation."""
+        from .bristle import BristleForce
+
+        return BristleForce(side=self.side, at=tuple(self.at(robot)), level=np.asarray(values, float), z_s=self.z_s)
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         """From a small part of what a joint moves between samples to a tenth of its whole range."""
