@@ -20,12 +20,32 @@ template <class V> static inline Vec<V> product(const V* M, const Vec<V>& x) {  
 static inline Vec<double> constant(const double* x) { return {{x[0], x[1], x[2]}}; }
 
 template <class V> struct Link {
-    V R[9];     // rotation to the parent's frame; of a sparse body only the four products that turn about z'
-    Vec<V> p;   // origin in the parent's frame
+    V R[9];     // rotation to the parent's frame; of a sparse body only the four products that turn about z
+    Vec<V> p;   // origin in the parent's frame; of a sparse body it is constant, and only in Body
     Vec<V> w, a, b;
-    V B[9];
-    V P[3], D[3];   // products (wy wz, wx wz, wx wy) and differences of squares (wy2 - wz2, ...) of w
+    V P[3], Q[3];   // products (wy wz, wx wz, wx wy), and the diagonal of B
+
+    // Column j of B.
+    Vec<V> B(int j) const {
+        const int y = (j + 1) % 3, z = (j + 2) % 3;
+        Vec<V> column;
+        column[j] = Q[j];
+        column[y] = P[z] + a[z];
+        column[z] = P[y] - a[y];
+        return column;
+    }
 };
+
+template <class V> static inline Vec<V> origin(const Body& body, const Link<V>& k) {
+    const V zero = V();
+    return body.sparse ? Vec<V>{{zero + body.p[0], zero + body.p[1], zero + body.p[2]}} : k.p;
+}
+
+// B x.
+template <class V, class X> static inline Vec<V> turn(const Link<V>& k, const Vec<X>& x) {
+    const Vec<V> u = k.B(0), v = k.B(1), w = k.B(2);
+    return {{u[0] * x[0] + v[0] * x[1] + w[0] * x[2], u[1] * x[0] + v[1] * x[1] + w[1] * x[2], u[2] * x[0] + v[2] * x[1] + w[2] * x[2]}};
+}
 
 // R' v: from the parent's frame into the body's.
 template <class V> static inline Vec<V> into(const Body& body, const Link<V>& k, const Vec<V>& v) {
@@ -50,12 +70,10 @@ template <class V> static inline Vec<V> out_of(const Body& body, const Link<V>& 
 
 // Lanes beyond `count` repeat the first sample: they are finite, and the caller weighs them with zero.
 template <class V> static inline V gather(const double* array, int64_t sample, int width, int column, int count = Width<V>::value) {
-    V x = V();
     const double* at = array + sample * width + column;
-    if (count == Width<V>::value)
-        for (int i = 0; i < Width<V>::value; ++i) set_lane(x, i, at[(int64_t)i * width]);
-    else
-        for (int i = 0; i < Width<V>::value; ++i) set_lane(x, i, at[i < count ? (int64_t)i * width : 0]);
+    if (count == Width<V>::value) return strided<V>(at, width);
+    V x = V();
+    for (int i = 0; i < Width<V>::value; ++i) set_lane(x, i, at[i < count ? (int64_t)i * width : 0]);
     return x;
 }
 template <class V> static inline void scatter(V x, double* array, int64_t sample, int64_t width, int64_t column) {
@@ -67,7 +85,7 @@ template <class V> static void pose(const Tree& t, const V* q, Link<V>* links) {
         const Body& body = t.bodies[i];
         Link<V>& k = links[i];
         const V zero = V();
-        k.p = {{zero + body.p[0], zero + body.p[1], zero + body.p[2]}};
+        if (!body.sparse) k.p = {{zero + body.p[0], zero + body.p[1], zero + body.p[2]}};
         const V* at = q + body.position;
         if (body.kind == REVOLUTE) {
             V s, c;
@@ -110,7 +128,7 @@ template <class V> static void motion(const Tree& t, const V* dq, const V* ddq, 
             const Link<V>& up = links[body.parent];
             w = into(body, k, up.w);
             a = into(body, k, up.a);
-            b = into(body, k, up.b + product(up.B, k.p));
+            b = into(body, k, body.shifted ? up.b + turn(up, origin(body, k)) : up.b);
         }
         const V* rate = dq + body.row;
         const V* acceleration = ddq ? ddq + body.row : nullptr;
@@ -139,9 +157,7 @@ template <class V> static void motion(const Tree& t, const V* dq, const V* ddq, 
         const V xx = w[0] * w[0], yy = w[1] * w[1], zz = w[2] * w[2], yz = w[1] * w[2], xz = w[0] * w[2], xy = w[0] * w[1];
         k.w = w, k.a = a, k.b = b;
         k.P[0] = yz, k.P[1] = xz, k.P[2] = xy;
-        k.D[0] = yy - zz, k.D[1] = zz - xx, k.D[2] = xx - yy;
-        const V B[9] = {-(yy + zz), xy - a[2], xz + a[1], xy + a[2], -(xx + zz), yz - a[0], xz - a[1], yz + a[0], -(xx + yy)};
-        for (int e = 0; e < 9; ++e) k.B[e] = B[e];
+        k.Q[0] = -(yy + zz), k.Q[1] = -(xx + zz), k.Q[2] = -(xx + yy);
     }
 }
 
@@ -168,9 +184,9 @@ template <class V> static void torques(const Tree& t, const double* inertia, con
         const Vec<double> h = constant(parameter + 1);
         const Vec<V> gyroscopic = cross(k.w, inertia_times(parameter + 4, k.w));
         const Vec<V> turning = inertia_times(parameter + 4, k.a);
-        const Vec<V> lever = cross(h, k.b);
+        const Vec<V> lever = cross(h, k.b), spin = turn(k, h);
         for (int e = 0; e < 3; ++e) {
-            wrench[2 * i][e] = parameter[0] * k.b[e] + k.B[3 * e] * h[0] + k.B[3 * e + 1] * h[1] + k.B[3 * e + 2] * h[2];
+            wrench[2 * i][e] = parameter[0] * k.b[e] + spin[e];
             wrench[2 * i + 1][e] = lever[e] + turning[e] + gyroscopic[e];
         }
     }
@@ -179,7 +195,7 @@ template <class V> static void torques(const Tree& t, const double* inertia, con
         for (int d = 0; d < freedoms(body); ++d) tau[body.row + d] = along(body, d, wrench[2 * i], wrench[2 * i + 1]);
         if (body.parent < 0) continue;
         const Vec<V> force = out_of(body, links[i], wrench[2 * i]);
-        const Vec<V> moment = out_of(body, links[i], wrench[2 * i + 1]) + cross(links[i].p, force);
+        const Vec<V> moment = out_of(body, links[i], wrench[2 * i + 1]) + cross(origin(body, links[i]), force);
         wrench[2 * body.parent] = wrench[2 * body.parent] + force;
         wrench[2 * body.parent + 1] = wrench[2 * body.parent + 1] + moment;
     }
@@ -213,7 +229,7 @@ template <class V> static void masses(const Tree& t, const double* inertia, cons
                     M[(body.row + d) * t.nv + other.row + e] = along(other, e, force, moment);
                 if (other.parent < 0) break;
                 force = out_of(other, links[j], force);
-                moment = out_of(other, links[j], moment) + cross(links[j].p, force);
+                moment = out_of(other, links[j], moment) + cross(origin(other, links[j]), force);
             }
         }
         if (body.parent < 0) continue;
@@ -225,7 +241,7 @@ template <class V> static void masses(const Tree& t, const double* inertia, cons
         const Vec<V> x = out_of(body, k, Vec<V>{{rows[0][0], rows[1][0], rows[2][0]}});
         const Vec<V> y = out_of(body, k, Vec<V>{{rows[0][1], rows[1][1], rows[2][1]}});
         const Vec<V> z = out_of(body, k, Vec<V>{{rows[0][2], rows[1][2], rows[2][2]}});
-        const Vec<V>& p = k.p;
+        const Vec<V> p = origin(body, k);
         const Vec<V> r{{g[0] + C[0] * p[0], g[1] + C[0] * p[1], g[2] + C[0] * p[2]}};  // first moment about the parent's origin
         const V trace = r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + g[0] * p[0] + g[1] * p[1] + g[2] * p[2];
         V* U = composite + PARAMETERS * body.parent;

@@ -53,7 +53,7 @@ static int tile_groups(const Plan& plan) {
 // Columns start on an odd number of registers, so that they do not all fall into the same sets of the cache.
 static int tile_stride(const Plan& plan) { return tile_groups(plan) | 1; }
 
-static size_t tile_size(const Plan& plan, int r) { return (size_t)(plan.row[r].padded + 1) * tile_stride(plan); }
+static size_t tile_size(const Plan& plan, int r) { return (size_t)plan.row[r].padded * tile_stride(plan); }
 
 // Rows from `from` on whose tiles fit the cache together; they are filled together, so that the motion is computed once for them.
 static int batch_end(const Plan& plan, int from) {
@@ -94,12 +94,11 @@ template <class V> struct Regressor {
         m.load(t, x, s);
         pose(t, m.q, m.links);
         motion(t, m.dq, m.ddq, m.links);
-        const V one = V() + 1.0;
         V* tile = m.composite;
         for (int r = 0; r < plan->rows; ++r) {
-            fill(t, plan->row[r], m.links, one, m.twists, tile, 1);
+            fill(t, plan->row[r], m.links, V() + 1.0, m.twists, tile, 1);
             for (int e = 0; e < plan->row[r].steps; ++e) {
-                const int at = PARAMETERS * plan->row[r].step[e].body;
+                const int64_t at = PARAMETERS * plan->row[r].step[e].body;
                 for (int l = 0; l < Width<V>::value; ++l) {
                     double* out = x.out + ((s + l) * t.nv + r) * PARAMETERS * t.nb + at;
                     for (int c = 0; c < PARAMETERS; ++c) out[c] = lane(tile[at + c], l);
@@ -208,15 +207,13 @@ static void information(const Tree& t, const Plan& plan, const Arrays& x, int64_
                     const Lanes weight = row_weight(plan, x, s, count, r);
                     fill(t, row, m.links, weight, m.twists, tile, stride);
                     fill_rest(plan, row, x, s, count, r, weight, tile, stride);
-                    for (int c = row.width; c < row.padded; ++c) tile[c * stride] = Lanes();
+                    for (int64_t c = row.width; c < row.padded; ++c) tile[c * stride] = Lanes();
                     tile += tile_size(plan, r);
                 }
             }
             Lanes* tile = m.tile;
             for (int r = from; r < end; ++r) {
-                const int padded = (int)plan.row[r].padded;
-                if (plan.gram) add_gram(tile, stride, used, padded, factors[r]);
-                else add_triangle(tile, stride, used, padded, factors[r]);
+                (plan.gram ? add_gram : add_triangle)(tile, stride, used, (int)plan.row[r].width, (int)plan.row[r].padded, factors[r]);
                 tile += tile_size(plan, r);
             }
         }
@@ -239,7 +236,7 @@ static void merge(const Plan& plan, char* memory, double* const* into, const dou
             for (int c = 0; c < n; ++c)
                 for (int i = 0; i < used * LANES; ++i)
                     tile[c * stride + i / LANES][i % LANES] = i < count && first + i <= c ? from[r][(first + i) * n + c] : 0.0;
-            add_triangle(tile, stride, used, n, into[r]);
+            add_triangle(tile, stride, used, n, n, into[r]);
         }
     }
 }

@@ -17,6 +17,19 @@ static inline double lane(double x, int) { return x; }
 static inline void set_lane(Lanes& x, int i, double value) { x[i] = value; }
 static inline void set_lane(double& x, int, double value) { x = value; }
 
+// Numbers `step` apart in memory.
+template <class V> static inline V strided(const double* x, int64_t step);
+template <> inline double strided<double>(const double* x, int64_t) { return *x; }
+template <> inline Lanes strided<Lanes>(const double* x, int64_t s) {
+#if LANES == 8
+    return Lanes{x[0], x[s], x[2 * s], x[3 * s], x[4 * s], x[5 * s], x[6 * s], x[7 * s]};
+#elif LANES == 4
+    return Lanes{x[0], x[s], x[2 * s], x[3 * s]};
+#else
+    return Lanes{x[0], x[s]};
+#endif
+}
+
 static inline bool any_beyond(Lanes x, double limit) {
     bool found = false;
     for (int i = 0; i < LANES; ++i) found |= !(std::fabs(x[i]) <= limit);
@@ -61,10 +74,10 @@ static inline Lanes square_root(Lanes x) {
 }
 static inline double square_root(double x) { return std::sqrt(x); }
 
-// Sums over the lanes of LANES vectors at once: lane i of the result is the sum of x[i]. Neighbours are interleaved and added, and
-// the number of vectors halves at each step.
+// Sums over the lanes of LANES vectors at once: out[i] is the sum of x[i]. Neighbours are interleaved and added, and the number of
+// vectors halves at each step.
+static inline void lane_sums(const Lanes* x, double* out) {
 #if LANES == 8
-static inline Lanes lane_sums(const Lanes* x) {
     Lanes a[4], b[2];
     for (int i = 0; i < 4; ++i)
         a[i] = __builtin_shufflevector(x[2 * i], x[2 * i + 1], 0, 8, 2, 10, 4, 12, 6, 14) +
@@ -72,25 +85,15 @@ static inline Lanes lane_sums(const Lanes* x) {
     for (int i = 0; i < 2; ++i)
         b[i] = __builtin_shufflevector(a[2 * i], a[2 * i + 1], 0, 1, 8, 9, 4, 5, 12, 13) +
                __builtin_shufflevector(a[2 * i], a[2 * i + 1], 2, 3, 10, 11, 6, 7, 14, 15);
-    return __builtin_shufflevector(b[0], b[1], 0, 1, 2, 3, 8, 9, 10, 11) + __builtin_shufflevector(b[0], b[1], 4, 5, 6, 7, 12, 13, 14, 15);
-}
+    const Lanes s = __builtin_shufflevector(b[0], b[1], 0, 1, 2, 3, 8, 9, 10, 11) +
+                    __builtin_shufflevector(b[0], b[1], 4, 5, 6, 7, 12, 13, 14, 15);
 #elif LANES == 4
-static inline Lanes lane_sums(const Lanes* x) {
     Lanes a[2];
     for (int i = 0; i < 2; ++i)
         a[i] = __builtin_shufflevector(x[2 * i], x[2 * i + 1], 0, 4, 2, 6) + __builtin_shufflevector(x[2 * i], x[2 * i + 1], 1, 5, 3, 7);
-    return __builtin_shufflevector(a[0], a[1], 0, 1, 4, 5) + __builtin_shufflevector(a[0], a[1], 2, 3, 6, 7);
-}
+    const Lanes s = __builtin_shufflevector(a[0], a[1], 0, 1, 4, 5) + __builtin_shufflevector(a[0], a[1], 2, 3, 6, 7);
 #else
-static inline Lanes lane_sums(const Lanes* x) {
-    return __builtin_shufflevector(x[0], x[1], 0, 2) + __builtin_shufflevector(x[0], x[1], 1, 3);
-}
+    const Lanes s = __builtin_shufflevector(x[0], x[1], 0, 2) + __builtin_shufflevector(x[0], x[1], 1, 3);
 #endif
-
-// Sums of `count` vectors, a multiple of LANES.
-template <int count> static inline void sums(const Lanes* x, double* out) {
-    for (int i = 0; i < count; i += LANES) {
-        const Lanes s = lane_sums(x + i);
-        for (int j = 0; j < LANES; ++j) out[i + j] = s[j];
-    }
+    for (int i = 0; i < LANES; ++i) out[i] = s[i];
 }

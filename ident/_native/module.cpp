@@ -163,7 +163,8 @@ PyObject* make_tree(PyObject* const* a) {
     return PyCapsule_New(tree.release(), "tree", destroy<OwnedTree>);
 }
 
-// make_plan(tree, rows: int64 (R, 4) of steps, extras, width, padded; steps: Step records; extras: Extra records; columns of extra; dense)
+// make_plan(tree, R, rows: int64 (R, 4) of steps, extras, width, padded; steps: Step records; extras: Extra records;
+// columns of extra; dense)
 PyObject* make_plan(PyObject* const* a) {
     const OwnedTree* tree = unwrap<OwnedTree>(a[0], "tree");
     auto plan = std::make_unique<OwnedPlan>();
@@ -188,7 +189,7 @@ PyObject* make_plan(PyObject* const* a) {
         plan->rows_kept.push_back({row[0], row[1], row[2], row[3], step, extra});
         for (int64_t e = 0; e < row[0]; ++e, ++step) {
             require(step->body >= 0 && step->body < tree->nb && (step->starts || tree->bodies[step->body].parent >= 0), "plan: a step is out of range");
-            for (int64_t c : step->column) require(c >= 0 && c <= row[3], "plan: a column is out of range");
+            for (int64_t c : step->column) require(c >= -1 && c < row[3], "plan: a column is out of range");
         }
         for (int64_t e = 0; e < row[1]; ++e, ++extra)
             require(extra->index >= 0 && extra->index < plan->extras && extra->column >= 0 && extra->column < row[3], "plan: an extra is out of range");

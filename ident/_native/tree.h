@@ -17,8 +17,10 @@ struct Body {
     int64_t position, row;   // first position and velocity coordinate
     int64_t kind;
     int64_t sparse;          // revolute about +-z behind a constant rotation that only permutes axes: 5 products instead of 9
-    int64_t axes[3];         // sparse: component j of R0' v is sign[j] * v[axes[j]]
+    int64_t shifted;         // p is not zero, or not constant
+    int64_t axes[3];         // sparse: component j of R0' v is sign[j] * v[axes[j]]; else 0 1 2
     double sign[3];
+    double lever[3];         // sparse: p in permuted components, negative for an odd permutation, so that (w x p)[axes] = w[axes] x lever
     double turn;             // sparse: +1 or -1, the sense of the rotation about z
     double R0[9], p[3], u[3];               // constant placement in the parent's frame, unit axis
     double fixed[9], cosine[9], sine[9];    // R = fixed + cos q cosine + sin q sine (Rodrigues behind R0)
@@ -36,10 +38,12 @@ constexpr int PARAMETERS = 10;   // m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz 
 // the body's unit twist (linear, angular) follows from its parent's, plus `twist` where its own joint takes part.
 struct Step {
     int64_t body;
-    int64_t starts;               // no body before it takes part: the twist is `twist` alone
-    int64_t own;                  // ... and it is an angular velocity about z of size twist[5]
-    int64_t joins;                // its own joint takes part too
-    int64_t column[PARAMETERS];   // tile column of each parameter; the spare column (number `padded`) if not wanted
+    int64_t starts;  // no body before it takes part: the twist is `twist` alone
+    int64_t own;     // ... and it is an angular velocity about z of size twist[5]
+    int64_t joins;   // its own joint takes part too
+    int64_t shows;   // some of its parameters have a column
+    int64_t leads;   // some body after it has a step
+    int64_t column[PARAMETERS];  // tile column of each parameter, -1 if not wanted
     double twist[6];
 };
 

@@ -22,11 +22,11 @@ Array = np.ndarray
 
 #: Records of ident/_native/tree.h.
 _BODY = np.dtype(
-    [(name, "i8") for name in ("parent", "position", "row", "kind", "sparse")]
+    [(name, "i8") for name in ("parent", "position", "row", "kind", "sparse", "shifted")]
     + [("axes", "i8", 3), ("sign", "f8", 3), ("lever", "f8", 3), ("turn", "f8"), ("R0", "f8", (3, 3)), ("p", "f8", 3), ("u", "f8", 3)]
     + [(name, "f8", (3, 3)) for name in ("fixed", "cosine", "sine")]
 )
-_STEP = np.dtype([(name, "i8") for name in ("body", "starts", "own", "joins", "shows")] + [("column", "i8", 10), ("twist", "f8", 6)])
+_STEP = np.dtype([(name, "i8") for name in ("body", "starts", "own", "joins", "shows", "leads")] + [("column", "i8", 10), ("twist", "f8", 6)])
 _EXTRA = np.dtype([("index", "i8"), ("column", "i8"), ("factor", "f8")])
 _REVOLUTE, _PRISMATIC, _FREE = range(3)
 
@@ -123,6 +123,7 @@ def _compile(tree: RigidBodyTree) -> _Compiled:
         body["R0"], body["p"], body["u"] = R0, before.T @ tree.translation[i], u
         body["fixed"], body["cosine"], body["sine"] = along, R0 - along, R0 @ skew
         body["sparse"] = bool(principal and not tree.prismatic[i] and np.count_nonzero(R0) == 3)
+        body["shifted"] = bool(not body["sparse"] or np.any(body["p"]))
         axes = np.argmax(np.abs(R0), axis=0) if body["sparse"] else np.arange(3)
         odd = (axes[1] - axes[0]) % 3 != 1
         body["axes"], body["sign"], body["lever"] = axes, R0[axes, range(3)], (-1.0 if odd else 1.0) * body["p"][axes]
@@ -158,7 +159,7 @@ def _plan(tree: RigidBodyTree, own: _Compiled, rows: Array, columns: Array, patt
         padded = -(-width // 4) * 4
         if whole:  # all ten parameters of every body, at their own place
             place = dict(zip(range(rigid), range(rigid), strict=True))
-        mine = _steps(tree, own, rows[r], place, padded)
+        mine = _steps(tree, own, rows[r], place)
         chosen = [(c - rigid, place[c], pattern[r, c - rigid]) for c in place if c >= rigid]
         table.append((len(mine), len(chosen), width, padded if not whole else rigid + 4 - rigid % 4))
         steps.extend(mine)
@@ -176,31 +177,29 @@ def _plan(tree: RigidBodyTree, own: _Compiled, rows: Array, columns: Array, patt
     return _Plan(handle, tuple(live), tuple(t[3] for t in table))
 
 
-def _steps(tree: RigidBodyTree, own: _Compiled, row: Array, place: dict[int, int], spare: int) -> list[tuple[Any, ...]]:
+def _steps(tree: RigidBodyTree, own: _Compiled, row: Array, place: dict[int, int]) -> list[tuple[Any, ...]]:
     """The bodies that take part in one row, base first, without those that show no column themselves or further on."""
-    active = np.zeros(tree.nb, bool)
-    joins = np.zeros(tree.nb, bool)
-    needed = np.zeros(tree.nb, bool)
+    joins, active, needed = (np.zeros(tree.nb, bool) for _ in range(3))
     for i, body in enumerate(own.bodies):
         joins[i] = bool(np.any(row[body["row"] : body["row"] + (6 if body["kind"] == _FREE else 1)]))
         active[i] = joins[i] or (body["parent"] >= 0 and active[body["parent"]])
+    shows = np.array([any(10 * i + k in place for k in range(10)) for i in range(tree.nb)])
+    leads = np.zeros(tree.nb, bool)
     for i in reversed(range(tree.nb)):
-        needed[i] |= any(10 * i + k in place for k in range(10))
-        if needed[i] and tree.parent[i] >= 0:
-            needed[tree.parent[i]] = True
+        needed[i] = active[i] and (shows[i] or leads[i])
+        if tree.parent[i] >= 0:
+            leads[tree.parent[i]] |= needed[i]
     steps = []
-    for i, body in enumerate(own.bodies):
-        if not (active[i] and needed[i]):
-            continue
+    for i in np.flatnonzero(needed):
+        body = own.bodies[i]
         twist = np.zeros(6)
         if body["kind"] == _FREE:
             twist[:] = row[:6]
         else:
             twist[3 * (body["kind"] == _REVOLUTE) :][:3] = row[body["row"]] * body["u"]
         starts = body["parent"] < 0 or not active[body["parent"]]
-        column = [place.get(10 * i + int(k), spare) for k in own.order[i]]
-        shows = any(10 * i + k in place for k in range(10))
-        steps.append((i, starts, starts and body["sparse"], joins[i], shows, column, twist))
+        column = [place.get(10 * i + int(k), -1) for k in own.order[i]]
+        steps.append((i, starts, starts and body["sparse"], joins[i], shows[i], leads[i], column, twist))
     return steps
 
 
