@@ -156,7 +156,8 @@ def simulate_batch(
     from .simulation.runner import run
 
     linear = Hold(hold) == Hold.FIRST_ORDER
-    record = run(plant, q0, dq0, command, linear, count, 1.0 / control_rate, step, tuple(actuators), every, progress)
+    with np.errstate(over="ignore", invalid="ignore"):  # a motion that grows without bound is reported as such
+        record = run(plant, q0, dq0, command, linear, count, 1.0 / control_rate, step, tuple(actuators), every, progress)
     return tuple(record.simulation(plant, lane, sensors or Sensors(), seeds[lane]) for lane in range(lanes))
 
 

@@ -114,9 +114,11 @@ class Dynamics:
         self._implicit = [(i, t) for i, t in live if not t.jumps.any() and t.implicit]
         self._implicit_dry = [(i, t) for i, t in live if t.jumps.any() and t.implicit]
         self._needs_load = any(t.needs_load for t in self.terms)
+        self._path_followers = [(i, t) for i, t in live if t.follows_path]
         self._links = [(i, t) for i, t in live if t.link]
         self.contacts, self._surfaces = self._find_contacts()
-        self._parallel = np.linalg.matrix_rank(self.contacts) < len(self.contacts)
+        rank = int(np.linalg.matrix_rank(self.contacts)) if len(self.contacts) else 0
+        self._parallel, self._all_held = rank < len(self.contacts), rank == m
         ends = [sum(t.states for t in self.terms[:i]) for i in range(len(self.terms) + 1)]
         self._states = [slice(a, b) for a, b in pairwise(ends)]
 
@@ -183,12 +185,17 @@ class Dynamics:
         )
         return Motion(state.t, joint, motor, None, torque)
 
-    def touching(self, modes: Array) -> Array:
-        """Joints or motors (B, n) bool on which a held contact of `modes` (B, c) acts."""
+    def at_rest(self, modes: Array, v: Array) -> Array:
+        """Joints or motors (B, n) bool with dry friction whose contact is held, or only just lets go or reverses."""
+        still = (modes == 0) | (np.abs(self.contact_speed(v)) <= 1e-12 * (np.abs(v) @ np.abs(self.contacts.T)))
         out = np.zeros((len(modes), self.n), bool)
         for surface in self._surfaces.values():
-            out[:, surface.own] |= modes[:, surface.contact] == 0
+            out[:, surface.own] |= still[:, surface.contact]
         return out
+
+    def locked(self, modes: Array) -> bool:
+        """Whether every coordinate of every run is held."""
+        return self._all_held and not modes.any()
 
     def contact_speed(self, v: Array) -> Array:
         """Speeds (B, c) of the friction contacts."""
@@ -358,6 +365,16 @@ class Dynamics:
             )
         smooth, dry, half = forces(a, 1)
         return a, s, friction + dry, D + half
+
+    def carried(self, before: State, after: State) -> State:
+        """`after` with the states of forces that follow the path from `before`."""
+        if not self._path_followers:
+            return after
+        x, then, now = after.x.copy(), self.motion(before), self.motion(after)
+        for i, term in self._path_followers:
+            own = self._states[i]
+            x[:, own] = term.force.carried(then, before.x[:, own], now, self.robot)
+        return State(after.t, after.y, after.v, x)
 
     def _state_rates(self, state: State, a: Array, drive: Input) -> Array:
         if not state.x.shape[1]:

@@ -32,7 +32,8 @@ class ForceModel(ABC):
 
     Subclass it (a frozen dataclass is best) and pass instances to `Plant(extra=...)`. All arrays have one row per parallel
     run (B). The torque has the sign of an effect's: what the drive must supply for it. It may jump where a speed on its side
-    changes sign (dry friction); simulation finds this and treats standstill properly. States integrate with the motion."""
+    changes sign (dry friction); simulation finds this and treats standstill properly. States integrate with the motion
+    through `rate`, or, where they follow the path and not the clock (a bristle, a memory), through `carried`."""
 
     #: The side on which the torque acts.
     side: Side = Side.MOTOR
@@ -49,6 +50,12 @@ class ForceModel(ABC):
         """Time derivative (B, s) of the own states."""
         return np.zeros_like(state)
 
+    def carried(self, before: Motion, state: Array, now: Motion, robot: Robot) -> Array | None:
+        """Own states (B, s) after the path from `before`, where they were `state`, to `now`; None where `rate` says it.
+
+        Called for every stage of an integration step, always from the step's start."""
+        return None
+
 
 @runtime_checkable
 class Simulated(Protocol):
@@ -63,7 +70,7 @@ class Term:
     """A force and how it behaves: `inertia` (n, n), the constant part of its dependence on acceleration on its side;
     `implicit`: its dependence on acceleration is of another kind; `jumps` (n,) bool: coordinates of its side at whose zero
     speed it jumps; `needs_load`: it asks for the torque of the links; `link`: it is part of that torque; `idle`: it is
-    nothing but `inertia`; `states`: number of its own states."""
+    nothing but `inertia`; `states`: number of its own states; `follows_path`: they go through `ForceModel.carried`."""
 
     force: ForceModel
     side: Side
@@ -74,6 +81,7 @@ class Term:
     link: bool
     idle: bool
     states: int
+    follows_path: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +194,8 @@ def _examine(label: str, force: ForceModel, robot: Robot, needs: frozenset[Need]
     inertia = np.where(np.abs(inertia) <= tolerance, 0.0, inertia) if constant else np.zeros((n, n))
     needs_load = Need.LOAD in needs
     idle = constant and not needs_load and scale == 0.0 and state.shape[1] == 0 and not jumps.any()
-    return Term(force, force.side, inertia, needs_load or not constant, jumps, needs_load, link, idle, state.shape[1])
+    follows_path = state.shape[1] > 0 and force.carried(probe, state, probe, robot) is not None
+    return Term(force, force.side, inertia, needs_load or not constant, jumps, needs_load, link, idle, state.shape[1], follows_path)
 
 
 def _random_motion(robot: Robot, rng: np.random.Generator) -> Motion:

@@ -65,24 +65,30 @@ def advance(dynamics: Dynamics, phase: Phase, first: Input, last: Input, h: floa
 def _runge_kutta(dynamics: Dynamics, phase: Phase, first: Input, last: Input, length: float, h: float) -> State:
     """One classical step of `h`; the torque reaches `last` after `length`."""
     s, k1 = phase.state, phase.response
+    if dynamics.locked(phase.modes) and not s.x.shape[1]:
+        return State(s.t + h, s.y, s.v, s.x)
     a1, x1 = k1.a, k1.dx
     middle, end = _between(first, last, 0.5 * h / length), _between(first, last, h / length)
-    respond, modes = dynamics.respond, phase.modes
-    half = 0.5 * h
+    modes = phase.modes
+    half, sixth = 0.5 * h, h / 6.0
     t2 = s.t + half
+
+    def stage(state: State, drive: Input, guess: Array) -> Response:
+        return dynamics.respond(dynamics.carried(s, state), drive, modes, guess)
+
     v2 = s.v + half * a1
-    k2 = respond(State(t2, s.y + half * s.v, v2, s.x + half * x1), middle, modes, a1)
+    k2 = stage(State(t2, s.y + half * s.v, v2, s.x + half * x1), middle, a1)
     v3 = s.v + half * k2.a
-    k3 = respond(State(t2, s.y + half * v2, v3, s.x + half * k2.dx), middle, modes, k2.a)
+    k3 = stage(State(t2, s.y + half * v2, v3, s.x + half * k2.dx), middle, k2.a)
     v4 = s.v + h * k3.a
-    k4 = respond(State(s.t + h, s.y + h * v3, v4, s.x + h * k3.dx), end, modes, k3.a)
-    sixth = h / 6.0
-    return State(
+    k4 = stage(State(s.t + h, s.y + h * v3, v4, s.x + h * k3.dx), end, k3.a)
+    after = State(
         s.t + h,
         s.y + sixth * (s.v + 2.0 * (v2 + v3) + v4),
         s.v + sixth * (a1 + 2.0 * (k2.a + k3.a) + k4.a),
         s.x + sixth * (x1 + 2.0 * (k2.dx + k3.dx) + k4.dx),
     )
+    return dynamics.carried(s, after)
 
 
 def _between(first: Input, last: Input, share: float) -> Input:
@@ -199,7 +205,7 @@ def _held_still(dynamics: Dynamics, state: State, modes: Array) -> State:
     v = state.v.copy()
     for lane in np.flatnonzero((modes == 0).any(axis=1)):
         G = dynamics.contacts[modes[lane] == 0]
-        if len(G) == dynamics.m and np.linalg.matrix_rank(G) == dynamics.m:
+        if dynamics.locked(modes[lane : lane + 1]):
             v[lane] = 0.0
         else:
             v[lane] -= np.linalg.lstsq(G, G @ v[lane], rcond=None)[0]

@@ -12,6 +12,7 @@ from ..errors import ConfigurationError
 from .dynamics import Dynamics, Input, State
 from .flexible import FlexibleJoints
 from .forces import ForceModel, model_terms
+from .rigid import require_fixed_base
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -54,6 +55,7 @@ class Plant:
     _compiled: dict[int, Dynamics] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
+        require_fixed_base(self.robot)
         if not isinstance(self.values, Schedule):
             object.__setattr__(self, "values", np.asarray(self.values, float))
         given = self.schedule.values

@@ -131,7 +131,7 @@ def replay(
     torque = _drive_torque(model, values, signals, along)
     stride = max(1, int(np.floor(_STEP * signals.rate + 1e-9)))
     length = max(2, round(window * signals.rate / stride))
-    first, runs = _windows(signals, torque, length * stride, windows)
+    first, clock, runs = _windows(signals, torque, length * stride, windows)
     if not len(first):
         raise DataError(
             f"replay: no stretch of {window:g} s has torque on every joint;"
@@ -143,7 +143,7 @@ def replay(
     dynamics = Plant(forward, own).dynamics()
     measured, rate = signals.q[rows], signals.dq[rows]
     period = stride / signals.rate
-    simulated, simulated_rate, correction = _integrate(dynamics, signals.t[first], measured, rate, torque[rows], period, observer_hz)
+    simulated, simulated_rate, correction = _integrate(dynamics, clock, measured, rate, torque[rows], period, observer_hz)
     diverged = ~np.isfinite(simulated).all(axis=(0, 2))
     return Replay(
         model.robot,
@@ -175,39 +175,26 @@ def _divided(model: Model, values: Array) -> tuple[Model, Array, list[int]]:
 
 
 def _drive_torque(model: Model, values: Array, signals: Signals, along: list[int]) -> Array:
-    """Measured torque (N, n) at the full rate, less the torque of effects that act along the measured motion."""
-    from scipy.interpolate import CubicSpline
+    """Measured torque (N, n), less the torque of effects that act along the measured motion."""
+    if not along:
+        return signals.torque
+    from ..problem import Problem
 
-    out = np.full(signals.q.shape, np.nan)
-    for run, rows in zip(signals.runs, signals.row_runs, strict=True):
-        tau, at = signals.tau[rows], signals.row_time[rows]
-        if len(at) == run.stop - run.start:
-            out[run] = tau
-            continue
-        inside = (signals.t[run] >= at[0]) & (signals.t[run] <= at[-1])
-        for j in range(tau.shape[1]):
-            good = np.isfinite(tau[:, j])
-            if good.sum() >= 4:
-                wide = CubicSpline(at[good], tau[good, j])(signals.t[run])
-                # Between rows that are missing nothing is known.
-                known = np.interp(signals.t[run], at, good.astype(float)) > 1 - 1e-9
-                out[run, j] = np.where(inside & known, wide, np.nan)
-    if along:
-        from ..problem import Problem
-
-        problem, robot = Problem(model, signals, reference=values), model.robot
-        for run in signals.runs:
-            motion = problem.motion(run)
-            for i in along:
-                effect = model.effects[i]
-                own = effect.torque(motion, robot, values[model.slices[i]])
-                out[run] -= robot.transmission.torque(own, effect.side, robot.transmission.measured)
+    problem, robot = Problem(model, signals, reference=values), model.robot
+    out = signals.torque.copy()
+    for run in signals.runs:
+        motion = problem.motion(run)
+        for i in along:
+            effect = model.effects[i]
+            own = effect.torque(motion, robot, values[model.slices[i]])
+            out[run] -= robot.transmission.torque(own, effect.side, robot.transmission.measured)
     return out
 
 
-def _windows(signals: Signals, torque: Array, span: int, most: int) -> tuple[Array, tuple[str, ...]]:
-    """First samples (B,) of windows of span + 1 samples with torque throughout, spread evenly, and their runs' names."""
-    found: list[tuple[int, str]] = []
+def _windows(signals: Signals, torque: Array, span: int, most: int) -> tuple[Array, Array, tuple[str, ...]]:
+    """First samples (B,) of windows of span + 1 samples with torque throughout, spread evenly; their times since their runs
+    began, and the runs' names."""
+    found: list[tuple[int, float, str]] = []
     finite = np.isfinite(torque).all(axis=1)
     for run, name in zip(signals.runs, signals.run_names, strict=True):
         gaps = np.concatenate([[0], np.cumsum(~finite[run])])
@@ -216,11 +203,11 @@ def _windows(signals: Signals, torque: Array, span: int, most: int) -> tuple[Arr
         last = -span
         for place in whole:
             if place - last >= span:
-                found.append((run.start + int(place), name))
+                found.append((run.start + int(place), float(signals.t[run.start + place] - signals.t[run.start]), name))
                 last = int(place)
     if len(found) > most:
         found = [found[i] for i in np.unique(np.linspace(0, len(found) - 1, most).round().astype(int))]
-    return np.array([start for start, _ in found], dtype=int), tuple(name for _, name in found)
+    return np.array([f[0] for f in found], dtype=int), np.array([f[1] for f in found]), tuple(f[2] for f in found)
 
 
 def _integrate(

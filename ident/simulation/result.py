@@ -28,7 +28,7 @@ class Simulation:
     `t` (N,) s; `link` and `motor` (N, n): motion of the links (joint side) and of the motors, which differ by more than K only at
     flexible joints; `tau` (N, n): torque that the drive reports, measured side; `applied`: what reached the drive;
     `friction` (N, n): what dry friction and the forces it belongs to took, measured side, holding torques included;
-    `held` (N, n) bool: a joint or motor that dry friction held; `states` (N, s): states of forces with memory.
+    `held` (N, n) bool: dry friction on a joint or motor at rest, whose torque no column can tell; `states` (N, s): states of forces with memory.
     Accelerations and torque are those right after each instant, where torque is held between samples.
 
     `readings`: what the sensors recorded; `sensors` and `seed`: how."""

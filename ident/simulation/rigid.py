@@ -25,11 +25,7 @@ class RigidDynamics:
     `inertia` (10 nb,): linear parameters of all bodies; they need not be physical. Raises UnsupportedError for a free-flyer."""
 
     def __init__(self, robot: Robot, inertia: Array) -> None:
-        if robot.floating_base:
-            raise UnsupportedError(
-                f"robot {robot.name!r} has a floating base: simulation covers fixed-base robots;"
-                " use regressor.rigid.forward_dynamics with the base's own motion."
-            )
+        require_fixed_base(robot)
         self._robot = robot
         self._trivial = robot.loop.is_trivial
         self._W = robot.loop.W
@@ -64,6 +60,15 @@ class RigidDynamics:
         if self._trivial:
             return H, h
         return self._W.T @ H @ self._W, h @ self._W
+
+
+def require_fixed_base(robot: Robot) -> None:
+    """Raise UnsupportedError for a robot on a free-flyer."""
+    if robot.floating_base:
+        raise UnsupportedError(
+            f"robot {robot.name!r} has a floating base: simulation covers fixed-base robots;"
+            " use regressor.rigid.forward_dynamics with the base's own motion."
+        )
 
 
 def _ballast(bodies: Array) -> Array:
