@@ -55,7 +55,7 @@ def random_rotation(rng: np.random.Generator) -> Array:
     return pin.Quaternion(q / np.linalg.norm(q)).toRotationMatrix()
 
 
-def from_frames(frames: list[Array], parents: list[int], prismatic: list[bool], rng: np.random.Generator, base: Array | None = None) -> list[JointSpec]:
+def from_frames(frames: list[Array], parents: list[int], prismatic: list[bool], rng: np.random.Generator) -> list[JointSpec]:
     """Joints whose axes are the z axes of `frames` (4 x 4, in the world at zero), in arbitrary link frames: turned at random,
     moved along the axis, z or another direction as axis."""
     own = []
@@ -71,7 +71,7 @@ def from_frames(frames: list[Array], parents: list[int], prismatic: list[bool], 
         own.append(frame @ shift @ turn)
     joints = []
     for i, parent in enumerate(parents):
-        before = own[parent] if parent >= 0 else (np.eye(4) if base is None else base)
+        before = own[parent] if parent >= 0 else np.eye(4)
         local = np.linalg.inv(before) @ own[i]
         axis = own[i][:3, :3].T @ frames[i][:3, 2]
         axis[np.abs(axis) < 1e-15] = 0.0
@@ -154,13 +154,20 @@ def successive_axes(rng: np.random.Generator, count: int, twists: Array, zero: f
     frames = [pose(random_rotation(rng), rng.normal(size=3))]
     for _ in range(count - 1):
         Lx, Lz = rng.normal(size=2) * 0.5 * (rng.random(2) > zero)
-        frames.append(frames[-1] @ pose(rotation([0, 0, 1], rng.uniform(-3, 3))) @ pose(None, (Lx, 0, Lz)) @ pose(rotation([1, 0, 0], rng.choice(twists))))
+        turn, twist = pose(rotation([0, 0, 1], rng.uniform(-3, 3))), pose(rotation([1, 0, 0], rng.choice(twists)))
+        frames.append(frames[-1] @ turn @ pose(None, (Lx, 0, Lz)) @ twist)
     return frames
 
 
 def right_twists(rng: np.random.Generator) -> Array:
     """Twist angles to draw from: right angles of either sign and (anti)parallel axes, in various proportions."""
-    return np.array([[0.0, np.pi, np.pi / 2, -np.pi / 2], [0.0, 0.0, 0.0, np.pi / 2], [np.pi / 2, -np.pi / 2, np.pi / 2, 0.0], [0.0, np.pi, 0.0, np.pi]][rng.integers(4)])
+    half = np.pi / 2
+    return np.array([[0.0, np.pi, half, -half], [0.0, 0.0, 0.0, half], [half, -half, half, 0.0], [0.0, np.pi, 0.0, np.pi]][rng.integers(4)])
+
+
+def oblique_twists(rng: np.random.Generator, count: int) -> Array:
+    """Twist angles well away from parallel."""
+    return rng.uniform(0.1, 3.0, count) * rng.choice([-1.0, 1.0], count)
 
 
 def gravity_for(rng: np.random.Generator, direction: Array) -> Array:
@@ -200,22 +207,29 @@ def mixed_robot(rng: np.random.Generator, count: int, slides: float = 0.35, **ke
 
 
 def parallelogram_robot(rng: np.random.Generator, count: int, oblique: bool = True, **keywords) -> Robot:
-    """Chain of `count` revolute joints with a planar parallelogram at a random place; loop declared, independent joints chosen at random."""
+    """Chain of `count` revolute joints with a planar parallelogram at a random place; the loop declared in either of two ways."""
     xi = int(rng.integers(1, count))
-    twists = np.array([0.0, np.pi / 2, -np.pi / 2, np.pi, *(rng.uniform(-3, 3, 2) if oblique else ())])
+    twists = np.array([0.0, np.pi / 2, -np.pi / 2, np.pi, *(oblique_twists(rng, 2) if oblique else ())])
     frames = successive_axes(rng, count, twists)
+
     # Joint xi + 1 is parallel to xi at a distance; what follows it is moved along.
-    wanted = frames[xi - 1] @ pose(rotation([0, 0, 1], rng.uniform(-3, 3))) @ pose(None, (rng.uniform(0.2, 0.8), 0, rng.normal() * 0.2))
-    wanted = wanted @ pose(rotation([1, 0, 0], rng.choice([0.0, np.pi])))
+    def flip() -> Array:
+        return pose(rotation([1, 0, 0], rng.choice([0.0, np.pi])))
+
+    def spin(*at: float) -> Array:
+        return pose(rotation([0, 0, 1], rng.uniform(-3, 3)), at or (0, 0, 0))
+
+    wanted = frames[xi - 1] @ spin() @ pose(None, (rng.uniform(0.2, 0.8), 0, rng.normal() * 0.2)) @ flip()
     move = wanted @ np.linalg.inv(frames[xi])
     main = frames[:xi] + [move @ f for f in frames[xi:]]
-    crank = main[xi - 1] @ pose(rotation([0, 0, 1], rng.uniform(-3, 3)), (0, 0, rng.normal() * 0.2)) @ pose(rotation([1, 0, 0], rng.choice([0.0, np.pi])))
-    coupler = crank @ pose(None, (rng.uniform(0.2, 0.6), 0, rng.normal() * 0.1)) @ pose(rotation([1, 0, 0], rng.choice([0.0, np.pi])))
+    crank = main[xi - 1] @ spin(0, 0, rng.normal() * 0.2) @ flip()
+    coupler = crank @ pose(None, (rng.uniform(0.2, 0.6), 0, rng.normal() * 0.1)) @ flip()
     crank_first = bool(rng.random() < 0.5)
     order = [*range(xi), "zeta", "zeta+1", *range(xi, count)] if crank_first else [*range(count), "zeta", "zeta+1"]
     place = {label: i for i, label in enumerate(order)}
     world = [crank if o == "zeta" else coupler if o == "zeta+1" else main[o] for o in order]
-    parents = [place[xi - 2] if o == "zeta" and xi > 1 else -1 if o == "zeta" else place["zeta"] if o == "zeta+1" else place[o - 1] if o else -1 for o in order]
+    before = {label: label - 1 for label in range(count)} | {"zeta": xi - 2, "zeta+1": "zeta"}
+    parents = [place.get(before[o], -1) for o in order]
     joints = from_frames(world, parents, [False] * len(order), rng)
     name = {label: f"joint{i + 1}" for label, i in place.items()}
     z = main[xi - 1][:3, 2]

@@ -61,6 +61,9 @@ class Disagreement:
     direction: str
     outside: float
 
+    def __str__(self) -> str:
+        return f"{self.found_by} has a direction that {self.missing_in} lacks ({self.outside:.1e} of it outside): {self.direction}"
+
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
@@ -105,12 +108,11 @@ class Agreement:
     def __str__(self) -> str:
         counts = ", ".join(f"{name} {count}" for name, count in self.counts.items())
         kept, dropped = self.sampled.gap
-        lines = [
-            f"base parameters by {counts}: {'the same space' if self.agreed else 'NOT the same space'}"
-            f" (compared to {self.tolerance:.0e}; sampled singular values: smallest kept {kept:.1e}, largest dropped {dropped:.1e})"
-        ]
+        verdict = "the same space" if self.agreed else "NOT the same space"
+        margins = f"sampled singular values: smallest kept {kept:.1e}, largest dropped {dropped:.1e}"
+        lines = [f"base parameters by {counts}: {verdict} (compared to {self.tolerance:.0e}; {margins})"]
         lines += [f"  {f.method}: {f.count_formula}" for f in self.closed]
-        lines += [f"  {d.found_by} has a direction that {d.missing_in} lacks ({d.outside:.1e} of it outside): {d.direction}" for d in self.disagreements]
+        lines += [f"  {d}" for d in self.disagreements]
         return "\n".join([*lines, *(f"note: {n}" for n in self.structural.notes)])
 
 
@@ -216,6 +218,7 @@ def _compare(one: tuple[str, Array], other: tuple[str, Array], scale: Array, nam
         for size, direction in zip(s, Vt, strict=True):
             if size > tolerance:
                 row = direction * scale
-                largest = row[int(np.argmax(np.abs(row)))]
-                found.append(Disagreement(name, against, expression(np.where(np.abs(row) > 1e-6 * abs(largest), row / largest, 0.0), names), float(size)))
+                row = row / row[int(np.argmax(np.abs(row)))]
+                text = expression(np.where(np.abs(row) > 1e-6, row, 0.0), names)
+                found.append(Disagreement(name, against, text, float(size)))
     return found

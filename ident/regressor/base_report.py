@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 Array = np.ndarray
+_PROBED = "part of the loop closure has too many functions of position to be resolved one by one; it was probed at generic positions."
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,11 @@ class BaseReport:
             "matrix": base.matrix.tolist(),
             "agreement": self.agreement.to_dict(),
             "closed_forms": [
-                {"method": f.method, "count_formula": f.count_formula, "parameters": [{"name": n, "expression": e} for n, e in zip(f.names, f.expressions, strict=True)]}
+                {
+                    "method": f.method,
+                    "count_formula": f.count_formula,
+                    "parameters": [{"name": n, "expression": e} for n, e in zip(f.names, f.expressions, strict=True)],
+                }
                 for f in self.agreement.closed
             ],
             "notes": list(self.notes),
@@ -74,7 +79,8 @@ class BaseReport:
             out |= {"rotor_columns": list(base.rotors), "rotor_matrix": base.rotor_matrix.tolist()}
         if self.principal is not None:
             out["principal"] = [
-                {"sensitivity": float(s), "expression": e} for s, e in zip(self.principal.sensitivity, self.principal.expressions, strict=True)
+                {"sensitivity": float(s), "expression": e}
+                for s, e in zip(self.principal.sensitivity, self.principal.expressions, strict=True)
             ]
         return out
 
@@ -93,14 +99,14 @@ class BaseReport:
         lines.append(f"  count: {form.count_formula} (closed form: {form.method}){beside}" if form else f"  count: {base.count_formula}")
         kept, dropped = self.agreement.sampled.gap
         ways = ", ".join(f"{name} {count}" for name, count in self.agreement.counts.items())
-        lines.append(
-            f"  {'agree' if self.agreement else 'DO NOT AGREE'}: {ways}; singular values of the sampled regressor: kept down to {kept:.1e}, dropped from {dropped:.1e}"
-        )
+        margins = f"singular values of the sampled regressor: kept down to {kept:.1e}, dropped from {dropped:.1e}"
+        lines.append(f"  {'agree' if self.agreement else 'DO NOT AGREE'}: {ways}; {margins}")
         if not self.agreement:
             lines += [f"    {line}" for line in str(self.agreement).splitlines()[1:]]
         lines += ["", "Base parameters (coefficients in the unit of the base parameter over that of the term)"]
         width = max((len(n) for n in base.names), default=0)
-        lines += [f"  {n:<{width}}  [{parameter_unit(n)}]{' ' * (7 - len(parameter_unit(n)))} {e}" for n, e in zip(base.names, base.expressions, strict=True)]
+        for name, text in zip(base.names, base.expressions, strict=True):
+            lines.append(f"  {name:<{width}}  {f'[{parameter_unit(name)}]':<8}  {text}")
         lines += self._hidden_lines()
         if self.principal is not None:
             lines += ["", *str(self.principal).splitlines()]
@@ -126,9 +132,7 @@ class BaseReport:
         return self.text()
 
 
-def base_report(
-    robot: Robot, rotor_inertia: bool | Sequence[str] = False, principal: PrincipalParameters | None = None
-) -> BaseReport:
+def base_report(robot: Robot, rotor_inertia: bool | Sequence[str] = False, principal: PrincipalParameters | None = None) -> BaseReport:
     """Base parameters of a robot with the check of their space and the reasons for what is hidden.
 
     `rotor_inertia`: True, or joints whose motors' reflected inertias count as parameters too. `principal`: principal directions of
@@ -138,7 +142,7 @@ def base_report(
     hidden = tuple(_unidentifiable(base))
     notes = tuple(robot.notes) + base.notes
     if not base.exact:
-        notes += ("part of the loop closure has too many functions of position to be resolved one by one; it was probed at generic positions.",)
+        notes += (_PROBED,)
     return BaseReport(robot, base, hidden, check, principal, notes)
 
 
@@ -168,5 +172,6 @@ def _why_hidden(symbol: str, turning: int) -> str:
     if symbol == "m":
         return "the origin of its frame never moves"
     if symbol.startswith("I"):
-        return {0: "the link never turns", 1: "the link only ever turns about one direction"}.get(turning, "no turning of the link excites it")
+        ways = {0: "the link never turns", 1: "the link only ever turns about one direction"}
+        return ways.get(turning, "no turning of the link excites it")
     return "the origin of its frame is not moved, nor does gravity act, in a way that would show it"

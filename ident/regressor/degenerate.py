@@ -46,8 +46,6 @@ def _angle_note(name: str, axis: Array, other: Array, what: str) -> list[str]:
     sine, cosine = float(np.linalg.norm(np.cross(axis, other))), abs(float(axis @ other))
     for deviation, relation in ((np.arctan2(sine, cosine), "parallel"), (np.arctan2(cosine, sine), "perpendicular")):
         if _ROUNDING < deviation < _ANGLE:
-            return [
-                f"joint {name}: its axis is {deviation:.1e} rad away from {relation} to {what}. It is taken as it is written,"
-                " and parameters appear that exact geometry does not have; write the angle exactly if it is meant so."
-            ]
+            fact = f"joint {name}: its axis is {deviation:.1e} rad away from {relation} to {what}. It is taken as it is written,"
+            return [f"{fact} and parameters appear that exact geometry does not have; write the angle exactly if it is meant so."]
     return []

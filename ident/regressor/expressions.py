@@ -43,7 +43,7 @@ def expression(row: Array, names: Sequence[str]) -> str:
     if largest == 0.0:
         return "0"
     place, leading = _places(tuple(names))
-    live = np.flatnonzero(np.abs(row) > _NOISE * largest)
+    live = np.flatnonzero(np.abs(row) > _NOISE * largest).tolist()
     first = min(live, key=lambda i: leading[i])
     order = [first, *sorted((i for i in live if i != first), key=lambda i: place[i])]
     words: list[str] = []
@@ -83,7 +83,7 @@ def _places(names: tuple[str, ...]) -> tuple[list[tuple[int, int]], list[tuple[i
     for index, name in enumerate(names):
         symbol, joint = split_name(name)
         link = symbol in _RANK and bool(joint)
-        number = joints.setdefault(joint if joint else name, len(joints))
+        number = joints.setdefault(joint or name, len(joints))
         within = _RANK[symbol] if link else len(_RANK) + index
         place.append((number, within))
         leading.append((0 if link else 1, number, within))

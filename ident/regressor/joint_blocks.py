@@ -54,8 +54,8 @@ _FLAT_INERTIA = PSEUDO_INERTIA.reshape(10, 16)
 def energy_vector(V: Array, W: Array) -> Array:
     """Energy vectors (..., 10) of pairs of twist or pose-rate matrices (..., 4, 4): coefficient of each inertial parameter in VᵀJW."""
     Y = np.swapaxes(V, -1, -2) @ W
-    flat = Y.reshape(*Y.shape[:-2], 16) @ _FLAT_INERTIA.T  # J is symmetric: the antisymmetric part of Y drops out
-    return flat
+    vectors: Array = Y.reshape(*Y.shape[:-2], 16) @ _FLAT_INERTIA.T  # J is symmetric: the antisymmetric part of Y drops out
+    return vectors
 
 
 def twist_matrix(twist: Array) -> Array:
@@ -260,7 +260,7 @@ def _nodes(tree: RigidBodyTree, bodies: tuple[int, ...], rates: Array) -> tuple[
     if len(bodies) == 1 and d == 1:
         return _PRISMATIC if tree.prismatic[bodies[0]] else _REVOLUTE
     functions = _functions(tree, bodies, rates)
-    slow = np.array([min((abs(w) for w in column if w != 0.0)) for column in rates.T])
+    slow = np.array([min(abs(w) for w in column if w != 0.0) for column in rates.T])
     if functions is not None:
         # Powers beside waves are told apart only over several periods, so wider spreads are tried too.
         for periods in (1.0, 2.5, 6.0):
@@ -302,13 +302,13 @@ def _functions(tree: RigidBodyTree, bodies: tuple[int, ...], rates: Array) -> li
         else:
             steps = {constant, (tuple(rates[i]), (0,) * d), (tuple(-rates[i]), (0,) * d)}
         pose[body] = _products(pose.get(int(tree.parent[body]), {constant}), steps)
-        if len(pose[body]) ** 2 > 50 * _MOST_FUNCTIONS**2:
+        if len(pose[body]) > _MOST_FUNCTIONS // 4:
             return None
         found |= _products(pose[body], pose[body])
         if len(found) > 2 * _MOST_FUNCTIONS:
             return None
     half = {f for f in found if f[0] >= tuple(-w for w in f[0])}  # e^{iw} and e^{-iw} give one cosine and one sine
-    cosines = [f for f in sorted(half, key=lambda f: (f != constant, f))]
+    cosines = sorted(half, key=lambda f: (f != constant, f))
     real: list[_Function] = []
     for frequency, power in cosines:
         real.append((frequency, power))

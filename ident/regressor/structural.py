@@ -79,7 +79,7 @@ class _Ranks:
         if not rows.any():
             return rows[:0], rotors[:0], np.zeros(0), rotors
         if not rotors.size and len(rows) > 2 * rows.shape[1]:
-            rows = np.linalg.qr(rows, mode="r")  # the same span in fewer rows
+            rows = np.asarray(np.linalg.qr(rows, mode="r"))  # the same span in fewer rows
         U, s, Vt = np.linalg.svd(rows, full_matrices=bool(rotors.size))
         r = int((s > self.tolerance * max(1.0, s[0])).sum())
         self.kept += list(np.minimum(s[:r] / max(1.0, s[0]), 1.0))
@@ -94,7 +94,7 @@ class _Ranks:
         if not rows.any():
             return rows[:0]
         if len(rows) > 4 * rows.shape[1]:
-            rows = np.linalg.qr(rows, mode="r")
+            rows = np.asarray(np.linalg.qr(rows, mode="r"))
         _, s, Vt = np.linalg.svd(rows, full_matrices=False)
         r = int((s > self.tolerance).sum())
         if r == rows.shape[1] and s[-1] >= _FAINT:
@@ -228,7 +228,7 @@ def _generated(block: Block, at: _Seen, k: Array, done: list[int]) -> tuple[Arra
         ]
     )
     if len(free) > width:  # the same span in fewer rows
-        free = np.linalg.qr(free, mode="r")
+        free = np.asarray(np.linalg.qr(free, mode="r"))
     constant = np.tensordot(at.constant[done], block.cross[0], axes=1).reshape(-1, width)
     mine = k[:, own]
     parts = [
@@ -257,7 +257,8 @@ def _leading_columns(basis: Array, order: list[int]) -> list[int]:
 
     They always exist: what is left of the columns beside fewer than r of them has norm one at least, so one of c columns exceeds
     1/sqrt(c), which is more than the threshold."""
-    left, found = basis.copy(), []
+    left = basis.copy()
+    found: list[int] = []
     threshold = min(_PIVOT, 0.5 / np.sqrt(max(basis.shape[1], 1)))
     for c in order:
         if len(found) == len(basis):

@@ -166,10 +166,12 @@ def read_chain(robot: Robot, theorem: str) -> Chain:
     """As `read_tree`, for an open serial chain; anything else is refused."""
     chain = read_tree(robot, theorem)
     if not robot.loop.is_trivial:
-        raise unsupported(robot, theorem, "it has dependent joints ([loop] or mimic)", "closed_form.parallelogram(robot) for a planar parallelogram, else ")
+        otherwise = "closed_form.parallelogram(robot) for a planar parallelogram, else "
+        raise unsupported(robot, theorem, "it has dependent joints ([loop] or mimic)", otherwise)
     for body in range(1, robot.tree.nb):
         if robot.tree.parent[body] != body - 1:
-            raise unsupported(robot, theorem, f"it is no serial chain: joint {robot.tree_joints[body].name!r} branches off before {robot.tree_joints[body - 1].name!r}")
+            one, other = robot.tree_joints[body].name, robot.tree_joints[body - 1].name
+            raise unsupported(robot, theorem, f"it is no serial chain: joint {one!r} does not follow {other!r}, but branches off before it")
     return chain
 
 
@@ -178,9 +180,8 @@ def refuse_oblique(robot: Robot, theorem: str, frames: AxisFrames, names: Sequen
     for i in range(1, frames.count):
         twist = float(frames.twist[i])
         if twist not in (0.0, np.pi / 2):
-            raise unsupported(
-                robot, theorem, f"the axes of {names[i - 1]!r} and {names[i]!r} are at {np.degrees(twist):.6g} deg, neither parallel nor perpendicular", otherwise
-            )
+            angle = f"{np.degrees(twist):.6g} deg, neither parallel nor perpendicular"
+            raise unsupported(robot, theorem, f"the axes of {names[i - 1]!r} and {names[i]!r} are at {angle}", otherwise)
 
 
 def refuse_nearly_parallel(robot: Robot, theorem: str, frames: AxisFrames, names: Sequence[str]) -> None:
@@ -188,9 +189,11 @@ def refuse_nearly_parallel(robot: Robot, theorem: str, frames: AxisFrames, names
     for i in range(1, frames.count):
         deviation = min(float(frames.twist[i]), np.pi - float(frames.twist[i]))
         if 0.0 < deviation < NEARLY_PARALLEL:
-            raise unsupported(robot, theorem, f"the axes of {names[i - 1]!r} and {names[i]!r} are {deviation:.1e} rad from parallel, too near for its frames")
+            pair = f"the axes of {names[i - 1]!r} and {names[i]!r}"
+            raise unsupported(robot, theorem, f"{pair} are {deviation:.1e} rad from parallel, too near for its frames")
 
 
 def unsupported(robot: Robot, theorem: str, reason: str, otherwise: str = "") -> UnsupportedError:
     """The error for a structure outside a theorem."""
-    return UnsupportedError(f"{theorem} does not cover robot {robot.name!r}: {reason}. Use {otherwise}ident.regressor.structural.base_set(robot), which covers any tree.")
+    general = "ident.regressor.structural.base_set(robot), which covers any tree"
+    return UnsupportedError(f"{theorem} does not cover robot {robot.name!r}: {reason}. Use {otherwise}{general}.")

@@ -71,9 +71,9 @@ def _tree_inertia(tree: RigidBodyTree, links: Array, position: Array) -> Array:
         if parent < 0:
             continue
         p, R = origin[b] - origin[parent], moment[b]
-        mixed = p[:, :, None] * R[:, None, :]
+        crossed = p[:, :, None] * (R + 0.5 * mass[b] * p)[:, None, :]
         size = 2 * np.einsum("Ni,Ni->N", p, R) + mass[b] * np.einsum("Ni,Ni->N", p, p)
-        inertia[parent] += inertia[b] + size[:, None, None] * np.eye(3) - mixed - np.swapaxes(mixed, 1, 2) - mass[b] * p[:, :, None] * p[:, None, :]
+        inertia[parent] += inertia[b] + size[:, None, None] * np.eye(3) - crossed - np.swapaxes(crossed, 1, 2)
         moment[parent] += R + mass[b] * p
         mass[parent] += mass[b]
 

@@ -7,11 +7,11 @@ reference position, which leaves only one length per revolute joint."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import UnsupportedError
 from ..base_form import BaseForm, make_form
 from .frames import ANGLE, AxisFrames, Chain, axis_frames, link_change, read_chain, refuse_oblique
 from .linear_forms import LinkForms, point_inertia, point_moment
@@ -97,9 +97,9 @@ class _Sums:
 
 def _sums(chain: Chain, frames: AxisFrames, group: _Groups) -> _Sums:
     nb, N = chain.robot.tree.nb, frames.count
-    changes = {
-        body: link_change(chain.poses[body], frames.rotation[n], frames.origin[n]) for n, bodies in enumerate(group.revolute) for body in bodies
-    }
+    changes: dict[int, Array] = {}
+    for n, bodies in enumerate(group.revolute):
+        changes |= {body: link_change(chain.poses[body], frames.rotation[n], frames.origin[n]) for body in bodies}
     changes |= {body: link_change(chain.poses[body], chain.poses[body][:3, :3], chain.points[body]) for body in group.before}
     forms = LinkForms(changes, nb)
     M = np.array([forms.masses(range(body, nb)) for body in range(nb + 1)])
@@ -117,7 +117,7 @@ def _sums(chain: Chain, frames: AxisFrames, group: _Groups) -> _Sums:
     for run in clusters:
         for n in run:
             RCZ[n - 1] = RCn[n : run[-1], 2].sum(axis=0)
-    for run, following in zip(clusters, clusters[1:], strict=False):
+    for run, following in pairwise(clusters):
         last = run[-1] - 1
         RCZB[last] = sum(RCn[i - 1, 2] for i in following)
         JY[last] = sum(J[i - 1, 1, 1] + 2 * frames.length[i - 1, 2] * RCZ[i - 1] for i in following)
@@ -184,6 +184,4 @@ def _translations_only(robot: Robot, group: _Groups) -> BaseForm:
     for row in range(nb):
         matrix[row, 10 * row :: 10] = 1.0
     names = tuple(f"M0,{t}" for t in range(1, len(group.before) + 1))
-    if not names:
-        raise UnsupportedError(f"robot {robot.name!r} has no joint.")
     return make_form(robot, "mixed", names, matrix, f"T = {nb}")

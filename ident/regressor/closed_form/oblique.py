@@ -67,7 +67,9 @@ def tilted_inertia(J: Array, L: Array, a: float, RZ: Array) -> Array:
     return out
 
 
-def chain_rows(frames: AxisFrames, R: Array, inertia: list[Array], RZ: list[Array], Q: int, K: int, hidden: int = 0) -> list[tuple[str, Array]]:
+def chain_rows(
+    frames: AxisFrames, R: Array, inertia: list[Array], RZ: list[Array], Q: int, K: int, hidden: int = 0
+) -> list[tuple[str, Array]]:
     """Base parameters of the chain. `hidden`: the 1-based number of a link whose R_x, R_y are left out, 0 for none."""
     N = frames.count
     rows: list[tuple[str, Array]] = []
@@ -90,6 +92,7 @@ def chain_rows(frames: AxisFrames, R: Array, inertia: list[Array], RZ: list[Arra
 
 
 def sine(angle: float) -> float:
+    """Exactly one at a right angle."""
     return 1.0 if angle == np.pi / 2 else float(np.sin(angle))
 
 

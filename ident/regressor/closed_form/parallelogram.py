@@ -159,5 +159,3 @@ def _mismatch(chain: Chain, where: Parallelogram) -> str:
     if robot.n != len(where.main) or np.linalg.matrix_rank(W) < robot.n:
         return "[loop] makes more joints dependent than the parallelogram does"
     return ""
-
-
