@@ -87,9 +87,15 @@ class ConicProgram:
         self._q.append((np.atleast_1d(columns), np.atleast_1d(np.asarray(coefficients, float))))
 
     def squares(self, columns: Array, matrix: Array, target: Array) -> None:
-        """Add |matrix @ x[columns] - target|^2 to the objective."""
-        self._P.append((columns, 2.0 * matrix.T @ matrix))
-        self._q.append((columns, -2.0 * matrix.T @ target))
+        """Add |matrix @ x[columns] - target|^2 to the objective, through residuals of their own: squaring would square the condition."""
+        residual = self.variables(len(target))
+        self._P.append((residual, 2.0 * np.ones(len(target))))
+        self.equal(-np.asarray(target, float), [(columns, np.asarray(matrix, float).T), (residual, -np.eye(len(target)))])
+
+    def distance(self, columns: Array, target: Array) -> None:
+        """Add |x[columns] - target|^2 to the objective."""
+        self._P.append((columns, 2.0 * np.ones(len(columns))))
+        self._q.append((columns, -2.0 * np.asarray(target, float)))
 
     def equal(self, constant: Array, blocks: Sequence[Block]) -> None:
         """constant + sum of blocks = 0; coefficients (k, m)."""
@@ -173,9 +179,8 @@ class ConicProgram:
         q = np.zeros(self.count)
         for c, v in self._q:
             np.add.at(q, c, v)
-        P = sp.csc_matrix((self.count, self.count))
-        for c, m in self._P:
-            i, j = np.nonzero(np.triu(np.ones_like(m)))
-            a, b = np.minimum(c[i], c[j]), np.maximum(c[i], c[j])
-            P = P + sp.csc_matrix((m[i, j], (a, b)), shape=P.shape)
-        return P.tocsc(), q
+        diagonal = np.zeros(self.count)
+        for c, v in self._P:
+            np.add.at(diagonal, c, v)
+        P = sp.diags(diagonal, format="csc")
+        return P, q

@@ -33,14 +33,16 @@ class Minimum:
 class _Objective:
     """Smallest eigenvalue of W H(q) W (W diagonal) with its vector and slope; counts what it evaluates."""
 
-    def __init__(self, structure: InertiaStructure, values: Array, weight: Array) -> None:
-        self.structure, self.values, self.weight = structure, values, weight
+    def __init__(self, structure: InertiaStructure, values: Array, weight: Array, start: int) -> None:
+        self.structure, self.values, self.weight, self.start = structure, values, weight, start
         self.evaluations = 0
 
     def both(self, q: Array) -> tuple[Array, Array]:
-        """Smallest eigenvalues (N,) and their unit vectors (N, nv)."""
-        eigenvalues, vectors = np.linalg.eigh(self._matrix(q))
-        return eigenvalues[:, 0], vectors[:, :, 0]
+        """Smallest eigenvalues (N,) and their unit vectors (N, nv), zero before the block."""
+        eigenvalues, vectors = np.linalg.eigh(self._matrix(q)[:, self.start :, self.start :])
+        v = np.zeros((len(q), self.structure.nv))
+        v[:, self.start :] = vectors[:, :, 0]
+        return eigenvalues[:, 0], v
 
     def slope(self, q: Array, v: Array) -> Array:
         """Slope (N, n) of eigenvalues with the vectors v."""
@@ -82,6 +84,7 @@ def minimise_eigenvalue(
     seeds: Array | None = None,
     floor: float = -np.inf,
     time_limit: float = np.inf,
+    start: int = 0,
 ) -> Minimum:
     """Smallest eigenvalue of W H(q) W over lower <= q <= upper, W = diag(`weight`) (the identity by default).
 
@@ -90,7 +93,7 @@ def minimise_eigenvalue(
     deadline = time.perf_counter() + time_limit
     rng = np.random.default_rng(seed)
     weight = np.ones(structure.nv) if weight is None else np.asarray(weight, float)
-    objective = _Objective(structure, values, weight)
+    objective = _Objective(structure, values, weight, start)
     pool = [random_positions(structure, lower, upper, samples, rng), nested_seeds(objective, structure, lower, upper, rng)]
     if seeds is not None and len(seeds):
         pool.append(np.clip(seeds, lower, upper))
@@ -121,14 +124,14 @@ def nested_seeds(
     if structure.has_loop:
         return beam
     first = 0 if base else 1
-    for i in reversed(range(first, n)):
+    for i in reversed(range(max(first, objective.start - base), n)):
         if not structure.relevant[i]:
             continue
         grid = np.linspace(lower[i], upper[i], points, endpoint=structure.prismatic[i] or upper[i] - lower[i] < 6.28)
         q = np.repeat(beam, len(grid), axis=0)
         q[:, i] = np.tile(grid, len(beam))
         # The block in which this joint first appears starts at the joint before it.
-        values = objective.trailing(q, base + i - 1 if i else 0)
+        values = objective.trailing(q, max(base + i - 1 if i else 0, objective.start))
         beam = q[np.argsort(values)[:width]]
     return beam
 

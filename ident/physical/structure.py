@@ -16,6 +16,8 @@ from ..parameters import LINK_SYMBOLS
 from .energy import energy_gradient, energy_rows
 
 if TYPE_CHECKING:
+    import pinocchio as pin
+
     from ..model import Model
     from ..regressor.base import BaseReduction
     from ..regressor.tree import RigidBodyTree
@@ -131,7 +133,6 @@ class InertiaStructure:
             W[:floating, :floating] = np.eye(floating)
             W[floating:, floating:] = robot.loop.W
         limits = (np.array([j.lower for j in robot.joints]), np.array([j.upper for j in robot.joints]))
-        bodies = (("base",) if robot.floating_base else ()) + tuple(j.name for j in robot.tree_joints)
         return cls.from_arrays(
             robot.tree,
             base.regroup,
@@ -143,7 +144,7 @@ class InertiaStructure:
             offset=robot.loop.offset,
             limits=limits,
             joint_names=robot.joint_names,
-            body_names=bodies,
+            body_names=link_names(robot.model),
             names=model.names,
             base_names=tuple(base.names),
             notes=notes,
@@ -249,12 +250,23 @@ class InertiaStructure:
     def quadratic_rows(self, q: Array, v: Array) -> Array:
         """v' H(q) v per unit base parameter: (N, b), for positions (N, n) and rates (N, nv)."""
         rows = energy_rows(self.tree, self.tree_position(q), v @ self.projection.T) @ self.lift[self.inertial]
-        return rows + np.einsum("Ni,rij,Nj,rb->Nb", v, self.reflected, v, self.lift[self.drive], optimize=True)
+        # (N, r): v' A_r v for every drive inertia, then to base parameters.
+        turned = np.tensordot(v, self.reflected, ([1], [1]))
+        return rows + np.einsum("Nri,Ni->Nr", turned, v) @ self.lift[self.drive]
 
     def position_gradient(self, values: Array, q: Array, v: Array) -> Array:
         """d(v' H(q) v)/dq: (N, n), at fixed rates (N, nv)."""
         slope = energy_gradient(self.tree, self.lift[self.inertial] @ values, self.tree_position(q), v @ self.projection.T)
         return slope @ self.projection[6 * self.tree.floating :, 6 * self.tree.floating :]
+
+
+def link_names(model: pin.Model) -> tuple[str, ...]:
+    """URDF link that each moving body is named after: the child link of its joint."""
+    found = {}
+    for frame in model.frames:
+        if str(frame.type) == "BODY" and frame.parentJoint > 0 and frame.parentJoint not in found:
+            found[frame.parentJoint] = frame.name
+    return tuple(found.get(i, model.names[i]) for i in range(1, model.njoints))
 
 
 def parameter_names(body_names: tuple[str, ...]) -> tuple[str, ...]:
