@@ -84,7 +84,9 @@ def position_spectrum(pieces: Sequence[Array], rate: float) -> tuple[Array, Arra
     return np.fft.rfftfreq(size, 1 / rate), total / max(weight, 1e-300)
 
 
-def choose_cutoff(pieces: Sequence[Array], rate: float, names: Sequence[str], prismatic: Sequence[bool], *, highest: float | None = None) -> CutoffChoice:
+def choose_cutoff(
+    pieces: Sequence[Array], rate: float, names: Sequence[str], prismatic: Sequence[bool], *, highest: float | None = None
+) -> CutoffChoice:
     """Choose a cut-off from uniform positions: `pieces` (N_i, n) each, at `rate` (Hz).
 
     `highest` (Hz): a bound from elsewhere, such as a run that was sampled more slowly."""
@@ -93,11 +95,16 @@ def choose_cutoff(pieces: Sequence[Array], rate: float, names: Sequence[str], pr
     cap = min(HIGHEST * rate, highest or math.inf)
     found = [_joint(f, power[:, j], transfer, rate, cap, name) for j, name in enumerate(names)]
     duration = sum(len(p) for p in pieces) / rate
-    strongest = {kind: max((s.acceleration for s, p in zip(found, prismatic, strict=True) if p == kind and s.moves), default=0.0) for kind in (True, False)}
+    strongest = {
+        kind: max((s.acceleration for s, p in zip(found, prismatic, strict=True) if p == kind and s.moves), default=0.0)
+        for kind in (True, False)
+    }
     deciding = [s for s, p in zip(found, prismatic, strict=True) if s.moves and s.acceleration >= _WEAK * strongest[p]]
     if not deciding:
         fallback = min(cap, max(10 * f[1] if len(f) > 1 else cap, min(10.0, rate / 20)))
-        return CutoffChoice(float(fallback), "no joint's motion stands out of the noise of its position; a usual value is taken", tuple(found))
+        return CutoffChoice(
+            float(fallback), "no joint's motion stands out of the noise of its position; a usual value is taken", tuple(found)
+        )
     quietest = min(deciding, key=lambda s: s.suggested_hz)
     noise = quietest.suggested_hz
     widest = max(deciding, key=lambda s: _motion_band(f, power, names.index(s.name), noise))

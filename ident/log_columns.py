@@ -212,9 +212,14 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
         known = ["t", *(f"{s}1" for s in ("q", "dq", "ddq", "tau", "tau_m", "i", "q_m", "dq_m")), *(joints.names if joints else ())]
         raise unknown_name("quantity in [columns]", key, known)
     options: Mapping[str, Any] = {"column": value} if isinstance(value, str) else value
-    if not isinstance(options, Mapping) or not isinstance(options.get("column"), str) or set(options) - {"column", "unit", "scale", "offset"}:
+    if (
+        not isinstance(options, Mapping)
+        or not isinstance(options.get("column"), str)
+        or set(options) - {"column", "unit", "scale", "offset"}
+    ):
         raise ConfigurationError(
-            f"[columns] {key}: give a column's name, or a table {{ column = \"...\", unit = \"deg\", scale = 1.0, offset = 0.0 }}, not {value!r}."
+            f"[columns] {key}: give a column's name, or a table"
+            f' {{ column = "...", unit = "deg", scale = 1.0, offset = 0.0 }}, not {value!r}.'
         )
     source = options["column"]
     if source not in header:
@@ -247,7 +252,8 @@ def _joint_count(
         unused = [h for h in header if h not in set(taken)]
         raise DataError(
             f"{where}: no joint position found (q1, q2, … or q_m1, … or <joint>.position)."
-            f" Columns not understood: {_listed(unused) or 'none'}. Name them under [columns], for example q1 = {unused[0] if unused else 'angle'!r}."
+            f" Columns not understood: {_listed(unused) or 'none'}. Name them under [columns], for example q1 ="
+            f" {unused[0] if unused else 'angle'!r}."
         )
     count = len(joints.names) if joints else positions[-1] + 1
     missing = [j for j in range(count) if j not in positions]
@@ -255,16 +261,22 @@ def _joint_count(
     if missing or surplus:
         have = _listed([found.get(("q", j), found.get(("q_motor", j))).source for j in positions])  # type: ignore[union-attr]
         expected = f"the robot has {count} joints" if joints else f"the columns go up to joint {count}"
-        what = f"missing: {_listed([_label(j, joints) for j in missing])}" if missing else f"too many: {_listed([f'q{j + 1}' for j in surplus])}"
+        what = (
+            f"missing: {_listed([_label(j, joints) for j in missing])}"
+            if missing
+            else f"too many: {_listed([f'q{j + 1}' for j in surplus])}"
+        )
         raise DataError(
             f"{where}: wrong joint count: {expected}, but the log has positions of {len(positions)} ({have}); {what}."
             " Choose the robot that was logged, lock the joints that were not ([robot] locked), or map columns under [columns]."
         )
     stray = [j for j in others if j >= count]
     if stray:
-        raise DataError(f"{where}: columns of joint {stray[0] + 1}, but {'the robot' if joints else 'the log'} has {count} joints with positions.")
+        raise DataError(
+            f"{where}: columns of joint {stray[0] + 1}, but {'the robot' if joints else 'the log'} has {count} joints with positions."
+        )
     if ("t", 0) not in found:
-        raise DataError(f"{where}: no time column (t or time, in s, or with a unit as in time_ms). Name it under [columns]: t = \"...\".")
+        raise DataError(f'{where}: no time column (t or time, in s, or with a unit as in time_ms). Name it under [columns]: t = "...".')
     return count
 
 
@@ -282,7 +294,8 @@ def _check_units(found: dict[tuple[str, int], Column], joints: JointNames | None
         linear = unit_of(column.unit).dimension in ("length", "speed", "linear acceleration", "force")
         if linear == joints.prismatic[j]:
             continue
-        text = f"column {column.source!r} is in {column.unit}, but joint {joints.names[j]!r} is {'prismatic' if joints.prismatic[j] else 'revolute'}"
+        kind = "prismatic" if joints.prismatic[j] else "revolute"
+        text = f"column {column.source!r} is in {column.unit}, but joint {joints.names[j]!r} is {kind}"
         if unit_of(column.unit).scale != 1.0:
             raise ConfigurationError(f"{where}: {text}. Correct the unit in the column's name, or the robot.")
         notes.append(f"{where}: {text}; the number is taken as SI.")

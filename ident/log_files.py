@@ -91,7 +91,15 @@ def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[
     import pandas as pd
 
     with open_binary(path) as stream:
-        frame = pd.read_csv(stream, sep=header.delimiter, skiprows=header.line, names=list(header.names), usecols=list(names), dtype=str, keep_default_na=False)
+        frame = pd.read_csv(
+            stream,
+            sep=header.delimiter,
+            skiprows=header.line,
+            names=list(header.names),
+            usecols=list(names),
+            dtype=str,
+            keep_default_na=False,
+        )
     return {name: frame[name].to_numpy(dtype=object) for name in names}
 
 
@@ -108,7 +116,9 @@ def open_binary(path: Path) -> IO[bytes]:
 def _text_header(path: Path) -> Header:
     try:
         with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", newline="") as text:
-            for number, line in enumerate(text, 1):
+            number = 0
+            for line in text:
+                number += 1
                 if line.strip() and not line.startswith("#"):
                     break
             else:
@@ -119,7 +129,9 @@ def _text_header(path: Path) -> Header:
     delimiter = next((d for d in (",", ";", "\t") if d in line), ",")
     names = tuple(n.strip() for n in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter)))
     if all(_is_number(n) for n in names):
-        raise DataError(f"log {path}: line {number} should be a header row with column names, but it holds numbers ({', '.join(names[:4])} …).")
+        raise DataError(
+            f"log {path}: line {number} should be a header row with column names, but it holds numbers ({', '.join(names[:4])} …)."
+        )
     if not more:
         raise DataError(f"log {path}: there is a header, but no row of data.")
     return Header(names, number, delimiter)
@@ -227,7 +239,7 @@ def _parquet(path: Path) -> Any:
 
 
 def _mat_columns(path: Path) -> dict[str, Array]:
-    """Columns of a MAT file: vectors under their name; a matrix `q` of n columns as q1 … qn, `q_deg` as q1_deg …; structs by their fields."""
+    """Columns of a MAT file: vectors by name; a matrix `q` of n columns as q1 … qn, `q_deg` as q1_deg …; structs by their fields."""
     from scipy.io import loadmat
 
     try:

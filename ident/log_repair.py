@@ -42,7 +42,8 @@ def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing
         if missing == "refuse" and (longest > _ISOLATED or hole.mean() > _SHARE):
             raise DataError(
                 f"{where}: column {name!r} has no number in {int(hole.sum())} of {len(t)} rows ({ranges(hole)})."
-                " A position that is missing cannot be used. Cut the log there, or read it with missing=\"gap\" to leave these rows out as a gap."
+                ' A position that is missing cannot be used. Cut the log there, or read it with missing="gap"'
+                " to leave these rows out as a gap."
             )
         notes.append(f"{where}: column {name!r} has no number in {int(hole.sum())} rows ({ranges(hole)}); they are left out as a gap.")
         present &= ~hole
@@ -59,7 +60,9 @@ def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing
         if not keep.all():
             dropped = np.zeros(len(t), bool)
             dropped[piece[~keep]] = True
-            notes.append(f"{where}: {int((~keep).sum())} rows repeat the time stamp before them ({ranges(dropped)}); the first of each is used.")
+            notes.append(
+                f"{where}: {int((~keep).sum())} rows repeat the time stamp before them ({ranges(dropped)}); the first of each is used."
+            )
         out.append(piece[keep])
     if all(len(p) < 2 for p in out):
         raise DataError(f"{where}: the time stamp is the same in every row ({t[index[0]]:g} s).")
@@ -81,7 +84,8 @@ def _runs(t: Array, index: Array, back: Array, where: str, notes: list[str]) -> 
         return np.split(index, starts[1:])
     row = int(index[back[0] + 1])
     raise DataError(
-        f"{where}: time runs backwards at data row {row + 1} ({t[index[back[0]]]:.6g} s, then {t[row]:.6g} s), in {len(back)} place{'s' * (len(back) > 1)}."
+        f"{where}: time runs backwards at data row {row + 1} ({t[index[back[0]]]:.6g} s, then {t[row]:.6g} s), in"
+        f" {len(back)} place{'s' * (len(back) > 1)}."
         " Sort or cut the log; several runs in one file must each start near the first one's time."
     )
 

@@ -58,7 +58,7 @@ class Log:
                 raise DataError(f"log {self.name}: {label} has shape {array.shape}, expected {(len(self.t), positions.shape[1])}.")
         unknown = set(self.tau) - {"joint", "motor", "current"}
         if unknown:
-            raise unknown_name("side of torque", sorted(unknown)[0], ("joint", "motor", "current"))
+            raise unknown_name("side of torque", min(unknown), ("joint", "motor", "current"))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -149,19 +149,26 @@ def measured(log: Log, transmission: Transmission) -> MeasuredTorque:
     other = Side.MOTOR if side == Side.JOINT else Side.JOINT
     if other.value in log.tau:
         torque = _through(log.tau[other.value], transmission.torque_map(other, side))
-        note = "" if np.allclose(transmission.K, np.eye(transmission.n)) else f"log {log.name}: torque was logged on the {other} side and is carried to the {side} side through K."
+        note = (
+            ""
+            if np.allclose(transmission.K, np.eye(transmission.n))
+            else f"log {log.name}: torque was logged on the {other} side and is carried to the {side} side through K."
+        )
         return MeasuredTorque(torque, (note,) if note else ())
     if "current" in log.tau:
         if transmission.torque_constants is None:
             raise ConfigurationError(
-                f"log {log.name} holds currents, but the drive has no torque constants. Give [drive] torque_constants = [...] in N m/A, one a motor."
+                f"log {log.name} holds currents, but the drive has no torque constants. Give [drive] torque_constants ="
+                " [...] in N m/A, one a motor."
             )
         torque = log.tau["current"] * transmission.torque_constants
         if side == Side.MOTOR:
             return MeasuredTorque(torque, (f"log {log.name}: motor torque is current times torque constant.",))
         torque = _through(torque, transmission.torque_map(Side.MOTOR, Side.JOINT))
         return MeasuredTorque(torque, (f"log {log.name}: torque is current times torque constant, carried to the joint side through K.",))
-    raise DataError(f"log {log.name}: holds no torque or current (tau1, tau_m1 or i1 …); there is nothing to fit to. Name the columns under [columns].")
+    raise DataError(
+        f"log {log.name}: holds no torque or current (tau1, tau_m1 or i1 …); there is nothing to fit to. Name the columns under [columns]."
+    )
 
 
 def _through(torque: Array, T: Array) -> Array:
@@ -239,7 +246,10 @@ class LogSet:
             parts.append(log.rows((from_start >= start) & (from_start <= stop)))
         kept = tuple(log for log in parts if len(log) >= 2)
         if not kept:
-            raise DataError(f"no sample lies between {start} s and {stop} s; the runs last {', '.join(f'{log.duration:.3g} s' for log in self.logs[:6])}.")
+            raise DataError(
+                f"no sample lies between {start} s and {stop} s; the runs last"
+                f" {', '.join(f'{log.duration:.3g} s' for log in self.logs[:6])}."
+            )
         return replace(self, logs=kept)
 
     def audit(self, robot: Robot | None = None) -> Audit:
@@ -258,7 +268,9 @@ class LogSet:
         if by == "run":
             chosen = spread(len(self), held)
             if not chosen or len(chosen) == len(self):
-                raise ConfigurationError(f"split: {len(self)} run cannot be split by run; use by=\"fraction\" or by=\"blocks\", or give more logs.")
+                raise ConfigurationError(
+                    f'split: {len(self)} run cannot be split by run; use by="fraction" or by="blocks", or give more logs.'
+                )
             return (
                 replace(self, logs=tuple(log for i, log in enumerate(self.logs) if i not in chosen)),
                 replace(self, logs=tuple(log for i, log in enumerate(self.logs) if i in chosen)),

@@ -18,13 +18,13 @@ class Standstill:
 
     A sample counts as standstill below `fraction` of the joint's top speed on the measured side, or below `speed` (rad/s or
     m/s; one value, or one a joint) if that is given; never below three standard deviations of the speed's noise. A row is
-    left out if more than `share` of the row filter's weight lies on such samples. One half amounts to "the row's middle
-    stands still"; smaller shares also drop rows of quick reversals, on which friction is well defined, and with them the
-    low speeds that Coulomb friction is told by."""
+    left out if more than `share` of the row filter's weight lies on such samples. A larger share keeps rows in which a
+    reversal is smeared and friction comes out wrong by its own error in time; a smaller one also drops the low speeds by
+    which Coulomb friction is told from friction that is not linear in speed."""
 
     fraction: float = 0.01
     speed: float | Sequence[float] | None = None
-    share: float = 0.5
+    share: float = 0.3
 
     def __post_init__(self) -> None:
         if not 0 <= self.fraction < 1 or not 0 <= self.share < 1:
@@ -65,7 +65,10 @@ def find_saturation(torque: Array, moving: Array) -> Saturation:
         # The finest step seen: a quantisation step, or nothing much for a torque of full resolution.
         step = float(np.percentile(distinct, 1))
         held = _longest_usual(finite)
+        largest = float(np.abs(finite).max())
         for side, extreme in enumerate((finite.min(), finite.max())):
+            if abs(extreme) < 0.3 * largest:
+                continue  # a motor that is off, or torque of one sign: no limit of a drive
             at = np.abs(x - extreme) <= 1e-9 * span
             runs = _lengths(at)
             if not len(runs) or runs.max() < max(5, 4 * held) or np.mean(moving[at, j]) < 0.5:

@@ -104,7 +104,7 @@ class Preparation(ABC):
         """Whether `cutoff_hz` acts on positions."""
         return True
 
-    def _require(self, recording: Recording) -> None:
+    def _require(self, recording: Recording) -> None:  # noqa: B027 - most strategies need positions alone
         """Raise DataError if a recording lacks what the strategy needs."""
 
     def _choose(self, uniform: Resampling, robot: Robot, highest: float) -> CutoffChoice:
@@ -157,7 +157,7 @@ class ZeroPhase(Preparation):
 
     def _require(self, recording: Recording) -> None:
         if self.velocity == Velocity.RECORDED and (recording.dq is None or np.isnan(recording.dq).all(axis=0).any()):
-            raise DataError(f"log {recording.name}: velocity = \"recorded\" needs dq1, dq2, … for every joint. Use velocity = \"position\".")
+            raise DataError(f'log {recording.name}: velocity = "recorded" needs dq1, dq2, … for every joint. Use velocity = "position".')
 
     def _derive(self, run: UniformRun, rate: float, cutoff: float, row_filter: RowFilter | None) -> Derived:
         def smooth(x: Array) -> Array:
@@ -193,7 +193,8 @@ class SavitzkyGolay(Preparation):
         if window <= self.degree:
             raise ConfigurationError(f"[signals] a window of {window} samples cannot hold a polynomial of degree {self.degree}.")
         if len(run) <= window:
-            return Derived(run, *(np.empty((0, run.q.shape[1])) for _ in range(4)), offset=0)
+            none = np.empty((0, run.q.shape[1]))
+            return Derived(run, none, none, none, none, offset=0)
         q, dq, ddq = (savgol_filter(run.q, window, self.degree, deriv=d, delta=1 / rate, axis=0) for d in range(3))
         torque = run.torque if row_filter else savgol_filter(bridge(run.t, run.torque), window, self.degree, axis=0)
         # Without edge_s only what the window fully covers.
@@ -236,7 +237,9 @@ class Recorded(Preparation):
     def _require(self, recording: Recording) -> None:
         for label, array in (("dq", recording.dq), ("ddq", recording.ddq)):
             if array is None or np.isnan(array).any():
-                raise DataError(f"log {recording.name}: recorded derivatives need {label}1, {label}2, … for every joint and sample. Use zero_phase.")
+                raise DataError(
+                    f"log {recording.name}: recorded derivatives need {label}1, {label}2, … for every joint and sample. Use zero_phase."
+                )
 
     def _derive(self, run: UniformRun, rate: float, cutoff: float, row_filter: RowFilter | None) -> Derived:
         assert run.dq is not None

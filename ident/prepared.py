@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -59,7 +60,9 @@ class PreparationReport:
 
     def text(self) -> str:
         """For people."""
-        rows = "rows not filtered" if self.row_cutoff_hz is None else f"rows: low-pass {self.row_cutoff_hz:.3g} Hz, {self.row_rate_hz:.4g} Hz"
+        rows = (
+            "rows not filtered" if self.row_cutoff_hz is None else f"rows: low-pass {self.row_cutoff_hz:.3g} Hz, {self.row_rate_hz:.4g} Hz"
+        )
         cutoff = "positions not filtered" if self.cutoff_hz is None else f"cut-off {self.cutoff_hz:.3g} Hz ({self.cutoff_reason})"
         lines = [
             f"{self.config.get('method', 'prepared')}: {cutoff}",
@@ -129,7 +132,7 @@ class Signals:
     def row_runs(self) -> tuple[slice, ...]:
         """The rows of each run."""
         edges = np.cumsum([0, *(self._count(r.stop - r.start) for r in self.runs)]).tolist()
-        return tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
+        return tuple(slice(a, b) for a, b in itertools.pairwise(edges))
 
     def rows(self, run: int) -> slice:
         """The rows of a run."""
@@ -184,7 +187,9 @@ class Signals:
             if i is None:
                 raise ConfigurationError(f"rows {start}:{stop} do not lie within one run of the signals.")
             first = start - self.row_runs[i].start
-            support = slice(first, first + stop - start) if self.row_filter is None else self.row_filter.support(first, first + stop - start)
+            support = (
+                slice(first, first + stop - start) if self.row_filter is None else self.row_filter.support(first, first + stop - start)
+            )
             samples.append(np.arange(self.runs[i].start + support.start, self.runs[i].start + support.stop))
             kept.append(np.arange(start, stop))
             labels.append(names[k] if names else self.run_names[i])
@@ -197,7 +202,7 @@ class Signals:
             **{k: getattr(self, k)[at] for k in ("t", "q", "dq", "ddq", "torque")},
             tau=self.tau[rows_at],
             valid=self.valid[rows_at],
-            runs=tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)),
+            runs=tuple(slice(a, b) for a, b in itertools.pairwise(edges)),
             run_names=tuple(labels),
         )
 
@@ -219,7 +224,7 @@ class Signals:
         if by == "run":
             out = spread(len(self.runs), held)
             if not out:
-                raise ConfigurationError("split: one run cannot be split by run; use by=\"fraction\" or by=\"blocks\".")
+                raise ConfigurationError('split: one run cannot be split by run; use by="fraction" or by="blocks".')
             return self.select_runs([i for i in range(len(self.runs)) if i not in out]), self.select_runs(sorted(out))
         if by not in ("fraction", "blocks"):
             raise unknown_name("way to split", by, ("run", "fraction", "blocks"))
@@ -231,7 +236,7 @@ class Signals:
             cuts = [0.0, 1 - held, 1.0] if by == "fraction" else [i / blocks for i in range(blocks + 1)]
             chosen = {1} if by == "fraction" else spread(blocks, held)
             edges = [run.start + round(c * size) for c in cuts]
-            for i, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+            for i, (a, b) in enumerate(itertools.pairwise(edges)):
                 first = a + (apart if i and (i in chosen) != (i - 1 in chosen) else 0)
                 if first < b:
                     parts[i in chosen].append(slice(first, b))

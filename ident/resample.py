@@ -4,6 +4,7 @@ Time stamps are believed, except for what their own resolution rounds off. Nothi
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -57,7 +58,7 @@ def stretches(t: Array, longest_step: float) -> list[slice]:
     """Parts of a run without a step longer than `longest_step` (s)."""
     breaks = np.flatnonzero(np.diff(t) > longest_step) + 1
     edges = [0, *breaks.tolist(), len(t)]
-    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
 
 def common_rate(clocks: Sequence[Clock]) -> float:

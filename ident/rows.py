@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -45,7 +46,9 @@ class Derived:
         if margin <= 0:
             return self
         inner = slice(margin, max(margin, len(self) - margin))
-        return replace(self, q=self.q[inner], dq=self.dq[inner], ddq=self.ddq[inner], torque=self.torque[inner], offset=self.offset + margin)
+        return replace(
+            self, q=self.q[inner], dq=self.dq[inner], ddq=self.ddq[inner], torque=self.torque[inner], offset=self.offset + margin
+        )
 
     @property
     def samples(self) -> slice:
@@ -77,7 +80,7 @@ def assemble(
     if len(kept) < len(derived):
         warnings.append(f"{len(derived) - len(kept)} of {len(derived)} stretches are shorter than the filters and are left out.")
     edges = np.cumsum([0, *(len(d) for d in kept)]).tolist()
-    runs = tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
+    runs = tuple(slice(a, b) for a, b in itertools.pairwise(edges))
     t = np.concatenate([d.run.t[d.samples] for d in kept])
     q, dq, ddq = (np.concatenate([getattr(d, k) for d in kept]) for k in ("q", "dq", "ddq"))
     torque = np.concatenate([d.run.torque[d.samples] for d in kept])
@@ -96,8 +99,12 @@ def assemble(
     moving = np.abs(speed) > np.where(still_joint, np.inf, np.maximum(threshold, 0.01 * top))
     resting = np.abs(speed) <= threshold if rule is not None else np.zeros(speed.shape, bool)
     cut = find_saturation(torque, moving)
-    flags = {"torque missing": missing, "torque at its limit": cut.flag if prep.saturated == "mask" else np.zeros_like(missing), "standstill": resting}
-    shares = {"torque missing": _UNSOUND, "torque at its limit": _UNSOUND, "standstill": rule.share if rule is not None else 0.5}
+    flags = {
+        "torque missing": missing,
+        "torque at its limit": cut.flag if prep.saturated == "mask" else np.zeros_like(missing),
+        "standstill": resting,
+    }
+    shares = {"torque missing": _UNSOUND, "torque at its limit": _UNSOUND, "standstill": rule.share if rule is not None else 0.0}
 
     tau_parts, share_parts = [], {k: [] for k in flags}  # type: tuple[list[Array], dict[str, list[Array]]]
     for d, run in zip(kept, runs, strict=True):
@@ -120,7 +127,13 @@ def assemble(
         )
     joints = tuple(
         JointReport(
-            s.name, s.noise, s.suggested_hz, float(top[j]), float(threshold[j]), int(valid[:, j].sum()), {k: int(v[:, j].sum()) for k, v in lost.items()}
+            s.name,
+            s.noise,
+            s.suggested_hz,
+            float(top[j]),
+            float(threshold[j]),
+            int(valid[:, j].sum()),
+            {k: int(v[:, j].sum()) for k, v in lost.items()},
         )
         for j, s in enumerate(choice.joints)
     )
@@ -164,9 +177,7 @@ def _half_gain(row_filter: RowFilter, rate: float) -> float:
     return float(f[below[0]]) if len(below) else float(rate / 2)
 
 
-def _warnings(
-    robot: Robot, still: Array, masked: bool, cut: Saturation, saturated: str, valid: Array, lost: dict[str, Array]
-) -> list[str]:
+def _warnings(robot: Robot, still: Array, masked: bool, cut: Saturation, saturated: str, valid: Array, lost: dict[str, Array]) -> list[str]:
     out = []
     if still.any():
         names = ", ".join(n for n, s in zip(robot.joint_names, still, strict=True) if s)
@@ -176,7 +187,9 @@ def _warnings(
         if np.isfinite(cut.limits[j]).any():
             at = " and ".join(f"{x:.4g}" for x in cut.limits[j] if np.isfinite(x))
             use = "left out" if saturated == "mask" else "kept, as asked"
-            out.append(f"torque of {name} stays at its extreme ({at}) in {int(cut.flag[:, j].sum())} samples: taken as saturated, rows {use}.")
+            out.append(
+                f"torque of {name} stays at its extreme ({at}) in {int(cut.flag[:, j].sum())} samples: taken as saturated, rows {use}."
+            )
         rest = float(lost["standstill"][:, j].mean()) if len(valid) else 0.0
         if not still[j] and rest > 0.5:
             out.append(f"{name} stands still in {rest:.0%} of its rows; they are left out.")

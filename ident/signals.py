@@ -1,8 +1,8 @@
 """Signals and the strategies that prepare them: the public names of this stage of the pipeline.
 
-    prep = ident.ZeroPhase(cutoff_hz=10)
-    signals = prep(logs)              # or prep(logs, robot)
-    print(signals.report)
+prep = ident.ZeroPhase(cutoff_hz=10)
+signals = prep(logs)              # or prep(logs, robot)
+print(signals.report)
 """
 
 from __future__ import annotations

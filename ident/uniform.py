@@ -45,7 +45,11 @@ class Recording:
         notes += torque.notes
         missing = np.isnan(torque.torque)
         absent = [name for j, name in enumerate(robot.joint_names) if missing[:, j].all()]
-        partly = [f"{name} ({int(missing[:, j].sum())})" for j, name in enumerate(robot.joint_names) if missing[:, j].any() and not missing[:, j].all()]
+        partly = [
+            f"{name} ({int(missing[:, j].sum())})"
+            for j, name in enumerate(robot.joint_names)
+            if missing[:, j].any() and not missing[:, j].all()
+        ]
         if absent:
             notes.append(f"log {log.name}: no torque of {', '.join(absent)}: their rows are not used.")
         if partly:

@@ -1,0 +1,312 @@
+"""Audit of a run's columns: what is missing, constant, in the wrong unit, coarse or at its limit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from .audit import Finding, Severity
+from .errors import IdentError
+from .logs import Log, measured, unwrapped
+from .masks import find_saturation
+from .robot import Robot
+
+Array = np.ndarray
+Add = Callable[..., None]
+_DEG = math.pi / 180
+#: A revolute joint seldom turns further than this (rad) from zero, nor does a slide go further (m).
+_FAR_ANGLE, _FAR_LENGTH = 3 * math.pi, 20.0
+_FAST = 60.0
+
+
+def joint_names(log: Log, robot: Robot | None) -> tuple[str, ...]:
+    """Names for messages: the robot's, or q1, q2 …"""
+    return robot.joint_names if robot else tuple(f"q{j + 1}" for j in range(log.n))
+
+
+def positions(log: Log, robot: Robot | None) -> Array:
+    """Joint positions where they are known; the motors' otherwise."""
+    if log.q is not None:
+        return log.q
+    if robot is not None:
+        return log.position(robot.transmission)
+    assert log.q_motor is not None
+    return log.q_motor
+
+
+def torque_of(log: Log, robot: Robot | None) -> tuple[Array | None, str]:
+    """Torque on the measured side (or as logged, without a robot), and why there is none."""
+    if robot is None:
+        return (next(iter(log.tau.values())), "") if log.tau else (None, "the log holds no torque or current column.")
+    try:
+        return measured(log, robot.transmission).torque, ""
+    except IdentError as error:
+        return None, str(error)
+
+
+def check_columns(log: Log, robot: Robot | None) -> list[Finding]:
+    """Missing and constant columns, NaN, units, wraps, limits, resolution, saturation."""
+    out: list[Finding] = []
+
+    def add(code: str, severity: Severity, text: str, where: str = "", value: float = float("nan")) -> None:
+        out.append(Finding(code, severity, text, where, log.name, value))
+
+    names = joint_names(log, robot)
+    q = positions(log, robot)
+    for j, name in enumerate(names):
+        if not np.isfinite(q[:, j]).all():
+            bad = int((~np.isfinite(q[:, j])).sum())
+            add(
+                "position_missing",
+                Severity.ERROR,
+                f"{bad} positions are no number. Read the log with read_logs, which cuts them out.",
+                name,
+                bad,
+            )
+            return out
+    for j, name in enumerate(names):
+        _position(add, log, robot, j, name, q[:, j])
+    torque, why = torque_of(log, robot)
+    if torque is None:
+        add("torque_missing", Severity.ERROR, f"No torque: {why} Nothing can be fitted to this run; it may serve for replay.")
+        return out
+    for j, name in enumerate(names):
+        _torque(add, robot, j, name, torque[:, j], q[:, j])
+    _saturation(add, names, torque, q)
+    return out
+
+
+def _position(add: Add, log: Log, robot: Robot | None, j: int, name: str, x: Array) -> None:
+    span = float(np.ptp(x))
+    if span == 0:
+        add(
+            "constant",
+            Severity.WARNING,
+            "Its position never changes: friction and inertia of this joint cannot be estimated from this run.",
+            name,
+        )
+        return
+    prismatic = robot.joints[j].prismatic if robot else False
+    joined = unwrapped(x[:, None])[:, 0] if not prismatic else x
+    if not np.array_equal(joined, x):
+        jumps = int((np.abs(np.diff(x)) > np.pi).sum())
+        add("wrapped", Severity.INFO, f"Jumps by a full turn {jumps} times; taken as continuous.", name, jumps)
+    changes = np.abs(np.diff(joined))
+    moved = changes[changes > 1e-12 * max(span, 1e-300)]
+    if not _unit(add, robot, j, name, joined, prismatic, np.median(np.diff(log.t))):
+        _limits(add, robot, j, name, joined)
+    held = 1 - len(moved) / len(changes)
+    step = _grid_step(joined)
+    unit = "m" if prismatic else "rad"
+    if step > 1e-5 * span:
+        noise = step / math.sqrt(12)
+        # White noise of this size, low-passed at 10 Hz and differentiated twice: sqrt(2 s²/f_s (2π)⁴ f⁵/5).
+        rate = 1 / float(np.median(np.diff(log.t)))
+        at_ten = math.sqrt(2 * noise**2 / rate * (2 * math.pi) ** 4 * min(10.0, rate / 5) ** 5 / 5)
+        coarse = step > 0.002 * span
+        add(
+            "quantisation",
+            Severity.WARNING if coarse else Severity.INFO,
+            f"Position comes in steps of {step:.3g} {unit}; behind a 10 Hz low-pass this leaves about {at_ten:.2g}"
+            f" {unit}/s^2 in the acceleration."
+            + (" That is coarse against the range moved: keep the cut-off low, or record larger motion." if coarse else ""),
+            name,
+            step,
+        )
+    if held > 0.3 and _moving_share(joined) > 0.5:
+        add(
+            "repeated",
+            Severity.INFO,
+            f"{held:.0%} of positions repeat the one before: the log is faster than its source, or the encoder is coarse.",
+            name,
+            held,
+        )
+    second = np.abs(np.diff(joined, 2))
+    usual = float(np.percentile(second, 99))
+    spikes = int((second > 50 * max(usual, step, 1e-9 * span)).sum())
+    if usual > 0 and spikes:
+        at = log.t[int(np.argmax(second)) + 1]
+        add(
+            "spike",
+            Severity.WARNING,
+            f"Position jumps at {at:.6g} s ({spikes} samples stand far out). A single wrong sample bends velocity and"
+            " acceleration around it:"
+            " remove it from the log.",
+            name,
+            float(second.max()),
+        )
+
+
+def _unit(add: Add, robot: Robot | None, j: int, name: str, x: Array, prismatic: bool, step: float) -> bool:
+    """Degrees for radians, millimetres for metres: by joint limits where there are any, else by what is usual. True if suspected."""
+    reach = float(np.abs(x).max())
+    speed = float(np.percentile(np.abs(np.diff(x)), 99)) / step
+    factor, wrong, right = (1e-3, "mm", "m") if prismatic else (_DEG, "degrees", "rad")
+    why = ""
+    if robot is not None and np.isfinite([robot.joints[j].lower, robot.joints[j].upper]).all():
+        joint = robot.joints[j]
+        room = joint.upper - joint.lower
+        outside = max(joint.lower - float(x.min()), float(x.max()) - joint.upper)
+        margin = 0.1 * room
+        fits = joint.lower - margin <= factor * x.min() and factor * x.max() <= joint.upper + margin
+        if outside > 0.5 * room and fits:
+            room_text = f"{joint.lower:.3g} to {joint.upper:.3g} {right}"
+            why = f"positions reach {reach:.4g}, far outside the limits of {room_text}, and taken as {wrong} they fit"
+    elif reach > (_FAR_LENGTH if prismatic else _FAR_ANGLE) and (robot is None or robot.joints[j].kind != "continuous"):
+        why = f"positions reach {reach:.4g} {right}, which is more than a joint usually does"
+    if not why and not prismatic:
+        limit = robot.joints[j].velocity if robot is not None and np.isfinite(robot.joints[j].velocity) else _FAST
+        if speed > 5 * limit and speed * factor <= 1.5 * limit:
+            why = f"speeds reach {speed:.4g} {right}/s, far above {limit:.3g} {right}/s, and taken as {wrong} per second they fit"
+    if not why:
+        return False
+    suffix = "mm" if prismatic else "deg"
+    add(
+        "unit",
+        Severity.WARNING,
+        f"Looks like {wrong}, not {right}: {why}. Gravity and inertia would be estimated from a wrong motion."
+        f' If so, name the column q{j + 1}_{suffix}, or map it under [columns] with unit = "{suffix}".',
+        name,
+        reach,
+    )
+    return True
+
+
+def _limits(add: Add, robot: Robot | None, j: int, name: str, x: Array) -> None:
+    if robot is None:
+        return
+    joint = robot.joints[j]
+    outside = max(joint.lower - float(x.min()), float(x.max()) - joint.upper)
+    if outside > 0.02:
+        add(
+            "outside_limits",
+            Severity.WARNING,
+            f"Positions go {outside:.3g} beyond the joint's limits ({joint.lower:.3g} to {joint.upper:.3g}). Check the"
+            " joint's zero and sign,"
+            " and the order of the columns: a wrong zero turns gravity.",
+            name,
+            outside,
+        )
+
+
+def _torque(add: Add, robot: Robot | None, j: int, name: str, x: Array, q: Array) -> None:
+    missing = np.isnan(x)
+    if missing.all():
+        add(
+            "torque_missing",
+            Severity.WARNING,
+            "No torque logged: rows of this joint are not used, and what shows in them alone stays unknown.",
+            name,
+        )
+        return
+    if missing.any():
+        add(
+            "torque_nan",
+            Severity.WARNING,
+            f"Torque is missing in {int(missing.sum())} samples; rows that rest on them are not used.",
+            name,
+            missing.mean(),
+        )
+    present = x[~missing]
+    span = float(np.ptp(present))
+    if span == 0:
+        moves = np.ptp(q) > 0
+        severity = Severity.WARNING if moves else Severity.INFO
+        add(
+            "torque_constant",
+            severity,
+            f"Torque stays at {present[0]:.4g} throughout: the channel is not connected, or not of this joint. Leave it out.",
+            name,
+        )
+        return
+    off = _longest(present == 0) / len(present)
+    if off > 0.05:
+        add(
+            "torque_zero",
+            Severity.WARNING,
+            f"Torque is exactly zero for {off:.0%} of the run on end: the drive was off, or the channel dropped out. If"
+            " it dropped out, cut the"
+            " log there; if it was off, the robot swung freely, which tells little but friction.",
+            name,
+            off,
+        )
+    if robot is not None and np.isfinite(robot.joints[j].effort) and robot.transmission.measured == "joint":
+        most = float(np.percentile(np.abs(present), 99))
+        if most > 1.5 * robot.joints[j].effort:
+            add(
+                "torque_large",
+                Severity.WARNING,
+                f"Torque reaches {most:.4g}, above the joint's effort limit of {robot.joints[j].effort:.4g}. Check its"
+                " unit and side ([drive] measured).",
+                name,
+                most,
+            )
+    step = _grid_step(present)
+    if step > 0:
+        levels = span / step
+        coarse = levels < 100
+        if levels > 1e4:
+            return
+        text = f"Torque comes in steps of {step:.3g} ({levels:.0f} levels over the range used)."
+        add(
+            "torque_steps",
+            Severity.WARNING if coarse else Severity.INFO,
+            text + (" That is coarse; its error adds to the noise." if coarse else ""),
+            name,
+            step,
+        )
+
+
+def _saturation(add: Add, names: tuple[str, ...], torque: Array, q: Array) -> None:
+    steps = np.abs(np.diff(q, axis=0, prepend=q[:1]))
+    # A slow moving average tells motion from rest even where the encoder is coarse.
+    width = 25
+    smooth = np.stack([np.convolve(s, np.ones(width) / width, "same") for s in steps.T], axis=1)
+    moving = smooth > 0.05 * np.maximum(np.percentile(smooth, 99, axis=0), 1e-300)
+    found = find_saturation(torque, moving)
+    for j, name in enumerate(names):
+        if found.flag[:, j].any():
+            share = float(found.flag[:, j].mean())
+            at = " and ".join(f"{x:.4g}" for x in found.limits[j] if np.isfinite(x))
+            add(
+                "saturation",
+                Severity.WARNING,
+                f"Torque stays at {at} in {share:.1%} of samples: it is cut off. What really acted may differ; these rows are left out."
+                " Record slower motion, or raise the limit.",
+                name,
+                share,
+            )
+
+
+def _grid_step(x: Array) -> float:
+    """Step of the grid that values lie on (0 where they lie on none that can be seen)."""
+    part = x[:200_000]
+    changes = np.abs(np.diff(np.unique(part)))
+    span = float(np.ptp(part))
+    changes = changes[changes > 1e-9 * span]
+    if len(changes) < 8:
+        return 0.0
+    step = float(np.percentile(changes, 5))
+    # Digits written to the file shift values by their rounding; a grid shows all the same.
+    ratio = changes / step
+    whole = np.round(ratio)
+    on_grid = (whole >= 1) & (np.abs(ratio - whole) < 0.1)
+    if np.mean(on_grid) < 0.95 or step < 1e-6 * span:
+        return 0.0
+    return float(np.mean(changes[on_grid] / whole[on_grid]))
+
+
+def _longest(flag: Array) -> int:
+    """Length of the longest run of set flags."""
+    edges = np.flatnonzero(np.diff(np.r_[False, flag, False]))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def _moving_share(x: Array) -> float:
+    """Share of the run in which the position changes over 25 samples."""
+    if len(x) < 30:
+        return 0.0
+    change = np.abs(x[25:] - x[:-25])
+    return float(np.mean(change > 0.02 * np.percentile(change, 99)))
