@@ -74,8 +74,11 @@ def world_frames(tree: RigidBodyTree, position: Array) -> Array:
     return poses
 
 
-def axis_frames(points: Array, directions: Array, zero_length: float) -> AxisFrames:
-    """Frames for axes given by a point (N, 3) and a unit direction (N, 3) each."""
+def axis_frames(points: Array, directions: Array, zero_length: float, level: int = 0) -> AxisFrames:
+    """Frames for axes given by a point (N, 3) and a unit direction (N, 3) each.
+
+    Between parallel axes the origin stays at the given point, except after the 1-based axis `level`, where it is put at the same
+    height (Lz = 0)."""
     count = len(points)
     z, origin, x = directions.copy(), points.copy(), np.zeros((count, 3))
     twist, length = np.zeros(count), np.zeros((count, 3))
@@ -91,8 +94,9 @@ def axis_frames(points: Array, directions: Array, zero_length: float) -> AxisFra
             across = offset - (offset @ z[i]) * z[i]
             size = float(np.linalg.norm(across))
             x[i] = across / size if size > zero_length else _any_normal(z[i], x[i - 1] if i else np.array([1.0, 0.0, 0.0]))
-            length[i, 0] = size if size > zero_length else 0.0
-            origin[i + 1] = origin[i] + across
+            height = 0.0 if i + 1 == level else float(offset @ z[i])
+            length[i] = [size, 0.0, height]
+            origin[i + 1] = origin[i] + across + height * z[i]
             continue
         x[i] = normal / sine
         twist[i + 1] = np.pi / 2 if abs(cosine) < ANGLE else np.arctan2(sine, cosine)

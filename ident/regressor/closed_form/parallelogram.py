@@ -41,7 +41,7 @@ def parallelogram(robot: Robot) -> BaseForm:
     chain = read_tree(robot, _THEOREM)
     where = find_parallelogram(chain)
     main, xi = list(where.main), where.xi
-    frames = axis_frames(chain.points[main], chain.axes[main], chain.zero_length)
+    frames = axis_frames(chain.points[main], chain.axes[main], chain.zero_length, level=xi)
     refuse_nearly_parallel(robot, _THEOREM, frames, [robot.tree_joints[b].name for b in main])
     z, origin = frames.rotation[xi - 1, :, 2], frames.origin[xi - 1]
     reach = chain.points[where.zeta_next] - origin

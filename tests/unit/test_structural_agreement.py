@@ -1,0 +1,73 @@
+"""All ways to the base parameters span the same space, and a missing direction is named."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from structures import mixed_robot, parallelogram_robot, random_tree, urdf_text
+
+from ident.regressor import agreement as module
+from ident.regressor.agreement import agreement
+from ident.regressor.closed_form import rotational
+from ident.robot import Robot
+from ident.robots import load_robot
+
+
+@pytest.mark.parametrize(
+    ("name", "counts"),
+    [
+        ("puma560", {"structural": 36, "rotational": 36, "mixed": 36, "oblique": 36, "sampled": 36, "qr": 36}),
+        ("palletiser", {"structural": 32, "parallelogram": 32, "sampled": 32, "qr": 32}),
+        ("scara", {"structural": 8, "mixed": 8, "sampled": 8, "qr": 8}),
+    ],
+)
+def test_built_in_robots_agree(name: str, counts: dict[str, int]) -> None:
+    found = agreement(load_robot(name))
+    assert found.agreed
+    assert found.counts == counts
+    assert "the same space" in str(found)
+    assert json.loads(json.dumps(found.to_dict()))["agreed"] is True
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_robots_agree_with_rotors(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(2, 7))
+    robot = [
+        lambda: mixed_robot(rng, size, transmission=rng.uniform(20, 100, size)),
+        lambda: parallelogram_robot(rng, size),
+        lambda: Robot.from_urdf(urdf_text(random_tree(rng, size)), floating_base=True),
+        lambda: Robot.from_urdf(urdf_text(random_tree(rng, size)), gravity=(0, 0, 0)),
+    ][seed % 4]()
+    found = agreement(robot, rotor_inertia=True)
+    assert found.agreed, str(found)
+
+
+def test_a_missing_direction_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A theorem that loses R6x and gets J5xy wrong: both are told, in both directions."""
+
+    def broken(robot: Robot):  # type: ignore[no-untyped-def]
+        form = rotational(robot)
+        keep = [i for i, name in enumerate(form.names) if name != "R6x"]
+        matrix = form.matrix[keep].copy()
+        matrix[form.names.index("J5xy"), form.parameters.index("Iyy_joint5")] += 0.5
+        return replace(form, matrix=matrix, names=tuple(form.names[i] for i in keep), expressions=tuple(form.expressions[i] for i in keep))
+
+    monkeypatch.setitem(module._FORMS, "rotational", broken)
+    found = agreement(load_robot("puma560"))
+    assert not found
+    told = {(d.found_by, d.missing_in) for d in found.disagreements}
+    assert told == {("rotational", "structural"), ("structural", "rotational")}
+    assert any("mx_joint6" in d.direction for d in found.disagreements if d.found_by == "structural")
+    assert any("Iyy_joint5" in d.direction for d in found.disagreements if d.found_by == "rotational")
+    assert "NOT the same space" in str(found)
+    assert found.counts["rotational"] == 35
+
+
+def test_refused_theorems_carry_their_reason() -> None:
+    refused = dict(agreement(load_robot("scara")).refused)
+    assert "prismatic" in refused["rotational"]
+    assert "no loop" in refused["parallelogram"]
