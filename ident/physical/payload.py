@@ -1,0 +1,247 @@
+"""Payload: the ten parameters of a load on a link, from two logs (without and with), or one log on top of a saved fit.
+
+Base values change by A phi when a link carries the load phi, A = regroup[:, that link's columns]. Both logs are fitted together,
+[R0 0; R1 R1 A] (p, phi) = (z0, z1), so the parameters of the arm weigh in with what each log knows of them (the difference of two
+separate fits would not). A saved fit enters as its covariance. The load is a real body by construction: its pseudo-inertia is
+positive definite in the program itself."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import ConfigurationError, DataError, unknown_name
+from ..parameters import LINK_SYMBOLS, LINK_UNITS
+from .conic import ConicProgram, solver_available
+from .constrained import covariance_root
+from .pseudo_inertia import UNITS, centre_of_mass, from_pseudo_inertia, pseudo_inertia
+from .structure import InertiaStructure
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadEstimate:
+    """A payload on `link`, in that link's joint frame. `values` (10,) in Pinocchio's order, a real body; `unconstrained` (10,) and `std` (10,):
+
+    what the logs alone say (nan where they say nothing). `mass` kg with `mass_std`, `centre_of_mass` (3,) m, `inertia` (3, 3) kg m^2 about it.
+    `identifiable`: number of directions of the ten that the robot's motion can show at all; `significant`: whether there is a payload
+    beyond chance (`chi2` with that many degrees of freedom, at 0.1 %)."""
+
+    link: str
+    values: Array
+    unconstrained: Array
+    std: Array
+    mass: float
+    mass_std: float
+    centre_of_mass: Array
+    inertia: Array
+    identifiable: int
+    chi2: float
+    significant: bool
+    method: str
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """A few lines for people."""
+        head = "payload" if self.significant else "no payload beyond chance"
+        c = ", ".join(f"{1e3 * x:.1f}" for x in self.centre_of_mass)
+        lines = [f"{head} on {self.link}: {self.mass:.4g} +- {self.mass_std:.2g} kg, centre of mass ({c}) mm in the joint frame"]
+        principal = np.sqrt(np.maximum(np.linalg.eigvalsh(self.inertia), 0.0) / max(self.mass, 1e-300))
+        lines.append("radii of gyration " + ", ".join(f"{1e3 * r:.1f}" for r in principal) + " mm")
+        if self.identifiable < 10:
+            lines.append(f"the motion shows {self.identifiable} of its 10 directions; the rest are chosen so that the body is real and compact")
+        return "\n".join([*lines, *self.notes])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "link": self.link,
+            "parameters": [
+                {"name": f"{symbol}_payload", "value": float(v), "std": None if np.isnan(s) else float(s), "unit": unit}
+                for symbol, unit, v, s in zip(LINK_SYMBOLS, LINK_UNITS, self.values, self.std, strict=True)
+            ],
+            "mass": self.mass,
+            "mass_std": None if np.isnan(self.mass_std) else self.mass_std,
+            "centre_of_mass": self.centre_of_mass.tolist(),
+            "inertia": self.inertia.tolist(),
+            "identifiable": self.identifiable,
+            "chi2": self.chi2,
+            "significant": self.significant,
+            "method": self.method,
+            "seconds": self.seconds,
+            "notes": list(self.notes),
+        }
+
+
+def payload_columns(structure: InertiaStructure, link: str | None = None) -> tuple[str, Array]:
+    """(link, A (b, 10)): how base values change with the ten parameters of a load on `link` (the last moving link by default)."""
+    name = structure.body_names[-1] if link is None else link
+    if name not in structure.body_names:
+        raise unknown_name("moving link", name, structure.body_names)
+    body = structure.body_names.index(name)
+    return name, structure.regroup[:, structure.inertial[10 * body : 10 * body + 10]]
+
+
+def payload_from_logs(
+    structure: InertiaStructure, without: tuple[Array, Array], with_load: tuple[Array, Array], *, link: str | None = None
+) -> PayloadEstimate:
+    """From a log pair: `without` and `with_load` are whitened information blocks (R (m, b), z (m,)) of the same base parameters."""
+    return _estimate(structure, without, with_load, link)
+
+
+def payload_from_fit(
+    structure: InertiaStructure, values: Array, covariance: Array, with_load: tuple[Array, Array], *, link: str | None = None
+) -> PayloadEstimate:
+    """From one log with the load, on top of a saved fit without it: `values` (b,) and `covariance` (b, b) of that fit."""
+    values = structure.check_values(values)
+    root = covariance_root(covariance)
+    size = np.sqrt(np.maximum(np.diagonal(np.asarray(covariance, float)), 0.0))
+    D = 1.0 / np.where(size > 0, size, 1.0)
+    R = np.linalg.pinv(D[:, None] * root, rcond=1e-13) * D
+    # A base parameter without variance is known; a millionth of itself stands for that.
+    known = np.flatnonzero(size <= 0)
+    R = np.concatenate([R, np.eye(structure.b)[known] / np.maximum(1e-6 * np.abs(values[known]), 1e-9)[:, None]])
+    return _estimate(structure, (R, R @ values), with_load, link)
+
+
+def payload_from_fits(
+    structure: InertiaStructure, before: tuple[Array, Array], after: tuple[Array, Array], *, link: str | None = None
+) -> PayloadEstimate:
+    """From two saved fits, (values (b,), covariance (b, b)) without and with the load."""
+    values, covariance = after
+    values = structure.check_values(values)
+    D = 1.0 / np.maximum(np.sqrt(np.maximum(np.diagonal(np.asarray(covariance, float)), 0.0)), 1e-300)
+    R = np.linalg.pinv(D[:, None] * covariance_root(covariance), rcond=1e-13) * D
+    return payload_from_fit(structure, before[0], before[1], (R, R @ values), link=link)
+
+
+def _estimate(structure: InertiaStructure, without: tuple[Array, Array], with_load: tuple[Array, Array], link: str | None) -> PayloadEstimate:
+    start = time.perf_counter()
+    name, A = payload_columns(structure, link)
+    (R0, z0), (R1, z1) = ((np.atleast_2d(np.asarray(R, float)), np.asarray(z, float)) for R, z in (without, with_load))
+    for R, z, which in ((R0, z0, "without"), (R1, z1, "with")):
+        if R.shape[1] != structure.b or z.shape != (len(R),):
+            raise ConfigurationError(f"the information block {which} the load has shape {R.shape}, but there are {structure.b} base parameters.")
+        if not (np.all(np.isfinite(R)) and np.all(np.isfinite(z))):
+            raise DataError(f"the information block {which} the load holds values that are not finite.")
+    # A log adds nothing where it is blind; drop the arm's parameters by orthogonal triangularisation.
+    stacked = np.concatenate([np.concatenate([R0, np.zeros((len(R0), 10)), z0[:, None]], 1), np.concatenate([R1, R1 @ A, z1[:, None]], 1)])
+    size = np.linalg.norm(stacked[:, : structure.b], axis=0)
+    stacked[:, : structure.b] /= np.where(size > 0, size, 1.0)
+    Q, T, _ = _pivoted(stacked[:, : structure.b])
+    rest = stacked[:, structure.b :] - Q @ (Q.T @ stacked[:, structure.b :])
+    rest -= Q @ (Q.T @ rest)
+    R, z = rest[:, :10], rest[:, 10]
+    scale = _scale(structure)
+    unconstrained, covariance, seen = _plain(R, z, scale, int(np.linalg.matrix_rank(A, tol=1e-9 * np.linalg.norm(A))))
+    if seen == 0:
+        raise DataError(f"a load on {name!r} does not show in these logs: none of its parameters acts on a measured torque. Move the joints before it.")
+    visible = _visible(R, scale)
+    std = np.where(visible, np.sqrt(np.maximum(np.diagonal(covariance), 0.0)), np.nan)
+    fit, method = (_consistent(R, z, scale), "linear matrix inequality (Clarabel)") if solver_available() else (
+        _log_cholesky(R, z, scale), "log-Cholesky factors, nonlinear least squares (fallback)"
+    )  # fmt: skip
+    mass, com, inertia = centre_of_mass(fit)
+    gain = float(z @ z - np.sum((z - R @ np.where(np.isnan(unconstrained), 0.0, unconstrained)) ** 2))
+    return PayloadEstimate(
+        link=name,
+        values=fit,
+        unconstrained=np.where(visible, unconstrained, np.nan),
+        std=std,
+        mass=mass,
+        mass_std=float(std[0]),
+        centre_of_mass=com,
+        inertia=inertia,
+        identifiable=seen,
+        chi2=gain,
+        significant=gain > _chi2_limit(seen),
+        method=method,
+        seconds=time.perf_counter() - start,
+    )
+
+
+def _pivoted(M: Array) -> tuple[Array, Array, int]:
+    """Orthonormal basis of the columns of M, its triangle, and its rank."""
+    from scipy.linalg import qr
+
+    Q, T, _ = qr(M, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diagonal(T))
+    rank = int(np.sum(diagonal > 1e-11 * max(float(diagonal.max(initial=0.0)), 1e-300)))
+    return Q[:, :rank], T, rank
+
+
+def _scale(structure: InertiaStructure) -> Array:
+    """Size (10,) of a payload's parameters: a kilogram at a tenth of the arm's links."""
+    from .consistent import link_scales
+
+    length = float(1.0 / link_scales(structure)[0, 0])
+    return np.array([1.0] + [length] * 3 + [length**2] * 6)
+
+
+def _plain(R: Array, z: Array, scale: Array, structural: int) -> tuple[Array, Array, int]:
+    """Least squares without constraints: (values (10,), covariance (10, 10), directions seen)."""
+    U, S, Vt = np.linalg.svd(R * scale, full_matrices=False)
+    keep = (S > 1e-8 * max(float(S.max(initial=0.0)), 1e-300)) & (np.arange(len(S)) < structural) & (S > 0)
+    inverse = (scale[:, None] * Vt[keep].T) / S[keep]
+    return inverse @ (U[:, keep].T @ z), inverse @ inverse.T, int(keep.sum())
+
+
+def _visible(R: Array, scale: Array) -> Array:
+    """Which of the ten (10,) bool are determined on their own."""
+    _, S, Vt = np.linalg.svd(R * scale, full_matrices=True)
+    full = np.zeros(10)
+    full[: len(S)] = S
+    unseen = Vt[full <= 1e-8 * max(float(full.max(initial=0.0)), 1e-300)]
+    return np.asarray(np.abs(unseen).max(axis=0, initial=0.0) < 1e-6, bool)
+
+
+def _consistent(R: Array, z: Array, scale: Array) -> Array:
+    """Least squares with a positive definite pseudo-inertia; what is not seen is settled on a light, compact body."""
+    program = ConicProgram()
+    x = program.variables(10)
+    U, S, Vt = np.linalg.svd(R * scale, full_matrices=False)
+    program.squares(x, S[:, None] * Vt, U.T @ z)
+    length = scale[1]
+    D = np.array([1.0 / length] * 3 + [1.0])
+    units = D[:, None] * UNITS * D * scale[:, None, None]
+    program.semidefinite(-1e-7 * np.eye(4), [(x, units)])
+    program.linear(x, 1e-4 * np.trace(units, axis1=1, axis2=2))
+    found = program.solve("the payload")
+    values = scale * found.x[x]
+    # Lift by what rounding took, so that the body is one.
+    J = D[:, None] * pseudo_inertia(values) * D
+    lack = 1e-8 - float(np.linalg.eigvalsh(J)[0])
+    return values if lack <= 0 else from_pseudo_inertia((J + lack * np.eye(4)) / np.outer(D, D))
+
+
+def _log_cholesky(R: Array, z: Array, scale: Array) -> Array:
+    from scipy.optimize import least_squares
+
+    D = np.array([1.0 / scale[1]] * 3 + [1.0])
+    rows, columns = np.tril_indices(4)
+    diagonal = rows == columns
+
+    def body(x: Array) -> Array:
+        L = np.zeros((4, 4))
+        L[rows, columns] = np.where(diagonal, np.exp(np.clip(x, -60, 60)), x)
+        return from_pseudo_inertia((L @ L.T) / np.outer(D, D))
+
+    best = None
+    for mass in (0.1, 1.0, 10.0):
+        x0 = np.where(diagonal, 0.5 * np.log(mass), 0.0)
+        found = least_squares(lambda x: np.concatenate([R @ body(x) - z, 1e-3 * x]), x0, x_scale="jac", max_nfev=300)
+        if best is None or found.cost < best.cost:
+            best = found
+    assert best is not None
+    return body(best.x)
+
+
+def _chi2_limit(degrees: int) -> float:
+    from scipy.stats import chi2
+
+    return float(chi2.ppf(0.999, degrees))

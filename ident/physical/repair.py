@@ -1,0 +1,197 @@
+"""Repair: the nearest set of base parameters that is possible, or consistent, in the metric of the estimate's covariance.
+
+Every result is judged again before it is returned: what fails its own judgement is an error, not a repair. A repair removes
+what cannot be; it does not remove an estimator's bias."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import ConfigurationError, UnsupportedError, unknown_name
+from .bounds import Bounds, Prior
+from .conic import SolverError, solver_available
+from .consistent import Consistent, judge_consistent
+from .constrained import ConsistentFit, Target, covariance_root, fit_consistent, mahalanobis
+from .cuts import nearest_by_cuts
+from .log_cholesky import fit_log_cholesky
+from .possible import Possible, judge_possible
+from .search import typical_diagonal
+from .stepwise import repair_stepwise
+from .structure import InertiaStructure
+
+if TYPE_CHECKING:
+    from ..information import Information
+
+Array = np.ndarray
+
+
+class RepairMethod(StrEnum):
+    """STEPWISE: the dissertation's, from the tip. POSSIBLE: nearest set with H(q) > 0. CONSISTENT: nearest set with real links.
+
+    FIT: the constrained fit from the information block, which is what a user should use."""
+
+    STEPWISE = "stepwise"
+    POSSIBLE = "possible"
+    CONSISTENT = "consistent"
+    FIT = "fit"
+
+
+@dataclass(frozen=True, eq=False)
+class Repair:
+    """A repaired set. `values` (b,) and, for consistent ones, `standard` (k,) parameters that give them.
+
+    `distance`: change in standard deviations (Mahalanobis) of the estimate's covariance; `changes`: base name -> (before, after, change in own
+    standard deviations). `possible`, `consistent`: its own judgement. `errors`: data set -> torque error before and after."""
+
+    method: RepairMethod
+    values: Array
+    standard: Array | None
+    distance: float
+    changes: dict[str, tuple[float, float, float]]
+    possible: Possible
+    consistent: Consistent | None
+    how: str
+    seconds: float
+    errors: dict[str, dict[str, Any]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """A few lines for people."""
+        lines = [f"repair ({self.method.value}): {self.distance:.4g} standard deviations from the estimate, by {self.how}", self.possible.text()]
+        if self.consistent is not None:
+            lines.append(self.consistent.text())
+        most = sorted(self.changes.items(), key=lambda item: -abs(item[1][2]))[:6]
+        lines += [f"  {name}: {before:.4g} -> {after:.4g} ({change:+.1f} std)" for name, (before, after, change) in most if change]
+        for name, error in self.errors.items():
+            before, after = error["before"]["relative_all"], error["after"]["relative_all"]
+            lines.append(f"torque error on {name} data: {100 * before:.3g} % before, {100 * after:.3g} % after")
+        return "\n".join([*lines, *self.notes])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "method": self.method.value,
+            "values": {name: after for name, (_, after, _) in self.changes.items()},
+            "standard": None if self.standard is None else self.standard.tolist(),
+            "distance": self.distance,
+            "changes": {name: {"before": b, "after": a, "std": c} for name, (b, a, c) in self.changes.items()},
+            "possible": self.possible.to_dict(),
+            "consistent": None if self.consistent is None else self.consistent.to_dict(),
+            "how": self.how,
+            "seconds": self.seconds,
+            "torque_error": self.errors,
+            "notes": list(self.notes),
+        }
+
+
+def repair(
+    structure: InertiaStructure,
+    values: Array,
+    covariance: Array | None,
+    method: RepairMethod | str = RepairMethod.CONSISTENT,
+    *,
+    triangle: tuple[Array, Array] | None = None,
+    bounds: Bounds | None = None,
+    prior: Prior | None = None,
+    margin: float = 1e-2,
+    limits: bool = False,
+    data: dict[str, Information] | None = None,
+    time_limit: float = 60.0,
+) -> Repair:
+    """Repair base values (b,) with their covariance (b, b).
+
+    `triangle` (R, z): the whitened information block for method "fit" (`Information.combined` with weights 1/variance). `bounds`, `prior`: what
+    else is known of the links (consistent and fit). `margin`: least eigenvalue of H, relative to its typical diagonal, for stepwise and
+    possible. `limits`: possible within the joint limits only. `data`: name -> information block on which the torque error before and
+    after is reported ("fitted", "held out"). Raises InfeasibleError, SolverError, ConfigurationError."""
+    start = time.perf_counter()
+    if method not in list(RepairMethod):
+        raise unknown_name("repair method", str(method), [m.value for m in RepairMethod])
+    method = RepairMethod(method)
+    values = structure.check_values(values)
+    notes: tuple[str, ...] = ()
+    if covariance is None:
+        covariance = np.diag((0.1 * np.abs(values) + 1e-6 * float(np.abs(values).max(initial=1.0))) ** 2)
+        notes = ("no covariance is known: every parameter counts as known to 10 % of itself.",)
+    covariance = np.asarray(covariance, float)
+    if covariance.shape != (structure.b, structure.b):
+        raise ConfigurationError(f"the covariance has shape {covariance.shape}, but there are {structure.b} base parameters.")
+    root = covariance_root(covariance)
+    standard: Array | None = None
+    if method in (RepairMethod.STEPWISE, RepairMethod.POSSIBLE):
+        if bounds is not None or prior is not None:
+            raise UnsupportedError(f"repair method {method.value!r} knows no links, so it takes neither bounds nor a prior; 'consistent' and 'fit' do.")
+        repaired, how = _possible(structure, values, covariance, root, method, margin, limits, time_limit)
+    else:
+        if method == RepairMethod.FIT:
+            if triangle is None:
+                raise ConfigurationError("repair method 'fit' works from the information block: give triangle=(R, z), or use 'consistent'.")
+            target = Target.from_information(*triangle)
+        else:
+            target = Target.from_covariance(values, covariance)
+        fit = consistent_fit(structure, target, bounds=bounds, prior=prior)
+        repaired, standard, how, notes = fit.values, fit.standard, fit.method, notes + fit.notes
+    possible = judge_possible(structure, repaired, covariance=covariance, limits=limits, time_limit=time_limit)
+    consistent = judge_consistent(structure, repaired) if solver_available() else None
+    if not possible.possible:
+        raise SolverError(f"repair ({method.value}): the result does not pass its own judgement ({possible.text()}); try a larger margin.")
+    if standard is not None and consistent is not None and not consistent.consistent:
+        raise SolverError(f"repair ({method.value}): the result does not pass its own judgement ({consistent.text()}).")
+    std = np.sqrt(np.diagonal(covariance))
+    changes = {
+        name: (float(b), float(a), float((a - b) / s) if s > 0 else (0.0 if a == b else np.inf))
+        for name, b, a, s in zip(structure.base_names, values, repaired, std, strict=True)
+    }
+    errors = {
+        name: {"before": torque_errors(block, values), "after": torque_errors(block, repaired)} for name, block in (data or {}).items()
+    }
+    return Repair(
+        method, repaired, standard, mahalanobis(root, repaired - values), changes, possible, consistent, how,
+        time.perf_counter() - start, errors, notes,
+    )  # fmt: skip
+
+
+def consistent_fit(
+    structure: InertiaStructure, target: Target, *, bounds: Bounds | None = None, prior: Prior | None = None, method: str = "auto"
+) -> ConsistentFit:
+    """Best consistent base values for a target: by linear matrix inequalities, or by log-Cholesky factors where the solver is missing.
+
+    `method`: "auto", "lmi" or "log_cholesky"; the result says which one it was."""
+    known: dict[str, Callable[..., ConsistentFit]] = {"lmi": fit_consistent, "log_cholesky": fit_log_cholesky}
+    if method == "auto":
+        method = "lmi" if solver_available() else "log_cholesky"
+    if method not in known:
+        raise unknown_name("method of the consistent fit", method, ["auto", *known])
+    return known[method](structure, target, bounds=bounds, prior=prior)
+
+
+def torque_errors(information: Information, values: Array) -> dict[str, Any]:
+    """Torque error of base values on an information block: rms (N m, N) and relative per measured row, and over all rows."""
+    residual, torque = information.residual_squares(values), information.torque_squares()
+    counts = np.maximum(information.counts, 1)
+    total = float(torque.sum())
+    return {
+        "rms": np.sqrt(residual / counts).tolist(),
+        "relative": np.sqrt(residual / np.where(torque > 0, torque, 1.0)).tolist(),
+        "relative_all": float(np.sqrt(residual.sum() / total)) if total > 0 else 0.0,
+    }
+
+
+def _possible(
+    structure: InertiaStructure, values: Array, covariance: Array, root: Array, method: RepairMethod, margin: float, limits: bool, time_limit: float
+) -> tuple[Array, str]:
+    lower, upper, _ = structure.ranges(limits)
+    weight = typical_diagonal(structure, values, lower, upper)
+    if method == RepairMethod.STEPWISE:
+        std = np.sqrt(np.diagonal(covariance))
+        repaired, steps = repair_stepwise(structure, values, std, weight=weight, margin=margin, lower=lower, upper=upper, time_limit=time_limit)
+        changed = [step.joint for step in steps if step.changes]
+        return repaired, "the least change joint by joint from the tip" + (f" (changed: {', '.join(changed)})" if changed else " (nothing to change)")
+    found = nearest_by_cuts(structure, values, root, weight=weight, margin=margin, lower=lower, upper=upper, time_limit=time_limit)
+    return found.values, f"cutting planes ({found.cuts} half-spaces in {found.rounds} rounds)"

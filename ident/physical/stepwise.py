@@ -1,0 +1,60 @@
+"""The dissertation's repair (K. Yoshida 1995, chapter 4): from the tip to the base, joint by joint, as the reference for the others.
+
+H is judged by its trailing blocks H[i:, i:], which need only the positions of the joints after i. A block that is not positive definite is made
+so by changing only the parameters that enter with joint i, those further out being settled, by the least change weighted with
+each parameter's own standard deviation. Increasing J_iz alone always succeeds, so every step has a solution. The source finds the least
+change by the extreme rays of the parameter cone, which grow beyond use (311 terms for the 2 x 2 minor of the PUMA 560); the least
+change itself is the same problem, solved here by cutting planes. What remains of the method are its greedy order and its weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .cuts import nearest_by_cuts
+from .search import random_positions
+from .structure import InertiaStructure
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step: the `joint` whose block was judged, its smallest scaled eigenvalue after, and what was changed (base name -> change)."""
+
+    joint: str
+    eigenvalue: float
+    changes: dict[str, float]
+
+
+def entering_parameters(structure: InertiaStructure, lower: Array, upper: Array) -> list[Array]:
+    """For each row i of H the base parameters that are in H[i:, i:] but not in H[i+1:, i+1:]."""
+    q = random_positions(structure, lower, upper, 4, np.random.default_rng(3))
+    size = np.max([np.abs(structure.parameter_matrices(x)) for x in q], axis=0)
+    present = np.array([size[:, i:, i:].max(axis=(1, 2)) > 1e-12 for i in range(structure.nv)] + [np.zeros(structure.b, bool)])
+    return [np.flatnonzero(present[i] & ~present[i + 1]) for i in range(structure.nv)]
+
+
+def repair_stepwise(
+    structure: InertiaStructure, values: Array, std: Array, *, weight: Array, margin: float, lower: Array, upper: Array, time_limit: float = 60.0
+) -> tuple[Array, list[Step]]:
+    """Base values (b,) whose trailing blocks are all >= margin * diag(weight), and the steps. `std` (b,) weighs the changes.
+
+    Raises InfeasibleError where the parameters of a joint cannot do it (their standard deviation is zero)."""
+    current = np.array(values, float)
+    steps = []
+    base = structure.nv - structure.n
+    entering = entering_parameters(structure, lower, upper)
+    for i in reversed(range(structure.nv)):
+        free = entering[i]
+        root = np.zeros((structure.b, len(free)))
+        root[free, np.arange(len(free))] = std[free]
+        found = nearest_by_cuts(
+            structure, current, root[:, np.linalg.norm(root, axis=0) > 0], weight=weight, margin=margin, lower=lower, upper=upper, start=i, time_limit=time_limit
+        )
+        changed = np.flatnonzero(found.values != current)
+        name = structure.joint_names[i - base] if i >= base else f"base velocity {i + 1}"
+        steps.append(Step(name, found.eigenvalue, {structure.base_names[k]: float(found.values[k] - current[k]) for k in changed}))
+        current = found.values
+    return current, steps
