@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
     from .robot import Robot
 
 Array = np.ndarray
+_T = TypeVar("_T")
+
+#: Largest number of samples times joints for which derivatives are kept with a motion (some tens of megabytes in all).
+_REMEMBER = 500_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +123,19 @@ class Motion:
     def predicted(self) -> Array:
         """Torque (N, n) on the measured side as the model predicts it, corrections left out (`Reference.torque`)."""
         return self.needed_reference("the predicted torque").torque(self)
+
+    def remembered(self, key: Hashable, compute: Callable[[], _T]) -> _T:
+        """The result of `compute`, kept with this motion under `key` where it is small enough: effects whose shape is
+        searched ask for the same derivatives again and again."""
+        if self.joint.q.size > _REMEMBER:
+            return compute()
+        if key not in self._memory:
+            self._memory[key] = compute()
+        return self._memory[key]
+
+    @cached_property
+    def _memory(self) -> dict[Hashable, Any]:
+        return {}
 
     def predicted_on(self, side: Side) -> Array:
         """`predicted` carried to a side, (N, n)."""

@@ -15,13 +15,14 @@ from .transmission import Side
 if TYPE_CHECKING:
     from .effect import Effect
     from .model import Model
-    from .motion import Coordinates, Motion
+    from .motion import Motion
     from .robot import Robot
 
 Array = np.ndarray
 
-#: Largest shift of a coordinate (rad, m) in a central difference: the error of the quotient is then about 1e-10 of the torque.
-_STEP = 1e-5
+#: Shifts (SI) in central differences. Of position: fine enough for a ripple of hundreds of cycles a motor turn. The links' torque is
+#: quadratic in velocities and linear in accelerations, where longer steps are exact and quieter.
+_STEPS = {"q": 1e-6, "dq": 1e-5, "ddq": 1e-3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,30 +53,41 @@ class Reference:
 
     def inertia(self, motion: Motion, direction: Array) -> Array:
         """Inertia (N,) of the links, rotors not counted, against moving all joints along `direction` (n,): dᵀ M d."""
-        robot = self.model.robot
-        still = np.zeros_like(motion.joint.q)
-        rates = [still, np.broadcast_to(direction, still.shape)]
-        torque = [self.load(motion.moved(robot, replace(motion.joint, dq=still, ddq=ddq))) for ddq in rates]
-        return (torque[1] - torque[0]) @ direction
 
-    def along(self, motion: Motion, shift: Coordinates, side: Side | None = None, *, link_only: bool = False) -> Array:
-        """Derivative (N, n) of the predicted torque when the joint coordinates move along `shift` (q, dq, ddq on the joint side).
+        def compute() -> Array:
+            robot = self.model.robot
+            still = np.zeros_like(motion.joint.q)
+            rates = [still, np.broadcast_to(direction, still.shape)]
+            torque = [self.load(motion.moved(robot, replace(motion.joint, dq=still, ddq=ddq))) for ddq in rates]
+            return (torque[1] - torque[0]) @ direction
 
-        `link_only`: of the load alone. Central difference; directions of motion are held (`Coordinates.direction`)."""
-        robot = self.model.robot
-        largest = float(np.abs(shift.q).max(initial=0.0))
-        if largest == 0.0:
-            largest = max(float(np.abs(shift.dq).max(initial=0.0)), float(np.abs(shift.ddq).max(initial=0.0)))
-        if largest == 0.0:
-            return np.zeros_like(motion.joint.q)
-        h = _STEP / largest
-        own = motion.joint
-        side = side or robot.transmission.measured
-        ends = []
-        for step in (h, -h):
-            there = replace(own, q=own.q + step * shift.q, dq=own.dq + step * shift.dq, ddq=own.ddq + step * shift.ddq)
-            ends.append(self.part(motion.moved(robot, there), side, link_only=link_only))
-        return (ends[0] - ends[1]) / (2.0 * h)
+        return motion.remembered(("inertia", self, direction.tobytes()), compute)
+
+    def sensitivity(self, motion: Motion, direction: Array, *, link_only: bool = False) -> tuple[Array, Array, Array]:
+        """Derivatives of the predicted torque (measured side), or of the load alone (joint side), when the joints' positions,
+        velocities, accelerations move along `direction` (n,): three arrays (N, n).
+
+        Central differences; directions of motion are held (`Coordinates.direction`)."""
+
+        def compute() -> tuple[Array, Array, Array]:
+            robot, own = self.model.robot, motion.joint
+            side = Side.JOINT if link_only else robot.transmission.measured
+            slopes = []
+            for name, h in _STEPS.items():
+                ends = []
+                for step in (h, -h):
+                    there = replace(own, **{name: getattr(own, name) + step * direction})
+                    ends.append(self.part(motion.moved(robot, there), side, link_only=link_only))
+                slopes.append((ends[0] - ends[1]) / (2.0 * h))
+            return slopes[0], slopes[1], slopes[2]
+
+        return motion.remembered(("sensitivity", self, direction.tobytes(), link_only), compute)
+
+    def along(self, motion: Motion, direction: Array, shift: tuple[Array, Array, Array], *, link_only: bool = False) -> Array:
+        """First-order change (N, n) of the predicted torque (measured side), or of the load alone (joint side), when the joints move
+        away along `direction` (n,) by `shift`: a distance and its two time derivatives, (N,) each."""
+        slopes = self.sensitivity(motion, direction, link_only=link_only)
+        return sum(slope * x[:, None] for slope, x in zip(slopes, shift, strict=True))
 
     def part(
         self, motion: Motion, side: Side | None = None, robot: Robot | None = None, *, link_only: bool = False, acting: Side | None = None

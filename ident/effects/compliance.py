@@ -7,12 +7,13 @@ fitted is the response, by how much of this the data show: 1 if stiffness and pl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from ..effect import Axis, Effect, Need, register
+from ..errors import ConfigurationError
 from ..motion import Coordinates, Motion
 from ..parameters import Parameter, ShapeParameter
 from ..transmission import Side
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 Array = np.ndarray
+
+#: A joint that is slower than this share of its usual speed when a run starts is taken to start from rest.
+_AT_REST = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,16 +37,20 @@ class _Compliance(Effect):
 
     side: Side = Side.JOINT
     stiffness: float = 1e4
-    damping: float = 0.03
+    damping: float = 0.1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0.0 <= float(self.damping) <= 1.0:
+            raise ConfigurationError(
+                f"effect {self.name!r}: damping, a share of the critical one, must be from 0 to 1, not {self.damping!r}."
+            )
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         return tuple(Parameter(self.named(self.symbol, robot, j), "1", self.name, robot.joint_names[j], 0.0) for j in self.at(robot))
 
     def shape(self) -> tuple[ShapeParameter, ...]:
-        return (
-            ShapeParameter("stiffness", "N m/rad (N/m)", 1e-4, 1e10, 1e4, log=True),
-            ShapeParameter("damping", "1", 0.0, 1.0, 0.03),
-        )
+        return (ShapeParameter("stiffness", "N m/rad (N/m)", 1e-4, 1e10, 1e4, log=True),)
 
     @property
     def play(self) -> float:
@@ -52,7 +60,7 @@ class _Compliance(Effect):
     def columns(self, motion: Motion, robot: Robot) -> Array:
         rate = motion.needed_rate(f"effect {self.name!r}")
         reference = motion.needed_reference(f"effect {self.name!r}")
-        load = reference.load(motion)
+        load = motion.needed_load(f"effect {self.name!r}", Side.JOINT)
         out = []
         for j in self.at(robot):
             along = self.moves(robot, j)
@@ -61,9 +69,10 @@ class _Compliance(Effect):
             if inertia is None:
                 out.append(np.zeros((len(motion), robot.n)))
                 continue
-            delta = response(torque / inertia, np.sqrt(self.stiffness / inertia), self.damping, self.play, 1.0 / rate)
-            shift = Coordinates(*(np.multiply.outer(x, along) for x in delta))
-            out.append(reference.along(motion, shift, self.side, link_only=True))
+            first = float((self._first_load(motion, reference) @ along) / inertia[0])
+            delta = response(torque / inertia, np.sqrt(self.stiffness / inertia), self.damping, self.play, 1.0 / rate, first)
+            felt = reference.along(motion, along, delta, link_only=True)
+            out.append(robot.transmission.torque(felt, Side.JOINT, self.side))
         return np.stack(out, axis=2) if out else np.zeros((len(motion), robot.n, 0))
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
@@ -75,7 +84,17 @@ class _Compliance(Effect):
         if not inertia:
             return self.bounded()
         slow, fast = 2.0 * np.pi * 2.0, 2.0 * np.pi * min(motion.rate / 3.0, 300.0)
-        return self.bounded(stiffness=(min(inertia) * slow**2, max(inertia) * fast**2), damping=(0.0, 0.3))
+        return self.bounded(stiffness=(min(inertia) * slow**2, max(inertia) * fast**2))
+
+    def _first_load(self, motion: Motion, reference: Reference) -> Array:
+        """Load (n,) under which the springs are at rest when the run starts: the static one where the robot starts from rest,
+        however abruptly; else that of the first sample."""
+        one = Coordinates(*(x[:1] for x in (motion.joint.q, motion.joint.dq, motion.joint.ddq)))
+        usual = np.sqrt(np.mean(motion.joint.dq**2, axis=0))
+        if np.all(np.abs(one.dq[0]) <= _AT_REST * usual):
+            one = replace(one, ddq=np.zeros_like(one.ddq))
+        start = replace(motion, t=motion.t[:1], joint=one, torque=None, load=None, reference=None)
+        return reference.load(start.moved(reference.model.robot, one))[0]
 
     def moves(self, robot: Robot, j: int) -> Array:
         """Joint motion (n,) per unit deflection."""
@@ -124,11 +143,14 @@ class Backlash(_Compliance):
         return self.bounded(**{**ranges, "gap": (1e-6 * span, 0.1 * span)})
 
 
-def response(load: Array, omega: Array, damping: float, gap: float, step: float) -> tuple[Array, Array, Array]:
+def response(
+    load: Array, omega: Array, damping: float, gap: float, step: float, first: float | None = None
+) -> tuple[Array, Array, Array]:
     """δ and its two derivatives (N,) under `load` (N,), torque over inertia in rad/s² (m/s²), linear between samples.
 
     `omega` (N,): angular frequency of the contact spring on the link; `gap`: free play, whole width; `step`: s. Starts at rest
-    on the flank that the load asks for. Within a step (a quarter of one where there is play) each regime is solved exactly."""
+    on the flank, under the load `first` (the first of `load` if None). Within a step (a quarter of one where there is play)
+    each regime is solved exactly."""
     half = 0.5 * gap
     parts = 4 if gap > 0.0 else 1
     h = step / parts
@@ -136,7 +158,8 @@ def response(load: Array, omega: Array, damping: float, gap: float, step: float)
     force = (-load).tolist()
     w2, zw = (omega**2).tolist(), (2.0 * damping * omega).tolist()
     a11, a12, a21, a22, b10, b11, b20, b21 = (c.tolist() for c in coefficients)
-    at = force[0] / w2[0] if force else 0.0
+    begin = force[:1] if first is None else [-first]
+    at = begin[0] / w2[0] if force else 0.0
     x, v = at + (half if at > 0 else -half if at < 0 else 0.0), 0.0
     position, velocity = [x], [v]
     for k in range(len(force) - 1):

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..correction import Harmonic, SignalCorrection
 from ..effect import Axis, Effect, Nature, Need, register
-from ..motion import Coordinates, Motion
+from ..motion import Motion
 from ..parameters import Parameter, ShapeParameter
 from ..transmission import Side
 
@@ -55,9 +55,9 @@ class _EncoderError(Effect):
         for j in self.at(robot):
             moves = np.eye(robot.n)[j] if self.side == Side.JOINT else transmission.K[:, j]
             for error in self.errors(own.q[:, j], own.dq[:, j], own.ddq[:, j]):
-                shift = Coordinates(*(np.multiply.outer(-e, moves) for e in error))
-                # The reading on the measured side is what shifts; `side` is only where it is told.
-                out.append(transmission.torque(reference.along(motion, shift), transmission.measured, self.side))
+                # The torque on the measured side is what shifts; `side` is only where it is told.
+                shifted = -reference.along(motion, moves, error)
+                out.append(transmission.torque(shifted, transmission.measured, self.side))
         return np.stack(out, axis=2) if out else np.zeros((len(motion), robot.n, 0))
 
     def _spread(self, robot: Robot, values: Array, column: int) -> Array:

@@ -172,7 +172,7 @@ def test_effects_with_memory_keep_up_with_long_runs() -> None:
     robot = ROBOTS["wrist"]()
     motion = motion_of(robot, samples=100_000, rate=1000.0)
     for name, limit in (("presliding", 1.0), ("filter_lag", 2.0), ("joint_elasticity", 8.0), ("backlash", 8.0)):
-        start = time.perf_counter()
+        start = time.process_time()
         columns = make_effect(name).columns(motion, robot)
-        assert time.perf_counter() - start < limit
+        assert time.process_time() - start < limit
         assert np.isfinite(columns).all()
