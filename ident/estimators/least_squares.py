@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..information import Information, triangle
 from .base import Capability, Estimator, register
 from .solution import LinearSolution, finish, order_of, row_variances, solve_triangle
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
-    from ..information import Information
     from ..problem import Problem
 
 Array = np.ndarray
@@ -64,17 +64,36 @@ class WeightedLeastSquares(Estimator):
 
 def weighted_solution(problem: Problem, iterations: int = 20) -> tuple[LinearSolution, Array]:
     """Solution and weights (n,) of iterated weighted least squares: each row weighs by its own residual's variance."""
-    information, order = problem.information, order_of(problem.base)
-    weights = np.where(information.counts > 0, 1.0, 0.0)
-    solution = solve_triangle(*information.combined(weights)[:2], order)
+    return reweighted(problem.information, order_of(problem.base), iterations=iterations)
+
+
+def reweighted(
+    information: Information,
+    order: list[int],
+    weights: Array | None = None,
+    prior: tuple[Array, Array] | None = None,
+    iterations: int = 20,
+) -> tuple[LinearSolution, Array]:
+    """The same from an information block. `weights` (n,) start the iteration; `prior`: rows (R₀ (r, b), z₀ (r,)) of unit variance."""
+    weights = np.where(information.counts > 0, 1.0, 0.0) if weights is None else weights
+    solution = solve_with_prior(information, weights, order, prior)
     for _ in range(iterations):
         new = residual_weights(information, solution, weights)
         change = np.max(np.abs(new - weights) / np.where(new > 0, new, 1.0))
         weights = new
-        solution = solve_triangle(*information.combined(weights)[:2], order)
+        solution = solve_with_prior(information, weights, order, prior)
         if change < 1e-6:
             break
     return solution, weights
+
+
+def solve_with_prior(information: Information, weights: Array, order: list[int], prior: tuple[Array, Array] | None) -> LinearSolution:
+    """Weighted least squares with rows of prior knowledge of unit variance beside the data."""
+    R, z, _ = information.combined(weights)
+    if prior is not None:
+        joint = triangle(np.concatenate([np.column_stack([R, z]), np.column_stack(prior)]))
+        R, z = joint[:-1, :-1], joint[:-1, -1]
+    return solve_triangle(R, z, order)
 
 
 def residual_weights(information: Information, solution: LinearSolution, weights: Array) -> Array:

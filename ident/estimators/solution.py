@@ -117,11 +117,11 @@ def finish(
     full = full_values(problem, solution)
     residual = problem.residual(full)
     if noise is None:
-        noise = fit_noise(residual, problem.row_runs)
+        noise = fit_noise(residual, problem.row_runs, problem.row_shape)
         if covariance is None:
-            noise, covariance = coloured_covariance(problem, solution, weights, noise, score)
+            noise, covariance = coloured_covariance(problem, solution, weights, noise, score, residual)
     elif covariance is None:
-        covariance = coloured_covariance(problem, solution, weights, noise, score)[1]
+        covariance = coloured_covariance(problem, solution, weights, noise, score, residual)[1]
     reduced = BaseReduction(
         base.parameters, base.independent[solution.columns], solution.regroup @ base.regroup, base.zero, base.gap, base.notes
     )
@@ -165,7 +165,7 @@ def sandwich(root: Array, gram: Array) -> Array:
 
 
 def coloured_covariance(
-    problem: Problem, solution: LinearSolution, weights: Array, noise: NoiseModel, score: Score | None = None
+    problem: Problem, solution: LinearSolution, weights: Array, noise: NoiseModel, score: Score | None = None, residual: Array | None = None
 ) -> tuple[NoiseModel, Array]:
     """Covariance A⁻¹ (Ψᵀ Γ Ψ) A⁻¹ of the solution (Ψ = WΦ by default), and the noise model freed of what the fit absorbed.
 
@@ -174,7 +174,7 @@ def coloured_covariance(
     from scipy.linalg import solve_triangular
 
     if score is None:
-        gram = noise_gram(noise, problem.rows(), weights)
+        gram = noise_gram(noise, problem.rows(), weights, residual)
     else:
         gram = score_gram(problem, noise, score)
     gram = gram[np.ix_(solution.columns, solution.columns)]
