@@ -1,0 +1,121 @@
+"""Both judgements of one set of base parameters, for an estimate or a published set, as `ident judge` reports them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from .conic import solver_available
+from .consistent import Consistent, judge_consistent
+from .possible import Possible, judge_possible
+from .structure import InertiaStructure
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+    from ..robot import Robot
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """`possible` and `consistent` (None without the semidefinite solver) of a set called `subject`."""
+
+    subject: str
+    possible: Possible
+    consistent: Consistent | None
+    notes: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """A few lines for people."""
+        consistent = "physical consistency was not judged: the solver is not installed (pip install 'ident[sdp]')"
+        lines = [self.subject, self.possible.text(), consistent if self.consistent is None else self.consistent.text()]
+        return "\n".join([*lines, *self.notes])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The body of `ident.judgement/1` (DESIGN.md 3.4)."""
+        p, c = self.possible, self.consistent
+        return {
+            "subject": self.subject,
+            "possible": p.possible,
+            "consistent": None if c is None else c.consistent,
+            "min_eigenvalue": p.min_eigenvalue,
+            "worst_configuration": dict(p.worst_configuration),
+            "method": p.method,
+            "certified": p.certified,
+            "violated_links": [] if c is None else list(c.violated_links),
+            "violated_parameters": [] if c is None else list(c.violated_parameters),
+            "lower_bound": p.lower_bound if np.isfinite(p.lower_bound) else None,
+            "margin_std": p.margin_std,
+            "within_limits": p.within_limits,
+            "seconds": p.seconds + (0.0 if c is None else c.seconds),
+            "notes": [*self.notes, *p.notes, *(() if c is None else c.notes)],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A set of base parameters with what they mean: `structure`, `values` (b,), `covariance` (b, b) or None."""
+
+    name: str
+    structure: InertiaStructure
+    values: Array
+    covariance: Array | None
+    notes: tuple[str, ...] = ()
+
+
+def subject_of(estimate: Estimate) -> Subject:
+    """An estimate's base values over the model's full base (parameters that its data could not tell apart stand at zero, which is said)."""
+    base = estimate.model.base
+    structure = InertiaStructure.from_model(estimate.model, base)
+    if len(estimate.values) == base.count:
+        return Subject(estimate.method, structure, estimate.values, estimate.covariance)
+    values = base.base_values(estimate.all_values)
+    at = np.searchsorted(base.independent, estimate.base.independent)
+    covariance = np.zeros((base.count, base.count))
+    covariance[np.ix_(at, at)] = estimate.covariance
+    missing = ", ".join(base.names[i] for i in range(base.count) if i not in set(at.tolist()))
+    return Subject(estimate.method, structure, values, covariance, (f"not determined by the data, and judged with the value zero: {missing}.",))
+
+
+def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: float = 20.0) -> Judgement:
+    """Judge an estimate (or a `Subject`): is it possible, is it physically consistent?"""
+    if not isinstance(subject, Subject):
+        subject = subject_of(subject)
+    possible = judge_possible(subject.structure, subject.values, covariance=subject.covariance, limits=limits, time_limit=time_limit)
+    consistent = judge_consistent(subject.structure, subject.values) if solver_available() else None
+    return Judgement(subject.name, possible, consistent, subject.notes)
+
+
+#: First letter and axes of a published name -> symbol of the parameter that stays in that base parameter (theorem 2.3.1).
+_PUBLISHED = {
+    "Jz": "Izz", "J(x-y)": "Ixx", "Jxy": "Ixy", "Jxz": "Ixz", "Jyz": "Iyz", "Rx": "mx", "Ry": "my", "h": "Ia", "b": "Fv", "c": "Fc",
+}  # fmt: skip
+
+
+def published_subject(robot: Robot, values: Mapping[str, float], name: str = "published set") -> Subject:
+    """A set in the dissertation's notation (`J3z`, `J3(x-y)`, `R2x`, `h3`, `b1`, `c1` …, number = joint) for a robot in its frames.
+
+    Raises ConfigurationError where the names are not the base parameters of the robot with rotor inertia, viscous and Coulomb friction."""
+    from ..friction import Coulomb, RotorInertia, Viscous
+
+    model = robot.rigid_body() + RotorInertia() + Viscous() + Coulomb()
+    base = model.base
+    structure = InertiaStructure.from_model(model, base)
+    out = np.full(base.count, np.nan)
+    places = {n: i for i, n in enumerate(base.names)}
+    for key, value in values.items():
+        number = "".join(c for c in key if c.isdigit())
+        symbol = _PUBLISHED.get(key.replace(number, "", 1)) if number else None
+        place = None if symbol is None or int(number) > robot.n else places.get(f"{symbol}_{robot.joint_names[int(number) - 1]}")
+        if place is None:
+            raise ConfigurationError(f"{name}: {key!r} is no base parameter of robot {robot.name!r} in the notation of the dissertation.")
+        out[place] = float(value)
+    if np.any(np.isnan(out)):
+        missing = [n for n, i in places.items() if np.isnan(out[i])]
+        raise ConfigurationError(f"{name}: no value for {', '.join(missing[:6])}.")
+    return Subject(name, structure, out, None)

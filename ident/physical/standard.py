@@ -1,0 +1,96 @@
+"""From base to standard parameters: real links, nearest to the nominal ones, among all that give exactly these base parameters."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..parameters import LINK_SYMBOLS
+from .bounds import Bounds, Prior
+from .conic import solver_available
+from .constrained import Target, fit_consistent, prior_distance
+from .log_cholesky import fit_log_cholesky
+from .pseudo_inertia import smallest_eigenvalues
+from .structure import InertiaStructure
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class StandardParameters:
+    """`values` (k,) of all parameters with real links; `inertial` (10 nb,) of them in Pinocchio's order. `distance` from the nominal links in
+
+    the metric `metric` (None without nominal links); `error`: largest relative difference between the base parameters they give and the wanted ones."""
+
+    structure: InertiaStructure
+    values: Array
+    distance: float | None
+    metric: str
+    error: float
+    method: str
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def inertial(self) -> Array:
+        """(10 nb,): ten parameters a moving link."""
+        return self.values[self.structure.inertial]
+
+    def text(self) -> str:
+        """A table of the links for people."""
+        lines = [f"standard parameters by {self.method}" + ("" if self.distance is None else f"; {self.metric} distance from the nominal links {self.distance:.4g}")]
+        lines.append("link".ljust(24) + "".join(s.rjust(11) for s in LINK_SYMBOLS))
+        for name, row in zip(self.structure.body_names, self.inertial.reshape(-1, 10), strict=True):
+            lines.append(name[:24].ljust(24) + "".join(f"{x:11.4g}" for x in row))
+        return "\n".join([*lines, *self.notes])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        links = {
+            name: dict(zip(LINK_SYMBOLS, row.tolist(), strict=True))
+            for name, row in zip(self.structure.body_names, self.inertial.reshape(-1, 10), strict=True)
+        }
+        taken = set(self.structure.inertial.tolist())
+        others = {n: float(v) for i, (n, v) in enumerate(zip(self.structure.names, self.values, strict=True)) if i not in taken}
+        return {
+            "links": links,
+            "drive": others,
+            "distance": self.distance,
+            "metric": self.metric,
+            "error": self.error,
+            "method": self.method,
+            "seconds": self.seconds,
+            "notes": list(self.notes),
+        }
+
+
+def standard_parameters(
+    structure: InertiaStructure, values: Array, *, prior: Prior | None = None, bounds: Bounds | None = None
+) -> StandardParameters:
+    """Real links that give base values (b,), nearest to the `prior`'s nominal ones (its spread does not matter); light and compact ones without.
+
+    Raises InfeasibleError where the base values are not consistent (repair them first) or the bounds leave nothing."""
+    start = time.perf_counter()
+    values = structure.check_values(values)
+    target = Target.fixed(values)
+    if solver_available():
+        fit = fit_consistent(structure, target, bounds=bounds, prior=prior)
+    else:
+        fit = fit_log_cholesky(structure, target, bounds=bounds, prior=prior)
+    notes = fit.notes
+    if prior is not None:
+        unknown = [structure.body_names[i] for i, root in enumerate(prior.roots(structure)) if root is None]
+        if unknown:
+            notes += (f"nothing nominal is known of {', '.join(unknown)}: light and compact bodies were chosen.",)
+    size = np.maximum(np.abs(values), 1e-6 * float(np.abs(values).max(initial=1.0)))
+    error = float(np.abs((structure.regroup @ fit.standard - values) / size).max(initial=0.0))
+    assert np.all(smallest_eigenvalues(fit.standard[structure.inertial]) > 0)
+    distance = None if prior is None else prior_distance(structure, prior, fit.standard)
+    return StandardParameters(
+        structure, fit.standard, distance, "none" if prior is None else prior.metric.value, error, fit.method, time.perf_counter() - start, notes
+    )
+
+
