@@ -47,12 +47,23 @@ template <class V, class X> static inline Vec<V> turn(const Link<V>& k, const Ve
     return {{u[0] * x[0] + v[0] * x[1] + w[0] * x[2], u[1] * x[0] + v[1] * x[1] + w[1] * x[2], u[2] * x[0] + v[2] * x[1] + w[2] * x[2]}};
 }
 
+template <class V> static inline Vec<V> permuted(const Vec<V>& v, int64_t first, int64_t second) {
+    switch (3 * first + second) {
+        case 1: return v;
+        case 2: return {{v[0], v[2], v[1]}};
+        case 3: return {{v[1], v[0], v[2]}};
+        case 5: return {{v[1], v[2], v[0]}};
+        case 6: return {{v[2], v[0], v[1]}};
+        default: return {{v[2], v[1], v[0]}};
+    }
+}
+
 // R' v: from the parent's frame into the body's.
 template <class V> static inline Vec<V> into(const Body& body, const Link<V>& k, const Vec<V>& v) {
     const V* R = k.R;
     if (body.sparse) {
-        const V x = v[body.axes[0]], y = v[body.axes[1]], z = v[body.axes[2]];
-        return {{R[0] * x + R[1] * y, R[2] * x + R[3] * y, body.sign[2] * z}};
+        const Vec<V> x = permuted(v, body.axes[0], body.axes[1]);
+        return {{R[0] * x[0] + R[1] * x[1], R[2] * x[0] + R[3] * x[1], body.sign[2] * x[2]}};
     }
     return {{R[0] * v[0] + R[3] * v[1] + R[6] * v[2], R[1] * v[0] + R[4] * v[1] + R[7] * v[2], R[2] * v[0] + R[5] * v[1] + R[8] * v[2]}};
 }
@@ -61,11 +72,15 @@ template <class V> static inline Vec<V> into(const Body& body, const Link<V>& k,
 template <class V> static inline Vec<V> out_of(const Body& body, const Link<V>& k, const Vec<V>& v) {
     const V* R = k.R;
     if (!body.sparse) return product(R, v);
-    Vec<V> r;
-    r[body.axes[0]] = R[0] * v[0] + R[2] * v[1];
-    r[body.axes[1]] = R[1] * v[0] + R[3] * v[1];
-    r[body.axes[2]] = body.sign[2] * v[2];
-    return r;
+    const Vec<V> x{{R[0] * v[0] + R[2] * v[1], R[1] * v[0] + R[3] * v[1], body.sign[2] * v[2]}};
+    switch (3 * body.axes[0] + body.axes[1]) {
+        case 1: return x;
+        case 2: return {{x[0], x[2], x[1]}};
+        case 3: return {{x[1], x[0], x[2]}};
+        case 5: return {{x[2], x[0], x[1]}};
+        case 6: return {{x[1], x[2], x[0]}};
+        default: return {{x[2], x[1], x[0]}};
+    }
 }
 
 // Lanes beyond `count` repeat the first sample: they are finite, and the caller weighs them with zero.

@@ -13,9 +13,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from .._native import _kernel  # type: ignore[attr-defined, unused-ignore]
-from ..errors import ConfigurationError, DataError
+from ..errors import ConfigurationError
 from . import numpy_kernel
-from .numpy_kernel import singular
+from .numpy_kernel import not_finite, singular
 from .tree import RigidBodyTree
 
 Array = np.ndarray
@@ -26,7 +26,9 @@ _BODY = np.dtype(
     + [("axes", "i8", 3), ("sign", "f8", 3), ("lever", "f8", 3), ("turn", "f8"), ("R0", "f8", (3, 3)), ("p", "f8", 3), ("u", "f8", 3)]
     + [(name, "f8", (3, 3)) for name in ("fixed", "cosine", "sine")]
 )
-_STEP = np.dtype([(name, "i8") for name in ("body", "starts", "own", "joins", "shows", "leads")] + [("column", "i8", 10), ("twist", "f8", 6)])
+_STEP = np.dtype(
+    [(name, "i8") for name in ("body", "starts", "own", "joins", "shows", "leads")] + [("column", "i8", 10), ("twist", "f8", 6)]
+)
 _EXTRA = np.dtype([("index", "i8"), ("column", "i8"), ("factor", "f8")])
 _REVOLUTE, _PRISMATIC, _FREE = range(3)
 
@@ -145,7 +147,7 @@ def _sampled(tree: RigidBodyTree) -> Array:
 
 
 def _plan(tree: RigidBodyTree, own: _Compiled, rows: Array, columns: Array, pattern: Array, dense: bool, whole: bool = False) -> _Plan:
-    """`rows` (R, nv): row map; `columns` (k,): chosen of the 10 nb rigid and the extra columns; `pattern` (R, e): extra columns' factors."""
+    """`rows` (R, nv): row map; `columns` (k,): chosen of the 10 nb rigid and the extra ones; `pattern` (R, e): the extra ones' factors."""
     rigid = 10 * tree.nb
     size = np.abs(np.einsum("rv,svc->src", rows, own.samples)).max(axis=0)
     kind = np.tile([0, 1, 1, 1, 2, 2, 2, 2, 2, 2], tree.nb)
@@ -190,7 +192,9 @@ def _steps(tree: RigidBodyTree, own: _Compiled, row: Array, place: dict[int, int
         if tree.parent[i] >= 0:
             leads[tree.parent[i]] |= needed[i]
     steps = []
-    for i in np.flatnonzero(needed):
+    for i in range(tree.nb):
+        if not needed[i]:
+            continue
         body = own.bodies[i]
         twist = np.zeros(6)
         if body["kind"] == _FREE:
@@ -232,7 +236,9 @@ def mass_matrix(tree: RigidBodyTree, inertia: Array, q: Array, threads: int | No
     return out
 
 
-def forward_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, tau: Array, added: Array, threads: int | None = None) -> Array:
+def forward_dynamics(
+    tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, tau: Array, added: Array, threads: int | None = None
+) -> Array:
     """Joint acceleration (N, nv) from (M + added) ddq = tau - bias."""
     own = compiled(tree)
     out = np.empty((len(q), tree.nv))
@@ -266,9 +272,9 @@ def information(
             own.plans.clear()
         plan = own.plans[key] = _plan(tree, own, rows, columns, pattern, extra.ndim == 3)
     flat = np.zeros(sum(p * p for p in plan.padded))
-    _kernel.information(
-        own.handle, plan.handle, int(gram), len(q), thread_count(threads), q, dq, ddq, tau, valid, weight, extra if extra.shape[-1] else None, flat
-    )
+    beside = extra if extra.shape[-1] else None
+    count = thread_count(threads)
+    _kernel.information(own.handle, plan.handle, int(gram), len(q), count, q, dq, ddq, tau, valid, weight, beside, flat)
     out = np.zeros((len(rows), len(columns) + 1, len(columns) + 1))
     start = 0
     for r, (live, padded) in enumerate(zip(plan.live, plan.padded, strict=True)):
@@ -278,35 +284,33 @@ def information(
     return out
 
 
-class NativeDynamics:
-    """Forward dynamics of one tree with fixed parameters, for integrators: as little as possible between the call and the kernel.
-
-    `inertia` (10 nb,) linear parameters; `added` (nv, nv) constant symmetric matrix (reflected rotor inertia) or None."""
+class FixedDynamics:
+    """Forward dynamics of one tree with fixed parameters (see `rigid.dynamics`): arguments are only checked where the kernel refuses."""
 
     def __init__(self, tree: RigidBodyTree, inertia: Array, added: Array | None = None) -> None:
         own = compiled(tree)
         self._nv, self._nq = tree.nv, tree.nq
         self._handle = own.handle
         self._inertia = own.inertia(np.ascontiguousarray(inertia, float))
-        self._added = None if added is None else np.ascontiguousarray(added, float)
+        self._added = None if added is None or not np.any(added) else np.ascontiguousarray(added, float)
         self._call = _kernel.forward
 
     def forward(self, q: Array, dq: Array, tau: Array, threads: int = 1) -> Array:
-        """Acceleration (nv,) for one state, or (N, nv) for a batch. Raises DataError where it is not finite or M is singular."""
+        """Acceleration (nv,) for one state, or (N, nv) for a batch. Raises DataError where M is singular or a value not finite."""
         single = q.ndim == 1
-        out = np.empty(self._nv if single else (len(q), self._nv))
         count = 1 if single else len(q)
+        out = np.empty(self._nv if single else (count, self._nv))
         try:
             stop = self._call(self._handle, self._inertia, self._added, count, threads, q, dq, tau, out)
-        except ValueError:
-            q, dq, tau = (np.ascontiguousarray(x, float) for x in (q, dq, tau))
-            lead = () if single else (count,)
-            for name, array, width in (("q", q, self._nq), ("dq", dq, self._nv), ("tau", tau, self._nv)):
-                if array.shape != (*lead, width):
-                    raise ConfigurationError(f"{name}: expected shape {(*lead, width)}, but it is {array.shape}.") from None
+        except ValueError:  # not contiguous float64, or of the wrong size
+            q, dq, tau = numpy_kernel.fitting(q, dq, tau, count, self._nq, self._nv)
             stop = self._call(self._handle, self._inertia, self._added, count, threads, q, dq, tau, out)
         if stop >= 0:
             raise singular(stop)
         if stop == -2:
-            raise DataError("forward dynamics: the state or the torque is not finite.")
+            raise not_finite()
         return out
+
+
+#: The name under which integrators know it.
+NativeDynamics = FixedDynamics

@@ -6,7 +6,8 @@ B = [a]x + [w]x[w]x, the force and the moment about the origin are f = m b + B h
 moment (Newton and Euler for a point that is not the centre of mass). No step divides by the mass, so any parameter vector will do.
 
 Arrays hold components first and samples last, so that each operation runs along contiguous samples; the public arrays are
-cut into chunks that fit a cache. Arguments are checked by `ident.regressor.rigid`."""
+cut into chunks that fit a cache. Arguments are checked by `ident.regressor.rigid`; `threads` is there for the sake of the compiled
+kernel's functions of the same names, and has no effect."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import DataError
+from ..errors import ConfigurationError, DataError
 from .tree import RigidBodyTree
 
 Array = np.ndarray
@@ -142,7 +143,7 @@ def _chunks(n: int) -> Iterator[slice]:
         yield slice(start, min(start + CHUNK, n))
 
 
-def regressor(tree: RigidBodyTree, q: Array, dq: Array, ddq: Array) -> Array:
+def regressor(tree: RigidBodyTree, q: Array, dq: Array, ddq: Array, threads: int | None = None) -> Array:
     """Joint torque regressor (N, nv, 10 nb), gravity included."""
     out = np.zeros((len(q), tree.nv, 10 * tree.nb))
     for chunk in _chunks(len(q)):
@@ -188,7 +189,7 @@ def _inertias(tree: RigidBodyTree, inertia: Array) -> Iterator[tuple[float, Arra
         yield m, np.array([hx, hy, hz]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def inverse_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, ddq: Array) -> Array:
+def inverse_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, ddq: Array, threads: int | None = None) -> Array:
     """Joint torque (N, nv) by the recursive Newton-Euler algorithm."""
     out = np.empty((len(q), tree.nv))
     bodies = list(_inertias(tree, inertia))
@@ -210,12 +211,12 @@ def inverse_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, d
     return out
 
 
-def bias_torque(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array) -> Array:
+def bias_torque(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, threads: int | None = None) -> Array:
     """Coriolis, centrifugal and gravity torque (N, nv)."""
     return inverse_dynamics(tree, inertia, q, dq, np.zeros((len(q), tree.nv)))
 
 
-def mass_matrix(tree: RigidBodyTree, inertia: Array, q: Array) -> Array:
+def mass_matrix(tree: RigidBodyTree, inertia: Array, q: Array, threads: int | None = None) -> Array:
     """Joint-space mass matrix (N, nv, nv) by the composite-rigid-body algorithm, whose sums are linear in `inertia`."""
     out = np.zeros((len(q), tree.nv, tree.nv))
     for chunk in _chunks(len(q)):
@@ -262,7 +263,9 @@ def _carried(pose: _Pose, m: float, h: Array, inertia_i: Array) -> tuple[float, 
     return m, h + m * p, turned + shift
 
 
-def forward_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, tau: Array, added: Array) -> Array:
+def forward_dynamics(
+    tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, tau: Array, added: Array, threads: int | None = None
+) -> Array:
     """Joint acceleration (N, nv) from (M + added) ddq = tau - bias. LU with pivoting: M need not be positive definite."""
     matrix = mass_matrix(tree, inertia, q) + added
     right = tau - bias_torque(tree, inertia, q, dq)
@@ -271,6 +274,82 @@ def forward_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, t
     except np.linalg.LinAlgError:
         ranks = np.linalg.matrix_rank(matrix)
         raise singular(int(np.argmin(ranks))) from None
+
+
+def information(
+    tree: RigidBodyTree,
+    q: Array,
+    dq: Array,
+    ddq: Array,
+    tau: Array,
+    rows: Array,
+    columns: Array,
+    extra: Array,
+    pattern: Array,
+    valid: Array | None,
+    weight: Array | None,
+    gram: bool,
+    threads: int | None = None,
+) -> Array:
+    """Triangular factors or Gram matrices (R, k+1, k+1) of [columns torque], one per row; see `rigid.information`."""
+    out = np.zeros((len(rows), len(columns) + 1, len(columns) + 1))
+    step = max(64, min(CHUNK, 2_000_000 // (tree.nv * 10 * tree.nb)))
+    for start in range(0, len(q), step):
+        part = slice(start, min(start + step, len(q)))
+        rigid = np.einsum("rv,nvc->nrc", rows, regressor(tree, q[part], dq[part], ddq[part]), optimize=True)
+        beside = extra[part] if extra.ndim == 3 else extra[part, None, :] * pattern
+        block = np.concatenate([np.concatenate([rigid, beside], axis=2)[:, :, columns], tau[part, :, None]], axis=2)
+        factor = np.ones(tau[part].shape) if weight is None else weight[part]
+        used = factor != 0.0 if valid is None else valid[part] & (factor != 0.0)
+        block = np.where(used[:, :, None], block * factor[:, :, None], 0.0)
+        for r in range(len(rows)):
+            out[r] = out[r] + block[:, r].T @ block[:, r] if gram else _triangle(np.concatenate([out[r], block[:, r]]))
+    return out
+
+
+def _triangle(block: Array) -> Array:
+    """Upper triangular factor (c, c) of a block (m, c), m >= c; rows and columns of zeros where the block has a column of zeros."""
+    live = np.flatnonzero(block.any(axis=0))
+    out = np.zeros((block.shape[1], block.shape[1]))
+    if len(live):
+        out[np.ix_(live, live)] = np.linalg.qr(block[:, live], mode="r")
+    return out
+
+
+class FixedDynamics:
+    """Forward dynamics of one tree with fixed parameters; see `rigid.dynamics`."""
+
+    def __init__(self, tree: RigidBodyTree, inertia: Array, added: Array) -> None:
+        self._tree, self._inertia, self._added = tree, inertia, added
+
+    def forward(self, q: Array, dq: Array, tau: Array, threads: int = 1) -> Array:
+        """Acceleration (nv,) for one state, or (N, nv) for a batch. Raises DataError where M is singular or a value not finite."""
+        tree = self._tree
+        count = 1 if q.ndim == 1 else len(q)
+        q, dq, tau = fitting(q, dq, tau, count, tree.nq, tree.nv)
+        if not all(np.isfinite(x).all() for x in (q, dq, tau)):
+            raise not_finite()
+        out = forward_dynamics(tree, self._inertia, np.atleast_2d(q), np.atleast_2d(dq), np.atleast_2d(tau), self._added)
+        return out.reshape(dq.shape)
+
+
+def fitting(q: Array, dq: Array, tau: Array, count: int, nq: int, nv: int) -> list[Array]:
+    """State and torque as contiguous float64 of shape (n,) or (count, n)."""
+    lead = () if q.ndim == 1 else (count,)
+    arrays = []
+    for name, values, width in (("q", q, nq), ("dq", dq, nv), ("tau", tau, nv)):
+        array = np.ascontiguousarray(values, dtype=np.float64)
+        if array.shape != (*lead, width):
+            raise ConfigurationError(f"{name}: expected shape {(*lead, width)}, but it is {array.shape}.")
+        arrays.append(array)
+    return arrays
+
+
+def not_finite() -> DataError:
+    """The error for a state from which no motion follows."""
+    return DataError(
+        "forward dynamics: the state or the torque is not finite. A simulation that diverged needs smaller steps or a possible model."
+    )
 
 
 def singular(sample: int) -> DataError:

@@ -3,11 +3,19 @@
 Every function takes a `RigidBodyTree` and arrays whose first axis is the sample. Conventions are Pinocchio's: inertial
 parameters per body `m mx my mz Ixx Ixy Iyy Ixz Iyz Izz` about the joint frame's origin; a free-flyer's velocity is linear then
 angular, in the body's frame, its position is x y z and the quaternion x y z w. The parameters need not be physical: nothing
-divides by a mass. Input that is not finite is refused with DataError, a wrong shape with ConfigurationError."""
+divides by a mass. Input that is not finite is refused with DataError, a wrong shape with ConfigurationError.
+
+The compiled kernel does the work where it was built, NumPy elsewhere, with the same numbers; IDENT_KERNEL=native or numpy
+chooses. `threads` (default: IDENT_NUM_THREADS, else all processors) counts for the compiled kernel only; results are the same for
+the same number of threads, and differ by round-off for another."""
 
 from __future__ import annotations
 
-from typing import Any
+import os
+import warnings
+from functools import cache
+from types import ModuleType
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -18,49 +26,164 @@ from .tree import RigidBodyTree
 Array = np.ndarray
 
 
-def regressor(tree: RigidBodyTree, q: Any, dq: Any, ddq: Any) -> Array:
+class SlowPathWarning(RuntimeWarning):
+    """The compiled kernel is not there, and NumPy does its work."""
+
+
+def regressor(tree: RigidBodyTree, q: Any, dq: Any, ddq: Any, *, threads: int | None = None) -> Array:
     """Joint torque regressor (N, nv, 10 nb): tau = regressor @ inertia, gravity included.
 
     `q` (N, nq) in rad, m; `dq`, `ddq` (N, nv)."""
     q, dq, ddq = _states(tree, q, dq=dq, ddq=ddq)
-    return _kernel().regressor(tree, q, dq, ddq)
+    return kernel().regressor(tree, q, dq, ddq, threads)
 
 
-def inverse_dynamics(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, ddq: Any) -> Array:
+def inverse_dynamics(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, ddq: Any, *, threads: int | None = None) -> Array:
     """Joint torque (N, nv) in N m, N. `inertia` (10 nb,) linear parameters; `q` (N, nq); `dq`, `ddq` (N, nv)."""
     q, dq, ddq = _states(tree, q, dq=dq, ddq=ddq)
-    return _kernel().inverse_dynamics(tree, _inertia(tree, inertia), q, dq, ddq)
+    return kernel().inverse_dynamics(tree, _inertia(tree, inertia), q, dq, ddq, threads)
 
 
-def mass_matrix(tree: RigidBodyTree, inertia: Any, q: Any) -> Array:
+def mass_matrix(tree: RigidBodyTree, inertia: Any, q: Any, *, threads: int | None = None) -> Array:
     """Joint-space mass matrix (N, nv, nv), symmetric; not positive definite where the parameters are not physical."""
     (q,) = _states(tree, q)
-    return _kernel().mass_matrix(tree, _inertia(tree, inertia), q)
+    return kernel().mass_matrix(tree, _inertia(tree, inertia), q, threads)
 
 
-def bias_torque(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any) -> Array:
+def bias_torque(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, *, threads: int | None = None) -> Array:
     """Coriolis, centrifugal and gravity torque (N, nv): the torque at zero acceleration."""
     q, dq = _states(tree, q, dq=dq)
-    return _kernel().bias_torque(tree, _inertia(tree, inertia), q, dq)
+    return kernel().bias_torque(tree, _inertia(tree, inertia), q, dq, threads)
 
 
-def forward_dynamics(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, tau: Any, added: Any = None) -> Array:
+def forward_dynamics(
+    tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, tau: Any, added: Any = None, *, threads: int | None = None
+) -> Array:
     """Joint acceleration (N, nv) from (M(q) + added) ddq = tau - bias(q, dq).
 
     `added` (nv, nv): constant symmetric matrix, such as the reflected rotor inertia K^-T R K^-1; None for none.
     Raises DataError where the matrix is singular."""
     q, dq, tau = _states(tree, q, dq=dq, tau=tau)
-    nv = tree.nv
-    extra = np.zeros((nv, nv)) if added is None else _finite("added", added)
-    if extra.shape != (nv, nv):
-        raise ConfigurationError(f"added: expected shape ({nv}, {nv}), one row per velocity, but it is {extra.shape}.")
-    if not np.allclose(extra, extra.T, rtol=1e-12, atol=1e-12 * float(np.abs(extra).max(initial=0.0))):
-        raise ConfigurationError("added: must be symmetric (K^-T R K^-1 is), but it is not.")
-    return _kernel().forward_dynamics(tree, _inertia(tree, inertia), q, dq, tau, extra)
+    return kernel().forward_dynamics(tree, _inertia(tree, inertia), q, dq, tau, added_inertia(tree, added), threads)
 
 
-def _kernel() -> Any:
-    return numpy_kernel
+class Dynamics(Protocol):
+    """Forward dynamics with fixed parameters, for integrators."""
+
+    def forward(self, q: Array, dq: Array, tau: Array, threads: int = 1) -> Array:
+        """Acceleration (nv,) for one state (1-D arrays), or (N, nv) for a batch."""
+
+
+def dynamics(tree: RigidBodyTree, inertia: Any, added: Any = None) -> Dynamics:
+    """Forward dynamics of a tree with fixed parameters: checked once here, then as little as possible around each call.
+
+    `inertia` (10 nb,), `added` (nv, nv) as in `forward_dynamics`. States that are not finite raise DataError."""
+    made: Dynamics = kernel().FixedDynamics(tree, _inertia(tree, inertia), added_inertia(tree, added))
+    return made
+
+
+def information(
+    tree: RigidBodyTree,
+    q: Any,
+    dq: Any,
+    ddq: Any,
+    tau: Any,
+    *,
+    rows: Any = None,
+    columns: Any = None,
+    extra: Any = None,
+    pattern: Any = None,
+    valid: Any = None,
+    weight: Any = None,
+    form: Literal["triangle", "gram"] = "triangle",
+    threads: int | None = None,
+) -> tuple[Array, Array]:
+    """What least squares needs of N samples, for each of R rows: `(factors (R, k+1, k+1), counts (R,))`.
+
+    Row r of a sample is `[Phi_r tau_r]` with Phi = [rows @ regressor, extra columns][:, columns]. Its factor is, with
+    form="triangle", the upper triangular R_r with R_r'R_r = the sum of [Phi_r tau_r]'[Phi_r tau_r], by Householder reflections
+    (error as of the data, condition not squared); with form="gram" that sum itself (about half the time; scale the columns
+    before solving). The regressor of all samples is never in memory.
+
+    `tau` (N, R). `rows` (R, nv): row map, such as K' or W'; None: the joints. `columns` (k,): distinct columns chosen of the
+    10 nb rigid and the e extra ones, such as a base; None: all. `extra`: (N, R, e), or (N, e) with `pattern` (R, e) such that column
+    e of row r is extra[:, e] * pattern[r, e]. `valid` (N, R) bool: what is False is left out, and its torque may be NaN.
+    `weight` (N, R): factor on each row (square root of the weight). Raises DataError for input that is not finite."""
+    q, dq, ddq = _states(tree, q, dq=dq, ddq=ddq)
+    n, rigid = len(q), 10 * tree.nb
+    rows = np.eye(tree.nv) if rows is None else _finite("rows", rows)
+    if rows.ndim != 2 or rows.shape[1] != tree.nv:
+        raise ConfigurationError(f"rows: expected shape (R, {tree.nv}), rows by velocities, but it is {rows.shape}.")
+    shape = (n, len(rows))
+    if valid is not None:
+        valid = np.ascontiguousarray(valid)
+        if valid.shape != shape or valid.dtype != bool:
+            raise ConfigurationError(f"valid: expected bool of shape {shape}, but it is {valid.dtype} of shape {valid.shape}.")
+    tau = np.ascontiguousarray(tau, dtype=np.float64)
+    _finite("tau", tau if valid is None or valid.shape != tau.shape else np.where(valid, tau, 0.0))
+    weight = None if weight is None else _finite("weight", weight)
+    for name, array in (("tau", tau), ("weight", weight)):
+        if array is not None and array.shape != shape:
+            raise ConfigurationError(f"{name}: expected shape {shape}, samples by rows, but it is {array.shape}.")
+    extra, pattern = _extra(extra, pattern, shape)
+    columns = np.arange(rigid + pattern.shape[1]) if columns is None else np.ascontiguousarray(columns, dtype=np.int64)
+    if columns.ndim != 1 or (len(columns) and (columns.min() < 0 or columns.max() >= rigid + pattern.shape[1])):
+        raise ConfigurationError(
+            f"columns: expected indices from 0 to {rigid + pattern.shape[1] - 1} ({rigid} rigid, {pattern.shape[1]} extra)."
+        )
+    if len(np.unique(columns)) != len(columns):
+        raise ConfigurationError("columns: a column is chosen twice.")
+    if form not in ("triangle", "gram"):
+        raise ConfigurationError(f"form={form!r}: must be 'triangle' or 'gram'.")
+    counts = np.full(len(rows), n) if valid is None else valid.sum(axis=0)
+    factors = kernel().information(tree, q, dq, ddq, tau, rows, columns, extra, pattern, valid, weight, form == "gram", threads)
+    return factors, counts
+
+
+def _extra(extra: Any, pattern: Any, shape: tuple[int, int]) -> tuple[Array, Array]:
+    """Checked extra columns and their pattern; a full array of columns gets the pattern of its columns that are not zero."""
+    if extra is None:
+        return np.zeros((shape[0], 0)), np.zeros((shape[1], 0))
+    extra = _finite("extra", extra)
+    if extra.ndim == 3 and extra.shape[:2] == shape:
+        return extra, np.ascontiguousarray(np.any(extra != 0.0, axis=0), dtype=np.float64)
+    pattern = None if pattern is None else _finite("pattern", pattern)
+    if extra.ndim == 2 and len(extra) == shape[0] and pattern is not None and pattern.shape == (shape[1], extra.shape[1]):
+        return extra, pattern
+    given = "none" if pattern is None else str(pattern.shape)
+    n, r = shape
+    raise ConfigurationError(
+        f"extra: expected shape ({n}, {r}, e), or ({n}, e) with pattern ({r}, e), but it is {extra.shape} with pattern {given}."
+    )
+
+
+def kernel() -> ModuleType:
+    """The module that does the work: `native` or `numpy_kernel`, as IDENT_KERNEL says or as there is."""
+    return _kernel(os.environ.get("IDENT_KERNEL", "").strip().lower())
+
+
+@cache
+def _kernel(name: str) -> ModuleType:
+    if name not in ("", "native", "numpy"):
+        raise ConfigurationError(f"IDENT_KERNEL={name!r}: must be 'native' or 'numpy', or not set.")
+    if name == "numpy":
+        return numpy_kernel
+    try:
+        from . import native
+    except ImportError as error:
+        if name == "native":
+            raise ConfigurationError(
+                f"IDENT_KERNEL=native, but the compiled kernel is not there ({error}):"
+                " install a wheel, or a C++ compiler and then ident again."
+            ) from None
+        warnings.warn(
+            "the compiled kernel is not there: NumPy takes its place, with the same numbers, ten to fifty times slower."
+            " Install a wheel, or a C++ compiler and then ident again; IDENT_KERNEL=numpy silences this.",
+            SlowPathWarning,
+            stacklevel=4,
+        )
+        return numpy_kernel
+    return native
 
 
 def _finite(name: str, values: Any) -> Array:
@@ -85,12 +208,23 @@ def _inertia(tree: RigidBodyTree, inertia: Any) -> Array:
     return array
 
 
+def added_inertia(tree: RigidBodyTree, added: Any) -> Array:
+    """Checked symmetric matrix (nv, nv) that is added to the mass matrix; zeros for None."""
+    nv = tree.nv
+    array = np.zeros((nv, nv)) if added is None else _finite("added", added)
+    if array.shape != (nv, nv):
+        raise ConfigurationError(f"added: expected shape ({nv}, {nv}), one row per velocity, but it is {array.shape}.")
+    if not np.allclose(array, array.T, rtol=1e-12, atol=1e-12 * float(np.abs(array).max(initial=0.0))):
+        raise ConfigurationError("added: must be symmetric (K^-T R K^-1 is), but it is not.")
+    return array
+
+
 def _states(tree: RigidBodyTree, q: Any, **rates: Any) -> list[Array]:
     """Checked arrays of positions (N, nq) and of the rates or torques (N, nv) given by name."""
     arrays = [_finite("q", q)]
-    samples = len(arrays[0]) if arrays[0].ndim else 0
     if arrays[0].ndim != 2 or arrays[0].shape[1] != tree.nq:
         raise ConfigurationError(f"q: expected shape (N, {tree.nq}), samples by positions, but it is {arrays[0].shape}.")
+    samples = len(arrays[0])
     for name, values in rates.items():
         array = _finite(name, values)
         if array.shape != (samples, tree.nv):

@@ -1,0 +1,187 @@
+"""Information of many samples by every kernel there is, against the stacked matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rigid_models import kernels, random_model, states, tree_of, using
+
+import ident
+from ident.errors import ConfigurationError, DataError
+from ident.regressor import rigid
+from ident.regressor.numpy_kernel import regressor as plain_regressor
+
+
+@pytest.fixture(scope="module")
+def puma():
+    return ident.load_robot("puma560")
+
+
+def case(seed: int, n: int, floating: bool = False, dense: bool = False, masked: bool = True, weighted: bool = True):
+    """Arguments of `information` and the stacked weighted rows (N, R, k+1) they stand for."""
+    rng = np.random.default_rng(seed)
+    model = random_model(rng, int(rng.integers(1, 8)), floating)
+    tree = tree_of(model)
+    q, dq, ddq = states(model, rng, n)
+    r, e = int(rng.integers(1, tree.nv + 1)), 4
+    rows = rng.normal(size=(r, tree.nv)) * (rng.random((r, tree.nv)) < 0.6)
+    pattern = rng.normal(size=(r, e)) * (rng.random((r, e)) < 0.6)
+    extra = rng.normal(size=(n, e))
+    given = {"extra": extra, "pattern": pattern}
+    beside = extra[:, None, :] * pattern
+    if dense:
+        given = {"extra": beside}
+    columns = rng.permutation(10 * tree.nb + e)[: rng.integers(1, 10 * tree.nb + e + 1)]
+    tau = rng.normal(size=(n, r))
+    rigid_columns = np.einsum("rv,nvc->nrc", rows, plain_regressor(tree, q, dq, ddq))
+    stacked = np.concatenate([np.concatenate([rigid_columns, beside], axis=2)[:, :, columns], tau[:, :, None]], axis=2)
+    valid = rng.random((n, r)) < 0.7 if masked else None
+    weight = rng.random((n, r)) if weighted else None
+    factor = (1.0 if valid is None else valid) * (np.ones((n, r)) if weight is None else weight)
+    if valid is not None:
+        tau = np.where(valid, tau, np.nan)
+    arguments = {
+        "tree": tree,
+        "q": q,
+        "dq": dq,
+        "ddq": ddq,
+        "tau": tau,
+        "rows": rows,
+        "columns": columns,
+        "valid": valid,
+        "weight": weight,
+        **given,
+    }
+    return arguments, stacked * factor[:, :, None]
+
+
+def normal(stacked):
+    return np.einsum("nrc,nrd->rcd", stacked, stacked)
+
+
+def error(found, wanted):
+    """Largest difference of two Gram matrices, each entry relative to the lengths of its two columns.
+
+    Columns of rounding errors of the trigonometry (1e-16 of the others) count as zero: the kernel leaves them out."""
+    length = np.sqrt(np.einsum("rcc->rc", wanted))
+    length = np.maximum(length, 1e-3 * length.max(axis=1, initial=1e-300, keepdims=True))
+    return float((np.abs(found - wanted) / (length[:, :, None] * length[:, None, :])).max(initial=0.0))
+
+
+@pytest.fixture(params=kernels())
+def kernel(request, monkeypatch):
+    monkeypatch.setenv("IDENT_KERNEL", "numpy" if request.param == "numpy" else "native")
+    with using(request.param):
+        yield request.param
+
+
+@pytest.mark.parametrize("form", ["triangle", "gram"])
+@pytest.mark.parametrize("seed", range(12))
+def test_equals_stacked_matrix(kernel, form, seed):
+    n = [1, 3, 8, 31, 257, 700][seed % 6]
+    arguments, stacked = case(seed, n, floating=seed % 2 == 1, dense=seed % 3 == 0, masked=seed % 4 != 0, weighted=seed % 5 == 0)
+    found, counts = rigid.information(**arguments, form=form, threads=1)
+    if form == "triangle":
+        assert not np.tril(found, -1).any()
+        found = np.swapaxes(found, 1, 2) @ found
+    assert error(found, normal(stacked)) < 1e-12
+    valid = arguments["valid"]
+    assert np.array_equal(counts, np.full(stacked.shape[1], n) if valid is None else valid.sum(axis=0))
+
+
+def test_triangle_keeps_small_singular_values(kernel, puma):
+    """A direction 1e-11 of the others: visible in the triangle (QR-grade), lost in a Gram matrix."""
+    rng = np.random.default_rng(0)
+    n = 1000
+    a = rng.normal(size=(n, 1))
+    extra = np.concatenate([a, a + 1e-11 * rng.normal(size=(n, 1))], axis=1)
+    q = rng.normal(size=(n, 6))
+    factors, _ = rigid.information(
+        puma.tree, q, q, q, np.zeros((n, 6)), columns=[60, 61], extra=extra, pattern=np.ones((6, 2)), form="triangle"
+    )
+    wanted = np.linalg.svd(extra, compute_uv=False)
+    found = np.linalg.svd(factors[2][:2, :2], compute_uv=False)
+    assert found[1] == pytest.approx(wanted[1], rel=1e-4)
+
+
+def test_threads_agree_and_repeat(kernel, puma):
+    rng = np.random.default_rng(0)
+    q, dq, ddq, tau = rng.normal(size=(4, 9000, 6))
+    runs = {t: [rigid.information(puma.tree, q, dq, ddq, tau, threads=t)[0] for _ in range(2)] for t in (1, 2, 3)}
+    for first, second in runs.values():
+        assert np.array_equal(first, second)
+    wanted = np.swapaxes(runs[1][0], 1, 2) @ runs[1][0]
+    for t in (2, 3):
+        assert error(np.swapaxes(runs[t][0], 1, 2) @ runs[t][0], wanted) < 1e-13
+    values = [rigid.regressor(puma.tree, q, dq, ddq, threads=t) for t in (1, 2)]
+    assert np.array_equal(*values)
+
+
+def test_solves_puma_on_the_motor_side(kernel, puma):
+    """Base columns and drive columns, coupled gears: the truth comes back from the factors."""
+    rng = np.random.default_rng(4)
+    n = 3000
+    K = puma.transmission.K
+    q, dq, ddq = rng.normal(size=(3, n, 6))
+    speed = dq @ np.linalg.inv(K).T
+    base = _independent(puma)
+    extra = np.concatenate([speed, np.sign(speed)], axis=1)
+    pattern = np.concatenate([np.eye(6), np.eye(6)], axis=1)
+    columns = np.concatenate([base, 60 + np.arange(12)])
+    truth = rng.normal(size=len(columns))
+    inertia = np.zeros(60)
+    inertia[base] = truth[: len(base)]
+    tau = rigid.inverse_dynamics(puma.tree, inertia, q, dq, ddq) @ K + extra[:, :6] * truth[-12:-6] + extra[:, 6:] * truth[-6:]
+    factors, counts = rigid.information(puma.tree, q, dq, ddq, tau, rows=K.T, columns=columns, extra=extra, pattern=pattern)
+    assert counts.tolist() == [n] * 6
+    R = np.linalg.qr(np.concatenate([f / np.linalg.norm(f[:, -1]) for f in factors]), mode="r")
+    scale = np.linalg.norm(R[:, :-1], axis=0)
+    found = np.linalg.solve(R[:-1, :-1] / scale, R[:-1, -1]) / scale
+    assert len(base) == 36
+    assert np.abs(found - truth).max() < 1e-9
+
+
+def _independent(robot):
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.normal(size=(3, 100, 6))
+    Y = plain_regressor(robot.tree, q, dq, ddq).reshape(-1, 60)
+    length = np.linalg.norm(Y, axis=0)
+    Y = np.divide(Y, length, out=np.zeros_like(Y), where=length > 1e-9 * length.max())
+    order = [10 * i + k for i in range(6) for k in (9, 4, 5, 7, 8, 1, 2, 3, 6, 0)]
+    diagonal = np.abs(np.diag(np.linalg.qr(Y[:, order], mode="r")))
+    return np.sort(np.array(order)[diagonal > 1e-8])
+
+
+def test_no_sample_and_no_valid_row(kernel, puma):
+    empty = np.zeros((0, 6))
+    factors, counts = rigid.information(puma.tree, empty, empty, empty, empty)
+    assert factors.shape == (6, 61, 61)
+    assert not factors.any()
+    assert not counts.any()
+    q = np.ones((5, 6))
+    factors, counts = rigid.information(puma.tree, q, q, q, np.full((5, 6), np.nan), valid=np.zeros((5, 6), bool))
+    assert not factors.any()
+    assert not counts.any()
+
+
+def test_refusals(puma):
+    q = np.zeros((4, 6))
+    call = {"tree": puma.tree, "q": q, "dq": q, "ddq": q}
+    with pytest.raises(DataError, match="tau"):
+        rigid.information(**call, tau=np.full((4, 6), np.nan))
+    with pytest.raises(DataError, match="extra"):
+        rigid.information(**call, tau=q, extra=np.full((4, 1), np.inf), pattern=np.ones((6, 1)))
+    with pytest.raises(ConfigurationError, match=r"tau: expected shape \(4, 2\)"):
+        rigid.information(**call, tau=q, rows=np.ones((2, 6)))
+    with pytest.raises(ConfigurationError, match=r"rows: expected shape \(R, 6\)"):
+        rigid.information(**call, tau=q, rows=np.ones((2, 5)))
+    with pytest.raises(ConfigurationError, match="columns: expected indices from 0 to 59"):
+        rigid.information(**call, tau=q, columns=[60])
+    with pytest.raises(ConfigurationError, match="twice"):
+        rigid.information(**call, tau=q, columns=[3, 3])
+    with pytest.raises(ConfigurationError, match="extra: expected shape"):
+        rigid.information(**call, tau=q, extra=np.ones((4, 2)))
+    with pytest.raises(ConfigurationError, match="valid: expected bool"):
+        rigid.information(**call, tau=q, valid=np.ones((4, 6)))
+    with pytest.raises(ConfigurationError, match="form='svd'"):
+        rigid.information(**call, tau=q, form="svd")  # type: ignore[arg-type]

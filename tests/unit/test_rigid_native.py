@@ -1,0 +1,168 @@
+"""Choice of the kernel, the compiled module's own checks, and a clean run under sanitizers.
+
+The sanitizer run (slow) builds the extension apart with -fsanitize=address,undefined and runs the kernel's tests on it:
+`pytest -m slow tests/unit/test_rigid_native.py`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rigid_models import native
+
+import ident
+from ident.errors import ConfigurationError
+from ident.regressor import numpy_kernel, rigid
+
+ROOT = Path(__file__).resolve().parents[2]
+needs_native = pytest.mark.skipif(native() is None, reason="the compiled kernel is not built")
+
+
+def test_environment_chooses_the_kernel(monkeypatch):
+    monkeypatch.setenv("IDENT_KERNEL", "numpy")
+    assert rigid.kernel() is numpy_kernel
+    monkeypatch.setenv("IDENT_KERNEL", "fortran")
+    with pytest.raises(ConfigurationError, match="IDENT_KERNEL='fortran'"):
+        rigid.kernel()
+
+
+@needs_native
+def test_native_is_the_default(monkeypatch):
+    monkeypatch.delenv("IDENT_KERNEL", raising=False)
+    assert rigid.kernel() is native()
+
+
+def test_says_once_that_it_is_slower(monkeypatch):
+    """Without the extension NumPy takes over, and says so once; asked for by name, it is an error."""
+    monkeypatch.delenv("IDENT_KERNEL", raising=False)
+    monkeypatch.setitem(sys.modules, "ident.regressor.native", None)
+    monkeypatch.delattr("ident.regressor.native", raising=False)
+    rigid._kernel.cache_clear()
+    try:
+        with pytest.warns(rigid.SlowPathWarning, match="IDENT_KERNEL=numpy silences"):
+            assert rigid.kernel() is numpy_kernel
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert rigid.kernel() is numpy_kernel
+        monkeypatch.setenv("IDENT_KERNEL", "native")
+        with pytest.raises(ConfigurationError, match="compiled kernel is not there"):
+            rigid.kernel()
+    finally:
+        rigid._kernel.cache_clear()
+
+
+@needs_native
+def test_threads_from_the_environment(monkeypatch):
+    module = native()
+    monkeypatch.setenv("IDENT_NUM_THREADS", "3")
+    assert module.thread_count() == 3
+    assert module.thread_count(2) == 2
+    for text in ("0", "two", "-1"):
+        monkeypatch.setenv("IDENT_NUM_THREADS", text)
+        with pytest.raises(ConfigurationError, match="IDENT_NUM_THREADS"):
+            module.thread_count()
+    with pytest.raises(ConfigurationError, match="threads=0"):
+        module.thread_count(0)
+
+
+@needs_native
+def test_unknown_instruction_set():
+    with pytest.raises(ConfigurationError, match="there is baseline"):
+        native().use_instruction_set("mmx")
+
+
+@needs_native
+def test_compiled_module_checks_sizes_and_records():
+    """What Python should never send is refused, not run."""
+    module = native()
+    kernel = module._kernel
+    robot = ident.load_robot("puma560")
+    own = module.compiled(robot.tree)
+    q = np.zeros((3, 6))
+    out = np.zeros((3, 6))
+    inertia = np.zeros(60)
+    with pytest.raises(ValueError, match="q: expected 144 bytes, given 96"):
+        kernel.inverse(own.handle, inertia, 3, 1, q[:2], q, q, out)
+    with pytest.raises(ValueError, match="not an array of float64"):
+        kernel.inverse(own.handle, inertia, 3, 1, q.astype(int), q, q, out)
+    with pytest.raises(ValueError, match="not a contiguous array"):
+        kernel.inverse(own.handle, inertia, 3, 1, np.zeros((3, 12))[:, ::2], q, q, out)
+    with pytest.raises(ValueError, match="array is missing"):
+        kernel.inverse(own.handle, inertia, 3, 1, None, q, q, out)
+    with pytest.raises(ValueError, match="expected a tree"):
+        kernel.inverse(own.whole, inertia, 3, 1, q, q, q, out)
+    with pytest.raises(TypeError, match="expected 8 arguments, given 1"):
+        kernel.inverse(own.handle)
+    frozen = out.copy()
+    frozen.flags.writeable = False
+    with pytest.raises(ValueError, match="out: not a contiguous array"):
+        kernel.inverse(own.handle, inertia, 3, 1, q, q, q, frozen)
+    bodies = own.bodies.copy()
+    bodies["parent"][2] = 5
+    with pytest.raises(ValueError, match="a body is out of range"):
+        kernel.make_tree(bodies.tobytes(), 6, 6, np.zeros(3))
+
+
+@needs_native
+def test_trees_are_freed():
+    """A tree that is gone leaves nothing in the cache."""
+    import gc
+
+    from ident.regressor.tree import RigidBodyTree
+
+    module = native()
+    model = ident.load_robot("puma560").model
+    before = len(module._TREES)
+    for _ in range(5):
+        tree = RigidBodyTree.from_pinocchio(model)
+        module.regressor(tree, *np.zeros((3, 2, 6)))
+    del tree
+    gc.collect()
+    assert len(module._TREES) <= before
+
+
+@pytest.mark.slow
+@needs_native
+def test_sanitizers_are_clean(tmp_path):
+    """The kernel's tests on an extension built with address and undefined-behaviour sanitizers."""
+    compiler = shutil.which("g++")
+    if compiler is None:
+        pytest.skip("no g++")
+    names = ("libasan.so", "libubsan.so", "libstdc++.so.6")
+    runtime = [_output(compiler, f"-print-file-name={name}") for name in names]
+    if not all(Path(path).is_absolute() for path in runtime):
+        pytest.skip("the compiler has no sanitizers")
+    shutil.copytree(ROOT / "ident", tmp_path / "ident", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    shutil.copytree(ROOT / "tests", tmp_path / "tests", ignore=shutil.ignore_patterns("__pycache__"))
+    folder = tmp_path / "ident" / "_native"
+    flags = "-std=c++17 -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all -fPIC -shared -pthread"
+    sources = [str(folder / f"{name}.cpp") for name in ("module", "baseline", "avx2", "avx512")]
+    _output(compiler, *flags.split(), f"-I{sysconfig.get_path('include')}", *sources, "-o", str(folder / "_kernel.abi3.so"))
+    environment = {
+        **os.environ,
+        "LD_PRELOAD": " ".join(runtime),
+        "ASAN_OPTIONS": "detect_leaks=0",  # the interpreter itself leaks by that measure
+        "UBSAN_OPTIONS": "print_stacktrace=1",
+        "OPENBLAS_NUM_THREADS": "1",
+        "PYTHONPATH": str(tmp_path),
+    }
+    tests = [str(tmp_path / "tests" / "unit" / f"test_rigid_{name}.py") for name in ("dynamics", "information", "native")]
+    options = ["-q", "-x", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "-o", "addopts=", "-m", "not slow"]
+    command = [sys.executable, "-m", "pytest", *options, *tests]
+    run = subprocess.run(command, check=False, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    report = run.stdout[-3000:] + run.stderr[-3000:]
+    print(report)
+    assert run.returncode == 0, report
+    assert "runtime error" not in report
+    assert "AddressSanitizer" not in report
+
+
+def _output(*command: str) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
