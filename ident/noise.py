@@ -6,7 +6,7 @@ nothing (their columns are zero), so gaps and masks are exact."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from .problem import Rows
 
 Array = np.ndarray
+#: Numbers of a run's columns that are held at a time.
+_HELD_NUMBERS = 30_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,21 +38,25 @@ class NoiseModel:
         return self.ar.shape[1] - 1
 
 
-def fit_noise(residual: Array, runs: Iterable[slice], max_order: int = 40) -> NoiseModel:
-    """Fit an autoregressive model to residuals (M, n); NaN marks rows left out; `runs` are contiguous rows."""
+def fit_noise(residual: Array, runs: Iterable[slice], shape: Array | None = None, max_order: int = 40) -> NoiseModel:
+    """Fit an autoregressive model to residuals (M, n); NaN marks rows left out; `runs` are contiguous rows.
+
+    `shape`: autocorrelation that the rows have by the filter they went through (`row_shape`), even where the torque noise is
+    white: it is built in, and only what goes beyond it is fitted."""
     runs = list(runs)
     n = residual.shape[1]
     longest = max((r.stop - r.start for r in runs), default=1)
+    known = np.ones(1) if shape is None else _levinson(shape, len(shape) - 1)
     lags = max(1, min(max_order, longest // 8))
     polynomials, times, variance = [], [], np.empty(n)
     for j in range(n):
-        gamma, count = autocovariance(residual[:, j], runs, lags)
+        gamma, count = autocovariance(residual[:, j], runs, lags + len(known) - 1)
         variance[j] = gamma[0]
         if gamma[0] <= 0 or count < 8:
             polynomials.append(np.ones(1))
             times.append(1.0)
             continue
-        a = _levinson_by_criterion(gamma, count)
+        a = np.convolve(known, _levinson_by_criterion(_whitened(gamma, known), count))
         polynomials.append(a)
         times.append(max(1.0, _integrated_time(a)))
     p = max(len(a) for a in polynomials) - 1
@@ -58,6 +64,33 @@ def fit_noise(residual: Array, runs: Iterable[slice], max_order: int = 40) -> No
     for j, a in enumerate(polynomials):
         ar[j, : len(a)] = a
     return NoiseModel(ar, _innovation_covariance(residual, runs, ar), variance, np.array(times))
+
+
+def row_shape(taps: Array, factor: int, lags: int = 8) -> Array:
+    """Autocorrelation (lags+1,) of rows whose samples, white before, went through an FIR filter and were decimated."""
+    full = np.correlate(taps, taps, mode="full")[len(taps) - 1 :]
+    kept = full[::factor][: lags + 1]
+    # A trace of white noise keeps the recursion well-conditioned where the filter stops almost everything.
+    return np.r_[kept[0] * (1 + 1e-3), kept[1:]] / kept[0]
+
+
+def _whitened(gamma: Array, a: Array) -> Array:
+    """Autocovariance of a process after the filter A, from its own at len(a) − 1 more lags."""
+    both = np.correlate(a, a, mode="full")
+    symmetric = np.r_[gamma[:0:-1], gamma]
+    middle = len(gamma) - 1
+    reach = len(a) - 1
+    return np.array([both @ symmetric[middle + lag - reach : middle + lag + reach + 1] for lag in range(len(gamma) - reach)])
+
+
+def _levinson(gamma: Array, order: int) -> Array:
+    """Prediction-error polynomial of a given order."""
+    a, variance = np.ones(1), gamma[0]
+    for p in range(1, order + 1):
+        reflection = -(a @ gamma[p:0:-1]) / variance
+        a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
+        variance *= 1 - reflection**2
+    return a
 
 
 def autocovariance(e: Array, runs: Iterable[slice], lags: int) -> tuple[Array, int]:
@@ -130,28 +163,68 @@ def _innovation_covariance(residual: Array, runs: list[slice], ar: Array) -> Arr
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
-def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array) -> Array:
-    """Φᵀ W Γ W Φ (b, b), streamed: columns are filtered by the noise's own shaping filter, run by run."""
-    from scipy.signal import lfilter
+def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array, residual: Array | None = None) -> Array:
+    """Φᵀ W Γ W Φ (b, b): columns filtered by the noise's own shaping filter, run by run.
 
-    n, p = noise.ar.shape[0], noise.order
+    With `residual` (M, n) the innovations' own squares stand for their variance, so that noise which is larger in some
+    parts of the motion (reversals, quick motion) counts where it is (White, 1980, on prewhitened rows). Runs too long to
+    be held, and innovations whose past is masked, take the stationary variance."""
+    n = noise.ar.shape[0]
     root = _root(noise.innovation)
-    state: Array | None = None
-    current = -1
     gram: Array | None = None
-    for block in rows:
-        weighted = np.where(block.valid[:, :, None], block.columns, 0.0) * weights[:, None]
-        b = weighted.shape[2]
+    for run in _whole_runs(rows):
+        b = run[0].columns.shape[2]
         if gram is None:
             gram = np.zeros((b, b))
-        if block.run != current or state is None:
-            state, current = np.zeros((n, p, b)), block.run
-        for j in range(n):
-            if p:
-                weighted[:, j], state[j] = lfilter([1.0], noise.ar[j], weighted[:, j], axis=0, zi=state[j])
-        mixed = np.einsum("ij,mik->mjk", root, weighted).reshape(-1, b)
-        gram += mixed.T @ mixed
+        state = np.zeros((n, noise.order, b))
+        if residual is None or sum(block.columns.size for block in run) > _HELD_NUMBERS:
+            for block in run:
+                shaped, state = _shaped(noise, np.where(block.valid[:, :, None], block.columns, 0.0) * weights[:, None], state)
+                mixed = np.einsum("ij,mik->mjk", root, shaped).reshape(-1, b)
+                gram += mixed.T @ mixed
+            continue
+        weighted = np.concatenate([np.where(block.valid[:, :, None], block.columns, 0.0) for block in run]) * weights[:, None]
+        # e = B u with B lower triangular, hence Φᵀ e = (Bᵀ Φ)ᵀ u: the columns are filtered backwards in time.
+        shaped = _shaped(noise, weighted[::-1], state)[0][::-1]
+        innovation = _innovations(residual[run[0].place.start : run[-1].place.stop], noise.ar)
+        known = np.all(np.isfinite(innovation), axis=1)
+        score = np.einsum("mnk,mn->mk", shaped[known], innovation[known])
+        mixed = np.einsum("ij,mik->mjk", root, shaped[~known]).reshape(-1, b)
+        gram += score.T @ score + mixed.T @ mixed
     return np.zeros((0, 0)) if gram is None else gram
+
+
+def _whole_runs(rows: Iterable[Rows]) -> Iterator[list[Rows]]:
+    """Blocks of rows, run by run; a run that is too long to be held comes in pieces."""
+    held: list[Rows] = []
+    for block in rows:
+        if held and (block.run != held[0].run or sum(x.columns.size for x in held) > 4 * _HELD_NUMBERS):
+            yield held
+            held = []
+        held.append(block)
+    if held:
+        yield held
+
+
+def _shaped(noise: NoiseModel, columns: Array, state: Array) -> tuple[Array, Array]:
+    """Columns (m, n, b) through the shaping filter 1/A of each row, and the filter's state after them."""
+    from scipy.signal import lfilter
+
+    out, after = columns.copy(), state.copy()
+    if noise.order:
+        for j in range(columns.shape[1]):
+            out[:, j], after[j] = lfilter([1.0], noise.ar[j], columns[:, j], axis=0, zi=state[j])
+    return out, after
+
+
+def _innovations(e: Array, ar: Array) -> Array:
+    """Innovations (m, n) of a residual (m, n); NaN where the residual or its past is absent."""
+    p = ar.shape[1] - 1
+    out = np.full(e.shape, np.nan)
+    if len(e) > p:
+        # A coefficient of zero must not call for a sample that may be absent.
+        out[p:] = sum(np.where(ar[:, lag] != 0, ar[:, lag] * e[p - lag : len(e) - lag], 0.0) for lag in range(p + 1))
+    return out
 
 
 def _root(covariance: Array) -> Array:

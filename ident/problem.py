@@ -14,6 +14,7 @@ from .errors import ConfigurationError, DataError
 from .information import Information
 from .model import Model
 from .motion import Motion
+from .noise import row_shape
 from .reference import Reference
 
 if TYPE_CHECKING:
@@ -75,6 +76,12 @@ class Problem:
     def row_runs(self) -> tuple[slice, ...]:
         """The rows of each run."""
         return self.signals.row_runs
+
+    @property
+    def row_shape(self) -> Array | None:
+        """Autocorrelation that the row filter gives to white torque noise; None where rows are the samples themselves."""
+        row_filter = self.signals.row_filter
+        return None if row_filter is None else row_shape(row_filter.taps, row_filter.factor)
 
     def rows(self) -> Iterator[Rows]:
         """All rows, block by block, columns over base parameters, filtered like the torque."""
