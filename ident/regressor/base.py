@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Need
 from ..motion import Motion
 from ..parameters import Parameter
 
@@ -125,7 +124,7 @@ def base_reduction(model: Model, seed: int = 0) -> BaseReduction:
 
     Columns that need history or the predicted load cannot be sampled at random states; they count as independent here, and
     the data decide (`Problem.check`)."""
-    sampled = [e for e in model.effects if not e.needs & {Need.LOAD, Need.HISTORY, Need.TORQUE, Need.TIME}]
+    sampled = [e for e in model.effects if not e.needs]
     parameters = model.parameters
     static = [i for e, s in zip(model.effects, model.slices, strict=True) if any(e is x for x in sampled) for i in range(s.start, s.stop)]
     from ..model import Model

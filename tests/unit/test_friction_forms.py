@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -131,7 +132,7 @@ def test_presliding_follows_dahl() -> None:
 
 def test_presliding_does_not_depend_on_how_finely_a_path_is_sampled() -> None:
     corners = np.array([0.0, 0.01, 0.004, 0.02, 0.02, -0.01])
-    fine = np.concatenate([np.linspace(a, b, 20, endpoint=False) for a, b in zip(corners[:-1], corners[1:], strict=True)] + [corners[-1:]])
+    fine = np.concatenate([np.linspace(a, b, 20, endpoint=False) for a, b in pairwise(corners)] + [corners[-1:]])
     np.testing.assert_allclose(deflection(fine, 0.003)[::20], deflection(corners, 0.003), atol=1e-13)
     assert np.abs(deflection(fine, 0.003)).max() <= 1.0
 
@@ -171,8 +172,8 @@ def test_deflection_of_odd_paths(z_s: float) -> None:
 def test_effects_with_memory_keep_up_with_long_runs() -> None:
     robot = ROBOTS["wrist"]()
     motion = motion_of(robot, samples=100_000, rate=1000.0)
-    for name, limit in (("presliding", 1.0), ("filter_lag", 2.0), ("joint_elasticity", 8.0), ("backlash", 8.0)):
+    for name, limit in (("presliding", 1.0), ("filter_lag", 2.0), ("joint_elasticity", 5.0), ("backlash", 5.0)):
         start = time.process_time()
-        columns = make_effect(name).columns(motion, robot)
+        columns = make_effect(name, joints="j2").columns(motion, robot)
         assert time.process_time() - start < limit
         assert np.isfinite(columns).all()
