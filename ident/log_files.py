@@ -152,19 +152,23 @@ def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str,
         found = _arrow_columns(path, header, names)
         if found is not None:
             return found
+    # Before version 3, pandas rounds the last digit unless told not to.
+    exact: dict[str, Any] = {"float_precision": "round_trip"} if int(pd.__version__.split(".")[0]) < 3 else {}
     try:
         with open_binary(path) as stream:
+            # All columns, not only those wanted: otherwise rows with too many fields would pass unseen.
             frame = pd.read_csv(
                 stream,
                 sep=header.delimiter,
                 skiprows=header.line,
                 names=list(header.names),
-                usecols=list(names),
-                dtype=float,
-                index_col=False,
+                dtype=dict.fromkeys(names, float),
                 skipinitialspace=True,
-                float_precision="round_trip",
+                low_memory=False,
+                **exact,
             )
+        if not isinstance(frame.index, pd.RangeIndex):
+            raise ValueError("rows have more fields than the header")
     except (ValueError, OverflowError) as error:
         raise _bad_text(path, header, names, str(error)) from None
     except (EOFError, OSError) as error:

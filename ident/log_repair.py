@@ -78,7 +78,9 @@ def _runs(t: Array, index: Array, back: Array, where: str, notes: list[str]) -> 
     typical = float(np.median(np.abs(np.diff(t[index]))))
     span = float(np.max(t[index]) - np.min(t[index]))
     restart = np.abs(t[index[starts]] - first) <= max(0.02 * span, 10 * typical)
-    if restart.all() and lengths.min() >= 20:
+    # Each goes on at once from where it starts: a stray stamp does not.
+    goes_on = t[index[np.minimum(starts + 1, len(index) - 1)]] - t[index[starts]] <= 5 * typical
+    if restart.all() and goes_on.all() and lengths.min() >= 20:
         at = ", ".join(str(int(index[s]) + 1) for s in starts[1:6])
         notes.append(f"{where}: time starts again at data row {at}: taken as {len(starts)} runs.")
         return np.split(index, starts[1:])

@@ -112,12 +112,13 @@ def unwrapped(positions: Array) -> Array:
     """Angles (N, n) without jumps of a full turn; columns that do not jump are left as they are."""
     step = np.diff(positions, axis=0)
     wraps = np.abs(step) > np.pi
-    # A jump is a wrap only if it is a full turn but for what is moved within one sample.
-    columns = [
-        j
-        for j in range(positions.shape[1])
-        if wraps[:, j].any() and np.all(np.abs(np.abs(step[wraps[:, j], j]) - 2 * np.pi) < max(0.3, 3 * _largest(step[~wraps[:, j], j])))
-    ]
+    columns = []
+    for j in np.flatnonzero(wraps.any(axis=0)):
+        # A wrapped angle stays within one turn, and all its jumps are a turn but for what is moved within one sample.
+        usual = _largest(step[~wraps[:, j], j])
+        whole = np.abs(np.abs(step[wraps[:, j], j]) - 2 * np.pi) <= max(0.3, 1.5 * usual)
+        if usual < 2.5 and np.ptp(positions[:, j]) <= 2 * np.pi * 1.001 and whole.all():
+            columns.append(int(j))
     if not columns:
         return positions
     out = positions.copy()
