@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .logs import LogSet
     from .model import Model
     from .robot import Robot
-    from .signals import Signals
+    from .signals import Preparation, Signals
     from .study import Study
     from .validation import Validation
 
@@ -74,7 +74,7 @@ class Session:
     @cached_property
     def held_signals(self) -> Signals:
         """The signals that no fit sees, prepared like the fitted ones (the same cut-off)."""
-        return self.fit_signals.report.preparation(self._parts[1])
+        return like(self.fit_signals.report.to_dict())(self._parts[1])
 
     @cached_property
     def problem(self) -> Problem:
@@ -99,3 +99,10 @@ class Session:
         from .validation import validate
 
         return validate(self.estimate, self.held_signals, simulate=simulate)
+
+
+def like(report: Mapping[str, Any]) -> Preparation:
+    """The preparation that a report (`PreparationReport.to_dict`) tells of, with the cut-offs that it chose."""
+    from .signals import make_preparation
+
+    return make_preparation(**{**report["config"], "cutoff_hz": report["cutoff_hz"], "row_cutoff_hz": report["row_cutoff_hz"]})

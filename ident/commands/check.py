@@ -39,4 +39,4 @@ def run(args: argparse.Namespace) -> int:
         "problem": check.to_dict(),
     }
     out.result(result("ident.check/1", data, inputs=session.inputs, warnings=(*robot.notes, *check.notes)), "check")
-    return 1 if args.strict and (session.audit.worst != "info" or check.rank < check.base.count) else 0
+    return 1 if args.strict and (session.audit.warnings or check.rank < check.base.count) else 0

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..errors import ConfigurationError
 from ..estimate import Estimate
 from ..results import result
-from ..session import Session
+from ..session import Session, like
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 
 HELP = "predict held-out logs with a fit: torque error per joint, replayed motion"
@@ -49,5 +49,5 @@ def _of_saved(args: argparse.Namespace, out: Output):  # type: ignore[no-untyped
     if not files:
         raise ConfigurationError("no log to validate on; name it with --validate FILE or --log FILE, or in a study file.")
     logs = read_logs(files, estimate.model.robot, study.columns or None)
-    signals = estimate.preparation()(logs)
+    signals = like(estimate.signals_config)(logs)
     return validate(estimate, signals, simulate=not args.no_replay), (*estimate.inputs, *logs.inputs)
