@@ -67,7 +67,7 @@ class DriftingParameters(Estimator):
         attempts = 0
         while True:
             # What drifts without being modelled passes as coloured noise: it must be worth more than that, and then frees the noise of it.
-            noise = fit_noise(residual, problem.row_runs)
+            noise = fit_noise(residual, problem.row_runs, problem.row_shape)
             level = np.where(information.counts > 0, 1.0 / np.maximum(noise.variance * noise.correlation_time, 1e-300), 0.0)
             walk = RandomWalk(problem, solution, np.minimum(level, most), self.blocks)
             previous, attempts = drift, attempts + 1

@@ -57,8 +57,9 @@ class PriorLeastSquares(Estimator):
 
     def _solve(self, problem: Problem) -> Estimate:
         start, weights = weighted_solution(problem)
-        noise = fit_noise(problem.residual(full_values(problem, start)), problem.row_runs)
-        gram = score_gram(problem, noise, lambda rows: rows.columns * weights[:, None])
+        residual = problem.residual(full_values(problem, start))
+        noise = fit_noise(residual, problem.row_runs, problem.row_shape)
+        gram = score_gram(problem, noise, lambda rows: rows.columns * weights[:, None], residual)
         # Coloured noise leaves fewer independent samples than rows: the data count for less by that share.
         share = max(1.0, _colour(start, gram))
         R, z, _ = problem.information.combined(weights / share)

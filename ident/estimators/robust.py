@@ -153,7 +153,7 @@ def _finish(
     with np.errstate(invalid="ignore"):
         clipped = np.where(np.isfinite(u), loss.weight(u, c) * u * scale, np.nan)
         low = (np.isfinite(u) & (loss.weight(u, c) < 0.5)).sum(axis=0)
-    noise = fit_noise(clipped, problem.row_runs)
+    noise = fit_noise(clipped, problem.row_runs, problem.row_shape)
     weights = 1.0 / scale**2
     with np.errstate(invalid="ignore"):
         bend = np.where(np.isfinite(u), loss.curvature(u, c), 0.0).sum(axis=0)
@@ -162,7 +162,7 @@ def _finish(
     share = np.maximum(bend, 0.05 * counts) / np.maximum(counts, 1)
     information = problem.information.selected(solution.columns)
     root = information.combined(weights * share)[0]
-    gram = score_gram(problem, noise, lambda rows: rows.columns * weights[:, None])[np.ix_(solution.columns, solution.columns)]
+    gram = score_gram(problem, noise, lambda rows: rows.columns * weights[:, None], clipped)[np.ix_(solution.columns, solution.columns)]
     total = max(1, int(counts.sum()))
     covariance = sandwich(root, gram) * total / max(1, total - len(solution.values))
     trace: dict[str, Any] = {

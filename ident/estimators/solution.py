@@ -149,10 +149,12 @@ def finish(
     )
 
 
-def score_gram(problem: Problem, noise: NoiseModel, score: Score) -> Array:
-    """Covariance (b, b) of Σ scoreᵀ noise over all rows, under the noise's colour; rows left out count nothing."""
+def score_gram(problem: Problem, noise: NoiseModel, score: Score, residual: Array | None = None) -> Array:
+    """Covariance (b, b) of Σ scoreᵀ noise over all rows, under the noise's colour; rows left out count nothing.
+
+    `residual` (M, n): its innovations then stand for their own variance (`noise_gram`)."""
     blocks = (Rows(score(rows), rows.tau, rows.valid, rows.place, rows.run) for rows in problem.rows())
-    return noise_gram(noise, blocks, np.ones(problem.valid.shape[1]))
+    return noise_gram(noise, blocks, np.ones(problem.valid.shape[1]), residual)
 
 
 def sandwich(root: Array, gram: Array) -> Array:
@@ -176,7 +178,7 @@ def coloured_covariance(
     if score is None:
         gram = noise_gram(noise, problem.rows(), weights, residual)
     else:
-        gram = score_gram(problem, noise, score)
+        gram = score_gram(problem, noise, score, residual)
     gram = gram[np.ix_(solution.columns, solution.columns)]
     half = solve_triangular(solution.root, gram, trans="T")
     inner = solve_triangular(solution.root, half.T, trans="T")  # root⁻ᵀ gram root⁻¹
