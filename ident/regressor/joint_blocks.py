@@ -11,6 +11,7 @@ energy vector here."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
@@ -28,6 +29,8 @@ Array = np.ndarray
 _MOST_FUNCTIONS = 400
 #: Nodes are taken for coefficients only if they lose fewer digits than this.
 _WORST_CONDITION = 1e4
+#: Coefficients with more rounding than this are not used: ranks could not be read off them.
+_MOST_NOISE = 1e-12
 
 
 def _pseudo_inertia_basis() -> tuple[Array, Array]:
@@ -85,7 +88,7 @@ class Block:
     `transport` (F, 10, 10 r): energy vector at the entrance → energy vectors of the r bodies (row vectors);
     `cross` (F, 6, d, 10 r): entrance twist with coordinate rate; `own` (F, d, d, 10 r): rates among themselves;
     `carry` (F, r, 6, 6): entrance twist → twists of the bodies (row vectors); `rate` (F, r, d, 6): twist per coordinate rate.
-    `scale` (d,): coordinate units in use. `exact`: coefficients were resolved, not probed."""
+    `scale` (d,): coordinate units in use. `exact`: coefficients were resolved, not probed. `noise`: bound on their rounding."""
 
     bodies: tuple[int, ...]
     entrance: int
@@ -97,6 +100,7 @@ class Block:
     rate: Array
     scale: Array
     exact: bool
+    noise: float
 
 
 def typical_length(tree: RigidBodyTree) -> float:
@@ -183,8 +187,27 @@ def _resolve(
     for a in range(d):
         scale[a] = 1.0 / np.abs(rates[:, a]).max()
     rates = rates * scale
-    nodes, to_coefficients, exact = _nodes(tree, bodies, rates)
-    G, dG, inverse = _poses(tree, bodies, start + nodes @ rates.T, rates, length)
+    found = None
+    for nodes, to_coefficients, exact in _node_sets(tree, bodies, rates, prismatic):
+        poses = _poses(tree, bodies, start + nodes @ rates.T, rates, length)
+        found = _block(bodies, entrance, coordinates, poses, to_coefficients, scale, exact)
+        if found.noise < _MOST_NOISE:
+            break
+    assert found is not None
+    return found
+
+
+def _block(
+    bodies: tuple[int, ...],
+    entrance: int,
+    coordinates: tuple[int, ...],
+    poses: tuple[Array, Array, Array],
+    to_coefficients: Array,
+    scale: Array,
+    exact: bool,
+) -> Block:
+    """The block from poses, their derivatives and inverses at its nodes."""
+    G, dG, inverse = poses
     M, r = G.shape[:2]
     Y = np.swapaxes(G, -1, -2)[:, :, None] @ ENERGY_BASIS @ G[:, :, None]  # (M, r, 10, 4, 4)
     transport = Y.reshape(M, r, 10, 16) @ _FLAT_INERTIA.T
@@ -193,6 +216,9 @@ def _resolve(
     own = energy_vector(dG[:, :, :, None], dG[:, :, None])  # (M, r, d, d, 10)
     carry = twist_vector(inverse[:, :, None] @ carried)
     rate = twist_vector(inverse[:, :, None] @ dG)
+
+    largest = max((float(np.abs(v).max()) for v in (transport, cross, own, carry, rate) if v.size), default=0.0)
+    noise = float(np.finfo(float).eps * np.linalg.norm(to_coefficients, 2) * np.sqrt(M) * largest)
 
     def coefficients(values: Array) -> Array:
         return np.tensordot(to_coefficients, values, axes=1)
@@ -212,6 +238,7 @@ def _resolve(
         coefficients(rate),
         scale,
         exact,
+        noise,
     )
 
 
@@ -252,28 +279,32 @@ def _poses(tree: RigidBodyTree, bodies: tuple[int, ...], theta: Array, rates: Ar
     return G, dG, inverse
 
 
-def _nodes(tree: RigidBodyTree, bodies: tuple[int, ...], rates: Array) -> tuple[Array, Array, bool]:
-    """Nodes (M, d), the map from node values to coefficients (F, M), and whether it is exact."""
+def _node_sets(tree: RigidBodyTree, bodies: tuple[int, ...], rates: Array, prismatic: Array) -> Iterator[tuple[Array, Array, bool]]:
+    """Nodes (M, d), the map from node values to coefficients (F, M), and whether it is exact; the best first."""
     d = rates.shape[1]
     if d == 0:
-        return np.zeros((1, 0)), np.ones((1, 1)), True
+        yield np.zeros((1, 0)), np.ones((1, 1)), True
+        return
     if len(bodies) == 1 and d == 1:
-        return _PRISMATIC if tree.prismatic[bodies[0]] else _REVOLUTE
+        yield _PRISMATIC if tree.prismatic[bodies[0]] else _REVOLUTE
+        return
     functions = _functions(tree, bodies, rates)
-    slow = np.array([min(abs(w) for w in column if w != 0.0) for column in rates.T])
+    turning = np.where(prismatic[:, None], 0.0, np.abs(rates))
+    # One period of the slowest wave of each coordinate; where there are only powers, one unit.
+    period = np.array([np.pi / min((w for w in column if w > 0), default=np.pi) for column in turning.T])
     if functions is not None:
         # Powers beside waves are told apart only over several periods, so wider spreads are tried too.
-        for periods in (1.0, 2.5, 6.0):
-            reach = periods * np.pi / slow
+        for spread in (1.0, 2.5, 6.0):
+            reach = np.where(turning.any(axis=0), spread, 1.0) * period
             nodes = _spread(3 * len(functions) + 8, d) * reach
             values = np.column_stack([_evaluate(f, nodes, reach) for f in functions])
             if np.linalg.cond(values) < _WORST_CONDITION:
-                return nodes, np.linalg.pinv(values), True
-    nodes = _spread(2 * len(bodies) + 40, d) * np.pi / slow
+                yield nodes, np.linalg.pinv(values), True
+    nodes = _spread(2 * len(bodies) + 40, d) * period
     differences = np.eye(len(nodes))
     differences[1:, 0] = -1.0
     differences[1:] /= np.sqrt(len(nodes))
-    return nodes, differences, False
+    yield nodes, differences, False
 
 
 def _spread(count: int, d: int) -> Array:

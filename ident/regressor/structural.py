@@ -73,15 +73,16 @@ class _Ranks:
     kept: list[float] = field(default_factory=lambda: [1.0])
     dropped: list[float] = field(default_factory=lambda: [0.0])
 
-    def local(self, rows: Array, rotors: Array) -> tuple[Array, Array, Array, Array]:
+    def local(self, rows: Array, rotors: Array, noise: float = 0.0) -> tuple[Array, Array, Array, Array]:
         """Of generating rows (g, 10 r) with their rotor parts (g, m): orthonormal basis and its rotor part, the singular values, and
-        the rotor parts of what vanishes on the links."""
+        the rotor parts of what vanishes on the links. `noise`: rounding of the rows."""
         if not rows.any():
             return rows[:0], rotors[:0], np.zeros(0), rotors
+        noise *= np.sqrt(len(rows))
         if not rotors.size and len(rows) > 2 * rows.shape[1]:
             rows = np.asarray(np.linalg.qr(rows, mode="r"))  # the same span in fewer rows
         U, s, Vt = np.linalg.svd(rows, full_matrices=bool(rotors.size))
-        r = int((s > self.tolerance * max(1.0, s[0])).sum())
+        r = int((s > max(self.tolerance * max(1.0, s[0]), noise)).sum())
         self.kept += list(np.minimum(s[:r] / max(1.0, s[0]), 1.0))
         self.dropped += list(s[r:])
         if not rotors.size:
@@ -89,14 +90,15 @@ class _Ranks:
         turned = U.T @ rotors
         return Vt[:r], turned[:r] / s[:r, None], s[:r], turned[r:]
 
-    def basis(self, rows: Array) -> Array:
+    def basis(self, rows: Array, noise: float = 0.0) -> Array:
         """Rows that span the same space: unit vectors, faint ones at their weight; the identity for the full space."""
         if not rows.any():
             return rows[:0]
+        noise *= np.sqrt(len(rows))
         if len(rows) > 4 * rows.shape[1]:
             rows = np.asarray(np.linalg.qr(rows, mode="r"))
         _, s, Vt = np.linalg.svd(rows, full_matrices=False)
-        r = int((s > self.tolerance).sum())
+        r = int((s > max(self.tolerance, noise)).sum())
         if r == rows.shape[1] and s[-1] >= _FAINT:
             return np.eye(r)
         return np.minimum(s[:r] / _FAINT, 1.0)[:, None] * Vt[:r]
@@ -184,7 +186,7 @@ def _propagate(
     for block in blocks:
         at = seen[block.entrance]
         generated, parts = _generated(block, at, k, done)
-        basis, parts, weights, rest = ranks.local(generated, parts)
+        basis, parts, weights, rest = ranks.local(generated, parts, block.noise)
         alone.append(rest)
         columns = (10 * np.array(block.bodies)[:, None] + np.arange(10)).ravel()
         lead = _leading_columns(basis, [10 * i + c for i in range(len(block.bodies)) for c in LINK_PREFERENCE])
@@ -241,15 +243,15 @@ def _generated(block: Block, at: _Seen, k: Array, done: list[int]) -> tuple[Arra
 
 def _beyond(block: Block, i: int, at: _Seen, added: Array, ranks: _Ranks, rotors: bool) -> _Seen:
     """What is known at body i of a block, for the blocks that hang on it."""
-    energy = ranks.basis(np.vstack([at.energy @ block.transport[0][:, 10 * i : 10 * i + 10], added]))
+    energy = ranks.basis(np.vstack([at.energy @ block.transport[0][:, 10 * i : 10 * i + 10], added]), block.noise)
     carry, rate = block.carry[:, i], block.rate[:, i]
-    twists = ranks.basis(np.vstack([(at.twists @ carry).reshape(-1, 6), rate.reshape(-1, 6)]))
+    twists = ranks.basis(np.vstack([(at.twists @ carry).reshape(-1, 6), rate.reshape(-1, 6)]), block.noise)
     if not rotors:
         return _Seen(energy, twists, twists, at.constant)
     varying = np.vstack([(at.varying @ carry[0]), (at.twists @ carry[1:]).reshape(-1, 6), rate[1:].reshape(-1, 6)])
     constant = at.constant @ carry[0]
     constant[list(block.coordinates)] += rate[0]
-    return _Seen(energy, twists, ranks.basis(varying), constant)
+    return _Seen(energy, twists, ranks.basis(varying, block.noise), constant)
 
 
 def _leading_columns(basis: Array, order: list[int]) -> list[int]:
