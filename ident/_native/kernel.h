@@ -75,20 +75,6 @@ static size_t workspace(const Tree& t, const Plan* plan) {
     return (numbers + largest) * sizeof(Lanes) + 192;
 }
 
-// Full groups by lanes, the samples left over one by one. `work` returns a lane to stop at, or -1.
-template <template <class> class Work> static int64_t by_groups(const Tree& t, const Plan* plan, const Arrays& x, int64_t lo, int64_t hi, char* memory) {
-    int64_t s = lo;
-    Scratch<Lanes> lanes(t, memory);
-    for (; s + LANES <= hi; s += LANES) {
-        const int stop = Work<Lanes>::run(t, plan, x, s, lanes);
-        if (stop >= 0) return s + stop;
-    }
-    Scratch<double> one(t, memory);
-    for (; s < hi; ++s)
-        if (Work<double>::run(t, plan, x, s, one) >= 0) return s;
-    return -1;
-}
-
 template <class V> struct Regressor {
     static int run(const Tree& t, const Plan* plan, const Arrays& x, int64_t s, Scratch<V>& m) {
         m.load(t, x, s);
@@ -109,56 +95,57 @@ template <class V> struct Regressor {
     }
 };
 
-template <class V> struct Inverse {
-    static int run(const Tree& t, const Plan*, const Arrays& x, int64_t s, Scratch<V>& m) {
-        m.load(t, x, s);
-        pose(t, m.q, m.links);
+// Inverse dynamics, mass matrix, both (bias and mass matrix), or forward dynamics.
+template <class V, bool with_torque, bool with_mass, bool solved> static inline int dynamics(const Tree& t, const Arrays& x, int64_t s, Scratch<V>& m) {
+    int stop = -1;
+    m.load(t, x, s);
+    pose(t, m.q, m.links);
+    if (with_torque) {
         motion(t, m.dq, x.ddq ? m.ddq : (V*)nullptr, m.links);
         torques(t, x.inertia, m.links, m.wrench, m.tau);
-        for (int r = 0; r < t.nv; ++r) scatter(m.tau[r], x.out, s, t.nv, r);
-        return -1;
     }
-};
-
-template <class V> struct Mass {
-    static int run(const Tree& t, const Plan*, const Arrays& x, int64_t s, Scratch<V>& m) {
-        m.load(t, x, s);
-        pose(t, m.q, m.links);
-        masses(t, x.inertia, m.links, m.composite, m.M);
-        const int64_t all = (int64_t)t.nv * t.nv;
-        for (int r = 0; r < t.nv; ++r)
-            for (int c = 0; c <= r; ++c) {
-                scatter(m.M[r * t.nv + c], x.out, s, all, r * t.nv + c);
-                scatter(m.M[r * t.nv + c], x.out, s, all, c * t.nv + r);
-            }
-        return -1;
+    if (with_mass) masses(t, x.inertia, m.links, m.composite, m.M);
+    for (int r = 0; solved && r < t.nv; ++r) {
+        m.tau[r] = gather<V>(x.tau, s, t.nv, r) - m.tau[r];
+        for (int c = 0; x.added && c <= r; ++c) m.M[r * t.nv + c] += x.added[r * t.nv + c];
     }
-};
-
-template <class V> struct Forward {
-    static int run(const Tree& t, const Plan*, const Arrays& x, int64_t s, Scratch<V>& m) {
-        m.load(t, x, s);
-        pose(t, m.q, m.links);
-        motion(t, m.dq, (V*)nullptr, m.links);
-        torques(t, x.inertia, m.links, m.wrench, m.tau);
-        masses(t, x.inertia, m.links, m.composite, m.M);
-        for (int r = 0; r < t.nv; ++r) {
-            m.tau[r] = gather<V>(x.tau, s, t.nv, r) - m.tau[r];
-            for (int c = 0; x.added && c <= r; ++c) m.M[r * t.nv + c] += x.added[r * t.nv + c];
+    if (solved) stop = solve(t.nv, m.M, m.tau, m.diagonal, m.lu);
+    const int64_t all = (int64_t)t.nv * t.nv;
+    for (int r = 0; r < t.nv; ++r) {
+        if (with_torque) scatter(m.tau[r], x.out, s, t.nv, r);
+        for (int c = 0; with_mass && !solved && c <= r; ++c) {
+            scatter(m.M[r * t.nv + c], x.mass, s, all, r * t.nv + c);
+            scatter(m.M[r * t.nv + c], x.mass, s, all, c * t.nv + r);
         }
-        const int stop = solve(t.nv, m.M, m.tau, m.diagonal, m.lu);
-        for (int r = 0; r < t.nv; ++r) scatter(m.tau[r], x.out, s, t.nv, r);
-        return stop;
     }
+    return stop;
+}
+template <class V> struct Inverse {
+    static int run(const Tree& t, const Plan*, const Arrays& x, int64_t s, Scratch<V>& m) { return dynamics<V, true, false, false>(t, x, s, m); }
+};
+template <class V> struct Mass {
+    static int run(const Tree& t, const Plan*, const Arrays& x, int64_t s, Scratch<V>& m) { return dynamics<V, false, true, false>(t, x, s, m); }
+};
+template <class V> struct Terms {
+    static int run(const Tree& t, const Plan*, const Arrays& x, int64_t s, Scratch<V>& m) { return dynamics<V, true, true, false>(t, x, s, m); }
+};
+template <class V> struct Forward {
+    static int run(const Tree& t, const Plan*, const Arrays& x, int64_t s, Scratch<V>& m) { return dynamics<V, true, true, true>(t, x, s, m); }
 };
 
-static void regressor(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory) {
-    by_groups<Regressor>(t, &plan, x, lo, hi, memory);
-}
-static void inverse(const Tree& t, const Arrays& x, int64_t lo, int64_t hi, char* memory) { by_groups<Inverse>(t, nullptr, x, lo, hi, memory); }
-static void mass(const Tree& t, const Arrays& x, int64_t lo, int64_t hi, char* memory) { by_groups<Mass>(t, nullptr, x, lo, hi, memory); }
-static int64_t forward(const Tree& t, const Arrays& x, int64_t lo, int64_t hi, char* memory) {
-    return by_groups<Forward>(t, nullptr, x, lo, hi, memory);
+// Full groups by lanes, the samples left over one by one. `run` returns a lane to stop at, or -1.
+template <template <class> class Work>
+static int64_t by_groups(const Tree& t, const Plan* plan, const Arrays& x, int64_t lo, int64_t hi, char* memory) {
+    int64_t s = lo;
+    Scratch<Lanes> lanes(t, memory);
+    for (; s + LANES <= hi; s += LANES) {
+        const int stop = Work<Lanes>::run(t, plan, x, s, lanes);
+        if (stop >= 0) return s + stop;
+    }
+    Scratch<double> one(t, memory);
+    for (; s < hi; ++s)
+        if (Work<double>::run(t, plan, x, s, one) >= 0) return s;
+    return -1;
 }
 
 // Weights of a group of samples in one row; zero where the row is not used, and beyond the last sample.
@@ -246,9 +233,12 @@ static void merge(const Plan& plan, char* memory, double* const* into, const dou
 #define TABLE(name) TABLE_NAME(name)
 #define TEXT_OF(name) #name
 #define TEXT(name) TEXT_OF(name)
-extern const Kernel TABLE(INSTRUCTIONS) = {TEXT(INSTRUCTIONS),         LANES,
-                                           INSTRUCTIONS::workspace,    INSTRUCTIONS::regressor,
-                                           INSTRUCTIONS::inverse,      INSTRUCTIONS::mass,
-                                           INSTRUCTIONS::forward,      INSTRUCTIONS::information,
-                                           INSTRUCTIONS::merge};
+extern const Kernel TABLE(INSTRUCTIONS) = {
+    TEXT(INSTRUCTIONS),
+    LANES,
+    INSTRUCTIONS::workspace,
+    {INSTRUCTIONS::by_groups<INSTRUCTIONS::Regressor>, INSTRUCTIONS::by_groups<INSTRUCTIONS::Inverse>, INSTRUCTIONS::by_groups<INSTRUCTIONS::Mass>,
+     INSTRUCTIONS::by_groups<INSTRUCTIONS::Terms>, INSTRUCTIONS::by_groups<INSTRUCTIONS::Forward>},
+    INSTRUCTIONS::information,
+    INSTRUCTIONS::merge};
 }  // namespace ident

@@ -198,71 +198,35 @@ PyObject* make_plan(PyObject* const* a) {
     return PyCapsule_New(plan.release(), "plan", destroy<OwnedPlan>);
 }
 
-// regressor(tree, plan, n, threads, q, dq, ddq, out)
-PyObject* regressor(PyObject* const* a) {
-    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
-    const OwnedPlan& plan = *unwrap<OwnedPlan>(a[1], "plan");
-    require(plan.rows == t.nv && plan.bodies == t.nb && plan.widest <= PARAMETERS * t.nb + 4, "plan: not the plan of the whole tree");
-    const int64_t n = integer(a[2]);
-    Buffer q, dq, ddq, out;
+// compute(task, tree, plan, inertia, added, n, threads, q, dq, ddq, tau, out, mass) -> first sample with a singular matrix, -1 for none,
+// -2 for input of forward dynamics that is not finite. What a task does not need is None.
+PyObject* compute(PyObject* const* a) {
+    const int64_t task = integer(a[0]), n = integer(a[5]), threads = integer(a[6]);
+    const Tree& t = *unwrap<OwnedTree>(a[1], "tree");
+    require(task >= 0 && task < TASKS && n >= 0, "compute: unknown task");
+    const OwnedPlan* plan = a[2] == Py_None ? nullptr : unwrap<OwnedPlan>(a[2], "plan");
+    require(!plan || (plan->rows == t.nv && plan->bodies == t.nb && plan->widest <= PARAMETERS * t.nb + 4), "plan: not the plan of the whole tree");
+    Buffer held[9];
     Arrays x{};
-    x.q = q.numbers(a[4], n * t.nq, "q"), x.dq = dq.numbers(a[5], n * t.nv, "dq"), x.ddq = ddq.numbers(a[6], n * t.nv, "ddq");
-    x.out = out.room(a[7], n * t.nv * PARAMETERS * t.nb, "out");
-    require(x.q && x.dq && x.ddq && x.out, "regressor: an array is missing");
-    over_samples(n, integer(a[3]), active->workspace(t, nullptr),
-                 [&](int, int64_t lo, int64_t hi, char* memory) { active->regressor(t, plan, x, lo, hi, memory); });
-    Py_RETURN_NONE;
-}
-
-// inverse(tree, inertia, n, threads, q, dq, ddq or None, out)
-PyObject* inverse(PyObject* const* a) {
-    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
-    const int64_t n = integer(a[2]);
-    Buffer inertia, q, dq, ddq, out;
-    Arrays x{};
-    x.inertia = inertia.numbers(a[1], PARAMETERS * t.nb, "inertia");
-    x.q = q.numbers(a[4], n * t.nq, "q"), x.dq = dq.numbers(a[5], n * t.nv, "dq"), x.ddq = ddq.numbers(a[6], n * t.nv, "ddq");
-    x.out = out.room(a[7], n * t.nv, "out");
-    require(x.inertia && x.q && x.dq && x.out, "inverse: an array is missing");
-    over_samples(n, integer(a[3]), active->workspace(t, nullptr),
-                 [&](int, int64_t lo, int64_t hi, char* memory) { active->inverse(t, x, lo, hi, memory); });
-    Py_RETURN_NONE;
-}
-
-// mass(tree, inertia, n, threads, q, out)
-PyObject* mass(PyObject* const* a) {
-    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
-    const int64_t n = integer(a[2]);
-    Buffer inertia, q, out;
-    Arrays x{};
-    x.inertia = inertia.numbers(a[1], PARAMETERS * t.nb, "inertia");
-    x.q = q.numbers(a[4], n * t.nq, "q");
-    x.out = out.room(a[5], n * t.nv * t.nv, "out");
-    require(x.inertia && x.q && x.out, "mass: an array is missing");
-    over_samples(n, integer(a[3]), active->workspace(t, nullptr),
-                 [&](int, int64_t lo, int64_t hi, char* memory) { active->mass(t, x, lo, hi, memory); });
-    Py_RETURN_NONE;
-}
-
-// forward(tree, inertia, added or None, n, threads, q, dq, tau, out) -> first sample with a singular matrix, -1 for
-// none, -2 for input that is not finite
-PyObject* forward(PyObject* const* a) {
-    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
-    const int64_t n = integer(a[3]);
-    Buffer inertia, added, q, dq, tau, out;
-    Arrays x{};
-    x.inertia = inertia.numbers(a[1], PARAMETERS * t.nb, "inertia"), x.added = added.numbers(a[2], t.nv * t.nv, "added");
-    x.q = q.numbers(a[5], n * t.nq, "q"), x.dq = dq.numbers(a[6], n * t.nv, "dq"), x.tau = tau.numbers(a[7], n * t.nv, "tau");
-    x.out = out.room(a[8], n * t.nv, "out");
-    require(x.inertia && x.q && x.dq && x.tau && x.out, "forward: an array is missing");
-    double sum = 0.0;
-    for (int64_t e = 0; e < n * t.nq; ++e) sum += x.q[e];
-    for (int64_t e = 0; e < n * t.nv; ++e) sum += x.dq[e] + x.tau[e];
-    if (!std::isfinite(sum)) return PyLong_FromLong(-2);
-    const int64_t threads = integer(a[4]);
+    x.inertia = held[0].numbers(a[3], PARAMETERS * t.nb, "inertia"), x.added = held[1].numbers(a[4], t.nv * t.nv, "added");
+    x.q = held[2].numbers(a[7], n * t.nq, "q"), x.dq = held[3].numbers(a[8], n * t.nv, "dq");
+    x.ddq = held[4].numbers(a[9], n * t.nv, "ddq"), x.tau = held[5].numbers(a[10], n * t.nv, "tau");
+    x.out = held[6].room(a[11], n * t.nv * (task == REGRESSOR ? PARAMETERS * t.nb : 1), "out");
+    x.mass = held[7].room(a[12], n * t.nv * t.nv, "mass");
+    const bool rates = task != MASS, motion = task == REGRESSOR || task == INVERSE;
+    require(x.q && (x.dq || !rates) && (x.out || !rates) && (x.inertia || task == REGRESSOR) && (plan || task != REGRESSOR) &&
+                (x.ddq || task != REGRESSOR) && (!x.ddq || motion) && (x.tau || task != FORWARD) && (x.mass || (task != MASS && task != TERMS)),
+            "compute: an array is missing, or one too many");
+    if (task == FORWARD) {
+        double sum = 0.0;
+        for (int64_t e = 0; e < n * t.nq; ++e) sum += x.q[e];
+        for (int64_t e = 0; e < n * t.nv; ++e) sum += x.dq[e] + x.tau[e];
+        if (!std::isfinite(sum)) return PyLong_FromLong(-2);
+    }
     std::vector<int64_t> stops(threads > 1 ? (size_t)threads : 1, -1);
-    over_samples(n, threads, active->workspace(t, nullptr),
-                 [&](int i, int64_t lo, int64_t hi, char* memory) { stops[(size_t)i] = active->forward(t, x, lo, hi, memory); });
+    over_samples(n, threads, active->workspace(t, nullptr), [&](int i, int64_t lo, int64_t hi, char* memory) {
+        stops[(size_t)i] = active->task[task](t, plan, x, lo, hi, memory);
+    });
     for (int64_t stop : stops)
         if (stop >= 0) return PyLong_FromLongLong(stop);
     return PyLong_FromLong(-1);
@@ -336,9 +300,8 @@ template <PyObject* (*function)(PyObject* const*), int count> PyObject* call(PyO
 }
 
 #define METHOD(name, count) {#name, (PyCFunction)(void (*)())call<name, count>, METH_FASTCALL, nullptr}
-PyMethodDef methods[] = {METHOD(make_tree, 4), METHOD(make_plan, 7), METHOD(regressor, 8),        METHOD(inverse, 8), METHOD(mass, 6),
-                         METHOD(forward, 9),   METHOD(information, 13), METHOD(instruction_sets, 0), METHOD(use, 1),
-                         {nullptr, nullptr, 0, nullptr}};
+PyMethodDef methods[] = {METHOD(make_tree, 4),    METHOD(make_plan, 7),        METHOD(compute, 13), METHOD(information, 13),
+                         METHOD(instruction_sets, 0), METHOD(use, 1), {nullptr, nullptr, 0, nullptr}};
 PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", "Compiled rigid-body kernels.", -1, methods, nullptr, nullptr, nullptr, nullptr};
 
 }  // namespace

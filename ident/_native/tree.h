@@ -69,21 +69,21 @@ struct Plan {
 
 // Arrays of one call, samples first. Unused ones are null.
 struct Arrays {
+    const double *inertia, *added;   // inertia in renamed frames
     const double *q, *dq, *ddq, *tau, *extra, *weight;
     const uint8_t* valid;
-    const double *inertia, *added;   // inertia in renamed frames
-    double* out;
+    double *out, *mass;
 };
+
+// What can be had of each sample. TERMS: mass matrix and bias together.
+enum Task { REGRESSOR, INVERSE, MASS, TERMS, FORWARD, TASKS };
 
 // What one instruction set offers. Every function handles the samples lo ... hi-1 with memory that the caller owns.
 struct Kernel {
     const char* name;
     int lanes;
     size_t (*workspace)(const Tree&, const Plan*);
-    void (*regressor)(const Tree&, const Plan&, const Arrays&, int64_t lo, int64_t hi, char* memory);
-    void (*inverse)(const Tree&, const Arrays&, int64_t lo, int64_t hi, char* memory);
-    void (*mass)(const Tree&, const Arrays&, int64_t lo, int64_t hi, char* memory);
-    int64_t (*forward)(const Tree&, const Arrays&, int64_t lo, int64_t hi, char* memory);   // first singular sample or -1
+    int64_t (*task[TASKS])(const Tree&, const Plan*, const Arrays&, int64_t lo, int64_t hi, char* memory);   // first sample that fails, or -1
     // factors: per row `padded` x `padded`, updated in place
     void (*information)(const Tree&, const Plan&, const Arrays&, int64_t lo, int64_t hi, char* memory, double* const* factors);
     void (*merge)(const Plan&, char* memory, double* const* into, const double* const* from);

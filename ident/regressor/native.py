@@ -31,6 +31,8 @@ _STEP = np.dtype(
 )
 _EXTRA = np.dtype([("index", "i8"), ("column", "i8"), ("factor", "f8")])
 _REVOLUTE, _PRISMATIC, _FREE = range(3)
+_REGRESSOR, _INVERSE, _MASS, _TERMS, _FORWARD = range(5)
+_COMPUTE = _kernel.compute
 
 #: Place of I_ab among the ten parameters of a body.
 _INERTIA = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
@@ -211,7 +213,7 @@ def regressor(tree: RigidBodyTree, q: Array, dq: Array, ddq: Array, threads: int
     """Joint torque regressor (N, nv, 10 nb), gravity included."""
     own = compiled(tree)
     out = np.zeros((len(q), tree.nv, 10 * tree.nb))
-    _kernel.regressor(own.handle, own.whole, len(q), thread_count(threads), q, dq, ddq, out)
+    _COMPUTE(_REGRESSOR, own.handle, own.whole, None, None, len(q), thread_count(threads), q, dq, ddq, None, out, None)
     return out
 
 
@@ -219,7 +221,8 @@ def inverse_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, d
     """Joint torque (N, nv) by the recursive Newton-Euler algorithm."""
     own = compiled(tree)
     out = np.empty((len(q), tree.nv))
-    _kernel.inverse(own.handle, own.inertia(inertia), len(q), thread_count(threads), q, dq, ddq, out)
+    pi = own.inertia(inertia)
+    _COMPUTE(_INVERSE, own.handle, None, pi, None, len(q), thread_count(threads), q, dq, ddq, None, out, None)
     return out
 
 
@@ -231,9 +234,10 @@ def bias_torque(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, thread
 def mass_matrix(tree: RigidBodyTree, inertia: Array, q: Array, threads: int | None = None) -> Array:
     """Joint-space mass matrix (N, nv, nv) by the composite-rigid-body algorithm."""
     own = compiled(tree)
-    out = np.empty((len(q), tree.nv, tree.nv))
-    _kernel.mass(own.handle, own.inertia(inertia), len(q), thread_count(threads), q, out)
-    return out
+    mass = np.empty((len(q), tree.nv, tree.nv))
+    pi = own.inertia(inertia)
+    _COMPUTE(_MASS, own.handle, None, pi, None, len(q), thread_count(threads), q, None, None, None, None, mass)
+    return mass
 
 
 def forward_dynamics(
@@ -242,7 +246,8 @@ def forward_dynamics(
     """Joint acceleration (N, nv) from (M + added) ddq = tau - bias."""
     own = compiled(tree)
     out = np.empty((len(q), tree.nv))
-    stop = _kernel.forward(own.handle, own.inertia(inertia), added, len(q), thread_count(threads), q, dq, tau, out)
+    pi = own.inertia(inertia)
+    stop = _COMPUTE(_FORWARD, own.handle, None, pi, added, len(q), thread_count(threads), q, dq, None, tau, out, None)
     if stop >= 0:
         raise singular(stop)
     return out
@@ -285,7 +290,7 @@ def information(
 
 
 class FixedDynamics:
-    """Forward dynamics of one tree with fixed parameters (see `rigid.dynamics`): arguments are only checked where the kernel refuses."""
+    """Dynamics of one tree with fixed parameters (see `rigid.dynamics`): arguments are only checked where the kernel refuses."""
 
     def __init__(self, tree: RigidBodyTree, inertia: Array, added: Array | None = None) -> None:
         own = compiled(tree)
@@ -293,23 +298,38 @@ class FixedDynamics:
         self._handle = own.handle
         self._inertia = own.inertia(np.ascontiguousarray(inertia, float))
         self._added = None if added is None or not np.any(added) else np.ascontiguousarray(added, float)
-        self._call = _kernel.forward
 
     def forward(self, q: Array, dq: Array, tau: Array, threads: int = 1) -> Array:
         """Acceleration (nv,) for one state, or (N, nv) for a batch. Raises DataError where M is singular or a value not finite."""
-        single = q.ndim == 1
-        count = 1 if single else len(q)
-        out = np.empty(self._nv if single else (count, self._nv))
+        # Written out for the single state, where every tenth of a microsecond in Python counts.
+        if q.ndim == 1:
+            count, out = 1, np.empty(self._nv)
+        else:
+            count, out = len(q), np.empty((len(q), self._nv))
         try:
-            stop = self._call(self._handle, self._inertia, self._added, count, threads, q, dq, tau, out)
+            stop = _COMPUTE(_FORWARD, self._handle, None, self._inertia, self._added, count, threads, q, dq, None, tau, out, None)
         except ValueError:  # not contiguous float64, or of the wrong size
-            q, dq, tau = numpy_kernel.fitting(q, dq, tau, count, self._nq, self._nv)
-            stop = self._call(self._handle, self._inertia, self._added, count, threads, q, dq, tau, out)
+            q, dq, tau = numpy_kernel.fitting(q.shape[:-1], q=(q, self._nq), dq=(dq, self._nv), tau=(tau, self._nv))
+            stop = _COMPUTE(_FORWARD, self._handle, None, self._inertia, self._added, count, threads, q, dq, None, tau, out, None)
         if stop >= 0:
             raise singular(stop)
         if stop == -2:
             raise not_finite()
         return out
+
+    def terms(self, q: Array, dq: Array, threads: int = 1) -> tuple[Array, Array]:
+        """Mass matrix (nv, nv), `added` not included, and bias (nv,) for one state; (N, nv, nv) and (N, nv) for a batch."""
+        n = self._nv
+        if q.ndim == 1:
+            count, mass, bias = 1, np.empty((n, n)), np.empty(n)
+        else:
+            count, mass, bias = len(q), np.empty((len(q), n, n)), np.empty((len(q), n))
+        try:
+            _COMPUTE(_TERMS, self._handle, None, self._inertia, None, count, threads, q, dq, None, None, bias, mass)
+        except ValueError:
+            q, dq = numpy_kernel.fitting(q.shape[:-1], q=(q, self._nq), dq=(dq, n))
+            _COMPUTE(_TERMS, self._handle, None, self._inertia, None, count, threads, q, dq, None, None, bias, mass)
+        return mass, bias
 
 
 #: The name under which integrators know it.

@@ -324,20 +324,27 @@ class FixedDynamics:
 
     def forward(self, q: Array, dq: Array, tau: Array, threads: int = 1) -> Array:
         """Acceleration (nv,) for one state, or (N, nv) for a batch. Raises DataError where M is singular or a value not finite."""
-        tree = self._tree
-        count = 1 if q.ndim == 1 else len(q)
-        q, dq, tau = fitting(q, dq, tau, count, tree.nq, tree.nv)
+        tree, lead = self._tree, q.shape[:-1]
+        q, dq, tau = fitting(lead, q=(q, tree.nq), dq=(dq, tree.nv), tau=(tau, tree.nv))
         if not all(np.isfinite(x).all() for x in (q, dq, tau)):
             raise not_finite()
         out = forward_dynamics(tree, self._inertia, np.atleast_2d(q), np.atleast_2d(dq), np.atleast_2d(tau), self._added)
         return out.reshape(dq.shape)
 
+    def terms(self, q: Array, dq: Array, threads: int = 1) -> tuple[Array, Array]:
+        """Mass matrix (nv, nv), `added` not included, and bias (nv,) for one state; (N, nv, nv) and (N, nv) for a batch."""
+        tree, lead = self._tree, q.shape[:-1]
+        q, dq = fitting(lead, q=(q, tree.nq), dq=(dq, tree.nv))
+        mass = mass_matrix(tree, self._inertia, np.atleast_2d(q))
+        return mass.reshape(*lead, tree.nv, tree.nv), bias_torque(tree, self._inertia, np.atleast_2d(q), np.atleast_2d(dq)).reshape(
+            dq.shape
+        )
 
-def fitting(q: Array, dq: Array, tau: Array, count: int, nq: int, nv: int) -> list[Array]:
-    """State and torque as contiguous float64 of shape (n,) or (count, n)."""
-    lead = () if q.ndim == 1 else (count,)
+
+def fitting(lead: tuple[int, ...], **given: tuple[Array, int]) -> list[Array]:
+    """Arrays, each given with its width, as contiguous float64 of shape (*lead, width). Raises ConfigurationError."""
     arrays = []
-    for name, values, width in (("q", q, nq), ("dq", dq, nv), ("tau", tau, nv)):
+    for name, (values, width) in given.items():
         array = np.ascontiguousarray(values, dtype=np.float64)
         if array.shape != (*lead, width):
             raise ConfigurationError(f"{name}: expected shape {(*lead, width)}, but it is {array.shape}.")

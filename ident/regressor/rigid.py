@@ -68,14 +68,17 @@ def forward_dynamics(
 
 
 class Dynamics(Protocol):
-    """Forward dynamics with fixed parameters, for integrators."""
+    """Dynamics with fixed parameters, for integrators: one state (1-D arrays) or a batch of N."""
 
     def forward(self, q: Array, dq: Array, tau: Array, threads: int = 1) -> Array:
-        """Acceleration (nv,) for one state (1-D arrays), or (N, nv) for a batch."""
+        """Acceleration (nv,) or (N, nv)."""
+
+    def terms(self, q: Array, dq: Array, threads: int = 1) -> tuple[Array, Array]:
+        """Mass matrix (nv, nv) or (N, nv, nv), without `added`, and bias torque (nv,) or (N, nv)."""
 
 
 def dynamics(tree: RigidBodyTree, inertia: Any, added: Any = None) -> Dynamics:
-    """Forward dynamics of a tree with fixed parameters: checked once here, then as little as possible around each call.
+    """Dynamics of a tree with fixed parameters: checked once here, then as little as possible around each call.
 
     `inertia` (10 nb,), `added` (nv, nv) as in `forward_dynamics`. States that are not finite raise DataError."""
     made: Dynamics = kernel().FixedDynamics(tree, _inertia(tree, inertia), added_inertia(tree, added))

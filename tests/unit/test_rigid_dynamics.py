@@ -142,6 +142,10 @@ def test_fixed_dynamics_for_integrators(name, puma):
         assert difference(single, wanted[4]) < 1e-13
         assert difference(fixed.forward(q[4], dq[4].astype(np.float32).astype(float), tau[::1][4]), single) < 1e-6
         assert np.array_equal(fixed.forward(np.asfortranarray(q)[:, :], dq, tau), fixed.forward(q, dq, tau))
+        for some in (slice(None), 3):
+            mass, bias = fixed.terms(q[some], dq[some])
+            assert difference(mass, kernel.mass_matrix(puma.tree, puma.nominal, q)[some]) < 1e-14
+            assert difference(bias, kernel.bias_torque(puma.tree, puma.nominal, q, dq)[some]) < 1e-13
         with pytest.raises(DataError, match="not finite"):
             fixed.forward(np.full(6, np.nan), dq[0], tau[0])
         with pytest.raises(ConfigurationError, match="expected shape"):

@@ -88,22 +88,28 @@ def test_compiled_module_checks_sizes_and_records():
     q = np.zeros((3, 6))
     out = np.zeros((3, 6))
     inertia = np.zeros(60)
+
+    def compute(handle, q, dq, ddq, out):
+        kernel.compute(1, handle, None, inertia, None, 3, 1, q, dq, ddq, None, out, None)
+
     with pytest.raises(ValueError, match="q: expected 144 bytes, given 96"):
-        kernel.inverse(own.handle, inertia, 3, 1, q[:2], q, q, out)
+        compute(own.handle, q[:2], q, q, out)
     with pytest.raises(ValueError, match="not an array of float64"):
-        kernel.inverse(own.handle, inertia, 3, 1, q.astype(int), q, q, out)
+        compute(own.handle, q.astype(int), q, q, out)
     with pytest.raises(ValueError, match="not a contiguous array"):
-        kernel.inverse(own.handle, inertia, 3, 1, np.zeros((3, 12))[:, ::2], q, q, out)
+        compute(own.handle, np.zeros((3, 12))[:, ::2], q, q, out)
     with pytest.raises(ValueError, match="array is missing"):
-        kernel.inverse(own.handle, inertia, 3, 1, None, q, q, out)
+        compute(own.handle, None, q, q, out)
     with pytest.raises(ValueError, match="expected a tree"):
-        kernel.inverse(own.whole, inertia, 3, 1, q, q, q, out)
-    with pytest.raises(TypeError, match="expected 8 arguments, given 1"):
-        kernel.inverse(own.handle)
+        compute(own.whole, q, q, q, out)
+    with pytest.raises(TypeError, match="expected 13 arguments, given 1"):
+        kernel.compute(own.handle)
+    with pytest.raises(ValueError, match="unknown task"):
+        kernel.compute(7, own.handle, None, inertia, None, 3, 1, q, q, q, None, out, None)
     frozen = out.copy()
     frozen.flags.writeable = False
     with pytest.raises(ValueError, match="out: not a contiguous array"):
-        kernel.inverse(own.handle, inertia, 3, 1, q, q, q, frozen)
+        compute(own.handle, q, q, q, frozen)
     bodies = own.bodies.copy()
     bodies["parent"][2] = 5
     with pytest.raises(ValueError, match="a body is out of range"):
