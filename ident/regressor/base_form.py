@@ -23,7 +23,7 @@ class BaseForm:
     `matrix` (b, 10 nb): coefficients of the link parameters, in Pinocchio's order per moving body, in the frames of the URDF;
     nb counts the bodies of the tree, so dependent joints of a loop are included, and a free-flyer is body 0.
     `rotor_matrix` (b, n): coefficients of the motors' reflected inertias (kg m^2, motor side), zero where they were not asked for.
-    `names` (b,), `expressions` (b,): short name and readable combination. `count_formula`: how b comes about.
+    `names` (b,): short names; `expressions` (b,): readable combinations. `count_formula`: how b comes about.
     `parameters` (10 nb,), `rotors` (n,): names of the columns. `robot`, `method`: whose set it is, and what found it. `notes`: what to
     know about it."""
 
@@ -32,7 +32,6 @@ class BaseForm:
     matrix: Array
     rotor_matrix: Array
     names: tuple[str, ...]
-    expressions: tuple[str, ...]
     count_formula: str
     parameters: tuple[str, ...]
     rotors: tuple[str, ...]
@@ -59,6 +58,12 @@ class BaseForm:
         return linked if rotor is None else linked + self.rotor_matrix @ np.asarray(rotor, float)
 
     @cached_property
+    def expressions(self) -> tuple[str, ...]:
+        """Each base parameter as a combination of link parameters (and rotor inertias), in words of `ident.regressor.expressions`."""
+        columns = self.columns
+        return tuple(expression(row, columns) for row in self.full)
+
+    @cached_property
     def lift(self) -> Array:
         """(10 nb + n, b), the smallest right inverse of `full`: lift @ values are parameters of the same dynamics, not physical ones."""
         full = self.full
@@ -82,6 +87,5 @@ def make_form(
 ) -> BaseForm:
     """A form without rotor inertia."""
     parameters = link_parameter_names(body_names(robot))
-    expressions = tuple(expression(row, parameters) for row in matrix)
     rotor = np.zeros((len(matrix), robot.n))
-    return BaseForm(robot, method, matrix, rotor, names, expressions, count_formula, parameters, rotor_names(robot), notes)
+    return BaseForm(robot, method, matrix, rotor, names, count_formula, parameters, rotor_names(robot), notes)

@@ -114,12 +114,22 @@ def joint_blocks(robot: Robot, length: float) -> list[Block]:
     """The blocks of a robot's tree, each after the one that holds its entrance; a free-flyer's body is in none."""
     tree, first = robot.tree, int(robot.floating_base)
     W, offset = robot.loop.W, robot.loop.offset
-    blocks = []
+    plans = []
     for bodies, entrance in _partition(tree, W, first):
         rows = [b - first for b in bodies]
         coordinates = tuple(int(a) for a in np.flatnonzero(np.abs(W[rows]).sum(axis=0) > 0))
-        blocks.append(_resolve(tree, bodies, entrance, coordinates, W[np.ix_(rows, coordinates)], offset[rows], length))
-    return blocks
+        plans.append(_Plan.make(tree, bodies, entrance, coordinates, W[np.ix_(rows, coordinates)], offset[rows], length))
+    blocks: dict[int, Block] = {}
+    for prismatic, nodes in ((False, _REVOLUTE), (True, _PRISMATIC)):
+        alike = [i for i, p in enumerate(plans) if len(p.bodies) == len(p.coordinates) == 1 and tree.prismatic[p.bodies[0]] == prismatic]
+        blocks |= zip(alike, _blocks(tree, [plans[i] for i in alike], nodes), strict=True)
+    for i, plan in enumerate(plans):
+        if i not in blocks:
+            for nodes in _node_sets(tree, plan):
+                (blocks[i],) = _blocks(tree, [plan], nodes)
+                if blocks[i].noise < _MOST_NOISE:
+                    break
+    return [blocks[i] for i in range(len(plans))]
 
 
 def _partition(tree: RigidBodyTree, W: Array, first: int) -> list[tuple[tuple[int, ...], int]]:
@@ -176,81 +186,100 @@ def _connected(parent: Array, members: set[int]) -> set[int]:
     return region
 
 
-def _resolve(
-    tree: RigidBodyTree, bodies: tuple[int, ...], entrance: int, coordinates: tuple[int, ...], W: Array, offset: Array, length: float
-) -> Block:
-    d = len(coordinates)
-    prismatic = tree.prismatic[list(bodies)]
-    unit = np.where(prismatic, 1.0 / length, 1.0)
-    rates, start = W * unit[:, None], offset * unit
-    scale = np.ones(d)
-    for a in range(d):
-        scale[a] = 1.0 / np.abs(rates[:, a]).max()
-    rates = rates * scale
-    found = None
-    for nodes, to_coefficients, exact in _node_sets(tree, bodies, rates, prismatic):
-        poses = _poses(tree, bodies, start + nodes @ rates.T, rates, length)
-        found = _block(bodies, entrance, coordinates, poses, to_coefficients, scale, exact)
-        if found.noise < _MOST_NOISE:
-            break
-    assert found is not None
-    return found
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """A block before its functions are resolved. `rates` (r, d): joint positions (lengths in units of `length`) per unit of the
+    coordinates, which are scaled by `scale` so that the largest is one; `start` (r,): joint positions at zero."""
+
+    bodies: tuple[int, ...]
+    entrance: int
+    coordinates: tuple[int, ...]
+    rates: Array
+    start: Array
+    scale: Array
+    length: float
+
+    @classmethod
+    def make(
+        cls,
+        tree: RigidBodyTree,
+        bodies: tuple[int, ...],
+        entrance: int,
+        coordinates: tuple[int, ...],
+        W: Array,
+        offset: Array,
+        length: float,
+    ) -> _Plan:
+        unit = np.where(tree.prismatic[list(bodies)], 1.0 / length, 1.0)
+        rates = W * unit[:, None]
+        scale = 1.0 / np.abs(rates).max(axis=0, initial=0.0)
+        return cls(bodies, entrance, coordinates, rates * scale, offset * unit, scale, length)
 
 
-def _block(
-    bodies: tuple[int, ...],
-    entrance: int,
-    coordinates: tuple[int, ...],
-    poses: tuple[Array, Array, Array],
-    to_coefficients: Array,
-    scale: Array,
-    exact: bool,
-) -> Block:
-    """The block from poses, their derivatives and inverses at its nodes."""
-    G, dG, inverse = poses
-    M, r = G.shape[:2]
-    Y = np.swapaxes(G, -1, -2)[:, :, None] @ ENERGY_BASIS @ G[:, :, None]  # (M, r, 10, 4, 4)
-    transport = Y.reshape(M, r, 10, 16) @ _FLAT_INERTIA.T
-    carried = _UNIT_TWISTS @ G[:, :, None]  # (M, r, 6, 4, 4)
-    cross = energy_vector(carried[:, :, :, None], dG[:, :, None])  # (M, r, 6, d, 10)
-    own = energy_vector(dG[:, :, :, None], dG[:, :, None])  # (M, r, d, d, 10)
-    carry = twist_vector(inverse[:, :, None] @ carried)
-    rate = twist_vector(inverse[:, :, None] @ dG)
+#: Nodes (M, d), the map from node values to coefficients (F, M), and whether these are exact.
+_Nodes = tuple[Array, Array, bool]
 
-    largest = max((float(np.abs(v).max()) for v in (transport, cross, own, carry, rate) if v.size), default=0.0)
-    noise = float(np.finfo(float).eps * np.linalg.norm(to_coefficients, 2) * np.sqrt(M) * largest)
 
-    def coefficients(values: Array) -> Array:
-        return np.tensordot(to_coefficients, values, axes=1)
-
-    def side_by_side(values: Array) -> Array:  # (F, r, ..., 10) -> (F, ..., 10 r)
-        moved = np.moveaxis(values, 1, -2)
-        return moved.reshape(*moved.shape[:-2], 10 * r)
-
-    return Block(
-        bodies,
-        entrance,
-        coordinates,
-        side_by_side(coefficients(transport)),
-        side_by_side(coefficients(cross)),
-        side_by_side(coefficients(own)),
-        coefficients(carry),
-        coefficients(rate),
-        scale,
-        exact,
-        noise,
+def _blocks(tree: RigidBodyTree, plans: list[_Plan], nodes: _Nodes) -> list[Block]:
+    """Blocks of the same shape (r bodies, d coordinates), from the same nodes."""
+    if not plans:
+        return []
+    at, to_coefficients, exact = nodes
+    poses = [_poses(tree, plan, at) for plan in plans]
+    G, dG = np.stack([p[0] for p in poses]), np.stack([p[1] for p in poses])  # (B, M, r, 4, 4), (B, M, r, d, 4, 4)
+    M, r = G.shape[1:3]
+    inverse = np.zeros_like(G)
+    turned = np.swapaxes(G[..., :3, :3], -1, -2)
+    inverse[..., :3, :3] = turned
+    inverse[..., :3, 3] = -(turned @ G[..., :3, 3, None])[..., 0]
+    inverse[..., 3, 3] = 1.0
+    Y = np.swapaxes(G, -1, -2)[..., None, :, :] @ ENERGY_BASIS @ G[..., None, :, :]  # (B, M, r, 10, 4, 4)
+    carried = _UNIT_TWISTS @ G[..., None, :, :]  # (B, M, r, 6, 4, 4)
+    values = (
+        Y.reshape(*Y.shape[:-2], 16) @ _FLAT_INERTIA.T,
+        energy_vector(carried[..., :, None, :, :], dG[..., None, :, :, :]),  # (B, M, r, 6, d, 10)
+        energy_vector(dG[..., :, None, :, :], dG[..., None, :, :, :]),  # (B, M, r, d, d, 10)
+        twist_vector(inverse[..., None, :, :] @ carried),
+        twist_vector(inverse[..., None, :, :] @ dG),
     )
+    amplification = np.finfo(float).eps * float(np.linalg.norm(to_coefficients, 2)) * np.sqrt(M)
+    resolved = []
+    for k, value in enumerate(values):
+        flat = to_coefficients @ value.reshape(len(plans), M, -1)
+        coefficients = flat.reshape(len(plans), len(to_coefficients), *value.shape[2:])
+        if k < 3:  # (B, F, r, ..., 10) -> (B, F, ..., 10 r)
+            coefficients = np.moveaxis(coefficients, 2, -2)
+            coefficients = coefficients.reshape(*coefficients.shape[:-2], 10 * r)
+        resolved.append(coefficients)
+    largest = [max((float(np.abs(v[b]).max()) for v in values if v.size), default=0.0) for b in range(len(plans))]
+    transport, cross, own, carry, rate = resolved
+    return [
+        Block(
+            plan.bodies,
+            plan.entrance,
+            plan.coordinates,
+            transport[b],
+            cross[b],
+            own[b],
+            carry[b],
+            rate[b],
+            plan.scale,
+            exact,
+            amplification * largest[b],
+        )
+        for b, plan in enumerate(plans)
+    ]
 
 
-def _poses(tree: RigidBodyTree, bodies: tuple[int, ...], theta: Array, rates: Array, length: float) -> tuple[Array, Array, Array]:
-    """Poses (M, r, 4, 4) from the entrance, their derivatives by the coordinates (M, r, d, 4, 4), and inverse poses."""
+def _poses(tree: RigidBodyTree, plan: _Plan, nodes: Array) -> tuple[Array, Array]:
+    """Poses (M, r, 4, 4) from the entrance, and their derivatives by the coordinates (M, r, d, 4, 4)."""
+    theta = plan.start + nodes @ plan.rates.T
     M, r = theta.shape
-    d = rates.shape[1]
-    G, dG = np.zeros((M, r, 4, 4)), np.zeros((M, r, d, 4, 4))
-    place = {body: i for i, body in enumerate(bodies)}
-    for i, body in enumerate(bodies):
+    G, dG = np.zeros((M, r, 4, 4)), np.zeros((M, r, plan.rates.shape[1], 4, 4))
+    place = {body: i for i, body in enumerate(plan.bodies)}
+    for i, body in enumerate(plan.bodies):
         fixed = np.eye(4)
-        fixed[:3, :3], fixed[:3, 3] = tree.rotation[body], tree.translation[body] / length
+        fixed[:3, :3], fixed[:3, 3] = tree.rotation[body], tree.translation[body] / plan.length
         u = tree.axis[body]
         moving, turning = np.zeros((M, 4, 4)), np.zeros((M, 4, 4))
         moving[:, 3, 3] = 1.0
@@ -259,37 +288,31 @@ def _poses(tree: RigidBodyTree, bodies: tuple[int, ...], theta: Array, rates: Ar
             moving[:, :3, 3] = theta[:, i, None] * u
             turning[:, :3, 3] = u
         else:
-            along, skew = np.outer(u, u), twist_matrix(np.r_[0, 0, 0, u])[:3, :3]
+            across = np.eye(3) - u[:, None] * u
+            skew = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
             c, s = np.cos(theta[:, i])[:, None, None], np.sin(theta[:, i])[:, None, None]
-            moving[:, :3, :3] = along + c * (np.eye(3) - along) + s * skew
-            turning[:, :3, :3] = -s * (np.eye(3) - along) + c * skew
+            moving[:, :3, :3] = np.eye(3) - across + c * across + s * skew
+            turning[:, :3, :3] = c * skew - s * across
         local, change = fixed @ moving, fixed @ turning
+        rate = plan.rates[i][:, None, None]
         before = place.get(int(tree.parent[body]))
         if before is None:
-            G[:, i] = local
-            dG[:, i] = change[:, None] * rates[i][:, None, None]
+            G[:, i], dG[:, i] = local, change[:, None] * rate
         else:
             G[:, i] = G[:, before] @ local
-            dG[:, i] = dG[:, before] @ local[:, None] + (G[:, before] @ change)[:, None] * rates[i][:, None, None]
-    inverse = np.zeros_like(G)
-    turned = np.swapaxes(G[..., :3, :3], -1, -2)
-    inverse[..., :3, :3] = turned
-    inverse[..., :3, 3] = -(turned @ G[..., :3, 3, None])[..., 0]
-    inverse[..., 3, 3] = 1.0
-    return G, dG, inverse
+            dG[:, i] = dG[:, before] @ local[:, None] + (G[:, before] @ change)[:, None] * rate
+    return G, dG
 
 
-def _node_sets(tree: RigidBodyTree, bodies: tuple[int, ...], rates: Array, prismatic: Array) -> Iterator[tuple[Array, Array, bool]]:
-    """Nodes (M, d), the map from node values to coefficients (F, M), and whether it is exact; the best first."""
+def _node_sets(tree: RigidBodyTree, plan: _Plan) -> Iterator[_Nodes]:
+    """Nodes for a block of several joints, the best first."""
+    bodies, rates = plan.bodies, plan.rates
     d = rates.shape[1]
     if d == 0:
         yield np.zeros((1, 0)), np.ones((1, 1)), True
         return
-    if len(bodies) == 1 and d == 1:
-        yield _PRISMATIC if tree.prismatic[bodies[0]] else _REVOLUTE
-        return
     functions = _functions(tree, bodies, rates)
-    turning = np.where(prismatic[:, None], 0.0, np.abs(rates))
+    turning = np.where(tree.prismatic[list(bodies)][:, None], 0.0, np.abs(rates))
     # One period of the slowest wave of each coordinate; where there are only powers, one unit.
     period = np.array([np.pi / min((w for w in column if w > 0), default=np.pi) for column in turning.T])
     if functions is not None:
@@ -364,13 +387,13 @@ def _evaluate(function: _Function, nodes: Array, reach: Array) -> Array:
     return value
 
 
-def _single_revolute() -> tuple[Array, Array, bool]:
+def _single_revolute() -> _Nodes:
     angle = 2.0 * np.pi * np.arange(5) / 5.0
     waves = [np.ones(5), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)]
     return angle[:, None], np.linalg.inv(np.column_stack(waves)), True
 
 
-def _single_prismatic() -> tuple[Array, Array, bool]:
+def _single_prismatic() -> _Nodes:
     at = np.array([0.0, 1.0, -1.0])
     return at[:, None], np.linalg.inv(np.column_stack([np.ones(3), at, at**2])), True
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from .base_form import BaseForm, body_names, rotor_names
 from .degenerate import near_degenerate
-from .expressions import LINK_PREFERENCE, expression, link_parameter_names
+from .expressions import LINK_PREFERENCE, link_parameter_names
 from .joint_blocks import Block, joint_blocks, typical_length
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ TOLERANCE = 1e-12
 _FAINT = 1e-3
 #: A column becomes the name of a base parameter only with at least this share: keeps coefficients small.
 _PIVOT = 1e-2
+#: Everything there is to see: by number of columns (an energy vector has 10, a twist 6).
+_WHOLE = {size: np.eye(size) for size in range(1, 11)}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -95,12 +97,12 @@ class _Ranks:
         if not rows.any():
             return rows[:0]
         noise *= np.sqrt(len(rows))
-        if len(rows) > 4 * rows.shape[1]:
+        if len(rows) > 300:
             rows = np.asarray(np.linalg.qr(rows, mode="r"))
         _, s, Vt = np.linalg.svd(rows, full_matrices=False)
         r = int((s > max(self.tolerance, noise)).sum())
         if r == rows.shape[1] and s[-1] >= _FAINT:
-            return np.eye(r)
+            return _WHOLE[r]
         return np.minimum(s[:r] / _FAINT, 1.0)[:, None] * Vt[:r]
 
 
@@ -150,7 +152,6 @@ def base_set(robot: Robot, rotor_inertia: bool | Sequence[str] = False, toleranc
         matrix=full[:, :width],
         rotor_matrix=spread,
         names=tuple(columns[c] for c in kept),
-        expressions=tuple(expression(row, columns) for row in np.hstack([full[:, :width], spread])),
         count_formula=f"sum of what each joint adds: {terms or 0} = {len(full)}",
         parameters=parameters,
         rotors=motor_names,
@@ -179,7 +180,7 @@ def _propagate(
     pull = gravity / np.linalg.norm(gravity) if gravity.any() else gravity[:0]
     seen = {-1: _Seen(np.zeros((0, 10)), pull, pull, still)}
     if robot.floating_base:
-        seen[0] = _Seen(np.eye(10), np.eye(6), np.eye(6), still)
+        seen[0] = _Seen(_WHOLE[10], _WHOLE[6], _WHOLE[6], still)
         rows, rotors = np.eye(10, 10 * tree.nb), np.zeros((10, m))
         pivots, dimensions = list(range(10)), [(names[0], 10)]
     done: list[int] = []
@@ -243,15 +244,25 @@ def _generated(block: Block, at: _Seen, k: Array, done: list[int]) -> tuple[Arra
 
 def _beyond(block: Block, i: int, at: _Seen, added: Array, ranks: _Ranks, rotors: bool) -> _Seen:
     """What is known at body i of a block, for the blocks that hang on it."""
-    energy = ranks.basis(np.vstack([at.energy @ block.transport[0][:, 10 * i : 10 * i + 10], added]), block.noise)
     carry, rate = block.carry[:, i], block.rate[:, i]
-    twists = ranks.basis(np.vstack([(at.twists @ carry).reshape(-1, 6), rate.reshape(-1, 6)]), block.noise)
+    # What is fully seen at the entrance stays fully seen after any motion.
+    if at.energy is _WHOLE[10]:
+        energy = at.energy
+    else:
+        carried = at.energy @ block.transport[0][:, 10 * i : 10 * i + 10]
+        energy = ranks.basis(np.vstack([carried, added]), block.noise)
+    twists = at.twists
+    if twists is not _WHOLE[6]:
+        twists = ranks.basis(np.vstack([(twists @ carry).reshape(-1, 6), rate.reshape(-1, 6)]), block.noise)
     if not rotors:
         return _Seen(energy, twists, twists, at.constant)
-    varying = np.vstack([(at.varying @ carry[0]), (at.twists @ carry[1:]).reshape(-1, 6), rate[1:].reshape(-1, 6)])
+    varying = at.varying
+    if varying is not _WHOLE[6]:
+        parts = [varying @ carry[0], (at.twists @ carry[1:]).reshape(-1, 6), rate[1:].reshape(-1, 6)]
+        varying = ranks.basis(np.vstack(parts), block.noise)
     constant = at.constant @ carry[0]
     constant[list(block.coordinates)] += rate[0]
-    return _Seen(energy, twists, ranks.basis(varying, block.noise), constant)
+    return _Seen(energy, twists, varying, constant)
 
 
 def _leading_columns(basis: Array, order: list[int]) -> list[int]:

@@ -170,9 +170,9 @@ def test_thirty_degrees_of_freedom_take_less_than_50_ms() -> None:
     base_set(robot)
     times = []
     for _ in range(7):
-        start = time.perf_counter()
+        start = time.process_time()
         base_set(robot, True)
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     assert min(times) < 0.05
 
 

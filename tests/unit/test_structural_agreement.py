@@ -54,7 +54,7 @@ def test_a_missing_direction_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         keep = [i for i, name in enumerate(form.names) if name != "R6x"]
         matrix = form.matrix[keep].copy()
         matrix[form.names.index("J5xy"), form.parameters.index("Iyy_joint5")] += 0.5
-        return replace(form, matrix=matrix, names=tuple(form.names[i] for i in keep), expressions=tuple(form.expressions[i] for i in keep))
+        return replace(form, matrix=matrix, names=tuple(form.names[i] for i in keep))
 
     monkeypatch.setitem(module._FORMS, "rotational", broken)
     found = agreement(load_robot("puma560"))
