@@ -16,6 +16,7 @@ from .model import Model
 from .motion import Motion
 from .noise import row_shape
 from .reference import Reference
+from .torque_error import TorqueError
 
 if TYPE_CHECKING:
     from .regressor.base import BaseReduction
@@ -78,6 +79,11 @@ class Problem:
         return self.signals.row_runs
 
     @property
+    def row_time(self) -> Array:
+        """Time (M,) of each row, s."""
+        return self.signals.row_time
+
+    @property
     def row_shape(self) -> Array | None:
         """Autocorrelation that the row filter gives to white torque noise; None where rows are the samples themselves."""
         row_filter = self.signals.row_filter
@@ -136,6 +142,10 @@ class Problem:
     def residual(self, values: Array) -> Array:
         """Measured minus predicted torque (M, n); NaN in rows that are not used."""
         return np.where(self.valid, self.tau - self.predict(values), np.nan)
+
+    def torque_error(self, values: Array, residual: Array | None = None) -> TorqueError:
+        """Error of the torque itself for base values (b,); `residual` if it is known."""
+        return TorqueError.of(self.residual(values) if residual is None else residual, self.tau)
 
     def with_reference(self, values: Array) -> Problem:
         """The same problem with the load predicted from all parameters' values (k,)."""

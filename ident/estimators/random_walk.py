@@ -139,7 +139,7 @@ class RandomWalk:
 
 def _blocks(problem: Problem, columns: Array, weights: Array, count: int) -> Iterator[tuple[float, slice, Array]]:
     """Time of the end, place in the rows, and weighted equations (r, b+1) of about `count` blocks; one never spans two runs."""
-    time = problem.signals.row_time
+    time = problem.row_time
     size = max(1, -(-len(problem.valid) // count))
     pending: list[Array] = []
     start = end = run = 0

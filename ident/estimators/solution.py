@@ -13,7 +13,6 @@ from ..noise import NoiseModel, fit_noise, noise_gram
 from ..problem import Rows
 from ..regressor.base import BaseReduction, preference, reduce_columns
 from ..status import Status, StatusCode
-from ..torque_error import TorqueError
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
@@ -136,7 +135,7 @@ def finish(
         values=solution.values,
         covariance=covariance,
         status=status,
-        fit_error=TorqueError.of(residual, problem.tau),
+        fit_error=problem.torque_error(full, residual),
         noise=noise,
         weights=weights,
         condition=solution.condition,
