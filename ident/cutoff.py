@@ -3,7 +3,7 @@
 Differentiating twice multiplies a position's noise by (2πf)². Per joint, the noise that a low-pass at f leaves in the
 acceleration is ∫₀^f L (2πν)⁴ dν = L (2π)⁴ f⁵/5, with L the level of the position's spectrum beyond the motion; it must stay
 below a small share of the acceleration's own power. Noise is seldom white (drives filter, stamps jitter), so L is the highest
-level found anywhere beyond 3 f. Where noise allows more than the motion needs, the motion decides."""
+level found anywhere beyond 3 f, or on any plateau. Where noise allows more than the motion needs, the motion decides."""
 
 from __future__ import annotations
 
@@ -28,6 +28,11 @@ _FEWEST_ROWS = 400.0
 HIGHEST = 0.2
 #: A joint that accelerates less than this share of the most accelerated one of its kind does not decide for all.
 _WEAK = 0.02
+#: The noise level at f is looked for beyond this multiple of f: nearer, the position's spectrum is still that of weak motion.
+_BEYOND = 3.0
+#: Once the share of noise exceeds this, higher frequencies are not looked at any more: beyond a filter in the drive the noise
+#: level falls, and what is noise would pass as motion. A smaller excess may be a stretch of weak motion before a stronger one.
+_TOLERATED = 1e-2
 _WINDOW = 1 << 17
 _MOST_WINDOWS = 32
 
@@ -80,7 +85,7 @@ def position_spectrum(pieces: Sequence[Array], rate: float) -> tuple[Array, Arra
     for piece, start in chosen:
         second = np.diff(piece[start : start + size + 2], 2, axis=0) * rate**2
         taper = np.hanning(len(second) + 2)[1:-1, None]
-        total += np.abs(np.fft.rfft((second - second.mean(axis=0)) * taper, size, axis=0)) ** 2 * 2 / rate
+        total += np.abs(np.fft.rfft(second * taper, size, axis=0)) ** 2 * 2 / rate
         weight += float(np.sum(taper**2))
     return np.fft.rfftfreq(size, 1 / rate), total / max(weight, 1e-300)
 
@@ -140,29 +145,35 @@ def _joint(f: Array, power: Array, transfer: Array, rate: float, cap: float, nam
     inside = np.flatnonzero((f > 0) & (f <= cap))
     if not len(inside) or signal[-1] <= 0:
         return JointSpectrum(name, noise, white, 0.0, 0.0, 0.0)
-    level = _level_beyond(f, position, rate, 3 * f[inside])
+    # Where the motion is: half the power of its velocity, on which noise weighs less.
+    speed = np.cumsum(np.divide(power, np.sqrt(transfer), out=np.zeros_like(power), where=transfer > 0)[inside])
+    start = int(np.searchsorted(speed, 0.5 * speed[-1]))
+    level = _noise_level(f, position, rate, _BEYOND * f[inside], _BEYOND * f[inside[start]])
     share = level * (2 * np.pi) ** 4 * f[inside] ** 5 / 5 / np.maximum(signal[inside], 1e-300)
-    good = np.flatnonzero(share <= NOISE_SHARE)
+    good = start + np.flatnonzero(share[start:] <= NOISE_SHARE)
     if not len(good):
         return JointSpectrum(name, noise, white, 0.0, 0.0, 0.0)
-    best = inside[good[-1]]
-    inner = signal[: best + 1]
+    over = np.flatnonzero(share[good[0] :] > _TOLERATED)
+    end = good[0] + int(over[0]) if len(over) else len(share)
+    best = int(good[good < end][-1])
+    inner = signal[: inside[best] + 1]
     return JointSpectrum(
         name,
         noise,
-        float(level[good[-1]]),
+        float(level[best]),
         math.sqrt(inner[-1]),
         float(f[np.searchsorted(inner, 0.99 * inner[-1])]),
-        float(f[best]),
+        float(f[inside[best]]),
     )
 
 
-def _level_beyond(f: Array, position: Array, rate: float, beyond: Array) -> Array:
-    """Highest level of the position's spectrum in any octave beyond each frequency of `beyond` (medians: lines do not count)."""
-    top = 0.45 * rate
-    edges = top * 2.0 ** np.arange(0, -40, -0.5)
+def _noise_level(f: Array, position: Array, rate: float, beyond: Array, motion: float) -> Array:
+    """Noise level of the position's spectrum, for each frequency of `beyond`: the highest of any octave beyond it (medians, so
+    that lines do not count), or of any plateau above `motion` (Hz). A plateau (two octaves within a factor of three) is noise
+    even where the spectrum falls again behind it, as behind a filter in the drive: the spectrum of a motion has none."""
+    edges = 0.45 * rate * 2.0 ** np.arange(-1, -40, -0.5)
     starts, levels = [], []
-    for low in edges[2:]:
+    for low in edges:
         octave = (f > low) & (f <= 2 * low)
         if octave.sum() < 4:
             break
@@ -170,7 +181,12 @@ def _level_beyond(f: Array, position: Array, rate: float, beyond: Array) -> Arra
         levels.append(float(np.median(position[octave])) / math.log(2))
     if not starts:
         return np.full(len(beyond), float(np.median(position[1:])) if len(position) > 1 else 0.0)
+    floor = 0.0
+    for k in range(4, len(levels)):
+        three = levels[k], levels[k - 2], levels[k - 4]
+        if starts[k] > motion and max(three) <= 3 * min(three):
+            floor = max(floor, *three)
     highest = np.maximum.accumulate(levels)
     # The last octave whose lower edge is at or above the frequency; the topmost where there is none.
     place = np.searchsorted(-np.array(starts), -beyond, side="right") - 1
-    return highest[np.clip(place, 0, len(highest) - 1)]
+    return np.maximum(highest[np.clip(place, 0, len(highest) - 1)], floor)

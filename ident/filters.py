@@ -17,6 +17,9 @@ Array = np.ndarray
 _FIRST = {2: (1 / 2,), 4: (2 / 3, -1 / 12), 6: (3 / 4, -3 / 20, 1 / 60), 8: (4 / 5, -1 / 5, 4 / 105, -1 / 280)}
 _SECOND = {2: (1.0,), 4: (4 / 3, -1 / 12), 6: (3 / 2, -3 / 20, 1 / 90), 8: (8 / 5, -1 / 5, 8 / 315, -1 / 560)}
 
+#: Orders of accuracy that differences are known for.
+ACCURACIES = tuple(_FIRST)
+
 
 def central_differences(q: Array, rate: float, accuracy: int = 6) -> tuple[Array, Array]:
     """First and second time derivative of uniform samples (N, n), each (N - accuracy, n).
@@ -50,7 +53,7 @@ def zero_phase_lowpass(x: Array, cutoff: float, rate: float, order: int = 4) -> 
     return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=pad))
 
 
-def butterworth_transient(cutoff: float, order: int = 4, remaining: float = 0.01) -> float:
+def butterworth_transient(cutoff: float, order: int = 4, remaining: float = 1e-3) -> float:
     """Seconds after which a step's transient has fallen to `remaining`: the decay of the slowest pole."""
     slowest = 2 * math.pi * cutoff * math.sin(math.pi / (2 * order))
     return math.log(1 / remaining) / slowest
@@ -120,7 +123,7 @@ class RowFilter:
     def apply(self, x: Array) -> Array:
         """Filter and decimate a run or a piece of it (L, …) along time: (count(L), …)."""
         x = np.asarray(x, float)
-        flat = x.reshape(len(x), -1)
+        flat = x.reshape(len(x), int(np.prod(x.shape[1:])))
         total = self.count(len(x))
         out = np.empty((total, flat.shape[1]))
         rows, band = self._block

@@ -13,7 +13,7 @@ import numpy as np
 
 from .cutoff import HIGHEST, CutoffChoice, choose_cutoff
 from .errors import ConfigurationError, DataError, unknown_name
-from .filters import RowFilter, butterworth_transient, central_differences, savitzky_golay_window, zero_phase_lowpass
+from .filters import ACCURACIES, RowFilter, butterworth_transient, central_differences, savitzky_golay_window, zero_phase_lowpass
 from .logs import Log, LogSet
 from .masks import Standstill
 from .prepared import Signals
@@ -152,6 +152,7 @@ class ZeroPhase(Preparation):
         if self.velocity not in list(Velocity):
             raise unknown_name("source of velocity", str(self.velocity), [v.value for v in Velocity])
         object.__setattr__(self, "velocity", Velocity(self.velocity))
+        _check_accuracy(self.accuracy)
         if self.order not in range(1, 11):
             raise ConfigurationError(f"[signals] order = {self.order!r} must be a whole number from 1 to 10.")
 
@@ -211,6 +212,10 @@ class CentralDifference(Preparation):
     decimate: bool | int = False
     accuracy: int = 2
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_accuracy(self.accuracy)
+
     @property
     def filters_positions(self) -> bool:
         return False
@@ -245,6 +250,11 @@ class Recorded(Preparation):
         assert run.dq is not None
         assert run.ddq is not None
         return Derived(run, run.q, run.dq, run.ddq, run.torque, offset=0).trimmed(self._margin(0.0, rate))
+
+
+def _check_accuracy(accuracy: int) -> None:
+    if accuracy not in ACCURACIES:
+        raise ConfigurationError(f"[signals] accuracy = {accuracy!r} is not known; differences may have accuracy {', '.join(map(str, ACCURACIES))}.")
 
 
 _STRATEGIES: tuple[type[Preparation], ...] = (ZeroPhase, SavitzkyGolay, CentralDifference, Recorded)

@@ -182,7 +182,7 @@ class Signals:
         """Parts of runs as runs of their own. `rows`: slices of rows, each within one run. The rows stay exactly the same."""
         samples, kept, labels = [], [], []
         for k, part in enumerate(rows):
-            start, stop, _ = part.indices(len(self.tau))
+            start, stop = int(part.start or 0), len(self.tau) if part.stop is None else int(part.stop)
             i = next((i for i, r in enumerate(self.row_runs) if r.start <= start and stop <= r.stop and start < stop), None)
             if i is None:
                 raise ConfigurationError(f"rows {start}:{stop} do not lie within one run of the signals.")

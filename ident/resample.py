@@ -29,12 +29,13 @@ class Clock:
         """The clock behind rising stamps (N,)."""
         steps = np.diff(t)
         step = float(np.median(steps))
+        resolution = stamp_resolution(t, step)
         usual = steps[steps < 3 * step]
-        if len(usual) and np.ptp(usual) < 0.2 * step:
-            # The mean is sharper than the median where steps are alike; with wide steps it would mix in what was dropped.
+        # The mean is sharper than the median where steps are alike but for rounding; else it would mix in dropped samples.
+        if len(usual) and np.ptp(usual) < max(0.2 * step, 2.1 * resolution if resolution < 0.5 * step else 0.0):
             step = float(usual.mean())
         jitter = float(np.sqrt(np.mean((usual - step) ** 2))) if len(usual) else 0.0
-        return cls(step, stamp_resolution(t, step), jitter)
+        return cls(step, resolution, jitter)
 
 
 def stamp_resolution(t: Array, step: float) -> float:
