@@ -14,6 +14,17 @@ def resolve(W: Array, b: Array) -> tuple[Array, Array]:
     `z` are the accelerations of p contacts at rest, `W` (p, p) what one unit of friction level takes from them. Block
     principal pivoting with Murty's least-index rule where blocks cycle (Júdice & Pires, 1994): finite for P-matrices, which
     a positive definite inertia with friction along the contacts' own directions gives."""
+    driving = np.diag(W) <= 0
+    if driving.any():
+        # Friction that feeds power in (parameters that are not physical) holds nothing: such a contact goes where it is pulled.
+        s, side = np.where(b < 0, -1.0, 1.0), np.where(b < 0, -1, 1)
+        rest = np.flatnonzero(~driving)
+        s[rest], side[rest] = _pivot(W[np.ix_(rest, rest)], b[rest] - W[np.ix_(rest, np.flatnonzero(driving))] @ s[driving])
+        return s, side
+    return _pivot(W, b)
+
+
+def _pivot(W: Array, b: Array) -> tuple[Array, Array]:
     p = len(b)
     W = W + 1e-13 * np.abs(W).max(initial=1e-300) * np.eye(p)  # parallel contacts share their load
     tolerance = 1e-12 * max(float(np.abs(b).max(initial=0.0)), 1e-300)

@@ -187,11 +187,15 @@ class Dynamics:
 
     def at_rest(self, modes: Array, v: Array) -> Array:
         """Joints or motors (B, n) bool with dry friction whose contact is held, or only just lets go or reverses."""
-        still = (modes == 0) | (np.abs(self.contact_speed(v)) <= 1e-12 * (np.abs(v) @ np.abs(self.contacts.T)))
+        still = (modes == 0) | self.standing(v)
         out = np.zeros((len(modes), self.n), bool)
         for surface in self._surfaces.values():
             out[:, surface.own] |= still[:, surface.contact]
         return out
+
+    def standing(self, v: Array) -> Array:
+        """Contacts (B, c) bool whose speed is nothing but rounding."""
+        return np.abs(self.contact_speed(v)) <= 1e-14 + 1e-12 * (np.abs(v) @ np.abs(self.contacts.T))
 
     def locked(self, modes: Array) -> bool:
         """Whether every coordinate of every run is held."""

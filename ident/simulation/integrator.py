@@ -14,7 +14,7 @@ from ..errors import DataError
 from .dynamics import Dynamics, Input, Response, State
 
 Array = np.ndarray
-_EVENTS_PER_STEP = 64
+_EVENTS_PER_STEP = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,9 +34,7 @@ class Phase:
 def begin(dynamics: Dynamics, state: State, drive: Input, modes: Array | None = None, guess: Array | None = None) -> Phase:
     """The phase at a state: contacts at rest settle under the present torque. `modes`: those so far; none at the very start."""
     if modes is None:
-        speed = dynamics.contact_speed(state.v)
-        scale = np.abs(state.v) @ np.abs(dynamics.contacts.T)
-        modes = np.where(np.abs(speed) <= 1e-12 * scale, 0, np.sign(speed)).astype(np.int8)
+        modes = np.where(dynamics.standing(state.v), 0, np.sign(dynamics.contact_speed(state.v))).astype(np.int8)
         modes = dynamics.settle(state, drive, modes, guess)
     response = dynamics.respond(state, drive, modes, guess)
     if modes.all():

@@ -1,11 +1,8 @@
-"""Inertia matrix and bias torque of the rigid body at a few states at a time, as fast as a single state can be had.
-
-`ident.regressor.rigid` is made for many samples; a simulation asks for one state (or a few parallel runs) hundreds of
-thousands of times, where the cost of a call is what counts."""
+"""Inertia matrix and bias torque of the rigid body at a few states at a time, as fast as a single state can be had."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -19,20 +16,43 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
+class _Terms(Protocol):
+    def terms(self, q: Array, dq: Array) -> tuple[Array, Array]: ...
+
+
 class RigidDynamics:
     """`H(q)` and `h(q, dq)` of a robot's independent joints, gravity included, loop closure applied: τ = H ddq + h.
 
     `inertia` (10 nb,): linear parameters of all bodies; they need not be physical. Raises UnsupportedError for a free-flyer."""
 
     def __init__(self, robot: Robot, inertia: Array) -> None:
+        from ..regressor import numpy_kernel, rigid
+
         require_fixed_base(robot)
         self._robot = robot
         self._trivial = robot.loop.is_trivial
         self._W = robot.loop.W
-        self._upper = np.triu(np.ones((len(self._W), len(self._W)), bool))
+        inertia = np.asarray(inertia, float)
+        # One state in NumPy costs a thousand calls of it; without the compiled kernel Pinocchio is the faster way.
+        slow = rigid.kernel() is numpy_kernel
+        self._tree: _Terms = PinocchioTerms(robot, inertia) if slow else rigid.dynamics(robot.tree, inertia)
+
+    def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        """`H` (B, n, n) and `h` (B, n) at states q, dq (B, n) of the independent joints."""
+        if self._trivial:
+            return self._tree.terms(q, dq)
+        H, h = self._tree.terms(self._robot.tree_position(q), self._robot.tree_rate(dq))
+        return self._W.T @ H @ self._W, h @ self._W
+
+
+class PinocchioTerms:
+    """The same of all tree joints through Pinocchio, state by state; `inertia` (10 nb,)."""
+
+    def __init__(self, robot: Robot, inertia: Array) -> None:
         # Pinocchio divides the first moment by the mass. Bodies whose mass is too small for that get a point mass at
         # their frame, and the dynamics of those point masses alone, linear as they are, are subtracted again.
         bodies = np.asarray(inertia, float).reshape(-1, 10)
+        self._upper = np.triu(np.ones((len(bodies), len(bodies)), bool))
         added = _ballast(bodies)
         loaded = bodies.copy()
         loaded[:, 0] += added
@@ -43,11 +63,9 @@ class RigidDynamics:
             self._systems.append((-1.0, *_pinocchio(robot, ballast)))
 
     def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """`H` (B, n, n) and `h` (B, n) at states q, dq (B, n) of the independent joints."""
+        """Mass matrix (B, nv, nv) and bias (B, nv)."""
         import pinocchio as pin
 
-        if not self._trivial:
-            q, dq = self._robot.tree_position(q), self._robot.tree_rate(dq)
         lanes, nv = q.shape
         H = np.zeros((lanes, nv, nv))
         h = np.zeros((lanes, nv))
@@ -56,10 +74,7 @@ class RigidDynamics:
                 H[lane] += sign * pin.crba(model, data, q[lane])
                 h[lane] += sign * pin.nonLinearEffects(model, data, q[lane], dq[lane])
         # crba fills the upper triangle alone.
-        H = np.where(self._upper, H, np.swapaxes(H, 1, 2))
-        if self._trivial:
-            return H, h
-        return self._W.T @ H @ self._W, h @ self._W
+        return np.where(self._upper, H, np.swapaxes(H, 1, 2)), h
 
 
 def require_fixed_base(robot: Robot) -> None:

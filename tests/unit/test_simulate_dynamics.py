@@ -14,7 +14,7 @@ from ident.robot import Robot
 from ident.robots import load_robot, nominal_values
 from ident.simulate import Plant, Schedule, simulate
 from ident.simulation.forces import ForceModel
-from ident.simulation.rigid import RigidDynamics
+from ident.simulation.rigid import PinocchioTerms, RigidDynamics
 from ident.transmission import Side, Transmission
 
 
@@ -77,9 +77,10 @@ def test_parameters_without_mass_give_the_same_dynamics_as_the_general_kernel() 
     inertia = rng.normal(size=70)
     inertia[0::10] = rng.choice([0.0, -0.3, 1e-9, 2.0], 7)
     q, dq = rng.normal(size=(9, 7)), rng.normal(size=(9, 7))
-    H, h = RigidDynamics(robot, inertia).terms(q, dq)
-    np.testing.assert_allclose(H, mass_matrix(robot.tree, inertia, q), atol=1e-11)
-    np.testing.assert_allclose(h, bias_torque(robot.tree, inertia, q, dq), atol=1e-11)
+    for terms in (RigidDynamics(robot, inertia), PinocchioTerms(robot, inertia)):
+        H, h = terms.terms(q, dq)
+        np.testing.assert_allclose(H, mass_matrix(robot.tree, inertia, q), atol=1e-11)
+        np.testing.assert_allclose(h, bias_torque(robot.tree, inertia, q, dq), atol=1e-11)
 
 
 def test_loop_closure_moves_the_whole_tree() -> None:
@@ -158,13 +159,13 @@ class _Wind(ForceModel):
 
     side = Side.JOINT
 
-    def start(self, motion, robot):  # noqa: ANN001, ANN201
+    def start(self, motion, robot):
         return np.full((len(motion), 1), 3.0)
 
-    def rate(self, motion, state, robot):  # noqa: ANN001, ANN201
+    def rate(self, motion, state, robot):
         return -2.0 * state
 
-    def torque(self, motion, state, robot):  # noqa: ANN001, ANN201
+    def torque(self, motion, state, robot):
         return state * np.ones((1, robot.n))
 
 

@@ -39,8 +39,11 @@ def test_a_sliding_block_stops_where_it_must_and_stays() -> None:
     moving = run.t < stop
     np.testing.assert_allclose(run.q[moving, 0], 1.1 * run.t[moving] - 0.5 * a * run.t[moving] ** 2, atol=1e-12)
     np.testing.assert_allclose(run.q[~moving, 0], 1.1**2 / (2 * a), atol=1e-12)
-    assert np.all(run.dq[~moving] == 0) and np.all(run.ddq[~moving] == 0) and np.all(run.friction[~moving] == 0)
-    assert run.held[~moving].all() and not run.held[moving].any()
+    assert np.all(run.dq[~moving] == 0)
+    assert np.all(run.ddq[~moving] == 0)
+    assert np.all(run.friction[~moving] == 0)
+    assert run.held[~moving].all()
+    assert not run.held[moving].any()
 
 
 def test_stick_on_a_slope_and_letting_go_at_the_limit() -> None:
@@ -78,7 +81,7 @@ def test_reversal_under_a_sine_passes_without_chatter() -> None:
 
 
 @pytest.mark.parametrize("friction", [Coulomb(), AsymmetricCoulomb(), Stribeck(v_s=0.2)])
-def test_every_law_that_jumps_holds_within_its_own_limits(friction) -> None:  # noqa: ANN001
+def test_every_law_that_jumps_holds_within_its_own_limits(friction) -> None:
     robot = pendulum()
     model = robot.rigid_body() + RotorInertia() + Coulomb() + friction if friction.name != "coulomb" else robot.rigid_body() + RotorInertia() + Coulomb()
     extra = [0.3] * (len(model.parameters) - 12)
@@ -87,7 +90,8 @@ def test_every_law_that_jumps_holds_within_its_own_limits(friction) -> None:  # 
     tau = model.inverse_dynamics(up.q, up.dq, up.ddq, values)
     moving = ~up.held[:, 0]
     np.testing.assert_allclose(tau[moving], up.tau[moving], atol=1e-11)
-    assert up.held[-1, 0] and np.ptp(up.q[-20:]) == 0
+    assert up.held[-1, 0]
+    assert np.ptp(up.q[-20:]) == 0
 
 
 def test_held_motor_of_a_coupled_wrist_turns_nothing_else_off() -> None:
@@ -135,20 +139,28 @@ def test_friction_that_grows_with_load_holds_a_load_it_may_hold() -> None:
             np.testing.assert_allclose(model.inverse_dynamics(run.q, run.dq, run.ddq, values)[1:], run.tau[1:], atol=1e-10)
 
 
+def test_friction_of_the_wrong_sign_still_moves() -> None:
+    """An estimate may have a negative Coulomb parameter. Replaying it must neither hang nor hold."""
+    run = simulate(_block(-0.5), torque=np.sin(np.arange(401) / 40.0)[:, None], start=(np.zeros(1), np.zeros(1)), rate=400.0)
+    moving = ~run.held[:, 0]
+    np.testing.assert_allclose((2 * run.ddq - 0.5 * np.sign(run.dq))[moving], run.tau[moving], atol=1e-12)
+    assert moving.sum() > 390
+
+
 class _Bristle(ForceModel):
     """Dahl friction with a state that follows the path."""
 
     side = Side.JOINT
 
-    def start(self, motion, robot):  # noqa: ANN001, ANN201
+    def start(self, motion, robot):
         return np.zeros((len(motion), robot.n))
 
-    def carried(self, before, state, now, robot):  # noqa: ANN001, ANN201
+    def carried(self, before, state, now, robot):
         way = now.joint.q - before.joint.q
         s = np.sign(way)
         return s + (state - s) * np.exp(-np.abs(way) / 1e-3)
 
-    def torque(self, motion, state, robot):  # noqa: ANN001, ANN201
+    def torque(self, motion, state, robot):
         return 2.0 * state
 
 
@@ -189,7 +201,8 @@ def test_backlash_leaves_the_link_alone_within_the_gap() -> None:
     run = simulate(plant, torque=np.full((401, 1), 0.05), start=(np.zeros(1), np.zeros(1)), rate=1000.0, step=2e-4)
     play = (run.motor.q * 0.01 - run.q)[:, 0]
     free = play < 0.01 - 1e-12
-    assert free[:20].all() and not free.all()
+    assert free[:20].all()
+    assert not free.all()
     first = np.flatnonzero(~free)[0]
     np.testing.assert_allclose(run.q[:first], 0.0, atol=1e-15)
 
