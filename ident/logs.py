@@ -32,7 +32,7 @@ class Log:
     `t` (N,) s, rising, otherwise as recorded; `q` (N, n) on the joint side, or None where only `q_motor` (N, n) was logged.
     `dq`, `ddq`, `dq_motor` (N, n): measured ones, else None. `tau`: by "joint", "motor" (torque) or "current" → (N, n); a joint
     without torque has a column of NaN. `source`, `sha256`: the file. `extra`: other numeric columns (N,).
-    `notes`: what was repaired or left out when reading."""
+    `notes`: what was repaired or left out when reading. `origin`: time at which the recording began, where this is a part of it."""
 
     name: str
     t: Array
@@ -46,6 +46,7 @@ class Log:
     sha256: str = ""
     extra: Mapping[str, Array] = field(default_factory=dict, repr=False)
     notes: tuple[str, ...] = ()
+    origin: float | None = None
 
     def __post_init__(self) -> None:
         positions = self.q if self.q is not None else self.q_motor
@@ -74,6 +75,11 @@ class Log:
     def duration(self) -> float:
         """Seconds from the first to the last sample."""
         return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
+
+    @property
+    def began(self) -> float:
+        """Time at which the recording began."""
+        return self.origin if self.origin is not None else float(self.t[0]) if len(self.t) else 0.0
 
     def position(self, transmission: Transmission) -> Array:
         """Joint positions (N, n), from the motors' where only those were logged."""
@@ -105,6 +111,7 @@ class Log:
             dq_motor=cut(self.dq_motor),
             tau={k: v[selection] for k, v in self.tau.items()},
             extra={k: v[selection] for k, v in self.extra.items()},
+            origin=self.began,
         )
 
 

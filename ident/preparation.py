@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from typing import Any, ClassVar
 
@@ -87,7 +87,8 @@ class Preparation(ABC):
             raise ConfigurationError(f"[signals] cutoff_hz = {cutoff:g} must be below half the sample rate ({0.5 * uniform.rate:g} Hz).")
         row_filter = self._row_filter(cutoff, uniform.rate)
         derived = [self._derive(run, uniform.rate, cutoff, row_filter) for run in uniform.runs]
-        return assemble(self, robot, recordings, uniform, derived, row_filter, choice, cutoff, chosen.inputs)
+        signals = assemble(self, robot, recordings, uniform, derived, row_filter, choice, cutoff, chosen.inputs)
+        return replace(signals, source=chosen)
 
     def config(self) -> dict[str, Any]:
         """The strategy's settings, as `make_preparation` takes them."""

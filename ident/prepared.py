@@ -14,6 +14,7 @@ from .errors import ConfigurationError, DataError, unknown_name
 from .filters import RowFilter
 
 if TYPE_CHECKING:
+    from .logs import LogSet
     from .robot import Robot
 
 Array = np.ndarray
@@ -100,7 +101,8 @@ class Signals:
 
     `t` (N,) s; `q`, `dq`, `ddq` (N, n) joint side; `torque` (N, n) on the measured side at full rate, not filtered (NaN where
     missing); `tau` (M, n) on the measured side, filtered like the rows; `valid` (M, n): the row may be used; `runs`: the
-    samples of each uniform run; `rate` in Hz; `row_filter` acts on both sides of the equation (None: rows are samples)."""
+    samples of each uniform run; `rate` in Hz; `row_filter` acts on both sides of the equation (None: rows are samples). `origins`: for each
+    run the time at which its recording began (its first sample, if not given). `source`: the logs, while these are all of their rows."""
 
     robot: Robot
     t: Array
@@ -116,8 +118,12 @@ class Signals:
     row_filter: RowFilter | None
     report: PreparationReport
     inputs: tuple[dict[str, str], ...] = ()
+    origins: tuple[float, ...] = ()
+    source: LogSet | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        if not self.origins:
+            object.__setattr__(self, "origins", tuple(float(self.t[r.start]) if r.stop > r.start else 0.0 for r in self.runs))
         count = sum(self._count(r.stop - r.start) for r in self.runs)
         if len(self.tau) != count or self.valid.shape != self.tau.shape:
             raise DataError(f"signals: {len(self.tau)} rows of torque do not fit {count} rows of motion.")
@@ -180,7 +186,7 @@ class Signals:
 
     def select_rows(self, rows: Sequence[slice], names: Sequence[str] | None = None) -> Signals:
         """Parts of runs as runs of their own. `rows`: slices of rows, each within one run. The rows stay exactly the same."""
-        samples, kept, labels = [], [], []
+        samples, kept, labels, origins = [], [], [], []
         for k, part in enumerate(rows):
             start, stop = int(part.start or 0), len(self.tau) if part.stop is None else int(part.stop)
             i = next((i for i, r in enumerate(self.row_runs) if r.start <= start and stop <= r.stop and start < stop), None)
@@ -193,6 +199,7 @@ class Signals:
             samples.append(np.arange(self.runs[i].start + support.start, self.runs[i].start + support.stop))
             kept.append(np.arange(start, stop))
             labels.append(names[k] if names else self.run_names[i])
+            origins.append(self.origins[i])
         if not samples:
             raise DataError("no rows were selected.")
         at, rows_at = np.concatenate(samples), np.concatenate(kept)
@@ -204,6 +211,8 @@ class Signals:
             valid=self.valid[rows_at],
             runs=tuple(slice(a, b) for a, b in itertools.pairwise(edges)),
             run_names=tuple(labels),
+            origins=tuple(origins),
+            source=None,
         )
 
     def select_runs(self, runs: Iterable[int | str]) -> Signals:
@@ -249,4 +258,4 @@ class Signals:
         valid = self.valid.copy()
         for joint in joints:
             valid[:, self.robot.joint_index(joint)] = False
-        return replace(self, valid=valid)
+        return replace(self, valid=valid, source=None)

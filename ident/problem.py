@@ -105,7 +105,7 @@ class Problem:
     def motion(self, samples: slice, needs: frozenset[Need] = frozenset()) -> Motion:
         """The motion of a range of full-rate samples, with what the model's effects (and `needs`) ask for."""
         s, model = self.signals, self.model
-        run = next((r for r in s.runs if r.start <= samples.start < r.stop), samples)
+        run = next(i for i, r in enumerate(s.runs) if r.start <= samples.start < r.stop)
         motion = Motion.of(
             model.robot,
             s.q[samples],
@@ -114,7 +114,7 @@ class Problem:
             s.t[samples],
             rate=s.rate,
             torque=s.torque[samples],
-            start=float(s.t[run.start]),
+            start=s.origins[run],
         )
         if (model.needs | needs) & {Need.LOAD, Need.REFERENCE}:
             reference = np.zeros(len(model.parameters)) if self.reference is None else self.reference

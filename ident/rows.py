@@ -152,7 +152,8 @@ def assemble(
         warnings=tuple(dict.fromkeys(warnings)),
     )
     names = tuple(d.run.name for d in kept)
-    return Signals(robot, t, q, dq, ddq, torque, tau, valid, runs, names, uniform.rate, row_filter, report, inputs)
+    origins = tuple(d.run.origin for d in kept)
+    return Signals(robot, t, q, dq, ddq, torque, tau, valid, runs, names, uniform.rate, row_filter, report, inputs, origins)
 
 
 def _share(row_filter: RowFilter, flag: Array) -> Array:

@@ -17,7 +17,8 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A log in the robot's terms: joint positions (N, n), torque on the measured side (N, n), measured derivatives or None."""
+    """A log in the robot's terms: joint positions (N, n), torque on the measured side (N, n), measured derivatives or None; `origin`:
+    time at which the recording began."""
 
     name: str
     t: Array
@@ -27,6 +28,7 @@ class Recording:
     ddq: Array | None
     clock: Clock
     notes: tuple[str, ...]
+    origin: float = 0.0
 
     @classmethod
     def of(cls, log: Log, robot: Robot) -> Recording:
@@ -57,13 +59,14 @@ class Recording:
         if len(absent) == robot.n:
             raise DataError(f"log {log.name}: the torque columns hold no number.")
         return cls(
-            log.name, log.t, q, torque.torque, log.velocity(robot.transmission), log.ddq, Clock.of(log.t), tuple(dict.fromkeys(notes))
+            log.name, log.t, q, torque.torque, log.velocity(robot.transmission), log.ddq, Clock.of(log.t), tuple(dict.fromkeys(notes)), log.began
         )
 
 
 @dataclass(frozen=True, eq=False)
 class UniformRun:
-    """A stretch without gap at one rate: `t` (N,), `q`, `torque`, `dq`, `ddq` (N, n) or None; `missing` (N, n): no torque there."""
+    """A stretch without gap at one rate: `t` (N,), `q`, `torque`, `dq`, `ddq` (N, n) or None; `missing` (N, n): no torque there;
+    `origin`: time at which the recording began."""
 
     name: str
     t: Array
@@ -73,6 +76,7 @@ class UniformRun:
     dq: Array | None
     ddq: Array | None
     interpolated: bool
+    origin: float = 0.0
 
     def __len__(self) -> int:
         return len(self.t)
@@ -125,7 +129,7 @@ def _uniform(rec: Recording, part: slice, rate: float) -> tuple[UniformRun, int]
         at = t[0] + np.arange(len(t)) / rate
         missing = np.isnan(rec.torque[rows])
         arrays = [None if a is None else a[rows] for a in (rec.dq, rec.ddq)]
-        return UniformRun(rec.name, at, rec.q[rows], rec.torque[rows], missing, arrays[0], arrays[1], False), 0
+        return UniformRun(rec.name, at, rec.q[rows], rec.torque[rows], missing, arrays[0], arrays[1], False, rec.origin), 0
     keep = thin(t, rec.clock.step)
     rows = part.start + keep
     lost = len(t) - len(keep)
@@ -134,4 +138,4 @@ def _uniform(rec: Recording, part: slice, rate: float) -> tuple[UniformRun, int]
     missing = flag_at(t, np.isnan(rec.torque[rows]), at)
     torque = np.where(missing, np.nan, interpolate(t, rec.torque[rows], at))
     arrays = [None if a is None else interpolate(t, a[rows], at) for a in (rec.dq, rec.ddq)]
-    return UniformRun(rec.name, at, interpolate(t, rec.q[rows], at), torque, missing, arrays[0], arrays[1], True), lost
+    return UniformRun(rec.name, at, interpolate(t, rec.q[rows], at), torque, missing, arrays[0], arrays[1], True, rec.origin), lost
