@@ -181,7 +181,9 @@ class Dynamics:
         zero = np.zeros_like(q) if ddq is None or motor_ddq is None else None
         joint = Coordinates(q, dq, zero if ddq is None else ddq)  # type: ignore[arg-type]
         motor = Coordinates(
-            transmission.motor_position(drive), state.v @ self._motor_rates_T, zero if motor_ddq is None else motor_ddq  # type: ignore[arg-type]
+            transmission.motor_position(drive),
+            state.v @ self._motor_rates_T,
+            zero if motor_ddq is None else motor_ddq,  # type: ignore[arg-type]
         )
         return Motion(state.t, joint, motor, None, torque)
 

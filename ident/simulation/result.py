@@ -28,7 +28,8 @@ class Simulation:
     `t` (N,) s; `link` and `motor` (N, n): motion of the links (joint side) and of the motors, which differ by more than K only at
     flexible joints; `tau` (N, n): torque that the drive reports, measured side; `applied`: what reached the drive;
     `friction` (N, n): what dry friction and the forces it belongs to took, measured side, holding torques included;
-    `held` (N, n) bool: dry friction on a joint or motor at rest, whose torque no column can tell; `states` (N, s): states of forces with memory.
+    `held` (N, n) bool: dry friction on a joint or motor at rest, whose torque no column can tell; `states` (N, s): those of
+    forces with memory.
     Accelerations and torque are those right after each instant, where torque is held between samples.
 
     `readings`: what the sensors recorded; `sensors` and `seed`: how."""
@@ -66,9 +67,7 @@ class Simulation:
         """From the truth; `reported` (K, n) at all control instants, `every` of which is a sample."""
         source = link if sensors.encoder == Side.JOINT else motor
         tau = reported[::every]
-        exact = Readings(
-            robot, sensors.encoder, t, source, tau, _BetweenSamples(t, source), _BetweenTorques(t, reported, every, linear)
-        )
+        exact = Readings(robot, sensors.encoder, t, source, tau, _BetweenSamples(t, source), _BetweenTorques(t, reported, every, linear))
         return cls(robot, t, link, motor, tau, applied, friction, held, states, sensors.read(exact, seed), sensors, seed)
 
     @property

@@ -96,7 +96,10 @@ def test_loop_closure_moves_the_whole_tree() -> None:
 def _bars() -> str:
     from effect_robots import chain
 
-    return chain("bars", [("revolute", "0 0 0", "0 0 0", "0 1 0"), ("revolute", "0.3 0 0", "0 0 0", "0 1 0"), ("revolute", "0.3 0 0", "0 0 0", "0 1 0")])
+    return chain(
+        "bars",
+        [("revolute", "0 0 0", "0 0 0", "0 1 0"), ("revolute", "0.3 0 0", "0 0 0", "0 1 0"), ("revolute", "0.3 0 0", "0 0 0", "0 1 0")],
+    )
 
 
 def test_energy_balances_through_a_coupled_transmission() -> None:
@@ -108,7 +111,9 @@ def test_energy_balances_through_a_coupled_transmission() -> None:
     t = np.arange(count) / rate
     torque = 0.25 * np.sin(np.outer(2 * np.pi * t, [0.9, 0.7, 1.1, 2.0, 1.7, 2.3]) + np.arange(6))
     torque[:, 3:] *= 0.25
-    run = simulate(Plant(model, values), torque=torque, start=(np.array([0.1, -1.2, 1.4, 0.2, 0.4, 0.1]), np.zeros(6)), rate=rate, hold="first_order")
+    run = simulate(
+        Plant(model, values), torque=torque, start=(np.array([0.1, -1.2, 1.4, 0.2, 0.4, 0.1]), np.zeros(6)), rate=rate, hold="first_order"
+    )
     Ia, Fv, Fc = values[-3 * n :].reshape(3, n)
     w = run.motor.dq
     power = np.sum(run.tau * w, axis=1) - np.sum(Fv * w**2 + Fc * np.abs(w), axis=1)
@@ -172,7 +177,9 @@ class _Wind(ForceModel):
 def test_a_force_of_ones_own_keeps_its_state() -> None:
     robot = pendulum().with_gravity([0, 0, 0])
     values = robot.nominal.copy()
-    run = simulate(Plant(robot.rigid_body(), values, extra=(_Wind(),)), torque=np.zeros((501, 1)), start=(np.zeros(1), np.zeros(1)), rate=500.0)
+    run = simulate(
+        Plant(robot.rigid_body(), values, extra=(_Wind(),)), torque=np.zeros((501, 1)), start=(np.zeros(1), np.zeros(1)), rate=500.0
+    )
     np.testing.assert_allclose(run.states[:, 0], 3.0 * np.exp(-2 * run.t), rtol=1e-10)
     inertia = values[6]  # Iyy about the axis
     np.testing.assert_allclose(run.ddq[:, 0], -3.0 * np.exp(-2 * run.t) / inertia, rtol=1e-9)

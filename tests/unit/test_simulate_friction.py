@@ -22,7 +22,8 @@ from ident.transmission import Side, Transmission
 def _block(friction: float, gravity: tuple[float, float, float] = (0, 0, 0)) -> Plant:
     """A block of 2 kg on a horizontal slide."""
     urdf = (
-        '<robot name="block"><link name="a"/><link name="b"><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+        '<robot name="block"><link name="a"/><link name="b"><inertial><mass value="2"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
         '</inertial></link><joint name="x" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/>'
         '<limit lower="-9" upper="9" velocity="9" effort="9"/></joint></robot>'
     )
@@ -83,7 +84,11 @@ def test_reversal_under_a_sine_passes_without_chatter() -> None:
 @pytest.mark.parametrize("friction", [Coulomb(), AsymmetricCoulomb(), Stribeck(v_s=0.2)])
 def test_every_law_that_jumps_holds_within_its_own_limits(friction) -> None:
     robot = pendulum()
-    model = robot.rigid_body() + RotorInertia() + Coulomb() + friction if friction.name != "coulomb" else robot.rigid_body() + RotorInertia() + Coulomb()
+    model = (
+        robot.rigid_body() + RotorInertia() + Coulomb() + friction
+        if friction.name != "coulomb"
+        else robot.rigid_body() + RotorInertia() + Coulomb()
+    )
     extra = [0.3] * (len(model.parameters) - 12)
     values = np.concatenate([robot.nominal, [0.2, 4.0], extra])
     up = simulate(Plant(model, values), torque=np.full((301, 1), 0.0), start=(np.array([1.4]), np.zeros(1)), rate=100.0)
@@ -118,7 +123,9 @@ def test_motor_and_joint_friction_of_a_coupled_axis_share_the_load() -> None:
     values = np.concatenate([nominal_values(base), np.array([3.0, 3, 2, 0.3, 0.3, 0.3])])
     t = np.arange(301) / 300.0
     torque = np.outer(np.sin(2 * np.pi * t), [0.5, 1.0, 0.5, 0.1, 0.08, 0.09])
-    run = simulate(Plant(model, values), torque=torque, start=(np.array([0.0, -1.0, 1.5, 0.3, 0.2, 0.1]), np.zeros(6)), rate=300.0, hold="first_order")
+    run = simulate(
+        Plant(model, values), torque=torque, start=(np.array([0.0, -1.0, 1.5, 0.3, 0.2, 0.1]), np.zeros(6)), rate=300.0, hold="first_order"
+    )
     free = np.zeros(values.size)
     free[:-12] = values[:-12]
     gap = run.tau - model.inverse_dynamics(run.q, run.dq, run.ddq, free) - run.friction

@@ -70,9 +70,13 @@ def test_noise_free_simulation_gives_back_every_parameter(puma: Plant) -> None:
 
 def test_a_batch_equals_its_runs_alone(puma: Plant) -> None:
     waves = [_wave(1), _wave(2)]
-    together = simulate_batch(puma, desired=waves, rate=50.0, control_rate=250.0, step=4e-3, duration=0.6, sensors=Sensors.typical(torque_noise=0.1), seeds=[5, 6])
+    together = simulate_batch(
+        puma, desired=waves, rate=50.0, control_rate=250.0, step=4e-3, duration=0.6, sensors=Sensors.typical(torque_noise=0.1), seeds=[5, 6]
+    )
     for wave, run, seed in zip(waves, together, (5, 6), strict=True):
-        alone = simulate(puma, desired=wave, rate=50.0, control_rate=250.0, step=4e-3, duration=0.6, sensors=Sensors.typical(torque_noise=0.1), seed=seed)
+        alone = simulate(
+            puma, desired=wave, rate=50.0, control_rate=250.0, step=4e-3, duration=0.6, sensors=Sensors.typical(torque_noise=0.1), seed=seed
+        )
         np.testing.assert_allclose(run.q, alone.q, atol=1e-10)
         np.testing.assert_allclose(run.readings.tau, alone.readings.tau, atol=1e-7)
 
