@@ -53,7 +53,7 @@ class IntegratedProblem(Problem):
                 f" at least {_LEAST} are needed ({_LEAST / self.signals.rate:g} s)."
             )
         if not any(r.stop - r.start >= self._length for r in self.signals.runs):
-            raise DataError(f"no run of the log is as long as the window ({self._length / self.signals.rate:.3g} s); give a shorter window_s.")
+            raise DataError(f"no run of the log lasts as long as the window ({self._length / self.signals.rate:.3g} s); shorten window_s.")
 
     @cached_property
     def _length(self) -> int:
@@ -98,7 +98,7 @@ class IntegratedProblem(Problem):
             target[first : first + rows] = band @ flat[start : start + band.shape[1]]
         return out
 
-    def _over_runs(self, signal: Array) -> Array:
+    def at_rows(self, signal: Array) -> Array:
         """Windowed means (M, …) of a signal at full rate (N, …)."""
         w = self._window[0]
         parts = [self._means(signal[run], w) for run in self.signals.runs if run.stop - run.start >= self._length]
@@ -120,7 +120,7 @@ class IntegratedProblem(Problem):
     @cached_property
     def row_time(self) -> Array:
         """Time (M,) of the middle of each window, s."""
-        return self._over_runs(self.signals.t)
+        return self.at_rows(self.signals.t)
 
     @property
     def row_shape(self) -> Array:
@@ -161,12 +161,12 @@ class MomentumProblem(IntegratedProblem):
     @cached_property
     def tau(self) -> Array:
         """Mean torque (M, n) of each window, measured side."""
-        return self._over_runs(np.where(self._sound, self.signals.torque, 0.0))
+        return self.at_rows(np.where(self._sound, self.signals.torque, 0.0))
 
     @cached_property
     def valid(self) -> Array:
         """Windows (M, n) whose samples may all be used."""
-        return self._over_runs((~self._sound).astype(float)) == 0.0
+        return self.at_rows((~self._sound).astype(float)) == 0.0
 
     def _weighted(self, parts: Parts) -> Array:
         w, slope = self._window
@@ -183,12 +183,12 @@ class EnergyProblem(IntegratedProblem):
         s, robot = self.signals, self.model.robot
         rate = s.dq if robot.transmission.measured == "joint" else robot.transmission.motor_rate(s.dq)
         power = np.sum(rate * np.where(self._sound, s.torque, 0.0), axis=1)
-        return self._over_runs(power[:, None])
+        return self.at_rows(power[:, None])
 
     @cached_property
     def valid(self) -> Array:
         """Windows (M, 1) in which the torque of every joint is known throughout."""
-        return self._over_runs((~self._sound).any(axis=1).astype(float)[:, None]) == 0.0
+        return self.at_rows((~self._sound).any(axis=1).astype(float)[:, None]) == 0.0
 
     def _weighted(self, parts: Parts) -> Array:
         w, slope = self._window

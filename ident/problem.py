@@ -19,8 +19,8 @@ from .reference import Reference
 from .torque_error import TorqueError
 
 if TYPE_CHECKING:
-    from .regressor.base import BaseReduction
     from .problem_check import ProblemCheck
+    from .regressor.base import BaseReduction
     from .signals import Signals
 
 Array = np.ndarray
@@ -142,6 +142,10 @@ class Problem:
     def residual(self, values: Array) -> Array:
         """Measured minus predicted torque (M, n); NaN in rows that are not used."""
         return np.where(self.valid, self.tau - self.predict(values), np.nan)
+
+    def at_rows(self, signal: Array) -> Array:
+        """Any signal at full rate (N, …), carried to the rows (M, …) like the columns are."""
+        return self.signals.filtered(signal)
 
     def torque_error(self, values: Array, residual: Array | None = None) -> TorqueError:
         """Error of the torque itself for base values (b,); `residual` if it is known."""

@@ -1,0 +1,170 @@
+"""How a log came about, so that it can be repeated on a model: torque-driven, or a controller that tracks a desired motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ConfigurationError, DataError, unknown_name
+from ..motion import Coordinates
+
+if TYPE_CHECKING:
+    from ..controller import Controller
+    from ..logs import Log
+    from ..model import Model
+    from ..signals import Signals
+    from ..trajectory import Trajectory
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Desired:
+    """A desired joint-side motion as recorded: `t` (K,) s in the log's time, `motion` (K, n)."""
+
+    t: Array
+    motion: Coordinates
+
+    @classmethod
+    def from_log(cls, log: Log, columns: Sequence[str], cutoff_hz: float | None = None) -> Desired:
+        """From extra columns of a log that hold the desired joint positions in rad (m), one a joint.
+
+        Derivatives are those of a spline through them. `cutoff_hz`: low-pass first, where the log holds a coarse reference."""
+        from scipy.interpolate import make_interp_spline
+
+        for column in columns:
+            if column not in log.extra:
+                raise unknown_name(f"column of log {log.name}", column, log.extra)
+        q = np.stack([np.asarray(log.extra[c], float) for c in columns], axis=1)
+        if cutoff_hz is not None:
+            from ..filters import zero_phase_lowpass
+
+            q = zero_phase_lowpass(q, cutoff_hz, 1.0 / float(np.median(np.diff(log.t))))
+        spline = make_interp_spline(log.t, q, k=5)
+        return cls(log.t, Coordinates(q, spline(log.t, 1), spline(log.t, 2)))
+
+    def sample(self, t: Array) -> Coordinates:
+        """Motion (N, n) at times in the log's time; it stands still outside."""
+        from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+
+        inside = np.clip(t, self.t[0], self.t[-1])
+        moving = (inside == t)[:, None]
+        rate = CubicHermiteSpline(self.t, self.motion.dq, self.motion.ddq)
+        q = CubicHermiteSpline(self.t, self.motion.q, self.motion.dq)(inside)
+        ddq = make_interp_spline(self.t, self.motion.ddq, k=1)(inside)
+        return Coordinates(q, rate(inside) * moving, ddq * moving)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Experiment:
+    """How the runs of a log were driven.
+
+    `controller`: what tracked the desired motion; None where the recorded torque was commanded in open loop.
+    `desired`: run name → trajectory or recorded motion, in the log's time; "*" stands for every run.
+    `control_rate`: Hz (default: the log's rate). The log is repeated in windows of `window_s`, side by side; a closed loop is
+    given `settle_s` to forget the start of each. `step`: longest integration step, s (default: one control period)."""
+
+    controller: Controller | None = None
+    desired: Mapping[str, Trajectory | Desired] = field(default_factory=dict)
+    control_rate: float | None = None
+    window_s: float = 1.0
+    settle_s: float = 0.5
+    step: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.controller is not None and not self.desired:
+            raise ConfigurationError(
+                'an experiment with a controller needs the desired motion that it tracked: desired = {run: motion}, or {"*": motion}.'
+            )
+        if not self.window_s > 0 or self.settle_s < 0:
+            raise ConfigurationError("an experiment's window_s must be positive, and settle_s not negative (seconds).")
+
+    @property
+    def feedback(self) -> bool:
+        """Whether measured torque is an answer to measured motion."""
+        return self.controller is not None
+
+    def desired_motion(self, signals: Signals) -> Coordinates:
+        """Desired motion (N, n) at the signals' samples. Raises ConfigurationError for a run without one."""
+        parts = [self._desired(name, signals.t[run]) for name, run in zip(signals.run_names, signals.runs, strict=True)]
+        return Coordinates(*(np.concatenate([getattr(p, k) for p in parts]) for k in ("q", "dq", "ddq")))
+
+    def _desired(self, run: str, t: Array) -> Coordinates:
+        found = self.desired.get(run, self.desired.get("*"))
+        if found is None:
+            raise unknown_name("run with a desired motion", run, self.desired)
+        return found.sample(t)
+
+    def repeat(self, model: Model, values: Array, signals: Signals) -> Coordinates:
+        """The motion (N, n) that the model with all values (k,) makes in this experiment; NaN where it cannot be repeated."""
+        out = Coordinates(*(np.full(signals.q.shape, np.nan) for _ in range(3)))
+        windows = self._windows(signals)
+        if not windows:
+            raise DataError(f"no run is as long as the window of {self.window_s:g} s in which the experiment is repeated.")
+        made = self._closed(model, values, signals, windows) if self.feedback else self._open(model, values, signals, windows)
+        for (start, stop), motion in zip(windows, made, strict=True):
+            for target, source in ((out.q, motion.q), (out.dq, motion.dq), (out.ddq, motion.ddq)):
+                target[start:stop] = source[: stop - start]
+        return out
+
+    def _windows(self, signals: Signals) -> list[tuple[int, int]]:
+        """First and last sample of windows that tile every run; a short rest joins the window before."""
+        size = max(2, round(self.window_s * signals.rate))
+        found = []
+        for run in signals.runs:
+            count = max(1, (run.stop - run.start) // size)
+            edges = np.linspace(run.start, run.stop, count + 1).astype(int).tolist()
+            found += [(a, b) for a, b in pairwise(edges) if b - a >= 2]
+        return found
+
+    def _closed(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[Coordinates]:
+        from ..simulate import Plant, simulate_batch
+
+        every = max(1, round((self.control_rate or signals.rate) / signals.rate))
+        control = every * signals.rate
+        names = {i: name for name, run in zip(signals.run_names, signals.runs, strict=True) for i in range(run.start, run.stop)}
+        settle = round(self.settle_s * signals.rate)
+        samples = settle + max(b - a for a, b in windows)
+        lanes = []
+        for a, _ in windows:
+            t = signals.t[a] + (np.arange((samples - 1) * every + 1) - settle * every) / control
+            lanes.append(self._desired(names[a], t))
+        step = self.step or 1.0 / control
+        runs = simulate_batch(
+            Plant(model, values), desired=lanes, controller=self.controller, rate=signals.rate, control_rate=control, step=step,
+            start=(np.array([d.q[0] for d in lanes]), np.array([d.dq[0] for d in lanes])),
+        )  # fmt: skip
+        return [Coordinates(r.q[settle:], r.dq[settle:], r.ddq[settle:]) for r in runs]
+
+    def _open(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[Coordinates]:
+        from ..simulate import Hold, Plant, simulate_batch
+
+        samples = max(b - a for a, b in windows)
+        last = len(signals.t) - 1
+        at = np.minimum(np.array([a for a, _ in windows])[None, :] + np.arange(samples)[:, None], last)
+        torque = signals.torque[at]
+        sound = np.isfinite(torque).all(axis=(0, 2))
+        if not sound.any():
+            raise DataError("the torque of some joint is missing in every window: the log cannot be repeated in open loop.")
+        starts = at[0, sound]
+        runs = iter(
+            simulate_batch(
+                Plant(model, values),
+                torque=torque[:, sound],
+                start=(signals.q[starts], signals.dq[starts]),
+                rate=signals.rate,
+                hold=Hold.FIRST_ORDER,
+                step=self.step or 1.0 / signals.rate,
+            )
+        )
+        unknown = Coordinates(*(np.full((samples, model.robot.n), np.nan) for _ in range(3)))
+        return [next(runs).link if good else unknown for good in sound]
+
+
+def desired_from_logs(logs: Iterable[Log], columns: Sequence[str], cutoff_hz: float | None = None) -> dict[str, Desired]:
+    """Desired motion of every log, by its name (`Desired.from_log`)."""
+    return {log.name: Desired.from_log(log, columns, cutoff_hz) for log in logs}

@@ -1,0 +1,119 @@
+"""Weighted least squares over physically consistent robots only: real links, and rotor inertia and friction of the right sign."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..errors import ConfigurationError, UnsupportedError, unknown_name
+from ..status import StatusCode
+from .base import Capability, Estimator, register
+from .least_squares import residual_weights, weighted_solution
+from .solution import LinearSolution, finish, order_of, solve_triangle
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+    from ..physical.bounds import Bounds, Prior
+    from ..physical.structure import InertiaStructure
+    from ..problem import Problem
+
+Array = np.ndarray
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class PhysicalLeastSquares(Estimator):
+    """Weighted least squares subject to linear matrix inequalities (Sousa & Cortesão 2014; Wensing, Kim & Slotine 2018), solved
+
+    from the information block. `total_mass`: (least, most) of all moving links in kg, None for open. `spread`: relative standard deviation
+    about the URDF's own links, None for no prior; `metric` of that prior: "quadratic", "entropic" or "geometric". `solver`: "auto",
+    "lmi" (needs the extra `sdp`) or "log_cholesky". The covariance is that without the constraints."""
+
+    name: ClassVar[str] = "physical"
+    title: ClassVar[str] = "weighted least squares over physically consistent robots"
+    capabilities: ClassVar[frozenset[Capability]] = frozenset(
+        {Capability.STREAMING, Capability.WEIGHTS, Capability.BOUNDS, Capability.PRIOR, Capability.PHYSICAL}
+    )
+
+    total_mass: tuple[float | None, float | None] = (None, None)
+    spread: float | None = None
+    metric: str = "quadratic"
+    solver: str = "auto"
+
+    def check(self, problem: Problem) -> None:
+        from ..effects.rigid_body import RigidBody
+        from ..physical.bounds import Metric
+
+        if self.solver not in ("auto", "lmi", "log_cholesky"):
+            raise unknown_name("solver", self.solver, ("auto", "lmi", "log_cholesky"))
+        if self.metric not in list(Metric):
+            raise unknown_name("metric", self.metric, [m.value for m in Metric])
+        if self.spread is not None and not self.spread > 0:
+            raise ConfigurationError(f"spread must be positive (0.3: links within about 30 % of the URDF's), not {self.spread}.")
+        if self.spread is not None and problem.model.robot.nominal is None:
+            raise ConfigurationError(f"robot {problem.model.robot.name!r} has no nominal inertials to stay near to; leave out `spread`.")
+        if not any(isinstance(e, RigidBody) for e in problem.model.effects):
+            raise UnsupportedError("method 'physical' needs links, but the model holds no rigid body; use 'bounded' for bounds on single parameters.")
+
+    def _solve(self, problem: Problem) -> Estimate:
+        from ..physical.constrained import Target
+        from ..physical.repair import consistent_fit
+        from ..physical.structure import InertiaStructure
+
+        structure = InertiaStructure.from_model(problem.model, problem.base)
+        bounds, prior = self._knowledge(structure, problem)
+        free, weights = weighted_solution(problem)
+        order = order_of(problem.base)
+        notes: tuple[str, ...] = ()
+        cost = 0.0
+        for _ in range(3):
+            R, z, _ = problem.information.combined(weights)
+            if bounds is None and prior is None and _already(structure, free):
+                return finish(problem, free, weights, self.name)
+            fit = consistent_fit(structure, Target.from_information(R, z), bounds=bounds, prior=prior, method=self.solver)
+            notes, cost = fit.notes, fit.cost
+            constrained = replace(free, values=free.regroup @ fit.values)
+            new = residual_weights(problem.information, constrained, weights)
+            change = np.max(np.abs(new - weights) / np.where(new > 0, new, 1.0))
+            if change < 1e-2:
+                break
+            weights = new
+            free = solve_triangle(*problem.information.combined(weights)[:2], order)
+        solution = replace(free, values=free.regroup @ fit.values)
+        estimate = finish(problem, solution, weights, self.name, warnings=notes)
+        moved = np.abs(solution.values - free.values) / np.where(estimate.std > 0, estimate.std, np.inf)
+        trace = {"cost": cost, "method": fit.method, "unconstrained": dict(zip(estimate.names, free.values.tolist(), strict=True))}
+        estimate = replace(estimate, trace=trace)
+        if not np.any(moved > 0.1):
+            return estimate
+        most = np.argsort(-moved)[:6]
+        details = (
+            "No real robot gives the unconstrained solution; farthest from it:",
+            *(
+                f"{estimate.names[i]} {solution.values[i]:.4g} instead of {free.values[i]:.4g} ({moved[i]:.1f} std)."
+                for i in most
+                if moved[i] > 0.1
+            ),
+        )
+        code = StatusCode.AT_BOUND if estimate.status.code == StatusCode.OK else estimate.status.code
+        return replace(estimate, status=replace(estimate.status, code=code, details=(*estimate.status.details, *details)))
+
+    def _knowledge(self, structure: InertiaStructure, problem: Problem) -> tuple[Bounds | None, Prior | None]:
+        from ..physical.bounds import Bounds, Metric, nominal_prior
+
+        bounds = None if self.total_mass == (None, None) else Bounds(total_mass=self.total_mass)
+        if self.spread is None:
+            return bounds, None
+        return bounds, nominal_prior(problem.model.robot, Metric(self.metric), self.spread)[0]
+
+
+def _already(structure: InertiaStructure, free: LinearSolution) -> bool:
+    """Whether the unconstrained solution is consistent as it stands."""
+    from ..physical.conic import solver_available
+    from ..physical.consistent import judge_consistent
+
+    if not solver_available() or len(free.columns) < structure.b:
+        return False
+    return judge_consistent(structure, free.values).consistent
