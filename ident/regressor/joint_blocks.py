@@ -104,9 +104,9 @@ class Block:
 
 
 def typical_length(tree: RigidBodyTree) -> float:
-    """Mean distance between joints, those on the base left out (where the base stands does not matter); 1 if all are zero."""
+    """Mean distance between joints in m, those on the base left out (where the base stands does not matter); 1 if all are zero."""
     lengths = np.linalg.norm(tree.translation[tree.parent >= 0], axis=1)
-    lengths = lengths[lengths > 0]
+    lengths = lengths[lengths > 1e-9]  # below a nanometre it is rounding of a zero
     return float(lengths.mean()) if len(lengths) else 1.0
 
 

@@ -157,6 +157,12 @@ def test_right_angle_written_with_few_digits_does_not_change_the_count() -> None
         assert base_set(Robot.from_urdf(rough)).count == base_set(Robot.from_urdf(text)).count == 7 * 4 - 4 - 2
 
 
+def test_rounding_of_zero_lengths_is_no_length() -> None:
+    """Coincident vertical axes whose offset is written as 1e-17 m: still coincident, though there is no other length to compare with."""
+    robot = Robot.from_urdf(urdf_text([joint(-1), joint(0, rotation([0, 0, 1], 0.3), (1e-17, 0, -2e-17))]))
+    assert agrees(robot) == rotational(robot).count == 2
+
+
 def test_same_result_every_time() -> None:
     robot = load_robot("palletiser")
     one, other = base_set(robot, True), base_set(robot, True)
