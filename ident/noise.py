@@ -47,23 +47,25 @@ def fit_noise(residual: Array, runs: Iterable[slice], shape: Array | None = None
     n = residual.shape[1]
     longest = max((r.stop - r.start for r in runs), default=1)
     known = np.ones(1) if shape is None else _levinson(shape, len(shape) - 1)
-    lags = max(1, min(max_order, longest // 8))
-    polynomials, times, variance = [], [], np.empty(n)
+    lags = max(1, min(max_order, longest // 8, int(1.3 * np.isfinite(residual).sum(axis=0).max(initial=1) ** (1 / 3))))
+    polynomials, times, variance, level = [], [], np.empty(n), np.zeros(n)
     for j in range(n):
         gamma, count = autocovariance(residual[:, j], runs, lags + len(known) - 1)
         variance[j] = gamma[0]
         if gamma[0] <= 0 or count < 8:
             polynomials.append(np.ones(1))
             times.append(1.0)
+            level[j] = max(gamma[0], 0.0)
             continue
         a = np.convolve(known, _levinson_by_criterion(_whitened(gamma, known), count))
         polynomials.append(a)
         times.append(max(1.0, _integrated_time(a)))
+        level[j] = gamma[0] / _shaping_gain(a)
     p = max(len(a) for a in polynomials) - 1
     ar = np.zeros((n, p + 1))
     for j, a in enumerate(polynomials):
         ar[j, : len(a)] = a
-    return NoiseModel(ar, _innovation_covariance(residual, runs, ar), variance, np.array(times))
+    return NoiseModel(ar, _innovation_covariance(residual, runs, ar, level), variance, np.array(times))
 
 
 def row_shape(taps: Array, factor: int, lags: int = 8) -> Array:
@@ -94,23 +96,24 @@ def _levinson(gamma: Array, order: int) -> Array:
 
 
 def autocovariance(e: Array, runs: Iterable[slice], lags: int) -> tuple[Array, int]:
-    """Autocovariance at lags 0 … `lags` over the pairs present (NaN = absent), and the number of samples present."""
+    """Autocovariance at lags 0 … `lags` over the pairs present (NaN = absent), and how many pairs there are at a typical lag."""
     total, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
-    present_all = 0
     for run in runs:
         x = e[run]
         present = np.isfinite(x)
-        present_all += int(present.sum())
         size = 1 << int(np.ceil(np.log2(max(2, 2 * len(x)))))
         for values, out in ((np.where(present, x, 0.0), total), (present.astype(float), pairs)):
             spectrum = np.fft.rfft(values, size)
             sums = np.fft.irfft(spectrum * np.conj(spectrum), size)[: lags + 1]
             out[: len(sums)] += sums
-    return np.divide(total, pairs, out=np.zeros_like(total), where=pairs > 0.5), present_all
+    return np.divide(total, pairs, out=np.zeros_like(total), where=pairs > 0.5), int(np.median(pairs))
 
 
 def _levinson_by_criterion(gamma: Array, count: int) -> Array:
-    """Levinson-Durbin recursion; the order with the least Akaike criterion (corrected for small samples)."""
+    """Levinson-Durbin recursion; the order with the least Bayesian criterion.
+
+    Akaike's would follow the hollows that the fitted parameters leave in the residual's spectrum, and these lie just where
+    the regressor does (measured: intervals 12 % too short)."""
     a = np.ones(1)
     variance = gamma[0]
     best, best_score = a, count * np.log(variance)
@@ -122,45 +125,53 @@ def _levinson_by_criterion(gamma: Array, count: int) -> Array:
         variance *= 1 - reflection**2
         if variance <= 1e-12 * gamma[0] or p + 2 >= count:
             break
-        score = count * np.log(variance) + 2 * p * count / (count - p - 2)
+        score = count * np.log(variance) + p * np.log(count)
         if score < best_score:
             best, best_score = a, score
     return best
 
 
-def _integrated_time(a: Array) -> float:
-    """Sum of the autocorrelation over all lags of an autoregressive process: spectrum at zero over variance."""
+def _impulse_response(a: Array) -> Array:
+    """Response of 1/A to a unit innovation, long enough for any stable process met here."""
     from scipy.signal import lfilter
 
     impulse = np.zeros(4000)
     impulse[0] = 1.0
-    h = lfilter([1.0], a, impulse)
+    return lfilter([1.0], a, impulse)
+
+
+def _shaping_gain(a: Array) -> float:
+    """Variance of an autoregressive process for innovations of variance one."""
+    return float(np.sum(_impulse_response(a) ** 2))
+
+
+def _integrated_time(a: Array) -> float:
+    """Sum of the autocorrelation over all lags of an autoregressive process: spectrum at zero over variance."""
+    h = _impulse_response(a)
     return float(h.sum() ** 2 / np.sum(h**2))
 
 
-def _innovation_covariance(residual: Array, runs: list[slice], ar: Array) -> Array:
-    """Covariance of the innovations across joints, over the samples where both are present."""
-    n, p = ar.shape[0], ar.shape[1] - 1
+def _innovation_covariance(residual: Array, runs: list[slice], ar: Array, level: Array) -> Array:
+    """Covariance of the innovations: `level` (n,) on the diagonal, correlations from the instants where two joints have one.
+
+    Where masks leave too few such instants, a correlation counts as zero rather than as chance has it."""
+    n = ar.shape[0]
     total, count = np.zeros((n, n)), np.zeros((n, n))
     for run in runs:
-        x = residual[run]
-        if len(x) <= p:
-            continue
-        innovation = np.zeros((len(x) - p, n))
-        for lag in range(p + 1):
-            innovation += ar[:, lag] * x[p - lag : len(x) - lag]
+        innovation = _innovations(residual[run], ar)
         present = np.isfinite(innovation)
         filled = np.where(present, innovation, 0.0)
         total += filled.T @ filled
         count += present.T.astype(float) @ present
-    covariance = np.divide(total, count, out=np.zeros_like(total), where=count > 0)
-    own = np.sqrt(np.maximum(np.diag(covariance), 0))
-    bound = np.outer(own, own)
-    # With gaps, pairs come from different samples: keep correlations within ±0.99 and the matrix positive definite.
-    covariance = np.clip(covariance, -0.99 * bound, 0.99 * bound)
-    np.fill_diagonal(covariance, own**2)
-    values, vectors = np.linalg.eigh(covariance)
-    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+    spread = np.sqrt(np.divide(np.diag(total), np.diag(count), out=np.ones(n), where=np.diag(count) > 0))
+    correlation = np.divide(total, count * np.outer(spread, spread), out=np.zeros_like(total), where=(count > 0) & np.outer(spread, spread).astype(bool))
+    # Within two standard errors of zero there is nothing to believe; beyond ±0.99 gaps have made it up.
+    correlation = np.where(np.abs(correlation) > 2 / np.sqrt(np.maximum(count, 4.0)), np.clip(correlation, -0.99, 0.99), 0.0)
+    np.fill_diagonal(correlation, 1.0)
+    values, vectors = np.linalg.eigh(correlation)
+    positive = (vectors * np.maximum(values, 1e-6)) @ vectors.T
+    own = np.sqrt(level / np.diag(positive))
+    return positive * np.outer(own, own)
 
 
 def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array, residual: Array | None = None) -> Array:
