@@ -18,7 +18,7 @@ from .export_mjcf import mjcf_text
 from .export_urdf import Attached, BodyExport, patch_urdf, source_text
 from .files import write_atomic
 from .parameters import LINK_SYMBOLS
-from .physical.bounds import Bounds, Metric, Prior
+from .physical.bounds import Bounds, Metric, nominal_prior
 from .physical.conic import InfeasibleError
 from .physical.pseudo_inertia import centre_of_mass, smallest_eigenvalues
 from .results import jsonable
@@ -59,7 +59,7 @@ class Identified:
                 raise ConfigurationError("standard parameters are exported with their model: give model=.")
             return cls(model, source.values, source.notes)
         structure = InertiaStructure.from_model(source.model, source.base)
-        prior, notes = _nominal(source.model.robot, Metric(metric))
+        prior, notes = nominal_prior(source.model.robot, Metric(metric))
         try:
             found = standard_parameters(structure, source.values, prior=prior, bounds=bounds)
         except InfeasibleError as error:
@@ -215,20 +215,3 @@ def _urdf_dynamics(found: Identified) -> tuple[dict[str, Mapping[str, float]], t
     damping = dict(zip(robot.joint_names, (drive["damping"] / k**2).tolist(), strict=True))
     friction = dict(zip(robot.joint_names, (drive["frictionloss"] / k).tolist(), strict=True))
     return {"damping": damping, "friction": friction}, notes
-
-
-def _nominal(robot: Robot, metric: Metric) -> tuple[Prior | None, tuple[str, ...]]:
-    """The URDF's own links as the ones to stay near to; those that are no real bodies count as unknown, and that is said."""
-    if robot.nominal is None:
-        return None, ()
-    nominal = robot.nominal.copy()
-    unreal = [i for i in range(len(nominal) // 10) if smallest_eigenvalues(nominal[10 * i : 10 * i + 10])[0] <= 1e-9]
-    for i in unreal:
-        nominal[10 * i : 10 * i + 10] = 0.0
-    if not nominal.any():
-        return None, ()
-    from .physical.structure import link_names
-
-    names = link_names(robot.model)
-    notes = (f"the URDF's own inertials of {', '.join(names[i] for i in unreal)} are no real bodies and were not used.",) if unreal else ()
-    return Prior(nominal, metric), notes

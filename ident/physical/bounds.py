@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
-from .pseudo_inertia import pseudo_inertia
+from .pseudo_inertia import pseudo_inertia, smallest_eigenvalues
 
 if TYPE_CHECKING:
+    from ..robot import Robot
     from .structure import InertiaStructure
 
 Array = np.ndarray
@@ -133,6 +134,20 @@ class Prior:
                     " definite), so no distance from it is defined. Correct its <inertial>, or give another nominal model."
                 ) from None
         return found
+
+
+def nominal_prior(robot: Robot, metric: Metric | str = Metric.QUADRATIC, spread: float = 0.5) -> tuple[Prior | None, tuple[str, ...]]:
+    """The URDF's own links as a prior, and notes: links that are no real bodies count as unknown. None where nothing is known."""
+    from .structure import link_names
+
+    if robot.nominal is None:
+        return None, ()
+    nominal = robot.nominal.copy().reshape(-1, 10)
+    unreal = np.flatnonzero(nominal.any(axis=1) & (smallest_eigenvalues(nominal) <= 1e-9))
+    nominal[unreal] = 0.0
+    names = link_names(robot.model)
+    notes = (f"the URDF's own inertials of {', '.join(names[i] for i in unreal)} are no real bodies and were not used.",) if len(unreal) else ()
+    return (Prior(nominal.reshape(-1), Metric(metric), spread) if nominal.any() else None), notes
 
 
 def _body(structure: InertiaStructure, link: str) -> Array:

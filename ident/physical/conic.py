@@ -92,10 +92,10 @@ class ConicProgram:
         self._P.append((residual, 2.0 * np.ones(len(target))))
         self.equal(-np.asarray(target, float), [(columns, np.asarray(matrix, float).T), (residual, -np.eye(len(target)))])
 
-    def distance(self, columns: Array, target: Array) -> None:
-        """Add |x[columns] - target|^2 to the objective."""
-        self._P.append((columns, 2.0 * np.ones(len(columns))))
-        self._q.append((columns, -2.0 * np.asarray(target, float)))
+    def distance(self, columns: Array, target: Array, weight: float = 1.0) -> None:
+        """Add weight |x[columns] - target|^2 to the objective."""
+        self._P.append((columns, 2.0 * weight * np.ones(len(columns))))
+        self._q.append((columns, -2.0 * weight * np.asarray(target, float)))
 
     def equal(self, constant: Array, blocks: Sequence[Block]) -> None:
         """constant + sum of blocks = 0; coefficients (k, m)."""

@@ -83,12 +83,16 @@ def scaled_units(scale: Array) -> Array:
     return scale[:, None] * UNITS * scale[None, :]
 
 
-def judge_consistent(structure: InertiaStructure, values: Array) -> Consistent:
-    """Judge base values (b,). Raises ConfigurationError without the solver, SolverError where it fails."""
+def judge_consistent(structure: InertiaStructure, values: Array, *, unseen: Array | None = None) -> Consistent:
+    """Judge base values (b,). `unseen` (b, u): changes of them that the data could not see, and that may be chosen.
+
+    Raises ConfigurationError without the solver, SolverError where it fails."""
     start = time.perf_counter()
     require_solver("the judgement of physical consistency")
     values = structure.check_values(values)
     constant, free = structure.lift @ values, structure.null_space
+    if unseen is not None and unseen.shape[1]:
+        free = np.concatenate([free, structure.lift @ unseen], axis=1)
     wrong = wrong_signs(structure, constant, free)
     scale = link_scales(structure)
     drive = _drive_scale(structure, constant)
@@ -155,7 +159,8 @@ def _deepest(structure: InertiaStructure, constant: Array, free: Array, scale: A
     bound = [i for i in range(len(structure.drive)) if np.any(np.abs(free[structure.drive[i]]) > 1e-12)]
     if bound:
         at = structure.drive[bound]
-        program.nonnegative(constant[at] / drive[bound], [(z, (direction[at] / drive[bound, None]).T)])
+        small = -0.01 * np.ones((1, len(bound)))
+        program.nonnegative(constant[at] / drive[bound], [(z, (direction[at] / drive[bound, None]).T), (t, small)])
     # What no torque sees could grow for ever (a heavier first link): beyond one, nothing is gained.
     program.nonnegative(np.ones(1), [(t, -np.ones((1, 1)))])
     program.linear(t, -np.ones(1))
@@ -164,7 +169,8 @@ def _deepest(structure: InertiaStructure, constant: Array, free: Array, scale: A
     low = structure.drive[standard[structure.drive] < 0.0]
     standard[low] = np.where(standard[low] > -1e-9 * np.abs(constant[structure.drive]).max(initial=1e-9), 0.0, standard[low])
     # Clipping a rotor inertia must not change the base parameters.
-    standard = standard + structure.lift @ (structure.regroup @ (constant - standard))
+    wanted = structure.regroup @ (constant + direction @ found.x[z])
+    standard = standard + structure.lift @ (wanted - structure.regroup @ standard)
     return float(found.x[t][0]), standard
 
 

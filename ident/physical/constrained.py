@@ -21,7 +21,7 @@ from .structure import InertiaStructure
 Array = np.ndarray
 
 #: Least eigenvalue of a link's pseudo-inertia, relative to a typical link of that robot.
-MARGIN = 1e-6
+MARGIN = 1e-5
 #: Cost per unit of a (scaled) pseudo-inertia's trace that settles what no torque sees; the data cost 1 per standard deviation squared.
 SETTLE = 1e-4
 
@@ -46,15 +46,17 @@ class Target:
         full = np.linalg.svd(Vt, full_matrices=True)[2] if len(Vt) < R.shape[1] else Vt
         seen = S > 1e-12 * max(float(S.max(initial=0.0)), 1e-300)
         root = np.concatenate([(D[:, None] * Vt[seen].T) / S[seen], D[:, None] * np.concatenate([Vt[~seen], full[len(Vt) :]]).T], axis=1)
-        target = np.zeros(root.shape[1])
-        target[: seen.sum()] = U[:, seen].T @ z
-        return cls(np.zeros(R.shape[1]), root, target, np.arange(root.shape[1]) < seen.sum())
+        # Counted from the unconstrained solution, so that the cost is what the constraints add.
+        offset = root[:, : seen.sum()] @ (U[:, seen].T @ z)
+        return cls(offset, root, np.zeros(root.shape[1]), np.arange(root.shape[1]) < seen.sum())
 
     @classmethod
-    def from_covariance(cls, values: Array, covariance: Array) -> Target:
-        """Mahalanobis distance from `values`; directions without variance stay fixed."""
+    def from_covariance(cls, values: Array, covariance: Array, unseen: Array | None = None) -> Target:
+        """Mahalanobis distance from `values`; directions without variance stay fixed, but for the `unseen` ones (b, u), which are free."""
         root = covariance_root(covariance)
-        return cls(np.asarray(values, float), root, np.zeros(root.shape[1]), np.ones(root.shape[1], bool))
+        free = np.zeros((len(root), 0)) if unseen is None else np.asarray(unseen, float)
+        both = np.concatenate([root, free], axis=1)
+        return cls(np.asarray(values, float), both, np.zeros(both.shape[1]), np.arange(both.shape[1]) < root.shape[1])
 
     @classmethod
     def fixed(cls, values: Array) -> Target:
@@ -89,13 +91,21 @@ def covariance_root(covariance: Array) -> Array:
     return (D[:, None] * vectors[:, keep]) * np.sqrt(eigenvalues[keep])
 
 
-def mahalanobis(root: Array, change: Array) -> float:
-    """Length of a change of base values in the metric of a covariance root; infinite where it leaves its range."""
-    size = np.linalg.norm(root, axis=1)
+def mahalanobis(root: Array, change: Array, unseen: Array | None = None) -> float:
+    """Length of a change of base values in the metric of a covariance root (b, r); infinite where it leaves its range.
+
+    Changes along `unseen` directions (b, u) cost nothing."""
+    free = np.zeros((len(root), 0)) if unseen is None else unseen
+    both = np.concatenate([root, free], axis=1)
+    size = np.linalg.norm(both, axis=1)
     D = 1.0 / np.where(size > 0, size, 1.0)
-    x, *_ = np.linalg.lstsq(D[:, None] * root, D * change, rcond=1e-13)
-    left = D * (root @ x - change)
-    return float(np.linalg.norm(x)) if np.linalg.norm(left) <= 1e-6 * max(float(np.linalg.norm(D * change)), 1e-300) else np.inf
+    # Without what is free first, so that it does not count.
+    Q, _ = np.linalg.qr(D[:, None] * free)
+    A, y = D[:, None] * root, D * change
+    A, y = A - Q @ (Q.T @ A), y - Q @ (Q.T @ y)
+    x, *_ = np.linalg.lstsq(A, y, rcond=1e-13)
+    left = A @ x - y
+    return float(np.linalg.norm(x)) if np.linalg.norm(left) <= 1e-6 * max(float(np.linalg.norm(y)), 1e-300) else np.inf
 
 
 def fit_consistent(
@@ -108,13 +118,14 @@ def fit_consistent(
     require_solver("the physically consistent fit")
     bounds, wanted = bounds or Bounds(), margin
     scale = link_scales(structure) if prior is None else _nominal_scale(structure, prior)
+    inside: Array | None = None
     if not target.root.shape[1]:
         # Exactly these base values: they may leave less room than is asked for, and the links may be of any size.
-        scale, room = _room(structure, target.offset)
+        scale, room, inside = _room(structure, target.offset)
         wanted = min(margin, 0.5 * room)
     for _ in range(4):
         problem = _Problem(structure, target, bounds, prior, wanted, scale)
-        values, standard, cost, solution = problem.solve()
+        values, standard, cost, solution = problem.solve(inside)
         if _holds(structure, standard) and not wrong_signs(structure, structure.lift @ values, structure.null_space):
             notes = () if solution.accurate else (f"the solver stopped with {solution.status}; the result was checked and holds.",)
             return ConsistentFit(values, standard, cost, "linear matrix inequalities (Clarabel)", notes)
@@ -127,34 +138,44 @@ def fit_consistent(
     )
 
 
-def _room(structure: InertiaStructure, values: Array) -> tuple[Array, float]:
-    """Scale of the links that give these base values and their largest common margin. InfeasibleError where they are not consistent."""
+def _room(structure: InertiaStructure, values: Array) -> tuple[Array, float, Array]:
+    """Scale of the links that give these base values, their largest common margin, and links (k,) that have it.
+
+    Raises InfeasibleError where there are none."""
     verdict = judge_consistent(structure, values)
     if verdict.standard is None:
         raise InfeasibleError(f"these base parameters are {verdict.text()}. Repair them first.")
     scale = link_scales(structure, verdict.standard)
     constant = structure.lift @ values
-    margin, _ = _deepest(structure, constant, structure.null_space, scale, _drive_scale(structure, verdict.standard))
-    return scale, margin
+    margin, deepest = _deepest(structure, constant, structure.null_space, scale, _drive_scale(structure, verdict.standard))
+    if margin > 0 and _holds(structure, deepest):
+        return scale, margin, deepest
+    return link_scales(structure), max(verdict.margin, 0.0), verdict.standard
 
 
 class _Problem:
     """The unknowns x = (w, z), base values and unseen directions, and what is asked of the parameters constant + sensitivity @ x."""
 
-    def __init__(self, structure: InertiaStructure, target: Target, bounds: Bounds, prior: Prior | None, margin: float, scale: Array) -> None:
-        self.structure, self.target, self.prior, self.margin, self.scale = structure, target, prior, margin, scale
+    def __init__(
+        self, structure: InertiaStructure, target: Target, bounds: Bounds, prior: Prior | None, margin: float, scale: Array,
+        released: str = "",
+    ) -> None:  # fmt: skip
+        """`released`: name of a link or parameter that may be anything (to learn what its constraint costs)."""
+        self.structure, self.target, self.prior, self.margin, self.scale, self.released = structure, target, prior, margin, scale, released
         free = structure.null_space
         drive = _drive_scale(structure, structure.lift @ (target.offset + target.root @ target.target))
         self.constant = structure.lift @ target.offset
         self.sensitivity = np.concatenate([structure.lift @ target.root, free * _free_scale(structure, free, scale, drive)], axis=1)
         self.roots = [None] * structure.tree.nb if prior is None else prior.roots(structure)
         A, c = bounds.rows(structure)
-        at = structure.drive
+        at = np.array([i for i in structure.drive if structure.names[i] != released], int)
+        of_drive = np.isin(structure.drive, at)
+        signed = np.array([i for i in structure.nonnegative if structure.names[i] != released], int)
         # A rotor inertia that the data fix must be positive; one that is grouped away may be zero.
         least = np.where(np.any(np.abs(free[at]) > 1e-12, axis=1), 0.0, margin)
         unit = np.eye(structure.k)
-        rows = np.concatenate([unit[at] / drive[:, None], unit[structure.nonnegative], A])
-        constants = np.concatenate([-least, np.zeros(len(structure.nonnegative)), c])
+        rows = np.concatenate([unit[at] / drive[of_drive, None], unit[signed], A])
+        constants = np.concatenate([-least, np.zeros(len(signed)), c])
         size = np.maximum(np.linalg.norm(rows @ self.sensitivity, axis=1), 1e-12)
         self.rows, self.constants = (rows @ self.sensitivity) / size[:, None], (rows @ self.constant + constants) / size
         # What no unknown moves is judged elsewhere, by its sign.
@@ -162,13 +183,16 @@ class _Problem:
         self.rows, self.constants = self.rows[moved], self.constants[moved]
         self.cones = [(cone @ self.sensitivity, cone @ self.constant) for cone in bounds.cones(structure)]
 
-    def solve(self) -> tuple[Array, Array, float, Solution]:
-        """(values, standard, cost of the data, solution)."""
+    def solve(self, inside: Array | None = None) -> tuple[Array, Array, float, Solution]:
+        """(values, standard, cost of the data, solution). `inside` (k,): parameters that satisfy everything strictly, if known."""
         solution = self._conic(0.0)
         x = solution.x[: self.sensitivity.shape[1]]
         if self.prior is not None and self.prior.metric != Metric.QUADRATIC:
-            start = self._conic(1e-7).x[: len(x)]
-            x = self._interior(self.prior).solve(start)
+            interior = self._interior(self.prior)
+            starts = [self._conic(1e-7).x[: len(x)]]
+            if inside is not None:
+                starts.insert(0, np.linalg.lstsq(self.sensitivity, inside - self.constant, rcond=None)[0])
+            x = interior.solve(next((s for s in starts if interior.is_inside(s)), starts[-1]))
         structure, target = self.structure, self.target
         standard = self.constant + self.sensitivity @ x
         # Rounding may leave a rotor inertia or friction a hair below zero: put it on the border, where it is meant to be.
@@ -196,15 +220,19 @@ class _Problem:
         program = ConicProgram()
         x = program.variables(self.sensitivity.shape[1])
         target = self.target
-        program.distance(x[: len(target.target)][target.costed], target.target[target.costed])
+        own = x[: len(target.target)]
+        program.distance(own[target.costed], target.target[target.costed])
+        # What the data do not see stays near zero, as far as nothing else asks for it.
+        program.distance(own[~target.costed], np.zeros(int(np.sum(~target.costed))), SETTLE)
         default = link_scales(self.structure)
         for body, root in enumerate(self.roots):
-            constant, slope = self._link(body, scaled_units(self.scale[body]))
-            program.semidefinite(constant - (self.margin + inside) * np.eye(4), [(x, slope)])
-            if root is None:
+            if self.structure.body_names[body] != self.released:
+                constant, slope = self._link(body, scaled_units(self.scale[body]))
+                program.semidefinite(constant - (self.margin + inside) * np.eye(4), [(x, slope)])
+            if root is None and self.structure.body_names[body] != self.released:
                 # Among links that no torque tells apart, the light and compact ones.
                 program.linear(x, SETTLE * np.trace(self._link(body, scaled_units(default[body]))[1], axis1=1, axis2=2))
-            else:
+            elif root is not None:
                 assert self.prior is not None
                 constant, slope = self._relative(body, root)
                 i, j, unit = triangle_indices(4)
@@ -221,7 +249,10 @@ class _Problem:
     def _interior(self, prior: Prior) -> InteriorProblem:
         p = self.sensitivity.shape[1]
         nominal = [self._relative(body, root) for body, root in enumerate(self.roots) if root is not None]
-        others = [self._link(body, scaled_units(self.scale[body])) for body, root in enumerate(self.roots) if root is None]
+        others = []
+        for body in (i for i, root in enumerate(self.roots) if root is None):
+            constant, slope = self._link(body, scaled_units(self.scale[body]))
+            others.append((constant - 0.9 * self.margin * np.eye(4), slope))
         target = np.zeros(p)
         target[: len(self.target.target)] = self.target.target
         costed = np.zeros(p, bool)
@@ -233,6 +264,25 @@ class _Problem:
         return InteriorProblem(
             target, costed, matrices(nominal), prior.metric, 1.0 / prior.spread**2, matrices(others), self.rows, self.constants, tuple(self.cones)
         )
+
+
+def binding_constraints(
+    structure: InertiaStructure, target: Target, *, bounds: Bounds | None = None, prior: Prior | None = None, least: float = 1.0
+) -> dict[str, float]:
+    """What holds a consistent fit back: link or parameter -> cost (squared standard deviations) that its constraint alone adds.
+
+    Each is left out in turn; those that add less than `least` are not named. Largest first. The rest of the cost is shared among them."""
+    bounds = bounds or Bounds()
+    scale = link_scales(structure) if prior is None else _nominal_scale(structure, prior)
+    fit = _Problem(structure, target, bounds, prior, MARGIN, scale).solve()
+    guess = structure.lift @ (target.offset + target.root @ target.target)
+    signed = [structure.names[i] for i in (*structure.drive, *structure.nonnegative) if guess[i] < 0 or fit[1][i] <= 1e-6 * abs(guess[i])]
+    found = {}
+    for name in (*structure.body_names, *signed):
+        cost = _Problem(structure, target, bounds, prior, MARGIN, scale, name).solve()[2]
+        if fit[2] - cost >= least:
+            found[name] = fit[2] - cost
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
 def _nominal_scale(structure: InertiaStructure, prior: Prior) -> Array:

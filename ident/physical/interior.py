@@ -42,9 +42,13 @@ class InteriorProblem:
     constants: Array
     cones: tuple[tuple[Array, Array], ...] = field(default=())
 
+    def is_inside(self, x: Array) -> bool:
+        """Whether x (p,) satisfies everything strictly."""
+        return bool(np.isfinite(self._value(x, 1.0)))
+
     def solve(self, x: Array) -> Array:
         """The minimiser, from a strictly feasible `x` (p,). Raises SolverError where Newton's method stalls or the start is not inside."""
-        if not np.isfinite(self._value(x, 1.0)):
+        if not self.is_inside(x):
             raise SolverError("the fit with a prior: the start is not strictly inside the bounds; leave room between least and most values.")
         if self.metric == Metric.GEOMETRIC:
             # Not convex and flat far from the nominal body: the entropic solution is the place to start from.

@@ -59,12 +59,15 @@ class Judgement:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A set of base parameters with what they mean: `structure`, `values` (b,), `covariance` (b, b) or None."""
+    """A set of base parameters with what they mean: `structure`, `values` (b,), `covariance` (b, b) or None.
+
+    `unseen` (b, u): changes of base values that the data could not see (none: u = 0); they may be chosen freely."""
 
     name: str
     structure: InertiaStructure
     values: Array
     covariance: Array | None
+    unseen: Array | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -79,7 +82,10 @@ def subject_of(estimate: Estimate) -> Subject:
     covariance = np.zeros((base.count, base.count))
     covariance[np.ix_(at, at)] = estimate.covariance
     missing = ", ".join(base.names[i] for i in range(base.count) if i not in set(at.tolist()))
-    return Subject(estimate.method, structure, values, covariance, (f"not determined by the data, and judged with the value zero: {missing}.",))
+    # What the data see of the model's base parameters; the rest of the space is free.
+    seen = estimate.base.regroup @ structure.lift
+    unseen = np.linalg.svd(seen)[2][len(seen) :].T
+    return Subject(estimate.method, structure, values, covariance, unseen, (f"not determined by the data, and judged with the value zero: {missing}.",))
 
 
 def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: float = 20.0) -> Judgement:
@@ -87,7 +93,7 @@ def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: floa
     if not isinstance(subject, Subject):
         subject = subject_of(subject)
     possible = judge_possible(subject.structure, subject.values, covariance=subject.covariance, limits=limits, time_limit=time_limit)
-    consistent = judge_consistent(subject.structure, subject.values) if solver_available() else None
+    consistent = judge_consistent(subject.structure, subject.values, unseen=subject.unseen) if solver_available() else None
     return Judgement(subject.name, possible, consistent, subject.notes)
 
 

@@ -5,6 +5,8 @@ RA-L 2022), so ordinary nonlinear least squares will do. It is not convex in the
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..errors import UnsupportedError
@@ -38,14 +40,16 @@ def fit_log_cholesky(
     if prior is not None and prior.metric != Metric.QUADRATIC:
         raise UnsupportedError("the log-Cholesky fit takes the quadratic metric only; the others need the solver: pip install 'ident[sdp]'.")
     fit = _Factors(structure, target, prior)
-    best = None
-    for x0 in fit.starts(start, prior):
-        found = least_squares(
-            fit.residual, x0, jac=fit.jacobian, x_scale="jac", method="trf", bounds=(fit.lower, np.inf), max_nfev=400, ftol=1e-12, xtol=1e-12, gtol=1e-12
-        )
-        if best is None or found.cost < best.cost:
-            best = found
-    assert best is not None
+
+    def descend(x0: Array, evaluations: int) -> Any:
+        return least_squares(
+            fit.residual, x0, jac=fit.jacobian, x_scale="jac", method="trf", bounds=(fit.lower, np.inf), max_nfev=evaluations,
+            ftol=1e-12, xtol=1e-12, gtol=1e-12,
+        )  # fmt: skip
+
+    # A few steps from every start, the rest from the best.
+    best = min((descend(x0, 25) for x0 in fit.starts(start, prior)), key=lambda found: found.cost)
+    best = descend(best.x, 400)
     standard = fit.parameters(best.x)
     values = structure.regroup @ standard
     if not _holds(structure, standard) or wrong_signs(structure, structure.lift @ values, structure.null_space):
@@ -68,6 +72,8 @@ class _Factors:
         self.rest = np.array([i for i in range(structure.k) if i not in taken], int)
         self.drive = _drive_scale(structure, structure.lift @ (target.offset + target.root @ target.target))
         self.lower = np.full(10 * self.nb + len(structure.drive) + len(self.rest), -np.inf)
+        # No factor's diagonal below a thousandth of a typical link's: a body that vanishes is none.
+        self.lower[: 10 * self.nb][np.tile(_DIAGONAL, self.nb)] = np.log(1e-3)
         signed = np.isin(self.rest, structure.nonnegative)
         self.lower[10 * self.nb + len(structure.drive) :][signed] = 0.0
         # Base values -> whitened residuals: the inverse of the target's root on what costs something.
@@ -96,7 +102,7 @@ class _Factors:
                 J = np.einsum("bi,ij,bj->bij", 1.0 / self.scale, mass * np.eye(4), 1.0 / self.scale)
                 links.append(from_pseudo_inertia(J).reshape(-1))
         rotors = np.log(np.maximum(guess[self.structure.drive], 0.1 * self.drive))
-        return [np.concatenate([self._factors(link), rotors, rest]) for link in links]
+        return [np.maximum(np.concatenate([self._factors(link), rotors, rest]), self.lower + 1e-6) for link in links]
 
     def _factors(self, links: Array) -> Array:
         J = pseudo_inertia(links.reshape(-1, 10))

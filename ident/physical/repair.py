@@ -96,6 +96,7 @@ def repair(
     covariance: Array | None,
     method: RepairMethod | str = RepairMethod.CONSISTENT,
     *,
+    unseen: Array | None = None,
     triangle: tuple[Array, Array] | None = None,
     bounds: Bounds | None = None,
     prior: Prior | None = None,
@@ -104,7 +105,7 @@ def repair(
     data: dict[str, Information] | None = None,
     time_limit: float = 60.0,
 ) -> Repair:
-    """Repair base values (b,) with their covariance (b, b).
+    """Repair base values (b,) with their covariance (b, b). `unseen` (b, u): directions that the data did not see, and that cost nothing.
 
     `triangle` (R, z): the whitened information block for method "fit" (`Information.combined` with weights 1/variance). `bounds`, `prior`: what
     else is known of the links (consistent and fit). `margin`: least eigenvalue of H, relative to its typical diagonal, for stepwise and
@@ -127,14 +128,14 @@ def repair(
     if method in (RepairMethod.STEPWISE, RepairMethod.POSSIBLE):
         if bounds is not None or prior is not None:
             raise UnsupportedError(f"repair method {method.value!r} knows no links, so it takes neither bounds nor a prior; 'consistent' and 'fit' do.")
-        repaired, how = _possible(structure, values, covariance, root, method, margin, limits, time_limit)
+        repaired, how = _possible(structure, values, covariance, root, unseen, method, margin, limits, time_limit)
     else:
         if method == RepairMethod.FIT:
             if triangle is None:
                 raise ConfigurationError("repair method 'fit' works from the information block: give triangle=(R, z), or use 'consistent'.")
             target = Target.from_information(*triangle)
         else:
-            target = Target.from_covariance(values, covariance)
+            target = Target.from_covariance(values, covariance, unseen)
         fit = consistent_fit(structure, target, bounds=bounds, prior=prior)
         repaired, standard, how, notes = fit.values, fit.standard, fit.method, notes + fit.notes
     possible = judge_possible(structure, repaired, covariance=covariance, limits=limits, time_limit=time_limit)
@@ -152,7 +153,7 @@ def repair(
         name: {"before": torque_errors(block, values), "after": torque_errors(block, repaired)} for name, block in (data or {}).items()
     }
     return Repair(
-        method, repaired, standard, mahalanobis(root, repaired - values), changes, possible, consistent, how,
+        method, repaired, standard, mahalanobis(root, repaired - values, unseen), changes, possible, consistent, how,
         time.perf_counter() - start, errors, notes,
     )  # fmt: skip
 
@@ -184,8 +185,14 @@ def torque_errors(information: Information, values: Array) -> dict[str, Any]:
 
 
 def _possible(
-    structure: InertiaStructure, values: Array, covariance: Array, root: Array, method: RepairMethod, margin: float, limits: bool, time_limit: float
-) -> tuple[Array, str]:
+    structure: InertiaStructure, values: Array, covariance: Array, root: Array, unseen: Array | None, method: RepairMethod, margin: float,
+    limits: bool, time_limit: float,
+) -> tuple[Array, str]:  # fmt: skip
+    if unseen is not None and unseen.shape[1]:
+        # Known to no better than the largest parameter: next to nothing, but enough for a least distance.
+        size = 10.0 * float(np.abs(values).max(initial=1.0))
+        root = np.concatenate([root, size * unseen], axis=1)
+        covariance = covariance + size**2 * unseen @ unseen.T
     lower, upper, _ = structure.ranges(limits)
     weight = typical_diagonal(structure, values, lower, upper)
     if method == RepairMethod.STEPWISE:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..parameters import LINK_SYMBOLS
-from .bounds import Bounds, Prior
-from .conic import solver_available
-from .constrained import Target, fit_consistent, prior_distance
+from .bounds import Bounds, Metric, Prior
+from .conic import SolverError, solver_available
+from .constrained import ConsistentFit, Target, fit_consistent, prior_distance
 from .log_cholesky import fit_log_cholesky
 from .pseudo_inertia import smallest_eigenvalues
 from .structure import InertiaStructure
@@ -76,11 +76,15 @@ def standard_parameters(
     start = time.perf_counter()
     values = structure.check_values(values)
     target = Target.fixed(values)
-    if solver_available():
-        fit = fit_consistent(structure, target, bounds=bounds, prior=prior)
-    else:
+    metric = None if prior is None else prior.metric
+    if not solver_available():
         fit = fit_log_cholesky(structure, target, bounds=bounds, prior=prior)
+    else:
+        fit, metric = _nearest(structure, target, bounds, prior)
     notes = fit.notes
+    if prior is not None and metric != prior.metric:
+        notes += (f"these links lie so near to the border that the {prior.metric.value} metric could not be minimised;"
+                  f" {'the quadratic metric was used' if metric else 'they are consistent, but not the nearest to the nominal ones'}.",)  # fmt: skip
     if prior is not None:
         unknown = [structure.body_names[i] for i, root in enumerate(prior.roots(structure)) if root is None]
         if unknown:
@@ -92,5 +96,19 @@ def standard_parameters(
     return StandardParameters(
         structure, fit.standard, distance, "none" if prior is None else prior.metric.value, error, fit.method, time.perf_counter() - start, notes
     )
+
+
+def _nearest(
+    structure: InertiaStructure, target: Target, bounds: Bounds | None, prior: Prior | None
+) -> tuple[ConsistentFit, Metric | None]:
+    """The links nearest to nominal, and the metric in which they are: on the very border only a simpler one can be minimised."""
+    if prior is None:
+        return fit_consistent(structure, target, bounds=bounds), None
+    for metric in dict.fromkeys((prior.metric, Metric.QUADRATIC)):
+        try:
+            return fit_consistent(structure, target, bounds=bounds, prior=replace(prior, metric=metric)), metric
+        except SolverError:
+            continue
+    return fit_consistent(structure, target, bounds=bounds), None
 
 
