@@ -10,6 +10,7 @@ import numpy as np
 
 from ..effect import Axis, JointEffect, Nature, Need, register
 from ..motion import Coordinates, Motion
+from ..parameters import ShapeParameter
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -20,10 +21,11 @@ Array = np.ndarray
 @register
 @dataclass(frozen=True, kw_only=True)
 class LoadDependentFriction(JointEffect):
-    """Dry friction in proportion to the load: τ = Fl s(ω) |τ_load|, with τ_load = Kᵀ τ of the links, as the model predicts it.
+    """Dry friction in proportion to the load: τ = Fl s(ω) |τ_load − rotor dω/dt|, τ_load = Kᵀ τ of the links as predicted.
 
-    The part of the torque that accelerates the rotor does not load the gear and is left out. Fl is what the gear loses of the
-    torque it transmits. Source: SCIENCE.md 7.1. The measured torque is not used: its noise would bias Fl."""
+    Fl is what the gear loses of the torque it transmits. The torque that accelerates the rotor does not load the gear; where
+    base parameters have joined rotor and link inertia (a first joint), the prediction holds it too, and `rotor` (inertia on
+    `side`) takes it out again. The measured torque is not used: its noise would bias Fl. Source: SCIENCE.md 7.1."""
 
     name: ClassVar[str] = "load_dependent_friction"
     title: ClassVar[str] = "friction that grows with load"
@@ -32,6 +34,22 @@ class LoadDependentFriction(JointEffect):
     needs: ClassVar[frozenset[Need]] = frozenset({Need.LOAD})
     symbols = (("Fl", "1", 0.0),)
 
+    rotor: float = 0.0
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (ShapeParameter("rotor", "kg m^2 (kg)", 0.0, 1e4, 0.0),)
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        """From none to what the accelerations and the load leave room for."""
+        if motion.load is None:
+            return self.bounded()
+        at = self.at(robot)
+        load = motion.behind(robot.transmission).needed_load(f"effect {self.name!r}", self.side)[:, at]
+        ddq = motion.on(self.side).ddq[:, at]
+        moved = np.sum(ddq**2, axis=0)
+        room = np.divide(np.abs(np.sum(load * ddq, axis=0)), moved, out=np.zeros_like(moved), where=moved > 0)
+        return self.bounded(rotor=(0.0, float(room.max(initial=0.0))))
+
     def columns(self, motion: Motion, robot: Robot) -> Array:
         return super().columns(motion.behind(robot.transmission), robot)
 
@@ -39,4 +57,5 @@ class LoadDependentFriction(JointEffect):
         return super().torque(motion.behind(robot.transmission), robot, values)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
-        yield own.direction * np.abs(motion.needed_load(f"effect {self.name!r}", self.side)[:, at])
+        load = motion.needed_load(f"effect {self.name!r}", self.side)[:, at]
+        yield own.direction * np.abs(load - self.rotor * own.ddq)

@@ -88,6 +88,11 @@ def test_load_dependent_friction_is_a_share_of_the_torque_through_the_gear(wrist
     expected = s * np.abs(links @ robot.transmission.K)
     columns = make_effect("load_dependent_friction").columns(motion, robot)
     np.testing.assert_allclose(np.einsum("Njj->Nj", columns), expected, atol=1e-12)
+    # A prediction that holds the rotor of joint 1 as if it were the link's: the shape takes it out again.
+    rotor = 0.03
+    held = motion.with_load(motion.load + rotor * np.outer(motion.motor.ddq[:, 0], np.linalg.inv(robot.transmission.K)[0]))
+    again = make_effect("load_dependent_friction", joints="j1", rotor=rotor).columns(held, robot)
+    np.testing.assert_allclose(again[:, 0, 0], expected[:, 0], atol=1e-12)
 
 
 def test_counterbalance_is_the_slope_of_the_energy_of_its_spring() -> None:
