@@ -1,0 +1,119 @@
+"""`ident simulate`: a realistic log of a robot: closed loop, friction, transmission, encoders, noise."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from ..estimate import Estimate
+from ..results import result
+from .common import Output, add_output_arguments, add_study_arguments, study_from
+
+if TYPE_CHECKING:
+    from ..model import Model
+    from ..trajectory import FourierTrajectory
+
+Array = np.ndarray
+HELP = "simulate a robot along a trajectory in closed loop and write the log"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_study_arguments(parser, logs=False)
+    parser.add_argument("--fit", metavar="FILE", help="saved fit (fit.json) instead of nominal parameters")
+    parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects beside the rigid body")
+    parser.add_argument("--log", metavar="FILE", default="simulated.csv", help="log to write, .csv or .csv.gz (default: %(default)s)")
+    parser.add_argument("--trajectory", metavar="FILE", help="CSV with t, q1 … qn to follow; without it, a random Fourier motion within the limits")
+    parser.add_argument("--seconds", type=float, default=20.0, help="length of the random motion (default: %(default)s)")
+    parser.add_argument("--rate", type=float, default=200.0, help="samples per second (default: %(default)s)")
+    parser.add_argument("--counts", type=float, default=4000.0, help="encoder counts a motor turn; 0: exact (default: %(default)s)")
+    parser.add_argument("--noise", type=float, default=0.01, help="torque noise over the joint's rms torque (default: %(default)s)")
+    parser.add_argument("--colour", type=float, default=0.0, help="correlation of the noise from one sample to the next (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of motion and noise (default: %(default)s)")
+    add_output_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from ..motion import Coordinates
+    from ..simulate import Plant, Sensors, simulate
+    from ..trajectory import FourierTrajectory
+
+    out = Output(args)
+    target = Path(args.log)
+    if target.exists() and not args.force:
+        raise ConfigurationError(f"{target} exists; nothing was simulated. Choose another --log, or add --force.")
+    model, values = _plant(args)
+    desired: FourierTrajectory | Coordinates
+    if args.trajectory:
+        desired = _followed(args.trajectory, model)
+        sampled = desired
+    else:
+        desired = random_motion(model, args.seed, args.seconds)
+        sampled = desired.sample(np.arange(0.0, args.seconds, 0.01))
+        assert isinstance(desired, FourierTrajectory)
+    typical = np.sqrt(np.mean(model.inverse_dynamics(sampled.q, sampled.dq, sampled.ddq, values) ** 2, axis=0))
+    sensors = Sensors.typical(counts=args.counts or None, torque_noise=tuple(args.noise * typical), colour=args.colour)
+    made = simulate(
+        Plant(model, values), desired=desired, rate=args.rate, control_rate=_control_rate(args.rate), sensors=sensors, seed=args.seed,
+        progress=out.progress("simulating"),
+    )  # fmt: skip
+    path = made.to_csv(target, force=args.force)
+    out.say(f"wrote {path}: {len(made.t)} samples at {args.rate:g} Hz of {model.robot.name} ({', '.join(model.robot.joint_names)})")
+    data = {"log": str(path), "samples": len(made.t), "rate": args.rate, "joints": list(model.robot.joint_names), "seed": args.seed}
+    truth = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
+    out.result(result("ident.simulation/1", {**data, "parameters": truth}), "simulation")
+    return 0
+
+
+def _control_rate(rate: float) -> float:
+    return rate * max(1, int(np.ceil(1000.0 / rate)))
+
+
+def _plant(args: argparse.Namespace) -> tuple[Model, Array]:
+    if args.fit:
+        estimate = Estimate.load(args.fit)
+        return estimate.model, estimate.all_values
+    from ..robots import nominal_values
+
+    study = study_from(args)
+    model = study.model()
+    if model.robot.nominal is None:
+        raise ConfigurationError(f"robot {model.robot.name!r} has no inertials to simulate with; give a saved fit with --fit.")
+    return model, nominal_values(model)
+
+
+def random_motion(model: Model, seed: int, seconds: float, base_hz: float = 0.1, harmonics: int = 5) -> FourierTrajectory:
+    """Random Fourier motion over most of the joint ranges (half a turn or half a metre each way at the most) and of the speed limits."""
+    from ..trajectory import FourierTrajectory
+
+    robot = model.robot
+    rng = np.random.default_rng(seed)
+    widest = np.array([0.5 if j.prismatic else np.pi for j in robot.joints])
+    lower = np.maximum([j.lower for j in robot.joints], -widest)
+    upper = np.array([j.upper for j in robot.joints])
+    lower = np.where(upper < lower, [j.lower for j in robot.joints], lower)
+    upper = np.minimum(upper, lower + 2 * widest)
+    periods = max(1, round(seconds * base_hz))
+    base = periods / seconds
+    sine, cosine = rng.normal(size=(2, harmonics, robot.n))
+    unit = FourierTrajectory(np.zeros(robot.n), sine, cosine, base, periods).sample(np.linspace(0.0, seconds, 4001))
+    speed = np.array([j.velocity for j in robot.joints])
+    scale = np.minimum(0.9 * (upper - lower) / np.ptp(unit.q, axis=0), 0.9 * speed / np.abs(unit.dq).max(axis=0))
+    centre = (lower + upper) / 2 - scale * (unit.q.max(axis=0) + unit.q.min(axis=0)) / 2
+    return FourierTrajectory(centre, scale * sine, scale * cosine, base, periods)
+
+
+def _followed(file: str, model: Model):  # type: ignore[no-untyped-def]
+    """The motion in a CSV file, resampled to the controller's rate by splines."""
+    from scipy.interpolate import CubicSpline
+
+    from ..logs import read_logs
+    from ..motion import Coordinates
+
+    log = read_logs(file, model.robot)[0]
+    spline = CubicSpline(log.t, log.position(model.robot.transmission))
+    t = np.arange(log.t[0], log.t[-1], 1e-3)
+    return Coordinates(spline(t), spline(t, 1), spline(t, 2))
