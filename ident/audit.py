@@ -125,8 +125,10 @@ def audit(logs: LogSet, robot: Robot | None = None) -> Audit:
         found += in_time
         if any(f.severity == Severity.ERROR for f in in_time):
             continue
-        found += check_columns(log, robot)
-        found += check_motion(log, robot)
+        in_columns = check_columns(log, robot)
+        found += in_columns
+        if not any(f.code == "position_missing" for f in in_columns):
+            found += check_motion(log, robot)
     return Audit(tuple(_merged(found, len(logs))), logs.names, robot.name if robot else "")
 
 

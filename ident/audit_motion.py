@@ -53,14 +53,15 @@ def check_motion(log: Log, robot: Robot | None) -> list[Finding]:
         add("too_short", Severity.WARNING, "No stretch of the run is long and even enough to look at its motion.")
         return out
     names = joint_names(log, robot)
-    _rest(add, names, motion)
+    still = _still(motion)
+    _rest(add, names, motion, still)
     add("cutoff", Severity.INFO, f"Suggested cut-off {motion.cutoff:.3g} Hz: {motion.choice.reason}.", "", motion.cutoff)
     velocity = log.velocity(robot.transmission) if robot else log.dq
     if velocity is not None and motion.run.dq is not None:
         for j, name in enumerate(names):
             _velocity(add, name, j, motion)
     if robot is not None and log.tau:
-        _dynamics(add, robot, motion)
+        _dynamics(add, robot, motion, still)
     return out
 
 
@@ -100,11 +101,16 @@ def _part(run: UniformRun, rows: slice) -> UniformRun:
     return UniformRun(run.name, run.t[rows], run.q[rows], run.torque[rows], run.missing[rows], dq, None, run.interpolated)
 
 
-def _rest(add: Add, names: tuple[str, ...], m: _Motion) -> None:
-    top = np.abs(m.dq).max(axis=0)
+def _still(m: _Motion) -> Array:
+    """Joints (n,) whose speed stays within the noise of their position."""
     noise = np.array([s.velocity_noise(m.cutoff) for s in m.choice.joints])
     rounding = 100 * np.spacing(np.abs(m.q).max(axis=0)) * m.rate
-    still = top <= np.maximum(6 * noise, rounding)
+    return np.asarray(np.abs(m.dq).max(axis=0) <= np.maximum(6 * noise, rounding))
+
+
+def _rest(add: Add, names: tuple[str, ...], m: _Motion, still: Array) -> None:
+    top = np.abs(m.dq).max(axis=0)
+    noise = np.array([s.velocity_noise(m.cutoff) for s in m.choice.joints])
     if still.all():
         add("no_motion", Severity.ERROR, "No joint moves: there is nothing to estimate a model of motion from. Record an exciting motion.")
         return
@@ -128,15 +134,15 @@ def _rest(add: Add, names: tuple[str, ...], m: _Motion) -> None:
             name,
             rest,
         )
-        s = m.choice.joints[j]
-        if not s.moves:
+        share = m.choice.joints[j].acceleration_noise(m.cutoff) / max(float(np.mean(m.ddq[:, j] ** 2)), 1e-300)
+        if share > 0.02:
             add(
                 "noise",
                 Severity.WARNING,
-                f"Its acceleration hardly stands out of the noise of its position ({s.noise:.2g} rms): inertia will be"
-                " estimated too small. Move it faster.",
+                f"{min(share, 1):.0%} of its acceleration's power is noise of its position at the suggested cut-off: inertia will be"
+                " estimated too small by about as much. Move it faster, or lower the cut-off.",
                 name,
-                s.noise,
+                share,
             )
 
 
@@ -227,7 +233,7 @@ def _minimum(lags: Array, left: Array) -> tuple[float, bool]:
     return float(lags[k] + (0.5 * (a - c) / curve if curve > 0 else 0.0) * (lags[1] - lags[0])), True
 
 
-def _dynamics(add: Add, robot: Robot, m: _Motion) -> None:
+def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
     """Torque against what the robot's structure can explain: the delay that fits best, and torque that hardly drives the motion."""
     from .regressor.rigid import regressor
 
@@ -246,24 +252,38 @@ def _dynamics(add: Add, robot: Robot, m: _Motion) -> None:
     for j, joint in enumerate(robot.joints):
         missing = m.run.missing[m.inner][::step][:, j]
         # Friction is no step at reversals; rows about them would be explained by a false delay.
+        if still[j]:
+            continue
         use = (np.abs(v[:, j]) > 0.15 * np.percentile(np.abs(v[:, j]), 99)) & ~missing
         basis = np.column_stack([columns[:, j], v[:, j], np.sign(v[:, j]), a[:, j], np.ones(len(t))])[use]
         scale = np.linalg.norm(basis, axis=0)
         keep = scale > 1e-9 * scale.max(initial=0.0)
-        if use.sum() < 10 * keep.sum():
+        if not keep.any() or use.sum() < 20 * keep.sum():
             continue
         U, S, Vt = np.linalg.svd(basis[:, keep] / scale[keep], full_matrices=False)
         good = S > 1e-4 * S[0]
         U = U[:, good]
         shifted = np.stack([np.interp(t[use] + lag, m.run.t, m.torque[:, j]) for lag in lags], axis=1)
         energy = float(np.sum(shifted[:, _LAGS // 2] ** 2))
-        if energy <= 0:
+        if energy <= 0 or not np.isfinite(energy):
             continue
         left = np.sum((shifted - U @ (U.T @ shifted)) ** 2, axis=0) / energy
         pooled += left * use.sum()
         lag, inside = _minimum(lags, left)
         found.append((lag, inside, float(left[_LAGS // 2])))
-        parts = (Vt[good].T / S[good]) @ (U.T @ shifted[:, _LAGS // 2])
+        if left[_LAGS // 2] > 0.5:
+            add(
+                "torque_unrelated",
+                Severity.WARNING,
+                f"The robot's structure explains only {1 - left[_LAGS // 2]:.0%} of its torque. Either hardly any torque drives this"
+                " motion, or columns, signs, units or the side of the torque ([drive] measured) are mixed up.",
+                joint.name,
+                float(left[_LAGS // 2]),
+            )
+            continue
+        # Only directions that are told well: between nearly equal columns anything cancels.
+        solid = S[good] > 1e-2 * S[0]
+        parts = (Vt[good][solid].T / S[good][solid]) @ (U[:, solid].T @ shifted[:, _LAGS // 2])
         balance = math.sqrt(float(np.sum((basis[:, keep] / scale[keep] * parts) ** 2)) / energy)
         if balance > 2:
             add(

@@ -60,6 +60,10 @@ class JointSpectrum:
         """Standard deviation of the velocity's noise behind a low-pass at `cutoff` (Hz)."""
         return math.sqrt(self.level * (2 * math.pi) ** 2 * cutoff**3 / 3)
 
+    def acceleration_noise(self, cutoff: float) -> float:
+        """Variance of the acceleration's noise behind a low-pass at `cutoff` (Hz)."""
+        return self.level * (2 * math.pi) ** 4 * cutoff**5 / 5
+
 
 @dataclass(frozen=True)
 class CutoffChoice:

@@ -386,12 +386,17 @@ def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | No
     logs = []
     for i, index in enumerate(pieces.rows):
         cut: slice | Array = slice(None) if whole else index
+        recorded = {k: v[cut] for k, v in arrays.items()}
         logs.append(
             Log(
                 name=stem if len(pieces.rows) == 1 else f"{stem} run {i + 1}",
-                t=arrays["t"][cut],
-                **{k: arrays[k][cut] for k in ("q", "q_motor", "dq", "ddq", "dq_motor") if k in arrays},
-                tau={k[4:]: arrays[k][cut] for k in ("tau_joint", "tau_motor", "tau_current") if k in arrays},
+                t=recorded["t"],
+                q=recorded.get("q"),
+                q_motor=recorded.get("q_motor"),
+                dq=recorded.get("dq"),
+                ddq=recorded.get("ddq"),
+                dq_motor=recorded.get("dq_motor"),
+                tau={k.removeprefix("tau_"): v for k, v in recorded.items() if k.startswith("tau_")},
                 source=str(path),
                 sha256=digest,
                 extra={k: v[cut] for k, v in extras.items()},

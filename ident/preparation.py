@@ -255,7 +255,9 @@ class Recorded(Preparation):
 
 def _check_accuracy(accuracy: int) -> None:
     if accuracy not in ACCURACIES:
-        raise ConfigurationError(f"[signals] accuracy = {accuracy!r} is not known; differences may have accuracy {', '.join(map(str, ACCURACIES))}.")
+        raise ConfigurationError(
+            f"[signals] accuracy = {accuracy!r} is not known; differences may have accuracy {', '.join(map(str, ACCURACIES))}."
+        )
 
 
 _STRATEGIES: tuple[type[Preparation], ...] = (ZeroPhase, SavitzkyGolay, CentralDifference, Recorded)

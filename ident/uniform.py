@@ -59,7 +59,15 @@ class Recording:
         if len(absent) == robot.n:
             raise DataError(f"log {log.name}: the torque columns hold no number.")
         return cls(
-            log.name, log.t, q, torque.torque, log.velocity(robot.transmission), log.ddq, Clock.of(log.t), tuple(dict.fromkeys(notes)), log.began
+            log.name,
+            log.t,
+            q,
+            torque.torque,
+            log.velocity(robot.transmission),
+            log.ddq,
+            Clock.of(log.t),
+            tuple(dict.fromkeys(notes)),
+            log.began,
         )
 
 

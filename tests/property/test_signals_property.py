@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -32,7 +34,7 @@ def signals_of(runs: list[int], row_filter: RowFilter | None, seed: int) -> Sign
     rng = np.random.default_rng(seed)
     total = sum(runs)
     edges = np.cumsum([0, *runs])
-    slices = tuple(slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+    slices = tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(edges))
     x = rng.standard_normal((total, 1))
     rows = [x[s] if row_filter is None else row_filter.apply(x[s]) for s in slices]
     tau = np.concatenate(rows)
@@ -155,9 +157,7 @@ def test_every_unit_of_every_quantity_is_honoured(quantity: str, data: st.DataOb
 )
 def test_splits_neither_share_nor_lose_samples(lengths: list[int], by: str, held: float) -> None:
     logs = LogSet(
-        tuple(
-            Log(f"r{k}", k * 1e3 + np.arange(n) * 0.01, np.zeros((n, 1)), tau={"joint": np.zeros((n, 1))}) for k, n in enumerate(lengths)
-        )
+        tuple(Log(f"r{k}", k * 1e3 + np.arange(n) * 0.01, np.zeros((n, 1)), tau={"joint": np.zeros((n, 1))}) for k, n in enumerate(lengths))
     )
     if by == "run" and len(lengths) == 1:
         return

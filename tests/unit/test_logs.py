@@ -69,7 +69,13 @@ def test_units_are_converted(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "stem", "unit"),
-    [("q1_rad_s2", "q1", "rad_s2"), ("tau_m1", "tau_m1", None), ("q_m1_m", "q_m1", "m"), ("q1_ref_m", "q1_ref", "m"), ("time_s", "time", "s")],
+    [
+        ("q1_rad_s2", "q1", "rad_s2"),
+        ("tau_m1", "tau_m1", None),
+        ("q_m1_m", "q_m1", "m"),
+        ("q1_ref_m", "q1_ref", "m"),
+        ("time_s", "time", "s"),
+    ],
 )
 def test_split_unit(name: str, stem: str, unit: str | None) -> None:
     assert split_unit(name) == (stem, unit)

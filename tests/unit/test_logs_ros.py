@@ -38,7 +38,7 @@ def test_one_column_an_element(tmp_path: Path, robot: Robot) -> None:
 
 def test_lists_in_a_cell(tmp_path: Path, robot: Robot) -> None:
     lines = ["header.stamp.secs,header.stamp.nsecs,name,position,velocity,effort"]
-    lines += [f"100,{k * 1_000_000},\"['elbow', 'wrist']\",\"[{0.1 * k}, {0.2 * k}]\",\"(1, 2)\",\"[]\"" for k in range(40)]
+    lines += [f'100,{k * 1_000_000},"[\'elbow\', \'wrist\']","[{0.1 * k}, {0.2 * k}]","(1, 2)","[]"' for k in range(40)]
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     log = read_logs(tmp_path / "a.csv", robot)[0]
     np.testing.assert_allclose(log.q, np.arange(40)[:, None] * [0.1, 0.2])

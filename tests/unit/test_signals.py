@@ -307,7 +307,9 @@ class TestMasks:
         q_all, tau_all = np.concatenate(q), np.concatenate(tau)
         t = np.arange(len(q_all)) / rate
         q_all = np.round(q_all / 1e-5) * 1e-5
-        return Log("rests", t, np.column_stack([q_all, q_all]), tau={"joint": np.column_stack([tau_all, tau_all])}), np.array([0.8, 1.5, 4.0])
+        return Log("rests", t, np.column_stack([q_all, q_all]), tau={"joint": np.column_stack([tau_all, tau_all])}), np.array(
+            [0.8, 1.5, 4.0]
+        )
 
     def solve(self, rule: Standstill | None) -> Array:
         log, _ = self.rests()
@@ -416,7 +418,9 @@ def test_recorded_velocities() -> None:
 
 def test_runs_of_other_rates_and_starts_are_brought_together() -> None:
     truth = Truth()
-    logs = LogSet((truth.log(clock("even", 500.0, 10.0), "a"), truth.log(clock("epoch", 400.0, 12.0), "b"), truth.log(clock("even", 500.0, 9.0), "c")))
+    logs = LogSet(
+        (truth.log(clock("even", 500.0, 10.0), "a"), truth.log(clock("epoch", 400.0, 12.0), "b"), truth.log(clock("even", 500.0, 9.0), "c"))
+    )
     signals = ZeroPhase(cutoff_hz=15)(logs, robot())
     assert signals.rate == pytest.approx(500.0)
     assert max(errors(signals, truth)) < 2e-5
