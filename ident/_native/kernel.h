@@ -174,12 +174,25 @@ static inline void fill_rest(const Plan& plan, const Row& row, const Arrays& x, 
     }
 }
 
+// The next samples of a call's arrays, all finite? They also come into the cache in one go. (Torques are only looked at where used.)
+static bool samples_finite(const Tree& t, const Plan& plan, const Arrays& x, int64_t s, int64_t count) {
+    const int64_t beside = plan.extras * (plan.dense ? plan.rows : 1);
+    return all_finite(x.q + s * t.nq, count * t.nq) & all_finite(x.dq + s * t.nv, count * t.nv) & all_finite(x.ddq + s * t.nv, count * t.nv) &
+           (beside == 0 || all_finite(x.extra + s * beside, count * beside));
+}
+
+// Stops with NaN in the first factor where a sample is not finite.
 static void information(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory, double* const* factors) {
     Scratch<Lanes> m(t, memory);
     const int groups = tile_groups(plan), stride = tile_stride(plan);
     for (int64_t first = lo; first < hi; first += (int64_t)groups * LANES) {
         const int64_t rest = (hi - first + LANES - 1) / LANES;
         const int used = rest < groups ? (int)rest : groups;
+        const int64_t last = first + (int64_t)used * LANES;
+        if (!samples_finite(t, plan, x, first, (last < hi ? last : hi) - first)) {
+            factors[0][0] = NAN;
+            return;
+        }
         for (int from = 0, end; from < plan.rows; from = end) {
             end = batch_end(plan, from);
             for (int g = 0; g < used; ++g) {

@@ -68,6 +68,17 @@ template <class V> static inline void sine_cosine(V x, V& sine, V& cosine) {
         }
 }
 
+// Whether all of `count` numbers are finite: a product with zero is zero but for infinity and NaN.
+static inline bool all_finite(const double* x, int64_t count) {
+    Lanes sum = {};
+    double rest = 0.0;
+    int64_t i = 0;
+    for (Lanes v; i + LANES <= count; i += LANES) memcpy(&v, x + i, sizeof v), sum += v * 0.0;
+    for (; i < count; ++i) rest += x[i] * 0.0;
+    for (int l = 0; l < LANES; ++l) rest += sum[l];
+    return rest == 0.0;
+}
+
 static inline Lanes square_root(Lanes x) {
     for (int i = 0; i < LANES; ++i) x[i] = std::sqrt(x[i]);
     return x;

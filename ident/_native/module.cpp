@@ -174,7 +174,7 @@ PyObject* make_plan(PyObject* const* a) {
     int64_t total_steps = 0, total_extras = 0, widest = 0;
     for (int64_t r = 0; r < count; ++r) {
         const int64_t* v = row + 4 * r;
-        require(v[0] >= 0 && v[0] <= tree->nb && v[1] >= 0 && v[2] >= 1 && v[3] >= v[2] && v[3] % 4 == 0 && v[3] < 100000, "plan: a row is out of range");
+        require(count > 0 && v[0] >= 0 && v[0] <= tree->nb && v[1] >= 0 && v[2] >= 1 && v[3] >= v[2] && v[3] % 4 == 0 && v[3] < 100000, "plan: a row is out of range");
         total_steps += v[0], total_extras += v[1], widest = v[3] > widest ? v[3] : widest;
     }
     const Step* step = (const Step*)steps.take(a[3], total_steps * (int64_t)sizeof(Step), 0, "steps");

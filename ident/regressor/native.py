@@ -268,7 +268,9 @@ def information(
     gram: bool,
     threads: int | None = None,
 ) -> Array:
-    """Triangular factors or Gram matrices (R, k+1, k+1) of [columns torque], one per row; see `rigid.information`."""
+    """Triangular factors or Gram matrices (R, k+1, k+1) of [columns torque], one per row; see `rigid.information`.
+
+    Holds NaN where an array is not finite."""
     own = compiled(tree)
     key = (rows.tobytes(), columns.tobytes(), pattern.tobytes(), extra.ndim)
     plan = own.plans.get(key)

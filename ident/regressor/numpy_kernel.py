@@ -291,8 +291,13 @@ def information(
     gram: bool,
     threads: int | None = None,
 ) -> Array:
-    """Triangular factors or Gram matrices (R, k+1, k+1) of [columns torque], one per row; see `rigid.information`."""
+    """Triangular factors or Gram matrices (R, k+1, k+1) of [columns torque], one per row; see `rigid.information`.
+
+    Holds NaN where an array is not finite."""
     out = np.zeros((len(rows), len(columns) + 1, len(columns) + 1))
+    if not all(np.isfinite(array).all() for array in (q, dq, ddq, extra)):
+        out[:1, 0, 0] = np.nan
+        return out
     step = max(64, min(CHUNK, 2_000_000 // (tree.nv * 10 * tree.nb)))
     for start in range(0, len(q), step):
         part = slice(start, min(start + step, len(q)))

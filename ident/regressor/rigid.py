@@ -112,10 +112,10 @@ def information(
     10 nb rigid and the e extra ones, such as a base; None: all. `extra`: (N, R, e), or (N, e) with `pattern` (R, e) such that column
     e of row r is extra[:, e] * pattern[r, e]. `valid` (N, R) bool: what is False is left out, and its torque may be NaN.
     `weight` (N, R): factor on each row (square root of the weight). Raises DataError for input that is not finite."""
-    q, dq, ddq = _states(tree, q, dq=dq, ddq=ddq)
+    q, dq, ddq = _states(tree, q, finite=False, dq=dq, ddq=ddq)
     n, rigid = len(q), 10 * tree.nb
     rows = np.eye(tree.nv) if rows is None else _finite("rows", rows)
-    if rows.ndim != 2 or rows.shape[1] != tree.nv:
+    if rows.ndim != 2 or not len(rows) or rows.shape[1] != tree.nv:
         raise ConfigurationError(f"rows: expected shape (R, {tree.nv}), rows by velocities, but it is {rows.shape}.")
     shape = (n, len(rows))
     if valid is not None:
@@ -123,23 +123,31 @@ def information(
         if valid.shape != shape or valid.dtype != bool:
             raise ConfigurationError(f"valid: expected bool of shape {shape}, but it is {valid.dtype} of shape {valid.shape}.")
     tau = np.ascontiguousarray(tau, dtype=np.float64)
-    _finite("tau", tau if valid is None or valid.shape != tau.shape else np.where(valid, tau, 0.0))
     weight = None if weight is None else _finite("weight", weight)
     for name, array in (("tau", tau), ("weight", weight)):
         if array is not None and array.shape != shape:
             raise ConfigurationError(f"{name}: expected shape {shape}, samples by rows, but it is {array.shape}.")
     extra, pattern = _extra(extra, pattern, shape)
-    columns = np.arange(rigid + pattern.shape[1]) if columns is None else np.ascontiguousarray(columns, dtype=np.int64)
-    if columns.ndim != 1 or (len(columns) and (columns.min() < 0 or columns.max() >= rigid + pattern.shape[1])):
-        raise ConfigurationError(
-            f"columns: expected indices from 0 to {rigid + pattern.shape[1] - 1} ({rigid} rigid, {pattern.shape[1]} extra)."
-        )
+    total = rigid + pattern.shape[1]
+    columns = np.arange(total) if columns is None else np.ascontiguousarray(columns, dtype=np.int64)
+    if columns.ndim != 1 or (len(columns) and (columns.min() < 0 or columns.max() >= total)):
+        raise ConfigurationError(f"columns: expected indices from 0 to {total - 1} ({rigid} rigid, {total - rigid} extra).")
     if len(np.unique(columns)) != len(columns):
         raise ConfigurationError("columns: a column is chosen twice.")
     if form not in ("triangle", "gram"):
         raise ConfigurationError(f"form={form!r}: must be 'triangle' or 'gram'.")
     counts = np.full(len(rows), n) if valid is None else valid.sum(axis=0)
     factors = kernel().information(tree, q, dq, ddq, tau, rows, columns, extra, pattern, valid, weight, form == "gram", threads)
+    if not np.isfinite(factors.sum()):  # the kernel looks at every number on its way; who is to blame is only asked now
+        for name, array in (
+            ("q", q),
+            ("dq", dq),
+            ("ddq", ddq),
+            ("extra", extra),
+            ("tau", tau if valid is None else np.where(valid, tau, 0.0)),
+        ):
+            _finite(name, array)
+        raise DataError("the sum of squares over the samples overflows: some value is beyond 1e150. Check the units of the log.")
     return factors, counts
 
 
@@ -147,7 +155,7 @@ def _extra(extra: Any, pattern: Any, shape: tuple[int, int]) -> tuple[Array, Arr
     """Checked extra columns and their pattern; a full array of columns gets the pattern of its columns that are not zero."""
     if extra is None:
         return np.zeros((shape[0], 0)), np.zeros((shape[1], 0))
-    extra = _finite("extra", extra)
+    extra = np.ascontiguousarray(extra, dtype=np.float64)
     if extra.ndim == 3 and extra.shape[:2] == shape:
         return extra, np.ascontiguousarray(np.any(extra != 0.0, axis=0), dtype=np.float64)
     pattern = None if pattern is None else _finite("pattern", pattern)
@@ -189,9 +197,14 @@ def _kernel(name: str) -> ModuleType:
     return native
 
 
+def _numbers(name: str, values: Any) -> Array:
+    """`values` as contiguous float64."""
+    return np.ascontiguousarray(values, dtype=np.float64)
+
+
 def _finite(name: str, values: Any) -> Array:
     """`values` as contiguous float64 without NaN or infinity."""
-    array = np.ascontiguousarray(values, dtype=np.float64)
+    array = _numbers(name, values)
     # The sum is finite unless some entry is not (or the sum overflows): one pass, no boolean array.
     if array.size and not np.isfinite(array.sum()):
         bad = np.argwhere(~np.isfinite(array))
@@ -222,20 +235,21 @@ def added_inertia(tree: RigidBodyTree, added: Any) -> Array:
     return array
 
 
-def _states(tree: RigidBodyTree, q: Any, **rates: Any) -> list[Array]:
-    """Checked arrays of positions (N, nq) and of the rates or torques (N, nv) given by name."""
-    arrays = [_finite("q", q)]
+def _states(tree: RigidBodyTree, q: Any, *, finite: bool = True, **rates: Any) -> list[Array]:
+    """Checked arrays of positions (N, nq) and of the rates or torques (N, nv) given by name; `finite`: their numbers too."""
+    taken = _finite if finite else _numbers
+    arrays = [taken("q", q)]
     if arrays[0].ndim != 2 or arrays[0].shape[1] != tree.nq:
         raise ConfigurationError(f"q: expected shape (N, {tree.nq}), samples by positions, but it is {arrays[0].shape}.")
     samples = len(arrays[0])
     for name, values in rates.items():
-        array = _finite(name, values)
+        array = taken(name, values)
         if array.shape != (samples, tree.nv):
             raise ConfigurationError(f"{name}: expected shape ({samples}, {tree.nv}), samples by velocities, but it is {array.shape}.")
         arrays.append(array)
     if tree.floating:
         norm = np.linalg.norm(arrays[0][:, 3:7], axis=1)
-        if np.any(np.abs(norm - 1.0) > 1e-3):
+        if np.any(np.abs(norm - 1.0) > 1e-3):  # NaN passes, and is refused as such
             worst = int(np.argmax(np.abs(norm - 1.0)))
             raise DataError(f"q: the quaternion (columns 3 to 6, x y z w) of sample {worst} has length {norm[worst]:.6g} instead of 1.")
     return arrays

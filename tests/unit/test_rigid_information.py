@@ -164,6 +164,23 @@ def test_no_sample_and_no_valid_row(kernel, puma):
     assert not counts.any()
 
 
+def test_input_that_is_not_finite_is_refused(kernel, puma):
+    """Wherever it stands, used or not, in whatever lane; torques that are masked may be anything."""
+    rng = np.random.default_rng(0)
+    n = 700
+    good = dict(zip(("q", "dq", "ddq", "tau"), rng.normal(size=(4, n, 6)), strict=True))
+    good["extra"] = rng.normal(size=(n, 5))
+    fixed = {"pattern": np.eye(6, 5), "columns": [59]}
+    for name in ("q", "dq", "ddq", "extra", "tau"):
+        for sample, value in ((0, np.nan), (n - 1, np.inf), (333, -np.inf)):
+            bad = good[name].copy()
+            bad[sample, 4] = value
+            with pytest.raises(DataError, match=rf"{name}: 1 value\(s\) are not finite, the first at \[{sample}, 4\]"):
+                rigid.information(puma.tree, **{**good, name: bad}, **fixed)
+    with pytest.raises(DataError, match="overflows"):
+        rigid.information(puma.tree, **{**good, "tau": good["tau"] * 1e200}, **fixed, form="gram")
+
+
 def test_refusals(puma):
     q = np.zeros((4, 6))
     call = {"tree": puma.tree, "q": q, "dq": q, "ddq": q}
