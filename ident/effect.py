@@ -158,6 +158,12 @@ class Effect(ABC):
         None: the effect stays a term of the model."""
         return None
 
+    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
+        """Why fitted values (k,) with these standard deviations cannot be those of such an effect; "" if nothing speaks against them.
+
+        Bounds of parameters are looked at elsewhere; this is for responses that must be near one, and the like."""
+        return ""
+
     def at(self, robot: Robot) -> list[int]:
         """Indices of the joints the effect sits on. Raises ConfigurationError for a name the robot does not have."""
         return list(range(robot.n)) if self.joints is None else [robot.joint_index(j) for j in self.joints]

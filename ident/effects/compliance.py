@@ -96,6 +96,10 @@ class _Compliance(Effect):
         start = replace(motion, t=motion.t[:1], joint=one, torque=None, load=None, reference=None)
         return reference.load(start.moved(reference.model.robot, one))[0]
 
+    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
+        """A response far from one is not that of this spring."""
+        return off_one(self.title, values, std)
+
     def moves(self, robot: Robot, j: int) -> Array:
         """Joint motion (n,) per unit deflection."""
         return np.eye(robot.n)[j] if self.side == Side.JOINT else robot.transmission.K[:, j]
@@ -198,6 +202,12 @@ def _spring_step(omega: Array, damping: float, h: float) -> tuple[Array, ...]:
     b0_y = (1.0 - a11) / w2 - b1_y
     b0_v = -a21 / w2 - b1_v
     return a11, a12, a21, a22, b0_y, b1_y, b0_v, b1_v
+
+
+def off_one(title: str, values: Array, std: Array) -> str:
+    """Why responses (k,), which are one if the effect is what it says, are not: "" within 40 % (and 3 standard deviations)."""
+    off = np.abs(np.asarray(values) - 1.0) > 0.4 + 3.0 * np.asarray(std)
+    return f"the response is {float(values[int(np.argmax(off))]):.3g} of that of a {title}" if off.any() else ""
 
 
 def _positive(inertia: Array) -> Array | None:

@@ -12,6 +12,7 @@ from ..correction import SignalCorrection
 from ..effect import Axis, JointEffect, Nature, Need, register
 from ..motion import Coordinates, Motion
 from ..parameters import ShapeParameter
+from .compliance import off_one
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -69,6 +70,10 @@ class FilterLag(JointEffect):
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         return self.bounded(T=(0.3 / motion.rate, 0.2)) if motion.rate > 0.0 else self.bounded()
+
+    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
+        """The lag found must be that of the low-pass, unless both are too short to be told apart."""
+        return off_one(self.title, np.asarray(values) / self.T, np.asarray(std) / self.T)
 
     def applied(self, robot: Robot, values: Array) -> SignalCorrection:
         lag = np.zeros(robot.n)

@@ -13,6 +13,7 @@ from ..correction import SignalCorrection
 from ..effect import Axis, JointEffect, Nature, Need, choice, register
 from ..motion import Coordinates, Motion
 from ..parameters import ShapeParameter
+from .compliance import off_one
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -112,6 +113,10 @@ class Saturation(JointEffect):
         if not size.size:
             return self.bounded()
         return self.bounded(limit=(float(np.quantile(size, 0.8, axis=0).min()), float(size.max())))
+
+    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
+        """Beyond the limit the reading must exceed the torque one to one."""
+        return off_one(self.title, values, std)
 
     def applied(self, robot: Robot, values: Array) -> SignalCorrection | None:
         """What the drive delivered, from what the log shows. A reading that was cut off cannot be restored."""
