@@ -9,7 +9,7 @@ import sys
 from setuptools import Extension, setup
 
 FOLDER = "ident/_native"
-compile_args = ["-std=c++17", "-O3", "-fno-math-errno", "-fvisibility=hidden", "-pthread", "-Wall", "-Wextra"]
+compile_args = ["-std=c++17", "-O3", "-fno-math-errno", "-fvisibility=hidden", "-pthread", "-g0", "-Wall", "-Wextra"]
 link_args = ["-pthread"]
 sanitizers = os.environ.get("IDENT_SANITIZE", "")
 if sanitizers:
@@ -30,5 +30,6 @@ setup(
             py_limited_api=True,
             optional=True,
         )
-    ]
+    ],
+    options={"bdist_wheel": {"py_limited_api": "cp311"}},  # one wheel for every Python from 3.11 on
 )
