@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .effect import Need
+from .effects.rigid_body import RigidBody
 from .errors import ConfigurationError, DataError
 from .information import Information
 from .model import Model
 from .motion import Motion
 from .noise import row_shape
 from .reference import Reference
+from .transmission import Side
 from .torque_error import TorqueError
 
 if TYPE_CHECKING:
@@ -124,13 +126,43 @@ class Problem:
     @cached_property
     def information(self) -> Information:
         """Information on the base parameters, one triangular factor per measured row."""
-        names = self.base.names
-        total = Information.empty(self.valid.shape[1], names)
-        for rows in self.rows():
-            total = total.with_rows(rows.columns, rows.tau, rows.valid)
+        total = Information.empty(self.valid.shape[1], self.base.names)
+        # Other formulations of the rows (`IntegratedProblem`) have columns of their own.
+        plain = type(self) is Problem and self.signals.row_filter is None and not self.model.needs
+        if plain and self.model.effects and isinstance(self.model.effects[0], RigidBody):
+            blocks = self._unfiltered_information()
+        else:
+            blocks = (Information.empty(total.n, total.names).with_rows(r.columns, r.tau, r.valid) for r in self.rows())
+        for block in blocks:
+            total = total + block
         if not total.counts.any():
             raise DataError("no row of the log can be used: every torque is missing or masked. See `audit` for the reason.")
         return total
+
+    def _unfiltered_information(self) -> Iterator[Information]:
+        """Information where rows are the samples themselves: links by the kernel, which never writes their columns out."""
+        from .regressor.rigid import information
+
+        signals, model, robot = self.signals, self.model, self.model.robot
+        others = Model(robot, model.effects[1:])
+        rows = robot.transmission.torque_map(Side.JOINT, robot.transmission.measured) @ robot.loop.W.T
+        size = max(4096, _BLOCK_NUMBERS // (robot.n * max(1, len(others.parameters)) + 4 * robot.n))
+        for block in signals.blocks(size):
+            motion, s = self.motion(block.samples), block.samples
+            factors, counts = information(
+                robot.tree,
+                robot.tree_position(signals.q[s]),
+                robot.tree_rate(signals.dq[s]),
+                robot.tree_rate(signals.ddq[s]),
+                signals.tau[block.rows],
+                rows=rows,
+                columns=self.base.independent,
+                extra=others.columns(motion) if others.effects else None,
+                valid=signals.valid[block.rows],
+            )
+            yield Information(factors, counts, self.base.names)
+            if self.progress is not None:
+                self.progress(min(1.0, block.rows.stop / max(1, len(self.valid))))
 
     def predict(self, values: Array) -> Array:
         """Torque (M, n) on the measured side, filtered like the measured one, for base values (b,)."""

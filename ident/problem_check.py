@@ -10,6 +10,7 @@ import numpy as np
 from .regressor.base import BaseReduction
 
 if TYPE_CHECKING:
+    from .regressor.agreement import Agreement
     from .problem import Problem
 
 Array = np.ndarray
@@ -22,7 +23,7 @@ class ProblemCheck:
     """What a problem can determine.
 
     `base`: base parameters of the structure; `rank`: how many of them these data determine; `condition` of the scaled
-    regressor; `inflation` (b,): by how much each parameter's std exceeds that of fitting it alone (collinearity);
+    regressor; `agreement` of closed forms, structure and samples on the links' base parameters; `inflation` (b,): by how much each parameter's std exceeds that of fitting it alone (collinearity);
     `expected_relative_std` (b,): std over size after a plain fit; `poor`: names; `notes`."""
 
     base: BaseReduction
@@ -33,6 +34,7 @@ class ProblemCheck:
     poor: tuple[str, ...]
     advice: tuple[str, ...]
     rows: Array
+    agreement: Agreement
     notes: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -44,6 +46,7 @@ class ProblemCheck:
             "rank": self.rank,
             "condition": number(self.condition),
             "rows": [int(r) for r in self.rows],
+            "agreement": self.agreement.to_dict(),
             "parameters": [
                 {"name": n, "expression": e, "inflation": number(i), "expected_relative_std": number(s)}
                 for n, e, i, s in zip(self.base.names, self.base.expressions, self.inflation, self.expected_relative_std, strict=True)
@@ -58,6 +61,7 @@ class ProblemCheck:
             f"{self.base.count} base parameters of {len(self.base.parameters)}; these data determine {self.rank};"
             f" condition {self.condition:.3g} (columns scaled); smallest kept distance {self.base.gap[0]:.1e}, largest dropped {self.base.gap[1]:.1e}",
         ]
+        lines += str(self.agreement).splitlines()
         width = max(len(n) for n in self.base.names)
         for name, text, spread in zip(self.base.names, self.base.expressions, self.expected_relative_std, strict=True):
             mark = "  poorly excited" if name in self.poor else ""
@@ -72,6 +76,7 @@ def check_problem(problem: Problem) -> ProblemCheck:
 
     from .estimators.solution import order_of, row_variances, solve_triangle
     from .excitation_advice import advice
+    from .regressor.agreement import agreement
 
     base, information = problem.base, problem.information
     start = np.where(information.counts > 0, information.counts / np.maximum(information.torque_squares(), 1e-300), 0.0)
@@ -93,5 +98,5 @@ def check_problem(problem: Problem) -> ProblemCheck:
             notes.append(f"joint {joint.name}: no usable torque row; what only this row shows cannot be estimated.")
     return ProblemCheck(
         base, len(solution.columns), solution.condition, inflation, relative, poor, advice(problem.model.robot, base, poor),
-        information.counts, tuple(notes),
+        information.counts, agreement(problem.model.robot), tuple(notes),
     )  # fmt: skip

@@ -14,14 +14,13 @@ import numpy as np
 
 from ..motion import Motion
 from ..parameters import Parameter
+from .expressions import LINK_PREFERENCE
 
 if TYPE_CHECKING:
     from ..model import Model
 
 Array = np.ndarray
 
-#: Within a link: what is kept before what, when only one of them can be.
-_LINK_PREFERENCE = (9, 4, 5, 7, 8, 1, 2, 3, 6, 0)
 _ZERO = 1e-15
 
 
@@ -77,7 +76,7 @@ class BaseReduction:
 def preference(parameters: tuple[Parameter, ...]) -> list[int]:
     """Order in which parameters may stay: rigid body from base to tip, then everything else in the model's order."""
     rigid = [i for i, p in enumerate(parameters) if p.effect == "rigid_body"]
-    order = [rigid[10 * link + s] for link in range(len(rigid) // 10) for s in _LINK_PREFERENCE]
+    order = [rigid[10 * link + s] for link in range(len(rigid) // 10) for s in LINK_PREFERENCE]
     chosen = set(order)
     return order + [i for i in range(len(parameters)) if i not in chosen]
 
