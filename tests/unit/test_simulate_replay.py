@@ -30,9 +30,7 @@ def arm_run() -> tuple[Model, np.ndarray, Simulation]:
     """The PUMA in closed loop, controller at the log's rate, so that the torque between samples is known."""
     model, values = _arm()
     rng = np.random.default_rng(0)
-    wave = FourierTrajectory(
-        np.array([0, -1.2, 1.4, 0, 0.3, 0]), rng.normal(size=(3, 6)) * 0.5, rng.normal(size=(3, 6)) * 0.5, 0.5
-    )
+    wave = FourierTrajectory(np.array([0, -1.2, 1.4, 0, 0.3, 0]), rng.normal(size=(3, 6)) * 0.5, rng.normal(size=(3, 6)) * 0.5, 0.5)
     return model, values, simulate(Plant(model, values), desired=wave, rate=500.0, control_rate=500.0, step=2e-3)
 
 

@@ -1,0 +1,115 @@
+"""What a trajectory may do: positions, velocities, accelerations and torque."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from ..motion import Coordinates
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = np.ndarray
+#: Where a robot's description says nothing: half range, speed, and the time in which that speed is reached.
+_HALF_TURN, _STROKE = np.pi, 0.5
+_SPEED = {False: 1.5, True: 0.3}
+_RISE = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Joint-side limits, (n,) each: positions from `lower` to `upper`, ± `velocity`, ± `acceleration`, ± `torque` (inf: none)."""
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+
+    def __post_init__(self) -> None:
+        for name in ("lower", "upper", "velocity", "acceleration", "torque"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), float).reshape(-1))
+        for name in ("velocity", "acceleration", "torque"):
+            bad = np.flatnonzero(~(getattr(self, name) > 0))
+            if len(bad):
+                raise ConfigurationError(f"limits: {name} of joint {bad[0] + 1} must be positive, not {getattr(self, name)[bad[0]]:g}.")
+        bad = np.flatnonzero(~(self.lower < self.upper) | ~np.isfinite(self.lower) | ~np.isfinite(self.upper))
+        if len(bad):
+            raise ConfigurationError(
+                f"limits: positions of joint {bad[0] + 1} must have a finite lower limit below its upper one,"
+                f" not {self.lower[bad[0]]:g} and {self.upper[bad[0]]:g}."
+            )
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        *,
+        velocity: Sequence[float] | float | None = None,
+        acceleration: Sequence[float] | float | None = None,
+        torque: Sequence[float] | float | None = None,
+        lower: Sequence[float] | None = None,
+        upper: Sequence[float] | None = None,
+        share: float = 0.9,
+    ) -> Limits:
+        """The `share` of what the robot's description allows; what is given here holds in full.
+
+        Where the description has no range, half a turn either way (0.5 m) is taken; no speed: 1.5 rad/s (0.3 m/s);
+        accelerations, which URDFs do not have: the speed is reached in 0.3 s. Torque is the effort limit, if there is one."""
+        n = robot.n
+        prismatic = np.array([j.prismatic for j in robot.joints])
+        half = np.where(prismatic, _STROKE, _HALF_TURN)
+        low = np.array([j.lower for j in robot.joints])
+        high = np.array([j.upper for j in robot.joints])
+        low, high = np.where(np.isfinite(low), low, -half), np.where(np.isfinite(high), high, half)
+        middle, reach = 0.5 * (low + high), 0.5 * share * (high - low)
+        speed = np.array([j.velocity for j in robot.joints])
+        usual = np.array([_SPEED[bool(p)] for p in prismatic])
+        speed = share * np.where(np.isfinite(speed) & (speed > 0), speed, usual)
+        effort = np.array([j.effort for j in robot.joints])
+        effort = np.where(np.isfinite(effort) & (effort > 0), share * effort, np.inf)
+
+        def given(name: str, value: Sequence[float] | float | None, otherwise: Array) -> Array:
+            if value is None:
+                return otherwise
+            array = np.asarray(value, float)
+            if array.ndim == 0:
+                return np.full(n, float(array))
+            if array.shape != (n,):
+                raise ConfigurationError(f"limits: {name} must be one number or {n}, one a joint, not shape {array.shape}.")
+            return array
+
+        speed = given("velocity", velocity, speed)
+        return cls(
+            given("lower", lower, middle - reach),
+            given("upper", upper, middle + reach),
+            speed,
+            given("acceleration", acceleration, speed / _RISE),
+            given("torque", torque, effort),
+        )
+
+    @property
+    def n(self) -> int:
+        return len(self.lower)
+
+    @property
+    def middle(self) -> Array:
+        """Middle of the positions (n,)."""
+        return 0.5 * (self.lower + self.upper)
+
+    def shares(self, motion: Coordinates, torque: Array | None = None) -> Array:
+        """Each quantity over its limit, (3 or 4, N, n) for position (about the middle), velocity, acceleration, torque; beyond
+        ±1 is not allowed."""
+        parts = [
+            (motion.q - self.middle) / (0.5 * (self.upper - self.lower)),
+            motion.dq / self.velocity,
+            motion.ddq / self.acceleration,
+        ]
+        if torque is not None:
+            parts.append(torque / self.torque)
+        return np.stack(parts)

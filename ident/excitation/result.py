@@ -1,0 +1,114 @@
+"""The result of designing an excitation: the trajectory, and what it will be worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from ..trajectory import Trajectory
+from .limits import Limits
+from .objective import chosen_parameters, condition_number
+
+if TYPE_CHECKING:
+    from ..model import Model
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """An exciting trajectory and the information it gives.
+
+    `information` (b, b): on the base parameters `names`, for one pass sampled at `rate` Hz with white torque noise of std `noise`
+    (n,) on the measured side; `value`: the measure that was made small, and of each start in `values`; `shares`: largest share
+    of each kind of limit that is used."""
+
+    model: Model = field(repr=False)
+    trajectory: Trajectory
+    limits: Limits
+    rate: float
+    noise: Array
+    information: Array = field(repr=False)
+    value: float
+    values: tuple[float, ...]
+    shares: Mapping[str, float]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the base parameters."""
+        return self.model.base.names
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the regressor, rows weighted, columns scaled to equal length."""
+        return condition_number(self.information)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (b, b) of the base parameters after one pass."""
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(self.information), 1e-300))
+        half = np.linalg.solve(np.linalg.cholesky(scale[:, None] * self.information * scale), np.diag(scale))
+        return half.T @ half
+
+    def expected_std(self, passes: float = 1.0, correlation: float = 1.0) -> Array:
+        """Standard deviation (b,) of every base parameter after so many passes. `correlation`: samples after which the noise is
+        as good as new (1: white)."""
+        return np.sqrt(np.diag(self.covariance) * correlation / passes)
+
+    def seconds_for(self, std: Mapping[str, float], correlation: float = 1.0) -> float:
+        """Length of the experiment, s, at which every named base parameter has at most the given standard deviation."""
+        if not std:
+            raise ConfigurationError("excitation: name at least one base parameter and the accuracy that is wanted.")
+        places = chosen_parameters(tuple(std), self.names)
+        wanted = np.array(list(std.values()), float)
+        if not np.all(wanted > 0):
+            raise ConfigurationError("excitation: a wanted standard deviation must be positive.")
+        return float(self.trajectory.duration * correlation * np.max(np.diag(self.covariance)[places] / wanted**2))
+
+    def to_csv(self, path: str | Path, *, force: bool = False) -> Path:
+        """Write the trajectory at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
+        from ..simulation.result import write_log_csv
+
+        count = round(self.trajectory.duration * self.rate) + 1
+        t = np.arange(count) / self.rate
+        motion = self.trajectory.sample(t)
+        return write_log_csv(path, t, {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}, force=force)
+
+    def to_dict(self, values: Array | None = None) -> dict[str, Any]:
+        """JSON form. `values` (k,): parameters from which relative standard deviations are told."""
+        base = self.model.base
+        std = self.expected_std()
+        sizes = [None] * len(std) if values is None else np.abs(base.base_values(values)).tolist()
+        rows = []
+        for i, (name, expression) in enumerate(zip(base.names, base.expressions, strict=True)):
+            unit = base.parameters[base.independent[i]].unit
+            row: dict[str, Any] = {"name": name, "expression": expression, "unit": unit, "expected_std": float(std[i])}
+            if sizes[i]:
+                row["expected_relative_std"] = float(std[i] / sizes[i])
+            rows.append(row)
+        return {
+            "duration_s": self.trajectory.duration,
+            "rate_hz": self.rate,
+            "noise": self.noise.tolist(),
+            "condition": self.condition,
+            "value": self.value,
+            "values_of_starts": list(self.values),
+            "share_of_limits": dict(self.shares),
+            "parameters": rows,
+        }
+
+    def __str__(self) -> str:
+        base, std = self.model.base, self.expected_std()
+        width = max(len(name) for name in base.names)
+        used = ", ".join(f"{kind} {100 * share:.1f} %" for kind, share in self.shares.items())
+        head = f"excitation of {self.trajectory.duration:g} s, {base.count} base parameters, condition {self.condition:.3g};"
+        lines = [f"{head} of the limits it uses: {used}"]
+        for i, (name, text) in enumerate(zip(base.names, base.expressions, strict=True)):
+            lines.append(f"  {name:<{width}}  ± {std[i]:9.3g} {base.parameters[base.independent[i]].unit:<8} {text}")
+        return "\n".join(lines)

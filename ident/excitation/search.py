@@ -1,0 +1,244 @@
+"""The search for a good trajectory: descent on the measure inside the limits, from several random starts.
+
+Limits act as a logarithmic barrier that is lowered step by step, so every trajectory on the way is admissible; the last step
+scales the trajectory until its true extremes, between samples too, lie within the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from ..motion import Coordinates
+from .families import Family
+from .information import MotionInformation
+from .limits import Limits
+from .objective import Measure
+
+Array = np.ndarray
+_BARRIERS = (0.1, 0.01, 1e-3)
+_CANDIDATES = 20
+_PEAKS, _ZOOMS = 3, 8
+#: How far a torque between samples may exceed that at samples, relative.
+_TORQUE_MARGIN = 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A trajectory of a family: `offset` (n,), `coefficients` (C, n), the value of the measure."""
+
+    offset: Array
+    coefficients: Array
+    value: float
+
+
+class Search:
+    """One search problem. `limited_torque`: whether the parameter values allow a torque limit."""
+
+    def __init__(self, information: MotionInformation, limits: Limits, family: Family, measure: Measure) -> None:
+        self.information, self.limits, self.family, self.measure = information, limits, family, measure
+        self.n = limits.n
+        self.limited_torque = information.values is not None and bool(np.isfinite(limits.torque).any())
+        count = int(np.ceil(30 * family.highest_hz * family.duration)) + 1
+        self.t = np.linspace(0.0, family.duration, max(count, 60))
+        self.basis = family.basis(self.t)
+        fine = 4 * (len(self.t) - 1) + 1
+        self.fine_t = np.linspace(0.0, family.duration, fine)
+        self.fine_basis = family.basis(self.fine_t)
+
+    # --- one trajectory -----------------------------------------------------------------------------------------------
+
+    def motion(self, offset: Array, coefficients: Array, basis: tuple[Array, Array, Array]) -> Coordinates:
+        """Motion at the times of a basis."""
+        q, dq, ddq = (b @ coefficients for b in basis)
+        return Coordinates(q + offset, dq, ddq)
+
+    def value(self, offset: Array, coefficients: Array) -> float:
+        """The measure, limits aside."""
+        info = self.information
+        columns = info.columns(info.motion(self.t, self.motion(offset, coefficients, self.basis)))
+        return self.measure.evaluate(info.matrix(columns), info.base.names)[0]
+
+    def barrier_value(self, x: Array, mu: float, wants_gradient: bool) -> tuple[float, Array | None]:
+        """Measure plus mu × the mean barrier of the limits, and its gradient; inf outside the limits. x: coefficients, then offset."""
+        n, info, limits = self.n, self.information, self.limits
+        coefficients, offset = x[:-n].reshape(-1, n), x[-n:]
+        joint = self.motion(offset, coefficients, self.basis)
+        shares = limits.shares(joint)
+        if np.abs(shares).max() >= 1.0:
+            return np.inf, None
+        motion = info.motion(self.t, joint)
+        columns = info.columns(motion)
+        torque_share: Array | None = None
+        if self.limited_torque:
+            torque_share = info.joint_torque(columns) / limits.torque
+            if np.abs(torque_share).max() >= 1.0:
+                return np.inf, None
+        value, dA = self.measure.evaluate(info.matrix(columns), info.base.names)
+        if not np.isfinite(value):
+            return np.inf, None
+        count = shares[0].size
+        value -= mu * float(np.sum(np.log1p(-(shares**2)))) / count
+        if torque_share is not None:
+            value -= mu * float(np.sum(np.log1p(-(torque_share**2)))) / count
+        if not wants_gradient:
+            return value, None
+        slope = 2.0 * mu / count * shares / (1.0 - shares**2)
+        reach = np.stack([0.5 * (limits.upper - limits.lower), limits.velocity, limits.acceleration])
+        slope = slope / reach[:, None, :]
+        d_torque = None
+        if torque_share is not None:
+            d_torque = 2.0 * mu / count * torque_share / (1.0 - torque_share**2) / limits.torque
+        pull = info.pull(motion, columns, dA, d_torque)
+        to_q, to_dq, to_ddq = pull.q + slope[0], pull.dq + slope[1], pull.ddq + slope[2]
+        gradient = self.basis[0].T @ to_q + self.basis[1].T @ to_dq + self.basis[2].T @ to_ddq
+        return value, np.concatenate([gradient.reshape(-1), to_q.sum(axis=0)])
+
+    def _level(self, mu: float, x: Array, wants_gradient: bool) -> tuple[float, Array | None]:
+        return self.barrier_value(x, mu, wants_gradient)
+
+    # --- limits -------------------------------------------------------------------------------------------------------
+
+    def extremes(self, coefficients: Array) -> Array:
+        """True extremes of the motion about its offset, (4, n): highest and lowest position, largest speed and acceleration."""
+
+        def signals(basis: tuple[Array, Array, Array]) -> Array:
+            q, dq, ddq = (b @ coefficients for b in basis)
+            return np.stack([q, -q, np.abs(dq), np.abs(ddq)])
+
+        values = signals(self.fine_basis)
+        found = values.max(axis=1)
+        # The highest peaks of each signal between samples, found by zooming in on the highest ones at samples.
+        padded = np.pad(values, ((0, 0), (1, 1), (0, 0)), constant_values=-np.inf)
+        peak = (values >= padded[:, :-2]) & (values >= padded[:, 2:])
+        ranked = np.argsort(np.where(peak, values, -np.inf), axis=1)[:, -_PEAKS:]  # (4, peaks, n)
+        places = np.indices(ranked.shape).reshape(3, -1)
+        kind, joint, centre = places[0], places[2], self.fine_t[ranked].reshape(-1)
+        step = float(self.fine_t[1])
+        for _ in range(_ZOOMS):
+            at = np.clip(centre[:, None] + np.linspace(-step, step, 9), 0.0, self.family.duration)
+            near = signals(self.family.basis(at.reshape(-1))).reshape(4, len(centre), 9, self.n)
+            own = near[kind, np.arange(len(centre)), :, joint]
+            best = own.argmax(axis=1)
+            centre = at[np.arange(len(centre)), best]
+            np.maximum.at(found, (kind, joint), own.max(axis=1))
+            step /= 4.0
+        found[1] *= -1.0
+        return found
+
+    def torque_share(self, offset: Array, coefficients: Array) -> float:
+        """The largest share of any torque limit, with a margin for what lies between samples."""
+        if not self.limited_torque:
+            return 0.0
+        info = self.information
+        joint = self.motion(offset, coefficients, self.fine_basis)
+        torque = info.joint_torque(info.columns(info.motion(self.fine_t, joint)))
+        return float(np.abs(torque / self.limits.torque).max()) * (1.0 + _TORQUE_MARGIN)
+
+    def scaled(self, offset: Array, coefficients: Array, share: float) -> Array | None:
+        """The coefficients times the largest factor that keeps within `share` of the limits; None if rest itself does not."""
+        limits = self.limits
+        reach = 0.5 * (limits.upper - limits.lower) * share
+        high, low, speed, acceleration = self.extremes(coefficients)
+        tiny = 1e-300
+        factor = min(
+            float(np.min((limits.middle + reach - offset) / np.maximum(high, tiny))),
+            float(np.min((offset - limits.middle + reach) / np.maximum(-low, tiny))),
+            float(np.min(share * limits.velocity / np.maximum(speed, tiny))),
+            float(np.min(share * limits.acceleration / np.maximum(acceleration, tiny))),
+        )
+        if factor <= 0 or self.torque_share(offset, 0.0 * coefficients) > share:
+            return None
+        if self.torque_share(offset, factor * coefficients) <= share:
+            return factor * coefficients
+        inside, outside = 0.0, factor
+        for _ in range(20):
+            middle = 0.5 * (inside + outside)
+            if self.torque_share(offset, middle * coefficients) <= share:
+                inside = middle
+            else:
+                outside = middle
+        return inside * coefficients if inside > 0 else None
+
+    def random(self, rng: np.random.Generator, share: float = 1.0) -> Candidate:
+        """A random trajectory scaled to use `share` of the limits. Raises ConfigurationError if gravity alone exceeds the torque limits."""
+        reach = 0.5 * (self.limits.upper - self.limits.lower)
+        for _ in range(200):
+            offset = self.limits.middle + rng.uniform(-0.5, 0.5, self.n) * reach
+            coefficients = self.scaled(offset, self.family.random(self.n, rng), share)
+            if coefficients is not None:
+                return Candidate(offset, coefficients, self.value(offset, coefficients))
+        raise ConfigurationError(
+            "excitation: in 200 random postures the torque limits do not even carry the robot; raise the torque limits or give others."
+        )
+
+    # --- search -------------------------------------------------------------------------------------------------------
+
+    def run(self, rng: np.random.Generator, iterations: int) -> Candidate:
+        """Descent from the best of some random trajectories."""
+        first = min((self.random(rng, 0.7) for _ in range(_CANDIDATES)), key=lambda c: c.value)
+        x = np.concatenate([first.coefficients.reshape(-1), first.offset])
+        for mu in _BARRIERS:
+            x = descend(partial(self._level, mu), x, iterations)
+        coefficients, offset = x[: -self.n].reshape(-1, self.n), x[-self.n :]
+        full = self.scaled(offset, coefficients, 1.0 - 1e-10)
+        if full is None:
+            return first
+        # The largest motion is not always the best conditioned.
+        own = coefficients if np.linalg.norm(coefficients) <= np.linalg.norm(full) else full
+        return min((Candidate(offset, c, self.value(offset, c)) for c in (full, own)), key=lambda c: c.value)
+
+
+def descend(function: Callable[[Array, bool], tuple[float, Array | None]], x: Array, iterations: int) -> Array:
+    """Quasi-Newton descent (BFGS) with backtracking; the function may be inf outside its domain. Returns the best point.
+
+    `function(x, wants_gradient)` gives the value and, if wanted, the gradient."""
+    value, gradient = function(x, True)
+    if gradient is None:
+        return x
+    size = len(x)
+    H = np.eye(size)
+    fresh = True
+    for _ in range(iterations):
+        assert gradient is not None
+        direction = -H @ gradient
+        slope = float(gradient @ direction)
+        if slope >= 0:
+            H, fresh = np.eye(size), True
+            direction, slope = -gradient, -float(gradient @ gradient)
+        if -slope <= 1e-14 * (1.0 + abs(value)):
+            break
+        step = min(1.0, 0.2 * float(np.linalg.norm(x)) / float(np.linalg.norm(direction))) if fresh else 1.0
+        accepted, trial = False, x
+        for _ in range(40):
+            trial = x + step * direction
+            new, _unused = function(trial, False)
+            if new <= value + 1e-4 * step * slope:
+                accepted = True
+                break
+            step *= 0.5
+        if not accepted:
+            if fresh:
+                break
+            H, fresh = np.eye(size), True
+            continue
+        new, next_gradient = function(trial, True)
+        if next_gradient is None:
+            break
+        s, y = trial - x, next_gradient - gradient
+        sy = float(s @ y)
+        if sy > 1e-12 * float(np.linalg.norm(s) * np.linalg.norm(y)):
+            if fresh:
+                H *= sy / float(y @ y)
+            rho = 1.0 / sy
+            Hy = H @ y
+            H += (1.0 + rho * float(y @ Hy)) * rho * np.outer(s, s) - rho * (np.outer(Hy, s) + np.outer(s, Hy))
+            fresh = False
+        small = abs(value - new) <= 1e-9 * (1.0 + abs(value))
+        x, value, gradient = trial, new, next_gradient
+        if small:
+            break
+    return x
