@@ -21,15 +21,28 @@ class Standstill:
     left out if more than `share` of the row filter's weight lies on such samples. The default drops every row that a
     standstill or a reversal reaches: a joint that sticks for a few milliseconds leaves errors of many times the noise there
     (measured on simulated stiction: 6 std in Coulomb friction with a share of 0.3, 1 with 0.02). A larger share keeps the low
-    speeds, by which friction that is not linear in speed would be told."""
+    speeds, by which friction that is not linear in speed would be told. Where reversals follow each other so closely, for the
+    length of the row filter, that less than `keep` of a joint's moving rows would be left, its share is raised until that many are."""
 
     fraction: float = 0.02
     speed: float | Sequence[float] | None = None
     share: float = 0.02
+    keep: float = 0.5
 
     def __post_init__(self) -> None:
-        if not 0 <= self.fraction < 1 or not 0 <= self.share < 1:
-            raise ConfigurationError(f"standstill: fraction ({self.fraction}) and share ({self.share}) must lie in [0, 1).")
+        if not all(0 <= x < 1 for x in (self.fraction, self.share, self.keep)):
+            raise ConfigurationError(
+                f"standstill: fraction ({self.fraction}), share ({self.share}) and keep ({self.keep}) must lie in [0, 1)."
+            )
+
+    def allowed(self, shares: Array) -> Array:
+        """The share (n,) up to which rows are kept, from each row's share of standstill (M, n): `share`, or what keeps enough."""
+        out = np.full(shares.shape[1], float(self.share))
+        for j in range(shares.shape[1]):
+            moving = shares[shares[:, j] <= 0.5, j]
+            if self.keep > 0 and len(moving):
+                out[j] = max(self.share, float(np.quantile(moving, self.keep, method="higher")))
+        return out
 
     def thresholds(self, top: Array, noise: Array) -> Array:
         """Speeds (n,) below which a joint stands still, from top speeds (n,) and the standard deviation of speed noise (n,)."""

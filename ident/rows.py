@@ -104,8 +104,6 @@ def assemble(
         "torque at its limit": cut.flag if prep.saturated == "mask" else np.zeros_like(missing),
         "standstill": resting,
     }
-    shares = {"torque missing": _UNSOUND, "torque at its limit": _UNSOUND, "standstill": rule.share if rule is not None else 0.0}
-
     tau_parts, share_parts = [], {k: [] for k in flags}  # type: tuple[list[Array], dict[str, list[Array]]]
     for d, run in zip(kept, runs, strict=True):
         if row_filter is None:
@@ -114,12 +112,21 @@ def assemble(
             tau_parts.append(row_filter.apply(bridge(t[run], d.torque)))
         for k, flag in flags.items():
             part = flag[run]
-            share_parts[k].append(part if row_filter is None else _share(row_filter, part) > shares[k])
+            share_parts[k].append(part.astype(float) if row_filter is None else _share(row_filter, part))
     tau = np.concatenate(tau_parts)
-    lost = {k: np.concatenate(v) for k, v in share_parts.items()}
+    shares = {k: np.concatenate(v) for k, v in share_parts.items()}
+    allowed = rule.allowed(shares["standstill"]) if rule is not None else np.ones(robot.n)
+    lost = {k: share > (allowed if k == "standstill" else _UNSOUND) for k, share in shares.items()}
     valid = ~np.logical_or.reduce(list(lost.values()))
     tau[lost["torque missing"]] = np.nan
     warnings += _warnings(robot, still_joint, rule is not None, cut, prep.saturated, valid, lost)
+    raised = [f"{robot.joint_names[j]} {allowed[j]:.0%}" for j in range(robot.n) if rule is not None and allowed[j] > rule.share]
+    if raised:
+        warnings.append(
+            "reversals follow each other closely for this cut-off; to keep enough rows, some that rest on standstill in part are used"
+            f" ({', '.join(raised)} of their weight at most). Coulomb friction may be off by a few per cent;"
+            " a higher cut-off shortens the rows."
+        )
     if rule is not None and still_joint.all():
         raise DataError(
             "no joint moves: every speed stays within the noise of its position. There is nothing to identify a motion's model from."
@@ -193,7 +200,7 @@ def _warnings(robot: Robot, still: Array, masked: bool, cut: Saturation, saturat
             )
         rest = float(lost["standstill"][:, j].mean()) if len(valid) else 0.0
         if not still[j] and rest > 0.5:
-            out.append(f"{name} stands still in {rest:.0%} of its rows; they are left out.")
+            out.append(f"{rest:.0%} of the rows of {name} rest on standstill or reversals; they are left out.")
         if len(valid) and not valid[:, j].any() and not still[j] and not lost["torque missing"][:, j].all():
             out.append(f"no row of {name} can be used.")
     return out

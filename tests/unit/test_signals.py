@@ -322,6 +322,18 @@ class TestMasks:
         np.testing.assert_allclose(self.solve(Standstill()), truth, rtol=0.005)
         assert np.abs(self.solve(None) / truth - 1).max() > 0.02, "keeping the rests does harm, or this test shows nothing"
 
+    def test_enough_rows_are_kept_where_reversals_are_close(self) -> None:
+        """Rows of a low cut-off nearly all reach a reversal; dropping them all would leave nothing."""
+        truth = Truth(highest=3.0)
+        log = truth.log(clock("even", 300.0, 60.0))
+        strict = ZeroPhase(cutoff_hz=3, standstill=Standstill(keep=0.0))(log, robot())
+        default = ZeroPhase(cutoff_hz=3)(log, robot())
+        assert strict.valid.mean() < 0.25
+        assert default.valid.mean() > 0.45
+        assert any("reversals follow each other closely" in w for w in default.report.warnings)
+        quick = ZeroPhase(cutoff_hz=60)(log, robot())
+        assert not any("reversals" in w for w in quick.report.warnings)
+
     def test_absolute_speed(self) -> None:
         log, _ = self.rests()
         report = ZeroPhase(cutoff_hz=25, standstill=Standstill(speed=(0.2, 0.4)))(log, robot()).report
@@ -337,7 +349,7 @@ class TestMasks:
         q[:, 1] = 0.1
         log = Log("run", t, q, tau={"motor": np.ones((len(t), 2))})
         on_motor = ZeroPhase(cutoff_hz=8)(log, robot(Transmission(K, None, Side.MOTOR)))
-        assert on_motor.valid[:, 1].mean() > 0.9
+        assert on_motor.valid[:, 1].mean() >= 0.45
         on_joint = ZeroPhase(cutoff_hz=8)(log, robot(Transmission(K, None, Side.JOINT)))
         assert not on_joint.valid[:, 1].any()
         assert any("never moved: slide" in w for w in on_joint.report.warnings)
