@@ -46,9 +46,16 @@ class Identified:
 
     @classmethod
     def of(
-        cls, source: Estimate | StandardParameters, *, model: Model | None = None, metric: Metric | str = Metric.ENTROPIC, bounds: Bounds | None = None
+        cls,
+        source: Estimate | StandardParameters,
+        *,
+        model: Model | None = None,
+        metric: Metric | str = Metric.ENTROPIC,
+        bounds: Bounds | None = None,
     ) -> Identified:
-        """From an estimate (its standard parameters are sought, nearest to the URDF's own in `metric`), or from standard parameters of `model`.
+        """From an estimate, whose standard parameters are sought nearest to the URDF's own in `metric`, or from standard parameters.
+
+        Standard parameters need their `model`.
 
         Raises ConfigurationError where no real links give the estimate's base parameters."""
         from .physical.standard import StandardParameters, standard_parameters
@@ -79,7 +86,7 @@ class Identified:
         return self.values[part]
 
     def drive(self) -> dict[str, Array]:
-        """"armature", "damping", "frictionloss" -> (n,) on the motor side, zero where the model has none (kg m^2, N m s/rad, N m)."""
+        """ "armature", "damping", "frictionloss" -> (n,) on the motor side, zero where the model has none (kg m^2, N m s/rad, N m)."""
         robot = self.robot
         out = {key: np.zeros(robot.n) for key in _DRIVE.values()}
         for effect, part in zip(self.model.effects, self.model.slices, strict=True):
@@ -90,9 +97,7 @@ class Identified:
 
     def left_out(self) -> tuple[str, ...]:
         """Names of effects that no exported model format can hold."""
-        return tuple(
-            e.name for e in self.model.effects if e.name != "rigid_body" and not (e.name in _DRIVE and e.side.value == "motor")
-        )
+        return tuple(e.name for e in self.model.effects if e.name != "rigid_body" and not (e.name in _DRIVE and e.side.value == "motor"))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data (`ident.parameters/1`): links, drive, every parameter by name."""
@@ -153,7 +158,7 @@ def export(
     source: Identified | Estimate,
     target: str | Path,
     *,
-    format: str | None = None,
+    kind: str | None = None,
     urdf: str | Path | None = None,
     attached: Attached | str = Attached.KEEP,
     allow_inconsistent: bool = False,
@@ -164,22 +169,22 @@ def export(
     `urdf`: the file to be patched (by default the one the robot was loaded from). `attached`: inertials of links attached through fixed
     joints. Written completely or not at all; an existing file only with `force`. Raises ConfigurationError."""
     target = Path(target)
-    format = format or {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf", ".json": "json"}.get(target.suffix.lower())
-    if format not in FORMATS:
-        raise unknown_name("export format", str(format or target.suffix), FORMATS)
+    kind = kind or {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf", ".json": "json"}.get(target.suffix.lower())
+    if kind not in FORMATS:
+        raise unknown_name("export format", str(kind or target.suffix), FORMATS)
     if target.exists() and not force:
         raise ConfigurationError(f"{target} exists; nothing was written. Choose another name, or allow overwriting (--force, force=True).")
     found = source if isinstance(source, Identified) else Identified.of(source)
     notes = found.notes
     bodies: tuple[BodyExport, ...] = ()
     left = found.left_out()
-    if format == "urdf":
+    if kind == "urdf":
         data, where = source_text(found.robot, urdf)
         dynamics, more = _urdf_dynamics(found)
         patched = patch_urdf(data, where, found.robot, found.inertial, attached=attached, allow_inconsistent=allow_inconsistent, **dynamics)
         content: str | bytes = patched.data
         bodies, notes = patched.bodies, notes + patched.notes + more
-    elif format == "mjcf":
+    elif kind == "mjcf":
         content, more = mjcf_text(found.robot, found.inertial, found.drive())
         notes += more
     else:
@@ -189,16 +194,17 @@ def export(
         content, left = json.dumps(jsonable(body), indent=1, allow_nan=False) + "\n", ()
         unreal = np.flatnonzero(smallest_eigenvalues(found.inertial) <= 0)
         if len(unreal):
-            notes += (f"links {', '.join(str(body['links'][i]['link']) for i in unreal)} are no real bodies; use them for torque, not for simulation.",)
+            names = ", ".join(str(body["links"][i]["link"]) for i in unreal)
+            notes += (f"links {names} are no real bodies: good for torque, not for simulation.",)
     if left:
-        notes += (f"not part of a {format.upper()}: {', '.join(dict.fromkeys(left))}.",)
+        notes += (f"not part of a {kind.upper()}: {', '.join(dict.fromkeys(left))}.",)
     write_atomic(target, content, force=force)
-    return Exported(str(target), format, bodies, notes)
+    return Exported(str(target), kind, bodies, notes)
 
 
 def export_urdf(estimate: Identified | Estimate, source: str | Path | None, target: str | Path, **options: Any) -> Exported:
     """Patch the URDF `source` with what was identified and write it to `target`; see `export`."""
-    return export(estimate, target, format="urdf", urdf=source, **options)
+    return export(estimate, target, kind="urdf", urdf=source, **options)
 
 
 def _urdf_dynamics(found: Identified) -> tuple[dict[str, Mapping[str, float]], tuple[str, ...]]:

@@ -30,7 +30,9 @@ def mjcf_text(robot: Robot, inertial: Array, drive: Mapping[str, Array]) -> tupl
     names = _body_names(robot)
     bad = [names[i] for i in np.flatnonzero(smallest_eigenvalues(parameters) <= 0)]
     if bad:
-        raise ConfigurationError(f"the parameters of {', '.join(bad)} are not those of a real body, and MuJoCo refuses such; export standard parameters.")
+        raise ConfigurationError(
+            f"the parameters of {', '.join(bad)} are not those of a real body, and MuJoCo refuses such; export standard parameters."
+        )
     root = etree.Element("mujoco", model=robot.name)
     # Angles in radians; inertia as given, not balanced.
     etree.SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="false")
@@ -41,10 +43,16 @@ def mjcf_text(robot: Robot, inertial: Array, drive: Mapping[str, Array]) -> tupl
     K = robot.transmission.K
     for i in range(tree.nb):
         up = int(tree.parent[i])
-        body = etree.SubElement(world if up < 0 else nodes[up], "body", name=names[i], pos=_words(tree.translation[i]), quat=_words(_quaternion(tree.rotation[i])))
+        body = etree.SubElement(
+            world if up < 0 else nodes[up],
+            "body",
+            name=names[i],
+            pos=_words(tree.translation[i]),
+            quat=_words(_quaternion(tree.rotation[i])),
+        )
         nodes.append(body)
-        mass, com, I = centre_of_mass(parameters[i])
-        full = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
+        mass, com, inertia_c = centre_of_mass(parameters[i])
+        full = [inertia_c[0, 0], inertia_c[1, 1], inertia_c[2, 2], inertia_c[0, 1], inertia_c[0, 2], inertia_c[1, 2]]
         etree.SubElement(body, "inertial", pos=_words(com), mass=repr(float(mass)), fullinertia=_words(full))
         if tree.floating and i == 0:
             etree.SubElement(body, "freejoint", name="floating_base")
@@ -94,7 +102,8 @@ def _closure(root: object, robot: Robot) -> list[str]:
         masters = np.flatnonzero(row)
         if len(masters) > 1:
             raise UnsupportedError(
-                f"joint {joint.name!r} follows {len(masters)} joints at once, which an MJCF joint equality cannot say; export a URDF or JSON instead."
+                f"joint {joint.name!r} follows {len(masters)} joints at once, which an MJCF joint equality cannot say;"
+                " export a URDF or JSON instead."
             )
         attributes = {"joint1": joint.name, "polycoef": _words([offset, row[masters[0]] if len(masters) else 0.0, 0, 0, 0])}
         if len(masters):
@@ -116,7 +125,9 @@ def _words(values: object) -> str:
 
 def _quaternion(R: Array) -> Array:
     """Unit quaternion w x y z of a rotation matrix, from its largest component (Shepperd, 1978)."""
-    squares = np.array([1 + R[0, 0] + R[1, 1] + R[2, 2], 1 + R[0, 0] - R[1, 1] - R[2, 2], 1 - R[0, 0] + R[1, 1] - R[2, 2], 1 - R[0, 0] - R[1, 1] + R[2, 2]])
+    squares = np.array(
+        [1 + R[0, 0] + R[1, 1] + R[2, 2], 1 + R[0, 0] - R[1, 1] - R[2, 2], 1 - R[0, 0] + R[1, 1] - R[2, 2], 1 - R[0, 0] - R[1, 1] + R[2, 2]]
+    )
     k = int(np.argmax(squares))
     pairs = [
         [squares[0], R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]],

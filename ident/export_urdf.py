@@ -27,9 +27,10 @@ Array = np.ndarray
 
 
 class Attached(StrEnum):
-    """What becomes of the inertials of links attached to a moving link. KEEP: they stay, and are subtracted (where the rest is then no
+    """What becomes of the inertials of links attached to a moving link.
 
-    real body they are moved all the same, and that is said); MOVE: they are removed, and the moving link carries everything."""
+    KEEP: they stay, and are subtracted; where the rest is then no real body they are moved all the same, and that is said.
+    MOVE: they are removed, and the moving link carries everything."""
 
     KEEP = "keep"
     MOVE = "move"
@@ -58,7 +59,11 @@ def source_text(robot: Robot, source: str | Path | None) -> tuple[bytes, str]:
     """The URDF (bytes, name for messages) to be patched: `source`, or the one that the robot was loaded from. Raises ConfigurationError."""
     if source is None:
         text, path = robot.source.get("urdf_text"), robot.source.get("urdf")
-        if path is not None and Path(path).is_file() and (data := Path(path).read_bytes()).decode(errors="replace") == (text or data.decode(errors="replace")):
+        if (
+            path is not None
+            and Path(path).is_file()
+            and (data := Path(path).read_bytes()).decode(errors="replace") == (text or data.decode(errors="replace"))
+        ):
             return data, str(path)
         if text is None:
             raise ConfigurationError(f"robot {robot.name!r} does not know the URDF it came from; name the file to be patched.")
@@ -108,18 +113,28 @@ def patch_urdf(
     done, notes = [], []
     links = {link.get("name"): link for link in root.findall("link")}
     for body, own in zip(bodies, parameters, strict=True):
-        others = [(name, displaced(_read_inertial(links[name], where), R, p)) for name, R, p in body.attached if _read_inertial(links[name], where).any()]
+        others = [
+            (name, displaced(_read_inertial(links[name], where), R, p))
+            for name, R, p in body.attached
+            if _read_inertial(links[name], where).any()
+        ]
         rest = own - sum((x for _, x in others), np.zeros(10))
         keep = attached == Attached.KEEP and bool(others)
         if keep and (smallest_eigenvalues(rest)[0] <= 0 if smallest_eigenvalues(own)[0] > 0 else rest[0] <= 0):
             keep = False
             notes.append(
-                f"{body.link}: less the nominal inertials of {', '.join(n for n, _ in others)} no real body is left; their inertials were removed,"
-                " and the link carries all of it."
+                f"{body.link}: less the nominal inertials of {', '.join(n for n, _ in others)} no real body is left;"
+                " their inertials were removed, and the link carries all of it."
             )
         elif others:
-            how = "their nominal inertials stay, and were subtracted" if keep else "their inertials were removed, and the link carries all of it"
-            notes.append(f"{body.link}: identified together with {', '.join(n for n, _ in others)} (joined by fixed or locked joints); {how}.")
+            how = (
+                "their nominal inertials stay, and were subtracted"
+                if keep
+                else "their inertials were removed, and the link carries all of it"
+            )
+            notes.append(
+                f"{body.link}: identified together with {', '.join(n for n, _ in others)} (joined by fixed or locked joints); {how}."
+            )
         if not keep:
             for name, _ in others:
                 _remove(links[name].find("inertial"))
@@ -148,14 +163,19 @@ def _bodies(root: etree._Element, where: str, robot: Robot) -> list[_Body]:
     moving = [j.name for j in robot.tree_joints]
     for name in moving:
         if name not in joints:
-            raise ConfigurationError(f"URDF {where}: it has no joint {name!r}, which robot {robot.name!r} has. Name the URDF that the robot was loaded from.")
+            raise ConfigurationError(
+                f"URDF {where}: it has no joint {name!r}, which robot {robot.name!r} has. Name the URDF that the robot was loaded from."
+            )
     source = robot.source
     prepared = prepare_urdf(_text_of(root), where)
     movable = [name for name, kind in prepared.kinds.items() if kind != "fixed"]
     held = _held(prepared, movable, source.get("locked") or {}, source.get("joints"), source.get("loop") or {})
     loose = [name for name in movable if name not in moving and name not in held]
     if loose:
-        raise ConfigurationError(f"URDF {where}: joint {loose[0]!r} moves, but robot {robot.name!r} does not have it. Name the URDF that the robot was loaded from.")
+        raise ConfigurationError(
+            f"URDF {where}: joint {loose[0]!r} moves, but robot {robot.name!r} does not have it."
+            " Name the URDF that the robot was loaded from."
+        )
     below: dict[str, list[etree._Element]] = {}
     for joint in root.findall("joint"):
         below.setdefault(joint.find("parent").get("link"), []).append(joint)  # type: ignore[union-attr]
@@ -232,18 +252,22 @@ def _read_inertial(link: etree._Element, where: str) -> Array:
         R = _rpy(_numbers(None if origin is None else origin.get("rpy"), "0 0 0"))
         values = {k: float(node.find("inertia").get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}  # type: ignore[union-attr]
     except (AttributeError, TypeError, ValueError):
-        raise ConfigurationError(f"URDF {where}: the <inertial> of link {link.get('name')!r} lacks a mass or inertia, or holds no numbers.") from None
+        raise ConfigurationError(
+            f"URDF {where}: the <inertial> of link {link.get('name')!r} lacks a mass or inertia, or holds no numbers."
+        ) from None
     v = values
-    I = np.array([[v["ixx"], v["ixy"], v["ixz"]], [v["ixy"], v["iyy"], v["iyz"]], [v["ixz"], v["iyz"], v["izz"]]])
-    return from_centre_of_mass(mass, com, R @ I @ R.T)
+    inertia_c = np.array([[v["ixx"], v["ixy"], v["ixz"]], [v["ixy"], v["iyy"], v["iyz"]], [v["ixz"], v["iyz"], v["izz"]]])
+    return from_centre_of_mass(mass, com, R @ inertia_c @ R.T)
 
 
 def _write_inertial(link: etree._Element, parameters: Array, name: str) -> None:
     """Put ten parameters into a link's <inertial>, in place where it has one."""
     try:
-        mass, com, I = centre_of_mass(parameters)
+        mass, com, inertia_c = centre_of_mass(parameters)
     except ZeroDivisionError:
-        raise ConfigurationError(f"link {name!r} has no mass, so a URDF cannot hold its first moments; export standard parameters instead.") from None
+        raise ConfigurationError(
+            f"link {name!r} has no mass, so a URDF cannot hold its first moments; export standard parameters instead."
+        ) from None
     node = link.find("inertial")
     if node is None:
         node = _insert(link, "inertial", 0)
@@ -257,7 +281,7 @@ def _write_inertial(link: etree._Element, parameters: Array, name: str) -> None:
     origin.set("rpy", "0 0 0")
     m.set("value", repr(mass))
     for key, (i, j) in {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}.items():
-        inertia.set(key, repr(float(I[i, j])))
+        inertia.set(key, repr(float(inertia_c[i, j])))
 
 
 def _write_dynamics(root: etree._Element, joint: str, tag: str, value: float, where: str) -> None:

@@ -55,36 +55,39 @@ class PhysicalLeastSquares(Estimator):
         if self.spread is not None and problem.model.robot.nominal is None:
             raise ConfigurationError(f"robot {problem.model.robot.name!r} has no nominal inertials to stay near to; leave out `spread`.")
         if not any(isinstance(e, RigidBody) for e in problem.model.effects):
-            raise UnsupportedError("method 'physical' needs links, but the model holds no rigid body; use 'bounded' for bounds on single parameters.")
+            raise UnsupportedError(
+                "method 'physical' needs links, but the model holds no rigid body; use 'bounded' for bounds on single parameters."
+            )
 
     def _solve(self, problem: Problem) -> Estimate:
-        from ..physical.constrained import Target
+        from ..physical.constrained import ConsistentFit, Target
         from ..physical.repair import consistent_fit
         from ..physical.structure import InertiaStructure
 
         structure = InertiaStructure.from_model(problem.model, problem.base)
         bounds, prior = self._knowledge(structure, problem)
         free, weights = weighted_solution(problem)
+        if bounds is None and prior is None and _already(structure, free):
+            return finish(problem, free, weights, self.name)
         order = order_of(problem.base)
-        notes: tuple[str, ...] = ()
-        cost = 0.0
-        for _ in range(3):
+
+        def constrained(weights: Array) -> ConsistentFit:
             R, z, _ = problem.information.combined(weights)
-            if bounds is None and prior is None and _already(structure, free):
-                return finish(problem, free, weights, self.name)
-            fit = consistent_fit(structure, Target.from_information(R, z), bounds=bounds, prior=prior, method=self.solver)
-            notes, cost = fit.notes, fit.cost
-            constrained = replace(free, values=free.regroup @ fit.values)
-            new = residual_weights(problem.information, constrained, weights)
+            return consistent_fit(structure, Target.from_information(R, z), bounds=bounds, prior=prior, method=self.solver)
+
+        fit = constrained(weights)
+        for _ in range(2):
+            new = residual_weights(problem.information, replace(free, values=free.regroup @ fit.values), weights)
             change = np.max(np.abs(new - weights) / np.where(new > 0, new, 1.0))
             if change < 1e-2:
                 break
             weights = new
             free = solve_triangle(*problem.information.combined(weights)[:2], order)
+            fit = constrained(weights)
         solution = replace(free, values=free.regroup @ fit.values)
-        estimate = finish(problem, solution, weights, self.name, warnings=notes)
+        estimate = finish(problem, solution, weights, self.name, warnings=fit.notes)
         moved = np.abs(solution.values - free.values) / np.where(estimate.std > 0, estimate.std, np.inf)
-        trace = {"cost": cost, "method": fit.method, "unconstrained": dict(zip(estimate.names, free.values.tolist(), strict=True))}
+        trace = {"cost": fit.cost, "method": fit.method, "unconstrained": dict(zip(estimate.names, free.values.tolist(), strict=True))}
         estimate = replace(estimate, trace=trace)
         if not np.any(moved > 0.1):
             return estimate

@@ -1,6 +1,6 @@
 """Physically possible and physically consistent: judge base parameters, repair them, turn them into links, find a payload.
 
-Everything works on an `InertiaStructure` (plain arrays) and base values; `judge`, `repair_estimate` and the others below take an estimate."""
+Everything works on an `InertiaStructure` (plain arrays) and base values; `judge`, `repair_estimate` and `payload_of` take estimates."""
 
 from .bounds import Bounds, LinkBounds, Metric, Prior
 from .conic import InfeasibleError, SolverError, solver_available

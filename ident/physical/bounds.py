@@ -37,8 +37,8 @@ class Metric(StrEnum):
 class LinkBounds:
     """Bounds on one moving link (`link`: its URDF name), in its joint frame.
 
-    `mass`: (least, most) in kg, None for open. `com_box`: (lower (3,), upper (3,)) m. `com_hull`: corners (m, 3) of a convex hull that holds
-    the centre of mass, m. `ellipsoid`: (centre (3,), semi-axes (3,)) m, axes along the joint frame, that holds it."""
+    `mass`: (least, most) in kg, None for open. `com_box`: (lower (3,), upper (3,)) m. `com_hull`: corners (m, 3) of a convex hull that
+    holds the centre of mass, m. `ellipsoid`: (centre (3,), semi-axes (3,)) m, axes along the joint frame, that holds it."""
 
     link: str
     mass: tuple[float | None, float | None] = (None, None)
@@ -60,7 +60,8 @@ class Bounds:
         constants: list[float] = []
 
         def add(row: Array, constant: float) -> None:
-            rows.append(row), constants.append(constant)
+            rows.append(row)
+            constants.append(constant)
 
         masses = structure.inertial[0::10]
         total = np.zeros(structure.k)
@@ -73,7 +74,9 @@ class Bounds:
             if bound.com_box is not None:
                 lower, upper = _triple(bound.com_box[0], bound.link), _triple(bound.com_box[1], bound.link)
                 if np.any(lower > upper):
-                    raise ConfigurationError(f"com_box of {bound.link!r}: the lower corner {lower.tolist()} is above the upper one {upper.tolist()}.")
+                    raise ConfigurationError(
+                        f"com_box of {bound.link!r}: the lower corner {lower.tolist()} is above the upper one {upper.tolist()}."
+                    )
                 for i in range(3):
                     add(unit[1 + i] - lower[i] * unit[0], 0.0)
                     add(upper[i] * unit[0] - unit[1 + i], 0.0)
@@ -130,8 +133,9 @@ class Prior:
                 found.append(np.linalg.cholesky(pseudo_inertia(parameters)))
             except np.linalg.LinAlgError:
                 raise ConfigurationError(
-                    f"the nominal inertia of link {structure.body_names[body]!r} is not that of a real body (its pseudo-inertia is not positive"
-                    " definite), so no distance from it is defined. Correct its <inertial>, or give another nominal model."
+                    f"the nominal inertia of link {structure.body_names[body]!r} is not that of a real body"
+                    " (its pseudo-inertia is not positive definite), so no distance from it is defined."
+                    " Correct its <inertial>, or give another nominal model."
                 ) from None
         return found
 
@@ -146,7 +150,9 @@ def nominal_prior(robot: Robot, metric: Metric | str = Metric.QUADRATIC, spread:
     unreal = np.flatnonzero(nominal.any(axis=1) & (smallest_eigenvalues(nominal) <= 1e-9))
     nominal[unreal] = 0.0
     names = link_names(robot.model)
-    notes = (f"the URDF's own inertials of {', '.join(names[i] for i in unreal)} are no real bodies and were not used.",) if len(unreal) else ()
+    notes = (
+        (f"the URDF's own inertials of {', '.join(names[i] for i in unreal)} are no real bodies and were not used.",) if len(unreal) else ()
+    )
     return (Prior(nominal.reshape(-1), Metric(metric), spread) if nominal.any() else None), notes
 
 
@@ -184,5 +190,7 @@ def _facets(corners: Sequence[Sequence[float]], link: str) -> list[tuple[Array, 
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):
-        raise ConfigurationError(f"com_hull of {link!r}: the {len(points)} corners span no volume; give at least four that do not lie in a plane.") from None
+        raise ConfigurationError(
+            f"com_hull of {link!r}: the {len(points)} corners span no volume; give at least four that do not lie in a plane."
+        ) from None
     return [(equation[:3], float(equation[3])) for equation in hull.equations]

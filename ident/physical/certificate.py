@@ -1,8 +1,8 @@
 """Certificates on the continuum: a lower bound of H(q) over all positions, solved as one semidefinite program and checked afterwards.
 
-The program is that of `chain`; what the solver returns is not believed but rebuilt: the Gram matrices are evaluated again in floating point,
-and whatever they lack is taken off the bound. Where one bound is too weak, the range of one joint at a time is cut in two and the
-halves are certified on their own (branch and bound)."""
+The program is that of `chain`; what the solver returns is not believed but rebuilt: the Gram matrices are evaluated again in floating
+point, and whatever they lack is taken off the bound. Where one bound is too weak, the range of one joint at a time is cut in two and
+the halves are certified on their own (branch and bound)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .chain import Stage, build_stages, gram_freedom, gram_multiplier, spatial_units
+from .chain import Cross, Stage, build_stages, gram_freedom, gram_multiplier, spatial_units
 from .conic import Block, ConicProgram, InfeasibleError, Solution, SolverError, solver_available, symmetric_basis
 from .structure import InertiaStructure
 
@@ -39,15 +39,16 @@ class Certificate:
 class ChainProgram:
     """The chain's inequalities inside a conic program, for fixed base values or with base values as variables."""
 
-    def __init__(self, structure: InertiaStructure, stages: list[Stage], program: ConicProgram) -> None:
-        self.structure, self.stages, self.program = structure, stages, program
+    def __init__(self, structure: InertiaStructure, stages: list[Stage], cross: list[Cross], program: ConicProgram) -> None:
+        self.structure, self.stages, self.cross, self.program = structure, stages, cross, program
+        self.shares = program.variables(2 * len(cross))
         self.units = [np.einsum("da,kde,eb->kab", s.state[:6], spatial_units(), s.state[:6]) for s in stages]
         self.bounds = [program.variables(s.width * (s.width + 1) // 2) for s in stages]
         self.free = [program.variables(len(gram_freedom(s))) for s in stages]
         self.multipliers = [None if (g := gram_multiplier(s)) is None else program.variables(len(g[1])) for s in stages]
 
     def constrain(self, constant: Array, columns: Array, sensitivity: Array, margin: float, margin_column: Array | None = None) -> None:
-        """Add all inequalities for the full parameters `constant + sensitivity @ x[columns]` (k,), (k, c), with lambda = margin (+ a variable)."""
+        """Add all inequalities for all parameters `constant` (k,) + `sensitivity` (k, c) @ x[columns], lambda = margin (+ a variable)."""
         for place, stage in enumerate(self.stages):
             const, blocks = self._gram(place, stage, constant, columns, sensitivity, margin, margin_column)
             self.program.semidefinite(const, blocks)
@@ -55,6 +56,19 @@ class ChainProgram:
             if multiplier is not None and (at := self.multipliers[place]) is not None:
                 g = multiplier[0]
                 self.program.semidefinite(np.zeros((g, g)), [(at, symmetric_basis(g))])
+        for c, pair in enumerate(self.cross):
+            self.program.semidefinite(*self._shared(c, pair, constant, columns, sensitivity))
+
+    def _shared(self, c: int, pair: Cross, constant: Array, columns: Array, sensitivity: Array) -> tuple[Array, list[Block]]:
+        """[[alpha, c], [c, delta]] >= 0 for a rotor that couples two branches: what it can take is given to either side."""
+        rows = _tree_rows(self.structure)
+        entries = self.structure.reflected[:, rows[pair.rates[0]], rows[pair.rates[1]]] * pair.scale
+        off = np.array([[0.0, 1.0], [1.0, 0.0]])
+        blocks: list[Block] = [(self.shares[2 * c : 2 * c + 2], np.array([np.diag([1.0, 0.0]), np.diag([0.0, 1.0])]))]
+        drive = self.structure.drive
+        if len(columns):
+            blocks.append((columns, (sensitivity[drive].T @ entries)[:, None, None] * off))
+        return float(constant[drive] @ entries) * off, blocks
 
     def lower_bound(self, x: Array, values: Array, margin: float) -> float:
         """What the variables x prove for the full parameters `values` (k,), whatever the solver says of itself: a bound of lambda."""
@@ -70,8 +84,13 @@ class ChainProgram:
                 order = np.lexsort((rows, columns))
                 x[at] = matrix[rows[order], columns[order]]
         lost = 0.0
+        none = np.zeros(0, int), np.zeros((len(values), 0))
+        for c, pair in enumerate(self.cross):
+            base, blocks = self._shared(c, pair, values, *none)
+            matrix = base + sum((np.tensordot(x[at], m, 1) for at, m in blocks), np.zeros((2, 2)))
+            lost += max(1e-15 * float(np.abs(matrix).max()) - float(np.linalg.eigvalsh(matrix)[0]), 0.0)
         for place, stage in enumerate(self.stages):
-            const, blocks = self._gram(place, stage, values, np.zeros(0, int), np.zeros((len(values), 0)), margin, None)
+            const, blocks = self._gram(place, stage, values, *none, margin, None)
             G = const + sum((np.tensordot(x[c], m, 1) for c, m in blocks), np.zeros_like(const))
             smallest = float(np.linalg.eigvalsh(G)[0]) if len(G) else 0.0
             slack = 1e-15 * len(G) * float(np.abs(G).max(initial=0.0)) - smallest
@@ -111,6 +130,13 @@ class ChainProgram:
             forms = np.zeros((len(self.bounds[place]), len(s.T), len(s.T)))
             forms[:, : s.width, : s.width] = -symmetric_basis(s.width)
             blocks.append((self.bounds[place], lifted(forms)))
+        for c, pair in enumerate(self.cross):
+            for side, rate in enumerate(pair.rates):
+                if rate in stage.rates:
+                    form = np.zeros((1, len(stage.T), len(stage.T)))
+                    place_in_u = s.width + stage.rates.index(rate)
+                    form[0, place_in_u, place_in_u] = -1.0
+                    blocks.append((self.shares[2 * c + side : 2 * c + side + 1], lifted(form)))
         if len(self.free[place]):
             blocks.append((self.free[place], gram_freedom(stage)))
         multiplier = gram_multiplier(stage)
@@ -163,11 +189,9 @@ def certify(
 
 
 def _certify_box(structure: InertiaStructure, values: Array, lower: Array, upper: Array, weight: Array, time_limit: float) -> float | str:
-    stages = build_stages(structure, weight, lower, upper)
-    if isinstance(stages, str):
-        return stages
+    stages, cross = build_stages(structure, weight, lower, upper)
     program = ConicProgram()
-    chain = ChainProgram(structure, stages, program)
+    chain = ChainProgram(structure, stages, cross, program)
     margin = program.variables(1)
     full = structure.lift @ values
     free = structure.null_space if structure.has_loop else np.zeros((structure.k, 0))
@@ -192,7 +216,7 @@ def _branch(
         best: list[tuple[float, Array, Array]] | None = None
         for i in np.flatnonzero(structure.relevant & (upper - lower > 1e-3)):
             middle = 0.5 * (lower[i] + upper[i])
-            halves = []
+            halves: list[tuple[float, Array, Array]] = []
             for a, b in ((lower[i], middle), (middle, upper[i])):
                 lo, up = lower.copy(), upper.copy()
                 lo[i], up[i] = a, b

@@ -45,6 +45,7 @@ class Stage:
     rotor: Array
     pairs: Array
     own: Array
+    rates: tuple[int, ...]
     state: Array
     weakness: float
 
@@ -66,11 +67,20 @@ def spatial_units() -> Array:
     return out
 
 
-def build_stages(structure: InertiaStructure, weight: Array, lower: Array, upper: Array) -> list[Stage] | str:
-    """Stages for all joints, or the reason why there are none. `weight` (nv,): D, the sizes against which lambda is measured."""
+@dataclass(frozen=True)
+class Cross:
+    """A rotor that couples two tree rates of different branches: its term 2 c a b is at least -(alpha a^2 + delta b^2)
+
+    where alpha delta >= c^2."""
+
+    rates: tuple[int, int]
+    scale: float
+
+
+def build_stages(structure: InertiaStructure, weight: Array, lower: Array, upper: Array) -> tuple[list[Stage], list[Cross]]:
+    """Stages for all joints, and couplings between branches. `weight` (nv,): D, the sizes against which lambda is measured."""
     tree, first = structure.tree, int(structure.tree.floating)
     W = structure.projection
-    base = 6 * first
     independent = _independent_rows(structure)
     coupling = np.any(structure.reflected != 0, axis=0)
     lower_t, upper_t = _tree_ranges(structure, lower, upper)
@@ -87,9 +97,8 @@ def build_stages(structure: InertiaStructure, weight: Array, lower: Array, upper
                 i, j = sorted((independent[a], independent[b]))
                 pairs_at[j].append((i, j))
     ancestors = _ancestors(tree.parent)
-    carried = _carried(pairs_at, ancestors, first)
-    if carried is None:
-        return "rotors couple joints of different branches"
+    carried, apart = _carried(pairs_at, ancestors, first)
+    cross = [Cross(pair, float(scale[pair[0]] * scale[pair[1]])) for pair in apart]
     rng = np.random.default_rng(0)
     q_tree, rates = _sample(structure, lower_t, upper_t, rng)
     velocity = Velocities(tree, q_tree, rates * scale)
@@ -103,15 +112,13 @@ def build_stages(structure: InertiaStructure, weight: Array, lower: Array, upper
         state.append(U[:, keep] * size)
         inverse.append((U[:, keep] / size).T)
     arms = _arms(structure, lower_t, upper_t, scale, ancestors)
-    stages = []
-    for i in range(tree.nb):
-        stages.append(_stage(structure, i, scale, carried, state, inverse, pairs_at, lower_t, upper_t, arms, base))
-    return stages
+    common = (scale, carried, state, inverse, pairs_at, lower_t, upper_t, arms)
+    return [_stage(structure, i, *common) for i in range(tree.nb)], cross
 
 
 def _stage(
     structure: InertiaStructure, i: int, scale: Array, carried: list[list[int]], state: list[Array], inverse: list[Array],
-    pairs_at: dict[int, list[tuple[int, int]]], lower: Array, upper: Array, arms: Array, base: int,
+    pairs_at: dict[int, list[tuple[int, int]]], lower: Array, upper: Array, arms: Array,
 ) -> Stage:  # fmt: skip
     tree = structure.tree
     up = int(tree.parent[i])
@@ -139,7 +146,7 @@ def _stage(
         maps.append(inverse[i] @ full)
     turning = np.concatenate(maps[1:], axis=0) if len(maps) > 1 else np.zeros((0, s))
     turning[np.abs(turning) < 1e-12] = 0.0
-    U, S, Vt = np.linalg.svd(turning[:, :d], full_matrices=True) if turning.size and d else (None, np.zeros(0), np.eye(d))
+    _, S, Vt = np.linalg.svd(turning[:, :d], full_matrices=True) if turning.size and d else (None, np.zeros(0), np.eye(d))
     r = int(np.sum(S > 1e-9)) if len(S) else 0
     still = np.zeros((s, d - r + len(rates)))
     still[:d, : d - r], still[d:, d - r :] = Vt[r:].T, np.eye(len(rates))
@@ -164,7 +171,7 @@ def _stage(
     weakness = 1.0 + (float(np.linalg.norm(inverse[up], 2) ** 2) * (arms[up] + len(held)) if up >= 0 else 0.0)
     return Stage(
         i, up, E, T, T.shape[1] - r, r, len(maps) if r else 1, cos_half if r else None, d,
-        np.array(forms).reshape(-1, s, s), np.array(pairs, int).reshape(-1, 2), own, state[i], weakness,
+        np.array(forms).reshape(-1, s, s), np.array(pairs, int).reshape(-1, 2), own, tuple(rates), state[i], weakness,
     )  # fmt: skip
 
 
@@ -272,20 +279,27 @@ def _ancestors(parent: Array) -> list[list[int]]:
     return found
 
 
-def _carried(pairs_at: dict[int, list[tuple[int, int]]], ancestors: list[list[int]], floating: int) -> list[list[int]] | None:
-    """For each body the rates of earlier joints (itself included) that a rotor further out still needs; None across branches."""
+def _carried(
+    pairs_at: dict[int, list[tuple[int, int]]], ancestors: list[list[int]], floating: int
+) -> tuple[list[list[int]], list[tuple[int, int]]]:
+    """For each body the rates of earlier joints (itself included) that a rotor further out still needs; and pairs across branches,
+
+    which are taken out of `pairs_at`."""
     carried: list[set[int]] = [set() for _ in ancestors]
-    for rate, pairs in pairs_at.items():
-        for a, b in pairs:
+    apart = []
+    for pairs in pairs_at.values():
+        for a, b in list(pairs):
             if a == b:
                 continue
             i, j = max(a - 5 * floating, 0), b - 5 * floating
             if i not in ancestors[j]:
-                return None
+                pairs.remove((a, b))
+                apart.append((a, b))
+                continue
             for body in ancestors[j]:
                 if body == i or i in ancestors[body]:
                     carried[body].add(a)
-    return [sorted(c) for c in carried]
+    return [sorted(c) for c in carried], apart
 
 
 def _sample(structure: InertiaStructure, lower: Array, upper: Array, rng: np.random.Generator) -> tuple[Array, Array]:

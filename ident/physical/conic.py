@@ -119,7 +119,9 @@ class ConicProgram:
         self._add("semidefinite", constant[rows, columns] * scale, [(c, m[:, rows, columns] * scale) for c, m in blocks], len(constant))
 
     def _add(self, kind: str, constant: Array, blocks: Sequence[Block], size: int | None = None) -> None:
-        self._rows.append((kind, len(constant) if size is None else size, constant, [(np.atleast_1d(c), np.asarray(m, float)) for c, m in blocks]))
+        self._rows.append(
+            (kind, len(constant) if size is None else size, constant, [(np.atleast_1d(c), np.asarray(m, float)) for c, m in blocks])
+        )
 
     def solve(self, what: str, *, tolerance: float = 1e-9, time_limit: float = 60.0) -> Solution:
         """Solve. `what` names the problem in errors. Raises InfeasibleError, SolverError, ConfigurationError (no solver)."""
@@ -147,16 +149,23 @@ class ConicProgram:
         settings.max_threads = 1
         try:
             found = clarabel.DefaultSolver(P, q, A, b, cones, settings).solve()
-        except BaseException as error:  # noqa: BLE001 - the solver's own panics are not Exceptions
+        except BaseException as error:
             if isinstance(error, (KeyboardInterrupt, SystemExit)):
                 raise
-            raise SolverError(f"{what}: the solver failed ({error}). Check the scale of the problem, or use method='log_cholesky'.") from None
+            raise SolverError(
+                f"{what}: the solver failed ({error}). Check the scale of the problem, or use method='log_cholesky'."
+            ) from None
         status = str(found.status)
         if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
             raise InfeasibleError(f"{what}: no parameters satisfy all constraints together; loosen the bounds or the margin.")
         x = np.asarray(found.x)
-        if status not in ("Solved", "AlmostSolved") and not (status in ("InsufficientProgress", "MaxIterations", "MaxTime", "NumericalError") and np.all(np.isfinite(x))):
-            raise SolverError(f"{what}: the solver stopped with {status} after {found.iterations} iterations. Check the scale of the problem and its bounds.")
+        if status not in ("Solved", "AlmostSolved") and not (
+            status in ("InsufficientProgress", "MaxIterations", "MaxTime", "NumericalError") and np.all(np.isfinite(x))
+        ):
+            raise SolverError(
+                f"{what}: the solver stopped with {status} after {found.iterations} iterations."
+                " Check the scale of the problem and its bounds."
+            )
         return Solution(x, float(found.obj_val), status, status == "Solved", int(found.iterations))
 
     def _constraints(self, sp: Any) -> tuple[sp.csc_matrix, Array]:
@@ -168,7 +177,9 @@ class ConicProgram:
         for _, _, constant, blocks in self._rows:
             for c, m in blocks:
                 i, j = np.nonzero(m)
-                data.append(-m[i, j]), rows.append(start + j), columns.append(c[i])
+                data.append(-m[i, j])
+                rows.append(start + j)
+                columns.append(c[i])
             right.append(constant)
             start += len(constant)
         joined = [np.concatenate(x) if x else np.zeros(0) for x in (data, rows, columns)]

@@ -20,10 +20,11 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Consistent:
-    """Verdict. `consistent`: real links exist. `violated_links`: those that cannot be real, tip last; `violated_parameters`: rotor
+    """Verdict. `consistent`: real links exist.
 
-    inertias and friction of the wrong sign. `margin`: largest t with every (scaled) pseudo-inertia >= t, positive inside. `shortfall`:
-    link -> what its scaled pseudo-inertia lacks. `standard` (k,): consistent parameters that give the base values, or None."""
+    `violated_links`: those that cannot be real, tip last; `violated_parameters`: rotor inertias and friction of the wrong sign.
+    `margin`: largest t with every (scaled) pseudo-inertia >= t, positive inside. `shortfall`: link -> what its scaled pseudo-inertia
+    lacks. `standard` (k,): consistent parameters that give the base values, or None."""
 
     consistent: bool
     violated_links: tuple[str, ...]
@@ -41,7 +42,10 @@ class Consistent:
             return "physically consistent: links with positive mass and positive definite pseudo-inertia give these base parameters"
         lines = ["not physically consistent"]
         if self.violated_links:
-            lines.append("no real body gives the parameters of: " + ", ".join(f"{n} (lacks {self.shortfall[n]:.2g} of its size)" for n in self.violated_links))
+            lines.append(
+                "no real body gives the parameters of: "
+                + ", ".join(f"{n} (lacks {self.shortfall[n]:.2g} of its size)" for n in self.violated_links)
+            )
         if self.violated_parameters:
             lines.append("wrong sign: " + ", ".join(self.violated_parameters))
         return "\n".join([*lines, *self.notes])
@@ -152,9 +156,7 @@ def _deepest(structure: InertiaStructure, constant: Array, free: Array, scale: A
     for body in range(structure.tree.nb):
         at = structure.inertial[10 * body : 10 * body + 10]
         units = scaled_units(scale[body])
-        program.semidefinite(
-            np.tensordot(constant[at], units, 1), [(z, np.tensordot(direction[at].T, units, 1)), (t, -np.eye(4)[None])]
-        )
+        program.semidefinite(np.tensordot(constant[at], units, 1), [(z, np.tensordot(direction[at].T, units, 1)), (t, -np.eye(4)[None])])
     # Rotor inertias that are fixed by the base values are judged by their sign alone.
     bound = [i for i in range(len(structure.drive)) if np.any(np.abs(free[structure.drive[i]]) > 1e-12)]
     if bound:
@@ -211,7 +213,7 @@ def _shortfall(
     standard = constant + direction @ found.x[z]
     out: dict[str, float] = {}
     amounts = np.maximum(found.x[s], 0.0)
-    for body in np.flatnonzero(amounts > max(1e-6 * float(amounts.max(initial=0.0)), 1e-9)):
+    for body in map(int, np.flatnonzero(amounts > max(1e-6 * float(amounts.max(initial=0.0)), 1e-9))):
         J = np.tensordot(standard[structure.inertial[10 * body : 10 * body + 10]], scaled_units(scale[body]), 1)
         out[structure.body_names[body]] = float(amounts[body] / max(float(np.abs(J).max()), 1e-300))
     return out

@@ -13,9 +13,9 @@ import numpy as np
 from ..errors import ConfigurationError
 from .bounds import Bounds, Metric, Prior
 from .conic import ConicProgram, InfeasibleError, Solution, SolverError, require_solver, triangle_indices
+from .consistent import _deepest, _drive_scale, _free_scale, _holds, judge_consistent, link_scales, scaled_units, wrong_signs
 from .interior import InteriorProblem, Matrices
 from .pseudo_inertia import UNITS
-from .consistent import _deepest, _drive_scale, _free_scale, _holds, judge_consistent, link_scales, scaled_units, wrong_signs
 from .structure import InertiaStructure
 
 Array = np.ndarray
@@ -262,7 +262,15 @@ class _Problem:
             return Matrices(np.array([f[0] for f in found]).reshape(-1, 4, 4), np.array([f[1] for f in found]).reshape(-1, p, 4, 4))
 
         return InteriorProblem(
-            target, costed, matrices(nominal), prior.metric, 1.0 / prior.spread**2, matrices(others), self.rows, self.constants, tuple(self.cones)
+            target,
+            costed,
+            matrices(nominal),
+            prior.metric,
+            1.0 / prior.spread**2,
+            matrices(others),
+            self.rows,
+            self.constants,
+            tuple(self.cones),
         )
 
 

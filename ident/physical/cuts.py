@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .conic import InfeasibleError, SolverError
-from .search import minimise_eigenvalue
+from .search import Minimum, minimise_eigenvalue
 from .structure import InertiaStructure
 
 Array = np.ndarray
@@ -39,39 +39,34 @@ def nearest_by_cuts(
     lower: Array,
     upper: Array,
     start: int = 0,
-    floors: tuple[Array, Array] | None = None,
     tolerance: float = 0.1,
     rounds: int = 200,
     time_limit: float = 30.0,
-    seed: int = 0,
 ) -> CutResult:
     """Nearest base values with H[start:, start:] >= margin * diag(weight)[start:], up to `tolerance` of the margin.
 
-    `root` (b, u): changes are root @ x and cost |x| (a root of the covariance); columns left out stay fixed. `floors`: further half-spaces
-    (rows (m, b), limits (m,)), rows @ values >= limits. Raises InfeasibleError where changes cannot help, SolverError
-    where time or rounds run out."""
+    `root` (b, u): changes are root @ x and cost |x| (a root of the covariance); what has no column stays as it is.
+    Raises InfeasibleError where changes cannot help, SolverError where time or rounds run out."""
     deadline = time.perf_counter() + time_limit
     scale = 1.0 / np.sqrt(weight)
-    block = np.arange(structure.nv) >= start
-    rows: list[Array] = []
-    limits: list[float] = []
-    if floors is not None:
-        rows += list(floors[0])
-        limits += [float(x) for x in floors[1]]
+    rows, limits = np.zeros((0, len(values))), np.zeros(0)
     seeds = np.zeros((0, structure.n))
-    x = _least_distance(np.array(rows).reshape(-1, len(values)) @ root, np.array(limits) - np.array(rows).reshape(-1, len(values)) @ values)
-    current = values + root @ x
+    x, current = np.zeros(root.shape[1]), np.array(values, float)
+    worst = np.inf
+
+    def lowest(turn: int, starts: int, samples: int) -> Minimum:
+        return minimise_eigenvalue(
+            structure, current, lower, upper, weight=scale, start=start, seed=7 * turn, starts=starts, samples=samples, seeds=seeds[-40:]
+        )
+
     for turn in range(rounds):
         # A quick look first; a thorough one before the point is taken for good.
-        for thorough in (False, True):
-            found = minimise_eigenvalue(
-                structure, current, lower, upper, weight=scale, start=start, seed=seed + 7 * turn,
-                starts=24 if thorough else 8, samples=512 if thorough else 64, seeds=seeds[-40:],
-            )  # fmt: skip
-            if found.eigenvalue < margin * (1.0 - tolerance):
-                break
-        else:
-            return CutResult(current, found.eigenvalue, float(np.linalg.norm(x)), len(rows), turn)
+        found = lowest(turn, 8, 64)
+        if found.eigenvalue >= margin * (1.0 - tolerance):
+            found = lowest(turn, 24, 512)
+        worst = found.eigenvalue
+        if worst >= margin * (1.0 - tolerance):
+            return CutResult(current, worst, float(np.linalg.norm(x)), len(rows), turn)
         if time.perf_counter() > deadline:
             break
         q = found.candidates[found.eigenvalues < margin][:12]
@@ -80,23 +75,19 @@ def nearest_by_cuts(
         for k in range(min(2, vectors.shape[2])):
             low = eigenvalues[:, k] < margin
             v = np.zeros((int(low.sum()), structure.nv))
-            v[:, block] = vectors[low, :, k]
-            rows += list(structure.quadratic_rows(q[low], v * scale))
-            limits += [margin] * len(v)
+            v[:, start:] = vectors[low, :, k]
+            rows = np.concatenate([rows, structure.quadratic_rows(q[low], v * scale)])
+            limits = np.concatenate([limits, np.full(len(v), margin)])
         seeds = np.concatenate([seeds, q])
-        G = np.array(rows)
-        x = _least_distance(G @ root, np.array(limits) - G @ values)
+        x = _least_distance(rows @ root, limits - rows @ values)
         current = values + root @ x
-        # Half-spaces that have been slack for long only cost time.
         if len(rows) > 600:
-            slack = G @ current - np.array(limits)
-            keep = np.sort(np.argsort(slack)[:300])
-            own = 0 if floors is None else len(floors[1])
-            keep = np.unique(np.concatenate([np.arange(own), keep]))
-            rows, limits = [rows[i] for i in keep], [limits[i] for i in keep]
+            # Half-spaces that are far from being touched only cost time.
+            keep = np.sort(np.argsort(rows @ current - limits)[:300])
+            rows, limits = rows[keep], limits[keep]
     raise SolverError(
-        f"the nearest possible set was not reached within {time_limit:.0f} s and {turn + 1} rounds of cutting planes"
-        f" (smallest scaled eigenvalue {found.eigenvalue:.2e}, wanted {margin:.2e}). Allow more time, or a smaller margin."
+        f"the nearest possible set was not reached within {time_limit:.0f} s and {rounds} rounds of cutting planes"
+        f" (smallest scaled eigenvalue {worst:.2e}, wanted {margin:.2e}). Allow more time, or a smaller margin."
     )
 
 

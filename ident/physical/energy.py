@@ -39,8 +39,10 @@ class Velocities:
             up = int(tree.parent[i])
             if tree.floating and i == 0:
                 # The free-flyer's own velocity is given in its own frame; its pose never enters the kinetic energy.
-                self.R.append(np.repeat(np.eye(3)[:, :, None], self.N, 2)), self.p.append(zero)
-                self.l.append(dq[:, :3].T), self.w.append(dq[:, 3:6].T)
+                self.R.append(np.repeat(np.eye(3)[:, :, None], self.N, 2))
+                self.p.append(zero)
+                self.l.append(dq[:, :3].T)
+                self.w.append(dq[:, 3:6].T)
                 continue
             x, rate = q[:, i + 6 * tree.floating], dq[:, i + 5 * tree.floating]
             if tree.prismatic[i]:
@@ -54,7 +56,8 @@ class Velocities:
             linear = (R * (lp + _cross(wp, p))[:, None]).sum(0)
             angular = (R * wp[:, None]).sum(0)
             push = u[:, None] * rate
-            self.R.append(R), self.p.append(p)
+            self.R.append(R)
+            self.p.append(p)
             self.l.append(linear + push if tree.prismatic[i] else linear)
             self.w.append(angular if tree.prismatic[i] else angular + push)
 

@@ -1,7 +1,7 @@
 """The dissertation's judgements on a grid of positions: leading principal minors, and trailing pivots (chapter 4).
 
-H is positive definite where all its leading principal minors are positive; they need every joint but the first. Eliminated from the tip instead,
-the pivot of joint i needs only the positions of the joints after it, so most impossible sets are rejected after few positions.
+H is positive definite where all its leading principal minors are positive; they need every joint but the first. Eliminated from the tip
+instead, the pivot of joint i needs only the positions of the joints after it, so most impossible sets are rejected after few positions.
 Neither says anything of positions between those of the grid: see `judge_possible` for a judgement that does."""
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ class GridTest(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class GridJudgement:
-    """`possible` on the grid (`certified` only where it is not); `share`: of positions at which H is not positive definite (of those looked at);
+    """Verdict on a grid: `possible`, `certified` only where it is not.
 
-    `order`: of the first leading minor, or the joint (1 = first) of the pivot, that failed at `worst_configuration`, 0 for none;
-    `min_eigenvalue`: smallest eigenvalue there, kg m^2; `evaluations`: positions looked at."""
+    `share`: of the positions looked at, those where H is not positive definite. `order`: of the first leading minor, or the joint (1 =
+    first) of the pivot, that failed at `worst_configuration`, 0 for none; `min_eigenvalue`: smallest eigenvalue there, kg m^2;
+    `evaluations`: positions looked at."""
 
     possible: bool
     certified: bool
@@ -50,7 +51,10 @@ class GridJudgement:
         """A line for people."""
         where = ", ".join(f"{k} {v:.3f}" for k, v in self.worst_configuration.items())
         if self.possible:
-            return f"possible on the grid of {self.evaluations} positions by {self.method} (not a proof): smallest eigenvalue {self.min_eigenvalue:.4g} kg m^2 at {where}"
+            return (
+                f"possible on the grid of {self.evaluations} positions by {self.method} (not a proof):"
+                f" smallest eigenvalue {self.min_eigenvalue:.4g} kg m^2 at {where}"
+            )
         return (
             f"not possible by {self.method} {self.order}: smallest eigenvalue {self.min_eigenvalue:.4g} kg m^2 at {where}"
             f" ({100 * self.share:.2g} % of the {self.evaluations} positions looked at)"
@@ -129,7 +133,7 @@ def _whole_turn(structure: InertiaStructure, lower: Array, upper: Array, joint: 
 def _sweep(
     structure: InertiaStructure, values: Array, axes: list[Array], joints: Array, start: int, reverse: bool
 ) -> tuple[int, int, float, Array, int, int]:
-    """(positions that fail, order, lowest eigenvalue seen, worst position, positions, positions) of the block H[start:, start:] over a grid."""
+    """The block H[start:, start:] over a grid: (positions that fail, order, lowest eigenvalue, worst position, positions, positions)."""
     middle = np.array([axis[len(axis) // 2] for axis in axes])
     counts = [len(axes[j]) for j in joints]
     total = int(np.prod(counts)) if counts else 1

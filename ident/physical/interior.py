@@ -28,9 +28,10 @@ class Matrices:
 
 @dataclass(frozen=True, eq=False)
 class InteriorProblem:
-    """Minimise sum over `costed` of (x - target)^2 + `weight` * metric(`nominal`) with `blocks` positive definite, `rows` x + `constants` > 0
+    """Minimise the sum over `costed` of (x - target)^2 + `weight` * metric(`nominal`), inside strict inequalities.
 
-    and, for every cone (m, p) with offset (m,), first entry > norm of the others. `nominal`: pseudo-inertias relative to nominal."""
+    `blocks` positive definite, `rows` x + `constants` > 0, and for every cone (m, p) with offset (m,) first entry > norm of the
+    others. `nominal`: pseudo-inertias relative to the nominal ones."""
 
     target: Array
     costed: Array
@@ -49,7 +50,9 @@ class InteriorProblem:
     def solve(self, x: Array) -> Array:
         """The minimiser, from a strictly feasible `x` (p,). Raises SolverError where Newton's method stalls or the start is not inside."""
         if not self.is_inside(x):
-            raise SolverError("the fit with a prior: the start is not strictly inside the bounds; leave room between least and most values.")
+            raise SolverError(
+                "the fit with a prior: the start is not strictly inside the bounds; leave room between least and most values."
+            )
         if self.metric == Metric.GEOMETRIC:
             # Not convex and flat far from the nominal body: the entropic solution is the place to start from.
             x = replace(self, metric=Metric.ENTROPIC).solve(x)

@@ -85,7 +85,9 @@ def subject_of(estimate: Estimate) -> Subject:
     # What the data see of the model's base parameters; the rest of the space is free.
     seen = estimate.base.regroup @ structure.lift
     unseen = np.linalg.svd(seen)[2][len(seen) :].T
-    return Subject(estimate.method, structure, values, covariance, unseen, (f"not determined by the data, and judged with the value zero: {missing}.",))
+    return Subject(
+        estimate.method, structure, values, covariance, unseen, (f"not determined by the data, and judged with the value zero: {missing}.",)
+    )
 
 
 def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: float = 20.0) -> Judgement:

@@ -1,7 +1,7 @@
 """Consistent fit without a semidefinite solver: every link as a Cholesky factor with logarithmic diagonal.
 
-J = L L' with L lower triangular and a positive diagonal reaches exactly the real bodies, without constraints (after Rucker and Wensing, IEEE
-RA-L 2022), so ordinary nonlinear least squares will do. It is not convex in these coordinates: the result is a local optimum."""
+J = L L' with L lower triangular and a positive diagonal reaches exactly the real bodies, without constraints (after Rucker and Wensing,
+IEEE RA-L 2022), so ordinary nonlinear least squares will do. It is not convex in these coordinates: the result is a local optimum."""
 
 from __future__ import annotations
 
@@ -35,10 +35,13 @@ def fit_log_cholesky(
 
     if bounds is not None and bounds != Bounds():
         raise UnsupportedError(
-            "the log-Cholesky fit takes no bounds on mass or centre of mass; the fit by linear matrix inequalities does: pip install 'ident[sdp]'."
+            "the log-Cholesky fit takes no bounds on mass or centre of mass;"
+            " the fit by linear matrix inequalities does: pip install 'ident[sdp]'."
         )
     if prior is not None and prior.metric != Metric.QUADRATIC:
-        raise UnsupportedError("the log-Cholesky fit takes the quadratic metric only; the others need the solver: pip install 'ident[sdp]'.")
+        raise UnsupportedError(
+            "the log-Cholesky fit takes the quadratic metric only; the others need the solver: pip install 'ident[sdp]'."
+        )
     fit = _Factors(structure, target, prior)
 
     def descend(x0: Array, evaluations: int) -> Any:
@@ -53,9 +56,14 @@ def fit_log_cholesky(
     standard = fit.parameters(best.x)
     values = structure.regroup @ standard
     if not _holds(structure, standard) or wrong_signs(structure, structure.lift @ values, structure.null_space):
-        raise SolverError("the log-Cholesky fit ended at links that vanish; give a nominal model as prior, or install the solver: pip install 'ident[sdp]'.")
+        raise SolverError(
+            "the log-Cholesky fit ended at links that vanish;"
+            " give a nominal model as prior, or install the solver: pip install 'ident[sdp]'."
+        )
     data = fit.data_residual(standard)
-    notes = ("fallback without a semidefinite solver: a local optimum of a problem that is not convex in these coordinates.",)
+    notes: tuple[str, ...] = (
+        "fallback without a semidefinite solver: a local optimum of a problem that is not convex in these coordinates.",
+    )
     if not best.success:
         notes += (f"the least-squares search stopped early ({best.message}).",)
     return ConsistentFit(values, standard, float(data @ data), "log-Cholesky factors, nonlinear least squares (fallback)", notes)

@@ -25,9 +25,10 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class PayloadEstimate:
-    """A payload on `link`, in that link's joint frame. `values` (10,) in Pinocchio's order, a real body; `unconstrained` (10,) and `std` (10,):
+    """A payload on `link`, in that link's joint frame.
 
-    what the logs alone say (nan where they say nothing). `mass` kg with `mass_std`, `centre_of_mass` (3,) m, `inertia` (3, 3) kg m^2 about it.
+    `values` (10,) in Pinocchio's order, a real body; `unconstrained` (10,) and `std` (10,): what the logs alone say (nan where they
+    say nothing). `mass` kg with `mass_std`, `centre_of_mass` (3,) m, `inertia` (3, 3) kg m^2 about it.
     `identifiable`: number of directions of the ten that the robot's motion can show at all; `significant`: whether there is a payload
     beyond chance (`chi2` with that many degrees of freedom, at 0.1 %)."""
 
@@ -54,7 +55,9 @@ class PayloadEstimate:
         principal = np.sqrt(np.maximum(np.linalg.eigvalsh(self.inertia), 0.0) / max(self.mass, 1e-300))
         lines.append("radii of gyration " + ", ".join(f"{1e3 * r:.1f}" for r in principal) + " mm")
         if self.identifiable < 10:
-            lines.append(f"the motion shows {self.identifiable} of its 10 directions; the rest are chosen so that the body is real and compact")
+            lines.append(
+                f"the motion shows {self.identifiable} of its 10 directions; the rest are chosen so that the body is real and compact"
+            )
         return "\n".join([*lines, *self.notes])
 
     def to_dict(self) -> dict[str, Any]:
@@ -120,27 +123,33 @@ def payload_from_fits(
     return payload_from_fit(structure, before[0], before[1], (R, R @ values), link=link)
 
 
-def _estimate(structure: InertiaStructure, without: tuple[Array, Array], with_load: tuple[Array, Array], link: str | None) -> PayloadEstimate:
+def _estimate(
+    structure: InertiaStructure, without: tuple[Array, Array], with_load: tuple[Array, Array], link: str | None
+) -> PayloadEstimate:
     start = time.perf_counter()
     name, A = payload_columns(structure, link)
     (R0, z0), (R1, z1) = ((np.atleast_2d(np.asarray(R, float)), np.asarray(z, float)) for R, z in (without, with_load))
     for R, z, which in ((R0, z0, "without"), (R1, z1, "with")):
         if R.shape[1] != structure.b or z.shape != (len(R),):
-            raise ConfigurationError(f"the information block {which} the load has shape {R.shape}, but there are {structure.b} base parameters.")
+            raise ConfigurationError(
+                f"the information block {which} the load has shape {R.shape}, but there are {structure.b} base parameters."
+            )
         if not (np.all(np.isfinite(R)) and np.all(np.isfinite(z))):
             raise DataError(f"the information block {which} the load holds values that are not finite.")
     # A log adds nothing where it is blind; drop the arm's parameters by orthogonal triangularisation.
     stacked = np.concatenate([np.concatenate([R0, np.zeros((len(R0), 10)), z0[:, None]], 1), np.concatenate([R1, R1 @ A, z1[:, None]], 1)])
     size = np.linalg.norm(stacked[:, : structure.b], axis=0)
     stacked[:, : structure.b] /= np.where(size > 0, size, 1.0)
-    Q, T, _ = _pivoted(stacked[:, : structure.b])
+    Q = _column_basis(stacked[:, : structure.b])
     rest = stacked[:, structure.b :] - Q @ (Q.T @ stacked[:, structure.b :])
     rest -= Q @ (Q.T @ rest)
     R, z = rest[:, :10], rest[:, 10]
     scale = _scale(structure)
     unconstrained, covariance, seen = _plain(R, z, scale, int(np.linalg.matrix_rank(A, tol=1e-9 * np.linalg.norm(A))))
     if seen == 0:
-        raise DataError(f"a load on {name!r} does not show in these logs: none of its parameters acts on a measured torque. Move the joints before it.")
+        raise DataError(
+            f"a load on {name!r} does not show in these logs: none of its parameters acts on a measured torque. Move the joints before it."
+        )
     visible = _visible(R, scale)
     std = np.where(visible, np.sqrt(np.maximum(np.diagonal(covariance), 0.0)), np.nan)
     fit, method = (_consistent(R, z, scale), "linear matrix inequality (Clarabel)") if solver_available() else (
@@ -165,14 +174,14 @@ def _estimate(structure: InertiaStructure, without: tuple[Array, Array], with_lo
     )
 
 
-def _pivoted(M: Array) -> tuple[Array, Array, int]:
-    """Orthonormal basis of the columns of M, its triangle, and its rank."""
+def _column_basis(M: Array) -> Array:
+    """Orthonormal basis of the columns of M."""
     from scipy.linalg import qr
 
     Q, T, _ = qr(M, mode="economic", pivoting=True)
     diagonal = np.abs(np.diagonal(T))
     rank = int(np.sum(diagonal > 1e-11 * max(float(diagonal.max(initial=0.0)), 1e-300)))
-    return Q[:, :rank], T, rank
+    return Q[:, :rank]
 
 
 def _scale(structure: InertiaStructure) -> Array:
@@ -231,10 +240,13 @@ def _log_cholesky(R: Array, z: Array, scale: Array) -> Array:
         L[rows, columns] = np.where(diagonal, np.exp(np.clip(x, -60, 60)), x)
         return from_pseudo_inertia((L @ L.T) / np.outer(D, D))
 
+    def residual(x: Array) -> Array:
+        return np.concatenate([R @ body(x) - z, 1e-3 * x])
+
     best = None
     for mass in (0.1, 1.0, 10.0):
         x0 = np.where(diagonal, 0.5 * np.log(mass), 0.0)
-        found = least_squares(lambda x: np.concatenate([R @ body(x) - z, 1e-3 * x]), x0, x_scale="jac", max_nfev=300)
+        found = least_squares(residual, x0, x_scale="jac", max_nfev=300)
         if best is None or found.cost < best.cost:
             best = found
     assert best is not None

@@ -168,7 +168,7 @@ def border_distance(
         spread = np.sqrt(np.maximum(np.einsum("Nb,bc,Nc->N", rows, covariance, rows, optimize=True), 1e-300))
         return rows @ values / spread
 
-    eigenvalues, vectors = np.linalg.eigh(structure.inertia_matrix(values, candidates) * np.outer(scale, scale))
+    _, vectors = np.linalg.eigh(structure.inertia_matrix(values, candidates) * np.outer(scale, scale))
     points = np.concatenate([np.concatenate([candidates, vectors[:, :, k]], axis=1) for k in range(min(2, nv))])
     at = ratio(points)
     order = np.argsort(at)[:polish]

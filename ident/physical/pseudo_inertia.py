@@ -38,8 +38,8 @@ def pseudo_inertia(parameters: Array) -> Array:
 def from_pseudo_inertia(J: Array) -> Array:
     """Ten parameters (..., 10) of pseudo-inertias (..., 4, 4)."""
     S = J[..., :3, :3]
-    I = np.trace(S, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - S
-    return np.stack([J[..., 3, 3], J[..., 0, 3], J[..., 1, 3], J[..., 2, 3], *(I[..., x, y] for x, y in _PAIRS)], axis=-1)
+    moments = np.trace(S, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - S
+    return np.stack([J[..., 3, 3], J[..., 0, 3], J[..., 1, 3], J[..., 2, 3], *(moments[..., x, y] for x, y in _PAIRS)], axis=-1)
 
 
 def smallest_eigenvalues(parameters: Array) -> Array:
@@ -58,15 +58,15 @@ def centre_of_mass(parameters: Array) -> tuple[float, Array, Array]:
         raise ZeroDivisionError("a body without mass has no centre of mass")
     c = h / m
     xx, xy, yy, xz, yz, zz = parameters[4:10]
-    I = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return m, c, I - m * (float(c @ c) * np.eye(3) - np.outer(c, c))
+    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return m, c, about_origin - m * (float(c @ c) * np.eye(3) - np.outer(c, c))
 
 
 def from_centre_of_mass(mass: float, com: Array, inertia: Array) -> Array:
     """Ten parameters (10,) from mass, centre of mass (3,) and inertia about it (3, 3)."""
     com = np.asarray(com, float)
-    I = np.asarray(inertia, float) + mass * (float(com @ com) * np.eye(3) - np.outer(com, com))
-    return np.concatenate([[mass], mass * com, [I[x, y] for x, y in _PAIRS]])
+    about_origin = np.asarray(inertia, float) + mass * (float(com @ com) * np.eye(3) - np.outer(com, com))
+    return np.concatenate([[mass], mass * com, [about_origin[x, y] for x, y in _PAIRS]])
 
 
 def displaced(parameters: Array, rotation: Array, translation: Array) -> Array:

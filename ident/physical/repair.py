@@ -32,8 +32,9 @@ Array = np.ndarray
 
 
 class RepairMethod(StrEnum):
-    """STEPWISE: the dissertation's, from the tip. POSSIBLE: nearest set with H(q) > 0. CONSISTENT: nearest set with real links.
+    """How a set is repaired.
 
+    STEPWISE: the dissertation's, from the tip. POSSIBLE: nearest set with H(q) > 0. CONSISTENT: nearest set with real links.
     FIT: the constrained fit from the information block, which is what a user should use."""
 
     STEPWISE = "stepwise"
@@ -46,8 +47,8 @@ class RepairMethod(StrEnum):
 class Repair:
     """A repaired set. `values` (b,) and, for consistent ones, `standard` (k,) parameters that give them.
 
-    `distance`: change in standard deviations (Mahalanobis) of the estimate's covariance; `changes`: base name -> (before, after, change in own
-    standard deviations). `possible`, `consistent`: its own judgement. `errors`: data set -> torque error before and after."""
+    `distance`: change in standard deviations (Mahalanobis) of the estimate's covariance; `changes`: base name -> (before, after, change
+    in own standard deviations). `possible`, `consistent`: its own judgement. `errors`: data set -> torque error before and after."""
 
     method: RepairMethod
     values: Array
@@ -63,7 +64,10 @@ class Repair:
 
     def text(self) -> str:
         """A few lines for people."""
-        lines = [f"repair ({self.method.value}): {self.distance:.4g} standard deviations from the estimate, by {self.how}", self.possible.text()]
+        lines = [
+            f"repair ({self.method.value}): {self.distance:.4g} standard deviations from the estimate, by {self.how}",
+            self.possible.text(),
+        ]
         if self.consistent is not None:
             lines.append(self.consistent.text())
         most = sorted(self.changes.items(), key=lambda item: -abs(item[1][2]))[:6]
@@ -107,10 +111,10 @@ def repair(
 ) -> Repair:
     """Repair base values (b,) with their covariance (b, b). `unseen` (b, u): directions that the data did not see, and that cost nothing.
 
-    `triangle` (R, z): the whitened information block for method "fit" (`Information.combined` with weights 1/variance). `bounds`, `prior`: what
-    else is known of the links (consistent and fit). `margin`: least eigenvalue of H, relative to its typical diagonal, for stepwise and
-    possible. `limits`: possible within the joint limits only. `data`: name -> information block on which the torque error before and
-    after is reported ("fitted", "held out"). Raises InfeasibleError, SolverError, ConfigurationError."""
+    `triangle` (R, z): the whitened information block for method "fit" (`Information.combined` with weights 1/variance). `bounds`,
+    `prior`: what else is known of the links (consistent and fit). `margin`: least eigenvalue of H, relative to its typical diagonal,
+    for stepwise and possible. `limits`: possible within the joint limits only. `data`: name -> information block on which the torque
+    error before and after is reported ("fitted", "held out"). Raises InfeasibleError, SolverError, ConfigurationError."""
     start = time.perf_counter()
     if method not in list(RepairMethod):
         raise unknown_name("repair method", str(method), [m.value for m in RepairMethod])
@@ -127,7 +131,9 @@ def repair(
     standard: Array | None = None
     if method in (RepairMethod.STEPWISE, RepairMethod.POSSIBLE):
         if bounds is not None or prior is not None:
-            raise UnsupportedError(f"repair method {method.value!r} knows no links, so it takes neither bounds nor a prior; 'consistent' and 'fit' do.")
+            raise UnsupportedError(
+                f"repair method {method.value!r} knows no links, so it takes neither bounds nor a prior; 'consistent' and 'fit' do."
+            )
         repaired, how = _possible(structure, values, covariance, root, unseen, method, margin, limits, time_limit)
     else:
         if method == RepairMethod.FIT:
@@ -197,8 +203,12 @@ def _possible(
     weight = typical_diagonal(structure, values, lower, upper)
     if method == RepairMethod.STEPWISE:
         std = np.sqrt(np.diagonal(covariance))
-        repaired, steps = repair_stepwise(structure, values, std, weight=weight, margin=margin, lower=lower, upper=upper, time_limit=time_limit)
+        repaired, steps = repair_stepwise(
+            structure, values, std, weight=weight, margin=margin, lower=lower, upper=upper, time_limit=time_limit
+        )
         changed = [step.joint for step in steps if step.changes]
-        return repaired, "the least change joint by joint from the tip" + (f" (changed: {', '.join(changed)})" if changed else " (nothing to change)")
+        return repaired, "the least change joint by joint from the tip" + (
+            f" (changed: {', '.join(changed)})" if changed else " (nothing to change)"
+        )
     found = nearest_by_cuts(structure, values, root, weight=weight, margin=margin, lower=lower, upper=upper, time_limit=time_limit)
     return found.values, f"cutting planes ({found.cuts} half-spaces in {found.rounds} rounds)"

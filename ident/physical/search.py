@@ -114,7 +114,13 @@ def minimise_eigenvalue(
 
 
 def nested_seeds(
-    objective: _Objective, structure: InertiaStructure, lower: Array, upper: Array, rng: np.random.Generator, width: int = 12, points: int = 12
+    objective: _Objective,
+    structure: InertiaStructure,
+    lower: Array,
+    upper: Array,
+    rng: np.random.Generator,
+    width: int = 12,
+    points: int = 12,
 ) -> Array:
     """Seeds built from the tip: the trailing block of joints i.. depends on the joints after i only (dissertation 4.2).
 
@@ -171,6 +177,7 @@ def _descend(
     inverse = np.repeat(np.eye(n)[None], S, 0)
     fresh = np.ones(S, bool)
     active = np.ones(S, bool)
+    reach = np.full(S, 0.1)
     for _ in range(iterations):
         at = np.flatnonzero(active)
         near = value.min() <= floor + 1e-4 * abs(floor) if np.isfinite(floor) else False
@@ -181,17 +188,18 @@ def _descend(
         uphill = np.einsum("Si,Si->S", step, g) >= 0
         step[uphill], fresh[at[uphill]] = -g[uphill], True
         length = np.maximum(np.abs(step).max(axis=1), 1e-300)
-        # Without curvature yet: a tenth of a radian; with it at most half a radian.
-        step *= np.where(fresh[at], 0.1 / length, np.minimum(1.0, 0.5 / length))[:, None]
+        # Without curvature yet: a tenth of a radian, or less where that has failed; with it at most half a radian.
+        step *= np.where(fresh[at], reach[at] / length, np.minimum(1.0, 0.5 / length))[:, None]
         trial = (q[at, None] + _TRIALS[:, None] * step[:, None]).reshape(-1, n)
         trial = np.where(whole, trial, np.clip(trial, lower, upper))
         tried, vectors = objective.both(trial)
         choice = tried.reshape(-1, len(_TRIALS)).argmin(axis=1) + len(_TRIALS) * np.arange(len(at))
         gain = value[at] - tried[choice]
         better = gain > 0
-        # Where nothing helped: once more along the plain slope, shorter, then stop.
+        # Where nothing helped: again along the plain slope, ever shorter, then stop.
         stuck = at[~better]
-        active[stuck[fresh[stuck]]] = False
+        reach[stuck] = np.where(fresh[stuck], 0.02 * reach[stuck], reach[stuck])
+        active[stuck] = reach[stuck] > 1e-8
         inverse[stuck], fresh[stuck] = np.eye(n), True
         go, pick = at[better], choice[better]
         if not len(go):

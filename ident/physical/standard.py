@@ -21,9 +21,10 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class StandardParameters:
-    """`values` (k,) of all parameters with real links; `inertial` (10 nb,) of them in Pinocchio's order. `distance` from the nominal links in
+    """All parameters with real links: `values` (k,), `inertial` (10 nb,) of them in Pinocchio's order.
 
-    the metric `metric` (None without nominal links); `error`: largest relative difference between the base parameters they give and the wanted ones."""
+    `distance` from the nominal links in the metric `metric` (None without nominal links); `error`: largest relative difference between
+    the base parameters they give and the wanted ones."""
 
     structure: InertiaStructure
     values: Array
@@ -41,7 +42,10 @@ class StandardParameters:
 
     def text(self) -> str:
         """A table of the links for people."""
-        lines = [f"standard parameters by {self.method}" + ("" if self.distance is None else f"; {self.metric} distance from the nominal links {self.distance:.4g}")]
+        lines = [
+            f"standard parameters by {self.method}"
+            + ("" if self.distance is None else f"; {self.metric} distance from the nominal links {self.distance:.4g}")
+        ]
         lines.append("link".ljust(24) + "".join(s.rjust(11) for s in LINK_SYMBOLS))
         for name, row in zip(self.structure.body_names, self.inertial.reshape(-1, 10), strict=True):
             lines.append(name[:24].ljust(24) + "".join(f"{x:11.4g}" for x in row))
@@ -70,7 +74,9 @@ class StandardParameters:
 def standard_parameters(
     structure: InertiaStructure, values: Array, *, prior: Prior | None = None, bounds: Bounds | None = None
 ) -> StandardParameters:
-    """Real links that give base values (b,), nearest to the `prior`'s nominal ones (its spread does not matter); light and compact ones without.
+    """Real links that give base values (b,), nearest to the nominal ones.
+
+    `prior` holds those (its spread does not matter); without it light and compact links are taken.
 
     Raises InfeasibleError where the base values are not consistent (repair them first) or the bounds leave nothing."""
     start = time.perf_counter()
@@ -83,8 +89,8 @@ def standard_parameters(
         fit, metric = _nearest(structure, target, bounds, prior)
     notes = fit.notes
     if prior is not None and metric != prior.metric:
-        notes += (f"these links lie so near to the border that the {prior.metric.value} metric could not be minimised;"
-                  f" {'the quadratic metric was used' if metric else 'they are consistent, but not the nearest to the nominal ones'}.",)  # fmt: skip
+        instead = "the quadratic metric was used" if metric else "they are consistent, but not the nearest to the nominal ones"
+        notes += (f"these links lie so near to the border that the {prior.metric.value} metric could not be minimised: {instead}.",)
     if prior is not None:
         unknown = [structure.body_names[i] for i, root in enumerate(prior.roots(structure)) if root is None]
         if unknown:
@@ -94,7 +100,14 @@ def standard_parameters(
     assert np.all(smallest_eigenvalues(fit.standard[structure.inertial]) > 0)
     distance = None if prior is None else prior_distance(structure, prior, fit.standard)
     return StandardParameters(
-        structure, fit.standard, distance, "none" if prior is None else prior.metric.value, error, fit.method, time.perf_counter() - start, notes
+        structure,
+        fit.standard,
+        distance,
+        "none" if prior is None else prior.metric.value,
+        error,
+        fit.method,
+        time.perf_counter() - start,
+        notes,
     )
 
 
@@ -110,5 +123,3 @@ def _nearest(
         except SolverError:
             continue
     return fit_consistent(structure, target, bounds=bounds), None
-
-

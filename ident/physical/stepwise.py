@@ -1,7 +1,7 @@
 """The dissertation's repair (K. Yoshida 1995, chapter 4): from the tip to the base, joint by joint, as the reference for the others.
 
-H is judged by its trailing blocks H[i:, i:], which need only the positions of the joints after i. A block that is not positive definite is made
-so by changing only the parameters that enter with joint i, those further out being settled, by the least change weighted with
+H is judged by its trailing blocks H[i:, i:], which need only the positions of the joints after i. A block that is not positive definite
+is made so by changing only the parameters that enter with joint i, those further out being settled, by the least change weighted with
 each parameter's own standard deviation. Increasing J_iz alone always succeeds, so every step has a solution. The source finds the least
 change by the extreme rays of the parameter cone, which grow beyond use (311 terms for the 2 x 2 minor of the PUMA 560); the least
 change itself is the same problem, solved here by cutting planes. What remains of the method are its greedy order and its weights."""
@@ -37,7 +37,15 @@ def entering_parameters(structure: InertiaStructure, lower: Array, upper: Array)
 
 
 def repair_stepwise(
-    structure: InertiaStructure, values: Array, std: Array, *, weight: Array, margin: float, lower: Array, upper: Array, time_limit: float = 60.0
+    structure: InertiaStructure,
+    values: Array,
+    std: Array,
+    *,
+    weight: Array,
+    margin: float,
+    lower: Array,
+    upper: Array,
+    time_limit: float = 60.0,
 ) -> tuple[Array, list[Step]]:
     """Base values (b,) whose trailing blocks are all >= margin * diag(weight), and the steps. `std` (b,) weighs the changes.
 
@@ -51,7 +59,15 @@ def repair_stepwise(
         root = np.zeros((structure.b, len(free)))
         root[free, np.arange(len(free))] = std[free]
         found = nearest_by_cuts(
-            structure, current, root[:, np.linalg.norm(root, axis=0) > 0], weight=weight, margin=margin, lower=lower, upper=upper, start=i, time_limit=time_limit
+            structure,
+            current,
+            root[:, np.linalg.norm(root, axis=0) > 0],
+            weight=weight,
+            margin=margin,
+            lower=lower,
+            upper=upper,
+            start=i,
+            time_limit=time_limit,
         )
         changed = np.flatnonzero(found.values != current)
         name = structure.joint_names[i - base] if i >= base else f"base velocity {i + 1}"

@@ -30,16 +30,18 @@ class InertiaStructure:
     """A robot as the judge of its base parameters sees it: n joints, nv velocities, nb bodies, k parameters, b base parameters.
 
     `tree`: the kinematic tree; `projection` (nv_tree, nv) and `offset` (n_tree,): its motion from the independent one (loop closures; the
-    identity and zero without). `regroup` (b, k): base = regroup @ all; `lift` (k, b): a right inverse of it. `inertial` (10 nb,): where
-    the links' parameters are among all, in Pinocchio's order; `drive` (r,): where parameters of constant inertia are, `reflected`
-    (r, nv, nv): their matrices on the joint side, K^-T e e^T K^-1. `nonnegative`: further indices that may not be negative (friction).
-    `lower`, `upper` (n,): joint limits (rad, m; infinite where unknown); `prismatic` (n,) bool."""
+    identity and zero without). `regroup` (b, k): base = regroup @ all; `lift` (k, b): a right inverse of it; `null_space` (k, k - b):
+    what no base parameter sees. `inertial` (10 nb,): where the links' parameters are among all, in Pinocchio's order; `drive` (r,):
+    where parameters of constant inertia are, `reflected` (r, nv, nv): their matrices on the joint side, K^-T e e^T K^-1. `nonnegative`:
+    further indices that may not be negative (friction). `lower`, `upper` (n,): joint limits (rad, m; infinite where unknown);
+    `prismatic` (n,) bool."""
 
     tree: RigidBodyTree
     projection: Array
     offset: Array
     regroup: Array
     lift: Array
+    null_space: Array
     inertial: Array
     drive: Array
     reflected: Array
@@ -91,13 +93,8 @@ class InertiaStructure:
             )
         if np.linalg.matrix_rank(regroup) < b:
             raise ConfigurationError("regroup: its rows are dependent, so it does not define base parameters; reduce the model first.")
-        # A selection of the parameters that stayed, where there is one: exact, and sparse.
         stay = _identity_columns(regroup)
-        lift = np.zeros((k, b))
-        if stay is not None:
-            lift[stay, np.arange(b)] = 1.0
-        else:
-            lift = np.linalg.pinv(regroup)
+        lift, null_space = _inverse(regroup, _sizes(tree, inertial, drive, reflected, k), stay)
         lower, upper = (np.full(n, -np.inf), np.full(n, np.inf)) if limits is None else (np.asarray(x, float) for x in limits)
         moving = tree.prismatic[int(tree.floating) :]
         # An independent coordinate is a length where every tree joint it moves slides.
@@ -107,9 +104,11 @@ class InertiaStructure:
         body_names = tuple(f"link{i + 1}" for i in range(tree.nb)) if body_names is None else body_names
         if names is None:
             names = tuple(f"p{i}" for i in range(k))
-        base_names = tuple(names[i] for i in stay) if base_names is None and stay is not None else base_names or tuple(f"base{i}" for i in range(b))
+        base_names = (
+            tuple(names[i] for i in stay) if base_names is None and stay is not None else base_names or tuple(f"base{i}" for i in range(b))
+        )
         return cls(
-            tree, projection, offset, regroup, lift, inertial, drive, reflected,
+            tree, projection, offset, regroup, lift, null_space, inertial, drive, reflected,
             np.zeros(0, int) if nonnegative is None else np.asarray(nonnegative, int),
             lower, upper, prismatic, joint_names, body_names, names, base_names, notes,
         )  # fmt: skip
@@ -122,7 +121,9 @@ class InertiaStructure:
         robot = model.robot
         rigid = [s for e, s in zip(model.effects, model.slices, strict=True) if isinstance(e, RigidBody)]
         if len(rigid) != 1:
-            raise ConfigurationError("the model holds no rigid body, so there is no inertia matrix to judge; start from robot.rigid_body().")
+            raise ConfigurationError(
+                "the model holds no rigid body, so there is no inertia matrix to judge; start from robot.rigid_body()."
+            )
         drive, reflected, notes = _constant_inertia(model)
         taken = {*drive.tolist(), *range(rigid[0].start, rigid[0].stop)}
         nonnegative = [i for i, p in enumerate(model.parameters) if i not in taken and p.lower >= 0.0]
@@ -173,16 +174,6 @@ class InertiaStructure:
         """Whether the tree's motion is tied by a loop closure."""
         W = self.projection
         return W.shape[0] != W.shape[1] or not np.array_equal(W, np.eye(len(W)))
-
-    @cached_property
-    def null_space(self) -> Array:
-        """Directions of all parameters that no base parameter sees: (k, k - b)."""
-        movers = [i for i in range(self.k) if i not in set(_identity_columns(self.regroup) or ())]
-        if len(movers) == self.k - self.b:
-            out = np.zeros((self.k, len(movers)))
-            out[movers, np.arange(len(movers))] = 1.0
-            return out - self.lift @ (self.regroup @ out)
-        return np.linalg.svd(self.regroup)[2][self.b :].T
 
     @cached_property
     def relevant(self) -> Array:
@@ -284,6 +275,47 @@ def _identity_columns(regroup: Array) -> list[int] | None:
             return None
         stay.append(int(found[0]))
     return stay
+
+
+#: Regrouping coefficients (in ordinary units) above which setting the grouped parameters to zero would cost digits.
+_STEEP = 1e3
+
+
+def _sizes(tree: RigidBodyTree, inertial: Array, drive: Array, reflected: Array, k: int) -> Array:
+    """Ordinary size (k,) of each parameter: a kilogram, at the robot's own lengths; a rotor that reflects a hundredth of that inertia."""
+    distance = np.linalg.norm(tree.translation, axis=1)
+    length = float(distance[distance > 1e-6].mean()) if np.any(distance > 1e-6) else 0.1
+    out = np.ones(k)
+    out[inertial] = np.tile([1.0] + [length] * 3 + [length**2] * 6, tree.nb)
+    if len(drive):
+        out[drive] = 0.01 * length**2 / np.maximum(np.abs(reflected).max(axis=(1, 2)), 1e-300)
+    return out
+
+
+def _inverse(regroup: Array, size: Array, stay: list[int] | None) -> tuple[Array, Array]:
+    """(right inverse (k, b), null space (k, k - b)) of regroup: the grouped parameters zero, where their coefficients are moderate;
+
+    else the ones of least size, since steep coefficients (joint axes that are nearly parallel) would cancel digits."""
+    b, k = regroup.shape
+    if stay is not None:
+        moved = [i for i in range(k) if i not in set(stay)]
+        if np.abs(regroup * size / size[stay][:, None]).max(initial=0.0) < _STEEP:
+            lift, null_space = np.zeros((k, b)), np.zeros((k, k - b))
+            lift[stay, np.arange(b)] = 1.0
+            null_space[moved, np.arange(k - b)] = 1.0
+            null_space[stay] = -regroup[:, moved]
+            return lift, null_space
+    rows = 1.0 / np.linalg.norm(regroup * size, axis=1)
+    U, S, Vt = np.linalg.svd(rows[:, None] * regroup * size)
+    lift = size[:, None] * (Vt[:b].T / S) @ (U.T * rows)
+    null_space = size[:, None] * Vt[b:].T
+    # What no regrouping touches is exactly what it is.
+    alone = (np.count_nonzero(regroup, axis=1) == 1) & (regroup.sum(axis=1) == 1.0)
+    for row in np.flatnonzero(alone):
+        i = int(np.argmax(regroup[row]))
+        lift[i], lift[:, row], null_space[i] = 0.0, 0.0, 0.0
+        lift[i, row] = 1.0
+    return lift, null_space
 
 
 def _constant_inertia(model: Model) -> tuple[Array, Array, tuple[str, ...]]:
