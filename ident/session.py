@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from .errors import DataError
 from .problem import Problem
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from .audit import Audit
     from .estimate import Estimate
     from .logs import LogSet
@@ -43,18 +46,19 @@ class Session:
     @cached_property
     def recorded(self) -> LogSet:
         """The logs named for fitting, whole."""
-        from .logs import read_logs
-
-        return read_logs([*map(str, self.study.fit_files())], self.robot, self.study.columns or None)
+        return self._read(self.study.fit_files())
 
     @cached_property
     def _parts(self) -> tuple[LogSet, LogSet]:
-        from .logs import read_logs
-
         files = self.study.validation_files()
         if files:
-            return self.recorded, read_logs([*map(str, files)], self.robot, self.study.columns or None)
+            return self.recorded, self._read(files)
         return self.recorded.split(by="fraction", held=HELD_SHARE)
+
+    def _read(self, files: Iterable[Path]) -> LogSet:
+        from .logs import read_logs
+
+        return read_logs([*map(str, files)], self.robot, self.study.columns or None, **self.study.logs.reading())
 
     @property
     def held_by_split(self) -> bool:
@@ -73,8 +77,12 @@ class Session:
 
     @cached_property
     def held_signals(self) -> Signals:
-        """The signals that no fit sees, prepared like the fitted ones (the same cut-off)."""
-        return like(self.fit_signals.report.to_dict())(self._parts[1])
+        """The signals that no fit sees, prepared like the fitted ones (the same cut-off). Raises DataError where they are too short."""
+        try:
+            return like(self.fit_signals.report.to_dict())(self._parts[1])
+        except DataError as error:
+            what = f"the last {HELD_SHARE:.0%} of the logs" if self.held_by_split else ", ".join(map(str, self.study.validation_files()))
+            raise DataError(f"held-out data ({what}): {error}") from None
 
     @cached_property
     def problem(self) -> Problem:
@@ -83,10 +91,17 @@ class Session:
 
     @cached_property
     def estimate(self) -> Estimate:
-        """The estimate that the study asks for, with its error on held-out data and its inputs."""
+        """The estimate that the study asks for, with its error on held-out data and its inputs.
+
+        Where no validation log is given and the part held out is too short to be used, a warning stands for that error."""
         found = self.study.make_estimator().solve(self.problem)
-        held = found.torque_error(self.held_signals)
-        return replace(found, inputs=self.inputs, heldout_error=held, signals_config=self.fit_signals.report.to_dict())
+        found = replace(found, inputs=self.inputs, signals_config=self.fit_signals.report.to_dict())
+        try:
+            return found.with_heldout(found.torque_error(self.held_signals))
+        except DataError as error:
+            if not self.held_by_split:
+                raise
+            return replace(found, warnings=(*found.warnings, f"no error on data held out. {str(error)[0].upper()}{str(error)[1:]}"))
 
     @property
     def inputs(self) -> tuple[dict[str, Any], ...]:

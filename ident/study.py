@@ -27,10 +27,15 @@ DEFAULT_METHOD = "wls"
 
 @dataclass(frozen=True)
 class LogsTable:
-    """`[logs]`: files or patterns, relative ones joined to the folder of the study."""
+    """`[logs]`: files or patterns, relative ones joined to the folder of the study. `missing`: see `read_logs`; None: refuse."""
 
     fit: tuple[str, ...] = ()
     validate: tuple[str, ...] = ()
+    missing: str | None = None
+
+    def reading(self) -> dict[str, str]:
+        """How `read_logs` is to read them (its keyword arguments)."""
+        return {} if self.missing is None else {"missing": self.missing}
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,7 @@ class Study:
         return replace(
             self,
             description=replace(self.description, robot=table, drive=gearing),
-            logs=LogsTable(fit or self.logs.fit, held or self.logs.validate),
+            logs=replace(self.logs, fit=fit or self.logs.fit, validate=held or self.logs.validate),
             estimator=self.estimator if method is None else Strategy(method),
         )
 
@@ -157,7 +162,10 @@ class Study:
             "robot": {f.name: getattr(robot, f.name) or None for f in fields(robot)},
             "drive": {f.name: getattr(drive, f.name) for f in fields(drive)},
             "loop": dict(self.description.loop),
-            "logs": {key: [_relative(p, folder) for p in getattr(self.logs, key)] or None for key in ("fit", "validate")},
+            "logs": {
+                **{key: [_relative(p, folder) for p in getattr(self.logs, key)] or None for key in ("fit", "validate")},
+                "missing": self.logs.missing,
+            },
             "signals": {"method": self.signals.method, **self.signals.options},
             "estimator": {"method": self.estimator.method, **self.estimator.options},
             "columns": dict(self.columns),
@@ -177,7 +185,8 @@ def read_study(path: str | Path) -> Study:
     where = f"study {path}"
     schema = dict.fromkeys(("robot", "drive", "loop", "logs", "signals", "estimator", "columns"), anything)
     data = check_table(load_toml(path, "study"), schema, "", where)
-    logs = check_table(data.get("logs", {}), {"fit": texts, "validate": texts}, "logs", where)
+    logs = check_table(data.get("logs", {}), {"fit": texts, "validate": texts, "missing": text}, "logs", where)
+    missing = logs.pop("missing", None)
     strategies = {table: _strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
     try:
         columns = table_of(text, 'a table of column = "name in the file"')(data.get("columns", {}))
@@ -190,7 +199,7 @@ def read_study(path: str | Path) -> Study:
             DriveTable.read(data.get("drive", {}), where),
             read_loop(data.get("loop", {}), where),
         ),
-        LogsTable(**{key: tuple(_from_folder(path.parent, entry) for entry in entries) for key, entries in logs.items()}),
+        LogsTable(**{key: tuple(_from_folder(path.parent, entry) for entry in entries) for key, entries in logs.items()}, missing=missing),
         strategies["signals"],
         strategies["estimator"],
         columns,

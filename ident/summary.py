@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +13,8 @@ if TYPE_CHECKING:
     from .torque_error import TorqueError
 
 Array = np.ndarray
+#: Columns of a wide terminal; what a line holds beyond is cut (expressions) or wrapped (sentences).
+WIDTH = 160
 
 
 def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
@@ -20,23 +24,45 @@ def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
     unit_width = max((len(p.unit) for p in estimate.parameters), default=4)
     lines = [
         f"{estimate.method}: {len(values)} parameters from {estimate.samples} rows; condition {estimate.condition:.3g}",
-        estimate.status.text,
+        wrapped(estimate.status.text),
         "",
         f"{'parameter':<{width}}  {'value':>12} {'std':>10} {'std %':>7} {'|t|':>8}  {'unit':<{unit_width}}  base-parameter expression",
     ]
     expressions = estimate.base.expressions
+    cut = False
     for i, p in enumerate(estimate.parameters):
         share = 100 * std[i] / abs(values[i]) if values[i] else np.inf
         ratio = abs(values[i]) / std[i] if std[i] > 0 else np.inf
-        lines.append(
-            f"{names[i]:<{width}}  {values[i]:>12.5g} {std[i]:>10.2g} {share:>7.2g} {ratio:>8.3g}  {p.unit:<{unit_width}}  {expressions[i]}"
-        )
+        head = f"{names[i]:<{width}}  {values[i]:>12.5g} {std[i]:>10.2g} {share:>7.2g} {ratio:>8.3g}  {p.unit:<{unit_width}}  "
+        shown = shortened(expressions[i], WIDTH - len(head))
+        cut |= shown != expressions[i]
+        lines.append(head + shown)
+    if cut:
+        lines.append("…: cut; `ident base` and the JSON result have the whole expressions.")
     lines += ["", error_table(estimate, {"fit": estimate.fit_error} | ({"held out": estimate.heldout_error} if estimate.heldout_error else {}))]
     strongest = _strongest(estimate.correlation, names, correlations)
     if strongest:
-        lines += ["", "strongest correlations: " + "; ".join(strongest)]
-    lines += [f"warning: {w}" for w in estimate.warnings]
+        lines += ["", wrapped("strongest correlations: " + "; ".join(strongest))]
+    lines += [wrapped(f"warning: {w}") for w in estimate.warnings]
     return "\n".join(lines)
+
+
+def shortened(expression: str, width: int) -> str:
+    """An expression that fits `width` columns: whole terms, then "…" for the rest. At least the first term is kept."""
+    if len(expression) <= width:
+        return expression
+    terms = re.split(r" (?=[+-] )", expression)
+    kept = terms[0]
+    for term in terms[1:]:
+        if len(kept) + len(term) + 3 > width:
+            break
+        kept += f" {term}"
+    return f"{kept} …"
+
+
+def wrapped(sentence: str) -> str:
+    """A sentence over as many lines as it needs."""
+    return textwrap.fill(sentence, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
 def error_table(estimate: Estimate, errors: dict[str, TorqueError]) -> str:
@@ -44,13 +70,14 @@ def error_table(estimate: Estimate, errors: dict[str, TorqueError]) -> str:
     joints = estimate.model.robot.joint_names
     side = estimate.model.robot.transmission.measured.value
     width = max(len(k) for k in errors)
-    columns = [max(len(j), 8) for j in joints]
+    rms = {label: [f"({r:.3g})" for r in error.rms] for label, error in errors.items()}
+    columns = [max(len(j), 8, *(len(cells[i]) for cells in rms.values())) for i, j in enumerate(joints)]
     head = " ".join(f"{j:>{w}}" for j, w in zip(joints, columns, strict=True))
     lines = [f"torque error on the {side} side, relative % (rms)", f"{'':<{width}} {head}      all"]
     for label, error in errors.items():
         cells = " ".join(f"{100 * r:>{w}.2f}" for r, w in zip(error.relative, columns, strict=True))
         lines.append(f"{label:<{width}} {cells} {100 * error.relative_all:8.2f}")
-        cells = " ".join(f"{'(' + format(r, '.3g') + ')':>{w}}" for r, w in zip(error.rms, columns, strict=True))
+        cells = " ".join(f"{r:>{w}}" for r, w in zip(rms[label], columns, strict=True))
         lines.append(f"{'':<{width}} {cells}")
     return "\n".join(lines)
 

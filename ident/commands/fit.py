@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import textwrap
 
-from ..session import Session
+from ..session import HELD_SHARE, Session
 from ..status import StatusCode
+from ..summary import wrapped
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 
 HELP = "estimate base and drive parameters from logs, with uncertainty and held-out error"
@@ -14,25 +16,52 @@ HELP = "estimate base and drive parameters from logs, with uncertainty and held-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)
     add_output_arguments(parser)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = f"methods (--method, or [estimator] method in a study file):\n{_methods()}\n\neffects: {_effects()}"
     parser.add_argument("--max-error", type=float, metavar="SHARE", help="exit with 1 if the relative held-out error over all joints exceeds this")
 
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
     session = Session(study_from(args), out.progress("fitting"))
-    estimate = session.estimate
+    # First, so that it is read even where the data cannot be used.
     for finding in session.audit.warnings:
-        out.say(f"audit: {finding}")
+        out.say(wrapped(f"audit: {finding}"))
+    estimate = session.estimate
     out.say(estimate.summary())
-    if session.held_by_split:
-        out.say("held out: the last part of each log (no validation log was given)")
+    if session.held_by_split and estimate.heldout_error is not None:
+        out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
     out.result(estimate.to_dict(), "fit.result")
     path = out.path("fit.json")
     if path is not None:
         estimate.save(path, force=out.force)
         out.note(f"saved {path}")
-    heldout = estimate.heldout_error.relative_all if estimate.heldout_error else 0.0
-    if args.max_error is not None and not heldout <= args.max_error:
-        out.note(f"gate: relative held-out error {heldout:.4g} exceeds {args.max_error:g}")
-        return 1
+    if args.max_error is not None:
+        if estimate.heldout_error is None:
+            out.note("gate: --max-error asks for an error on data held out, and there is none (see the warning)")
+            return 1
+        heldout = estimate.heldout_error.relative_all
+        if not heldout <= args.max_error:
+            out.note(f"gate: relative held-out error {heldout:.4g} exceeds {args.max_error:g}")
+            return 1
     return 1 if estimate.status.code == StatusCode.NOT_CONVERGED else 0
+
+
+def _methods() -> str:
+    """One line a method: its name and the first sentence of what it says of itself."""
+    from ..estimators import estimator_types
+
+    kinds = estimator_types()
+    width = max(map(len, kinds))
+    return "\n".join(f"  {name:<{width}}  {_sentence(kind.__doc__ or '')}" for name, kind in kinds.items())
+
+
+def _sentence(text: str) -> str:
+    first = " ".join(text.split("\n\n")[0].split())
+    return first if len(first) <= 110 else textwrap.shorten(first, 110, placeholder=" …")
+
+
+def _effects() -> str:
+    from ..effect import effect_names
+
+    return textwrap.fill(", ".join(n for n in effect_names() if n != "rigid_body"), 110, subsequent_indent="  ")

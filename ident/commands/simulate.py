@@ -15,9 +15,12 @@ from .common import Output, add_output_arguments, add_study_arguments, study_fro
 
 if TYPE_CHECKING:
     from ..model import Model
+    from ..simulation.sensors import Sensors
     from ..trajectory import FourierTrajectory
 
 Array = np.ndarray
+#: Encoder counts a motor turn, where nothing asks for more.
+_COUNTS = 4000.0
 HELP = "simulate a robot along a trajectory in closed loop and write the log"
 
 
@@ -29,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trajectory", metavar="FILE", help="CSV with t, q1 … qn to follow; without it, a random Fourier motion within the limits")
     parser.add_argument("--seconds", type=float, default=20.0, help="length of the random motion (default: %(default)s)")
     parser.add_argument("--rate", type=float, default=200.0, help="samples per second (default: %(default)s)")
-    parser.add_argument("--counts", type=float, default=4000.0, help="encoder counts a motor turn; 0: exact (default: %(default)s)")
+    parser.add_argument("--counts", type=float, help="encoder counts a motor turn; 0: exact (default: 4000, more where a joint would be read more coarsely than 1e-4 rad or 1e-5 m)")
     parser.add_argument("--noise", type=float, default=0.01, help="torque noise over the joint's rms torque (default: %(default)s)")
     parser.add_argument("--colour", type=float, default=0.0, help="correlation of the noise from one sample to the next (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed of motion and noise (default: %(default)s)")
@@ -38,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from ..motion import Coordinates
-    from ..simulate import Plant, Sensors, simulate
+    from ..simulate import Plant, simulate
     from ..trajectory import FourierTrajectory
 
     out = Output(args)
@@ -55,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         sampled = desired.sample(np.arange(0.0, args.seconds, 0.01))
         assert isinstance(desired, FourierTrajectory)
     typical = np.sqrt(np.mean(model.inverse_dynamics(sampled.q, sampled.dq, sampled.ddq, values) ** 2, axis=0))
-    sensors = Sensors.typical(counts=args.counts or None, torque_noise=tuple(args.noise * typical), colour=args.colour)
+    sensors = _sensors(model, args.counts, args.noise * typical, args.colour)
     made = simulate(
         Plant(model, values), desired=desired, rate=args.rate, control_rate=_control_rate(args.rate), sensors=sensors, seed=args.seed,
         progress=out.progress("simulating"),
@@ -66,6 +69,22 @@ def run(args: argparse.Namespace) -> int:
     truth = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
     out.result(result("ident.simulation/1", {**data, "parameters": truth}), "simulation")
     return 0
+
+
+def _sensors(model: Model, counts: float | None, noise: Array, colour: float) -> Sensors:
+    """Encoders on the motors, and torque noise (n,). `counts` None: fine enough for every joint, gearless ones included."""
+    from ..simulation.sensors import Quantisation, Sensors, TorqueNoise
+    from ..transmission import Side
+
+    rounding: tuple[Quantisation, ...] = ()
+    if counts is None:
+        finest = np.array([1e-5 if j.prismatic else 1e-4 for j in model.robot.joints])
+        needed = 2 * np.pi * np.max(np.abs(model.robot.transmission.K) / finest[:, None], axis=0)
+        per_turn = _COUNTS * 2.0 ** np.ceil(np.log2(np.maximum(needed / _COUNTS, 1.0)))
+        rounding = (Quantisation(tuple(2 * np.pi / per_turn)),)
+    elif counts > 0:
+        rounding = (Quantisation.counts(counts),)
+    return Sensors((*rounding, TorqueNoise(tuple(noise), colour)), Side.MOTOR, columns=("q", "tau"))
 
 
 def _control_rate(rate: float) -> float:

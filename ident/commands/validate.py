@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from ..errors import ConfigurationError
@@ -48,6 +49,8 @@ def _of_saved(args: argparse.Namespace, out: Output):  # type: ignore[no-untyped
     files = [*map(str, study.validation_files())] or [*map(str, study.fit_files())]
     if not files:
         raise ConfigurationError("no log to validate on; name it with --validate FILE or --log FILE, or in a study file.")
-    logs = read_logs(files, estimate.model.robot, study.columns or None)
+    if args.missing:
+        study = replace(study, logs=replace(study.logs, missing=args.missing))
+    logs = read_logs(files, estimate.model.robot, study.columns or None, **study.logs.reading())
     signals = like(estimate.signals_config)(logs)
     return validate(estimate, signals, simulate=not args.no_replay), (*estimate.inputs, *logs.inputs)
