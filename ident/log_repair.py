@@ -42,7 +42,7 @@ def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing
         if missing == "refuse" and (longest > _ISOLATED or hole.mean() > _SHARE):
             raise DataError(
                 f"{where}: column {name!r} has no number in {int(hole.sum())} of {len(t)} rows ({ranges(hole)})."
-                ' A position that is missing cannot be used. Cut the log there, or read it with missing="gap"'
+                ' A position that is missing cannot be used. Cut the log there, or read it with missing = "gap" (--missing gap)'
                 " to leave these rows out as a gap."
             )
         notes.append(f"{where}: column {name!r} has no number in {int(hole.sum())} rows ({ranges(hole)}); they are left out as a gap.")

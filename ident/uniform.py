@@ -119,7 +119,10 @@ def uniform_runs(recordings: Sequence[Recording], rate: float | None, longest_ga
             thinned += lost
             runs.append(run if len(parts) == 1 else replace(run, name=f"{rec.name} [{k + 1}]"))
     if not runs:
-        raise DataError("no stretch of the logs is long enough: the time stamps have gaps everywhere. See `audit`.")
+        longest = max(len(rec.t) for rec in recordings)
+        if longest < 32:
+            raise DataError(f"the longest log has {longest} samples: too few to differentiate. Record longer runs.")
+        raise DataError("no stretch of the logs is long enough: the time stamps have gaps everywhere. See `ident check`.")
     uneven = sum(r.interpolated for r in runs)
     clocks = [r.clock for r in recordings]
     text = f"even, {rate:.6g} Hz" if not uneven else (

@@ -102,4 +102,5 @@ def residual_weights(information: Information, solution: LinearSolution, weights
     variance = row_variances(selected, solution.values, solution.root, weights)
     # A row that is fitted exactly (noise-free data) must not take all the weight.
     floor = 1e-24 * np.maximum(information.torque_squares(), 1e-300) / np.maximum(information.counts, 1)
-    return np.where(information.counts > 0, 1.0 / np.maximum(variance, floor), 0.0)
+    seen = (information.counts > 0) & (np.maximum(variance, floor) > 0)
+    return np.where(seen, 1.0 / np.where(seen, np.maximum(variance, floor), 1.0), 0.0)
