@@ -69,6 +69,10 @@ def _arm(name: str, robot: ident.Robot, drive: DriveParameters | None, limits: A
 def puma() -> Arm:
     """PUMA 560: six joints, coupled wrist, motor torque."""
     robot = ident.load_robot("puma560")
+    # A transmission of the test bed's own, so that its logs outlast changes of the built-in robot's.
+    K = np.diag([0.016, 0.00926, 0.0186, 0.013151595814636147, 0.013903758185837632, 0.013040189865164436])
+    K[4, 3], K[5, 3], K[5, 4] = 0.00018285660796457526, -0.000138483530014709, 0.0025104007835540167
+    robot = robot.with_transmission(Transmission(K, np.zeros(6), Side.MOTOR))
     limits = [[-2.0, 2.0], [-0.6, 2.6], [-0.6, 2.8], [-1.8, 2.0], [-1.6, 1.6], [-2.5, 2.5]]
     found = _arm("puma560", robot, drive_parameters("puma560"), limits, [1.8, 1.4, 2.2, 3.5, 3.5, 4.0], 1000.0, 8.0)
     # Rotor 1 merges with link 1 in every torque, and the published set gives it next to nothing; a usual share is its own.

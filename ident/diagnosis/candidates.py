@@ -1,4 +1,4 @@
-"""Candidates: every catalogued effect on every joint it could sit on, with the shapes worth trying."""
+"""Candidates: every catalogued effect at every place it could sit, with the shapes worth trying first."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect, JointEffect, effect_types
+from ..effect import Effect, Need, effect_types
 from ..errors import IdentError
 from ..model import Model
 from ..motion import Motion
@@ -20,9 +20,10 @@ from ..transmission import Side
 if TYPE_CHECKING:
     from ..robot import Robot
 
-#: Points of the first grid over one shape parameter, and over each of several.
+#: Points of the first grid over a shape parameter alone, over each of two, and of an effect whose columns take an integration.
 _POINTS_ALONE = 12
 _POINTS_TOGETHER = 6
+_POINTS_COSTLY = 5
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,21 @@ class Candidate:
     def __str__(self) -> str:
         return f"{self.name} on {', '.join(self.joints)}" if self.joints else self.name
 
+    @property
+    def dependent(self) -> bool:
+        """Whether its columns depend on what the model predicts."""
+        return bool(self.variants[0].needs & {Need.LOAD, Need.REFERENCE})
+
+    @property
+    def spectral(self) -> bool:
+        """Whether it is sought over a spectrum of orders."""
+        from .spectral import order_parameter
+
+        return order_parameter(self.variants[0]) is not None
+
 
 def candidates(model: Model, motion: Motion) -> tuple[Candidate, ...]:
-    """Every candidate for a model on a robot's motion; what the model already holds on a joint is left out."""
+    """Every candidate for a model on a robot's motion; what the model already holds at a place is left out."""
     found = []
     for name, kind in effect_types().items():
         if name == "rigid_body":
@@ -46,31 +59,38 @@ def candidates(model: Model, motion: Motion) -> tuple[Candidate, ...]:
         for place in _places(kind, model.robot):
             if any(_covers(e, place, model.robot) for e in model.effects):
                 continue
-            try:
-                variants = tuple(v for base in _choices(place) for v in _shapes(base, motion, model.robot))
-                joints = () if place.joints is None else place.joints
-                variants[0].parameters(model.robot)
-            except IdentError:
-                continue  # an effect that this robot cannot have (a payload without a link to hold it)
-            found.append(Candidate(name, joints, variants))
+            for number, choice in enumerate(_choices(place)):
+                # Columns of different choices of one place are different things, but only one of them can be found at a time.
+                try:
+                    variants = tuple(_shapes(choice, motion, model.robot))
+                    variants[0].parameters(model.robot)
+                except IdentError:
+                    continue  # an effect that this robot cannot have (a payload without a link to hold it)
+                del number
+                found.append(Candidate(name, _joints(place), variants))
     return tuple(found)
 
 
+def _joints(place: Effect) -> tuple[str, ...]:
+    return () if place.joints is None else place.joints
+
+
 def _places(kind: type[Effect], robot: Robot) -> Iterator[Effect]:
-    """The effect on each joint alone, or once on the whole robot."""
-    label = "+"  # keeps parameter names apart from those of a declared effect of the same kind
-    if issubclass(kind, JointEffect):
-        for joint in robot.joint_names:
-            yield kind(joints=(joint,), label=label)
-    else:
-        yield from kind.placements(robot)
+    """Every smallest thing of the kind; the label keeps parameter names apart from those of a declared effect of the kind."""
+    try:
+        yield from kind.placements(robot, label="+")
+    except IdentError:
+        return
 
 
 def _covers(effect: Effect, place: Effect, robot: Robot) -> bool:
-    """Whether a declared effect is the same thing on the same joints: a second one would be its copy."""
+    """Whether the model holds the same thing at the same place already."""
     if type(effect) is not type(place) or effect.side != place.side:
         return False
-    return not place.shape() and set(place.at(robot)) <= set(effect.at(robot))
+    plain = {f.name for f in dataclasses.fields(place)} - {"joints", "label", *(p.name for p in place.shape())}
+    if any(getattr(effect, name) != getattr(place, name) for name in plain):
+        return False
+    return set(place.at(robot)) <= set(effect.at(robot))
 
 
 def _choices(place: Effect) -> Iterator[Effect]:
@@ -78,22 +98,30 @@ def _choices(place: Effect) -> Iterator[Effect]:
     options = [
         (f.name, list(type(getattr(place, f.name))))
         for f in dataclasses.fields(place)
-        if f.name != "side" and isinstance(getattr(place, f.name), StrEnum) and not isinstance(getattr(place, f.name), Side)
+        if f.name != "side" and isinstance(getattr(place, f.name), StrEnum)
     ]
     for chosen in itertools.product(*(members for _, members in options)):
         yield dataclasses.replace(place, **dict(zip([n for n, _ in options], chosen, strict=True)))
 
 
 def _shapes(effect: Effect, motion: Motion, robot: Robot) -> Iterator[Effect]:
+    """A first grid. Where columns take an integration through the model, only shapes of a logarithmic scale are gridded."""
     parameters = effect.shape()
     if not parameters:
         yield effect
         return
     ranges = effect.search_range(motion, robot)
-    points = _POINTS_ALONE if len(parameters) == 1 else _POINTS_TOGETHER
-    grids = []
+    costly = len(parameters) > 1 and {Need.REFERENCE, Need.HISTORY} <= effect.needs
+    points = _POINTS_COSTLY if costly else _POINTS_ALONE if len(parameters) == 1 else _POINTS_TOGETHER
+    names, grids = [], []
     for p in parameters:
+        if costly and not p.log:
+            continue
         low, high = ranges[p.name]
+        names.append(p.name)
         grids.append(np.geomspace(low, high, points) if p.log and low > 0 else np.linspace(low, high, points))
     for values in itertools.product(*grids):
-        yield effect.with_shape(**{p.name: float(v) for p, v in zip(parameters, values, strict=True)})
+        yield effect.with_shape(**{name: float(v) for name, v in zip(names, values, strict=True)})
+
+
+__all__ = ["Candidate", "Side", "candidates"]

@@ -1,156 +1,200 @@
-"""The frame of a diagnosis: the declared model's rows, reduced block by block so that any candidate is refitted in full at once.
+"""The frame of a diagnosis: a model's whitened rows, reduced block by block, so that any candidate is refitted in full at once.
 
-Every candidate is judged by the exact least-squares refit of the whole model with its columns added, on part of the blocks, and
-by the error that this refit makes on the other blocks (cross-validation). Only cross-products with the candidate's columns are
-needed for that: the model's own are kept per block of time. Losses are in units of the noise variance per *effective* sample
-(the residual's correlation time), so that coloured noise does not pass as evidence."""
+Every candidate is judged by the exact least-squares refit of the whole model with its columns added, and by the error that
+this refit makes on blocks of time that it did not see (cross-validation). Only cross-products with the candidate's columns
+are needed for that: the model's own are kept per block. Losses are sums of squares of whitened residuals, so that noise of
+any colour counts for what it is worth."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect
+from ..effect import Effect, Need
 from ..errors import DataError
+from ..motion import Motion
+from .whitening import Whitener
 
 if TYPE_CHECKING:
+    from ..prepared import Block
     from ..problem import Problem
 
 Array = np.ndarray
-#: Blocks of time; enough for a standard error, long enough to hold several correlation times.
+#: Blocks of time: enough for a standard error, long enough to hold several correlation times.
 _BLOCKS = 40
-_FOLDS = 5
+_FOLDS = 8
+#: Directions of the model that the data show less than this (relative) are left out of every refit.
+_RANK = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A model's weighted, orthonormalised rows.
+    """A model's rows, whitened and orthonormalised.
 
-    `problem`; `columns` (M, n, b): orthonormalised base columns, zero in rows that are not used; `torque` (M, n), zero there
-    too; `transform` (b, b): base parameters = transform @ coefficients of `columns`; `weights` (n,): 1 / (noise variance ×
-    correlation time in rows); `block` (M,): the block of each row; `folds` (blocks,): the fold of each block."""
+    `problem`; `white`: the noise's whitener; `columns` (n, M, b) and `torque` (n, M): whitened, zero in rows that are not
+    used; `transform` (k_base, b): base parameters = transform @ coefficients of `columns`; `block_rows`: the rows of each block;
+    `folds` (blocks,): the fold of each block."""
 
     problem: Problem
+    white: Whitener
     columns: Array
     torque: Array
     transform: Array
-    weights: Array
-    block: Array
+    block_rows: tuple[slice, ...]
     folds: Array
 
     @classmethod
-    def build(cls, problem: Problem, variance: Array, correlation_time: Array) -> Frame:
-        """Gather all rows of a problem. `variance` and `correlation_time` (n,) are those of the residual's noise floor.
-
-        Raises DataError where too few rows are left to hold any out."""
+    def build(cls, problem: Problem, white: Whitener, raw: Array | None = None) -> Frame:
+        """Gather all rows of a problem; `raw` (M, n, k_base), if they are at hand. Raises DataError where there are too few."""
         signals = problem.signals
-        M, n = signals.tau.shape
-        columns = np.zeros((M, n, problem.base.count))
-        for rows in problem.rows():
-            columns[rows.place] = np.where(rows.valid[:, :, None], rows.columns, 0.0)
-        torque = np.where(signals.valid, signals.tau, 0.0)
-        used = signals.valid.sum(axis=0)
-        if used.sum() < 4 * problem.base.count:
-            raise DataError(f"only {int(used.sum())} usable rows for {problem.base.count} parameters: too few to hold any out for a diagnosis.")
-        weights = np.where(used > 0, 1.0 / np.maximum(variance * correlation_time, 1e-300), 0.0)
-        R = np.linalg.qr((columns * np.sqrt(weights)[:, None]).reshape(-1, columns.shape[2]), mode="r")
-        # Directions that the data do not show are left out: they would make every refit arbitrary.
-        U, s, Vt = np.linalg.svd(R / np.maximum(np.linalg.norm(R, axis=0), 1e-300))
-        live = s > 1e-9 * s[0]
+        raw = raw_columns(problem) if raw is None else raw
+        used = int(signals.valid.sum())
+        if used < 4 * raw.shape[2]:
+            raise DataError(f"only {used} usable rows for {raw.shape[2]} parameters: too few to hold any out for a diagnosis.")
+        n = raw.shape[1]
+        columns = np.stack([white(raw[:, j], j) for j in range(n)])
+        tau = np.where(signals.valid, signals.tau, 0.0)
+        torque = np.stack([white(tau[:, j], j) for j in range(n)])
+        R = np.linalg.qr(columns.reshape(-1, columns.shape[2]), mode="r")
         scale = np.maximum(np.linalg.norm(R, axis=0), 1e-300)
+        _, s, Vt = np.linalg.svd(R / scale)
+        live = s > _RANK * s[0]
         transform = (Vt[live].T / s[live]) / scale[:, None]
-        block, folds = _blocks(signals.row_runs, M)
-        return cls(problem, columns @ transform, torque, transform, weights, block, folds)
+        block_rows, folds = _blocks(signals.row_runs)
+        return cls(problem, white, columns @ transform, torque, transform, block_rows, folds)
 
     @property
     def n_blocks(self) -> int:
         return len(self.folds)
 
     @cached_property
+    def _wide(self) -> Array:
+        """[columns torque], (n, M, b+1)."""
+        return np.concatenate([self.columns, self.torque[:, :, None]], axis=2)
+
+    @cached_property
     def gram(self) -> Array:
-        """[columns torque]ᵀ W [columns torque] per block, (blocks, b+1, b+1)."""
-        full = np.concatenate([self.columns, self.torque[:, :, None]], axis=2)
-        out = np.empty((self.n_blocks, full.shape[2], full.shape[2]))
+        """[columns torque]ᵀ [columns torque] per block, (blocks, b+1, b+1)."""
+        out = np.empty((self.n_blocks, self._wide.shape[2], self._wide.shape[2]))
         for i, rows in enumerate(self.block_rows):
-            part = (full[rows] * np.sqrt(self.weights)[:, None]).reshape(-1, full.shape[2])
+            part = self._wide[:, rows].reshape(-1, out.shape[2])
             out[i] = part.T @ part
         return out
 
     @cached_property
-    def block_rows(self) -> tuple[slice, ...]:
-        """Rows of each block (contiguous)."""
-        edges = np.flatnonzero(np.diff(self.block, prepend=-1, append=self.n_blocks))
-        return tuple(slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+    def coefficients(self) -> Array:
+        """Least-squares coefficients (b,) of the columns."""
+        G, b = self.gram.sum(axis=0), self.columns.shape[2]
+        return _solve(G[:b, :b], G[:b, b])
 
-    def effect_columns(self, effect: Effect) -> Array:
-        """Columns (M, n, k) of an effect on the measured side, filtered like the torque, zero in rows that are not used."""
-        problem, robot = self.problem, self.problem.model.robot
-        measured = robot.transmission.measured
-        parts = []
-        for block in problem.signals.blocks(None):
-            values = effect.columns(problem.motion(block.samples, effect.needs), robot)
-            if effect.side != measured:
-                values = np.matmul(robot.transmission.torque_map(effect.side, measured), values)
-            parts.append(block.reduce(values))
-        return np.where(problem.signals.valid[:, :, None], np.concatenate(parts), 0.0)
+    @cached_property
+    def residual(self) -> Array:
+        """Whitened residual (n, M) of the model alone."""
+        return self.torque - self.columns @ self.coefficients
 
-    def score(self, candidate: Array) -> Score:
-        """Refit the whole model with a candidate's columns (M, n, k), in full and with each fold held out."""
-        Z = candidate * self.weights[:, None]
-        k = candidate.shape[2]
-        joints = np.flatnonzero(np.any(candidate, axis=(0, 2)))
-        full = np.concatenate([self.columns, self.torque[:, :, None]], axis=2)
-        cross = np.empty((self.n_blocks, k, full.shape[2]))
-        own = np.empty((self.n_blocks, k, k))
-        for i, rows in enumerate(self.block_rows):
-            z, x = Z[rows][:, joints].reshape(-1, k), full[rows][:, joints].reshape(-1, full.shape[2])
-            cross[i] = z.T @ x
-            own[i] = z.T @ candidate[rows][:, joints].reshape(-1, k)
-        return self._score(cross, own)
+    @property
+    def base_values(self) -> Array:
+        """Base parameters (k_base,) of the fit."""
+        return self.transform @ self.coefficients
 
-    def _score(self, cross: Array, own: Array) -> Score:
+    @cached_property
+    def loss(self) -> float:
+        """Sum of squares of the whitened residual."""
+        return float(np.sum(self.residual**2))
+
+    def whitened(self, columns: Array) -> Array:
+        """Columns (M, n, k) on the measured side → (n, M, k); rows that are not used come out as zero."""
+        live = np.where(self.problem.signals.valid[:, :, None], columns, 0.0)
+        out = np.zeros((columns.shape[1], columns.shape[0], columns.shape[2]))
+        for j in np.flatnonzero(live.any(axis=(0, 2))):
+            out[j] = self.white(live[:, j], int(j))
+        return out
+
+    def products(self, Z: Array) -> Products:
+        """Cross-products of whitened candidate columns (n, M, k) with the model's and their own, per block."""
+        joints = np.flatnonzero(Z.any(axis=(1, 2)))
+        k, width = Z.shape[2], self._wide.shape[2]
+        cross, own = np.zeros((self.n_blocks, k, width)), np.zeros((self.n_blocks, k, k))
+        for j in joints:
+            z, x = Z[j], self._wide[j]
+            for i, rows in enumerate(self.block_rows):
+                part = z[rows].T
+                cross[i] += part @ x[rows]
+                own[i] += part @ z[rows]
+        return Products(cross, own)
+
+    def score(self, Z: Array) -> Score:
+        """Refit the whole model with whitened candidate columns (n, M, k), in full and with each fold held out."""
+        return self.score_products(self.products(Z))
+
+    def score_products(self, p: Products) -> Score:
+        """`score` from the cross-products."""
         b = self.columns.shape[2]
         gain = np.empty(self.n_blocks)
-        for fold in range(int(self.folds.max()) + 1):
+        for fold in range(self.n_folds):
             test = self.folds == fold
-            coefficients = self._refit(~test, cross, own)
-            for i in np.flatnonzero(test):
-                gain[i] = self.loss_without(fold)[i] - _loss(self.gram[i], cross[i], own[i], coefficients, b)
-        every = np.ones(self.n_blocks, bool)
-        coefficients = self._refit(every, cross, own)
-        total = sum(_loss(self.gram[i], cross[i], own[i], coefficients, b) for i in range(self.n_blocks))
-        without = float(np.sum(self._losses(every)))
-        return Score(gain, without - float(total), coefficients[b:], coefficients[:b])
+            theta, z = self._refit(~test, p)
+            gain[test] = self._fold_losses[fold][test] - _losses(self.gram[test], p.cross[test], p.own[test], theta, z)
+        theta, z = self._refit(np.ones(self.n_blocks, bool), p)
+        total = float(_losses(self.gram, p.cross, p.own, theta, z).sum())
+        return Score(gain, self.loss - total, z, -theta[:b])
 
-    def loss_without(self, fold: int) -> Array:
-        """Loss of the model without any candidate on every block, fitted with one fold held out, (blocks,)."""
-        return self._fold_losses[fold]
+    def fit_gain(self, Z: Array) -> float:
+        """Fall of the loss when candidate columns (n, M, k) are added, nothing held out: cheap, for searching shapes."""
+        X, r = self.columns, self.residual
+        joints = np.flatnonzero(Z.any(axis=(1, 2)))
+        if not len(joints):
+            return 0.0
+        z = Z[joints].reshape(-1, Z.shape[2])
+        cross = X[joints].reshape(-1, X.shape[2]).T @ z
+        own = z.T @ z - cross.T @ self._inverse_gram @ cross
+        right = z.T @ r[joints].reshape(-1)
+        return float(right @ _solve(own, right, np.diag(z.T @ z)))
+
+    @cached_property
+    def _inverse_gram(self) -> Array:
+        G, b = self.gram.sum(axis=0), self.columns.shape[2]
+        return np.linalg.pinv(G[:b, :b], hermitian=True)
+
+    @property
+    def n_folds(self) -> int:
+        return int(self.folds.max()) + 1
 
     @cached_property
     def _fold_losses(self) -> Array:
-        return np.stack([self._losses(self.folds != fold) for fold in range(int(self.folds.max()) + 1)])
+        """Loss of the model on every block, fitted with one fold held out, (folds, blocks)."""
+        return np.stack([self._block_losses(self.folds != fold) for fold in range(self.n_folds)])
 
     @cached_property
     def heldout_loss(self) -> Array:
-        """Cross-validated loss of the model without any candidate per block, (blocks,)."""
+        """Cross-validated loss of the model per block, (blocks,)."""
         return self._fold_losses[self.folds, np.arange(self.n_blocks)]
 
-    def _losses(self, use: Array) -> Array:
+    def _block_losses(self, use: Array) -> Array:
         b = self.columns.shape[2]
         G = self.gram[use].sum(axis=0)
         theta = np.append(-_solve(G[:b, :b], G[:b, b]), 1.0)
         return np.einsum("i,bij,j->b", theta, self.gram, theta)
 
-    def _refit(self, use: Array, cross: Array, own: Array) -> Array:
-        b = self.columns.shape[2]
-        k = own.shape[1]
-        G, C, D = self.gram[use].sum(axis=0), cross[use].sum(axis=0), own[use].sum(axis=0)
+    def _refit(self, use: Array, p: Products) -> tuple[Array, Array]:
+        b, k = self.columns.shape[2], p.own.shape[1]
+        G, C, D = self.gram[use].sum(axis=0), p.cross[use].sum(axis=0), p.own[use].sum(axis=0)
         A = np.empty((b + k, b + k))
         A[:b, :b], A[b:, :b], A[:b, b:], A[b:, b:] = G[:b, :b], C[:, :b], C[:, :b].T, D
-        return _solve(A, np.append(G[:b, b], C[:, b]))
+        found = _solve(A, np.append(G[:b, b], C[:, b]))
+        return np.append(-found[:b], 1.0), found[b:]
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Candidate columns' cross-products per block: `cross` (blocks, k, b+1) with the model's columns and torque, `own` (blocks, k, k)."""
+
+    cross: Array
+    own: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +209,7 @@ class Score:
 
     @property
     def heldout(self) -> float:
-        """Total held-out gain, in noise variances per effective sample."""
+        """Total held-out gain (twice a log-likelihood)."""
         return float(self.gain.sum())
 
     @property
@@ -174,29 +218,74 @@ class Score:
         return float(np.sqrt(len(self.gain)) * self.gain.std(ddof=1)) if len(self.gain) > 1 else float("inf")
 
 
-def _loss(gram: Array, cross: Array, own: Array, coefficients: Array, b: int) -> float:
-    p, z = coefficients[:b], coefficients[b:]
-    theta = np.append(-p, 1.0)
-    return float(theta @ gram @ theta - 2 * z @ (cross @ theta) + z @ own @ z)
+class Motions:
+    """The motion of each run of a problem with what effects may ask for, made once: many candidates look at the same motion."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        needs = frozenset({Need.LOAD, Need.REFERENCE}) if problem.reference is not None else frozenset[Need]()
+        self.parts: list[tuple[Block, Motion]] = [(block, problem.motion(block.samples, needs)) for block in problem.signals.blocks(None)]
+        self._kept: dict[Effect, Array] = {}
+
+    def columns(self, effect: Effect) -> Array:
+        """Columns (M, n, k) of an effect on the measured side, filtered like the torque."""
+        robot = self.problem.model.robot
+        transmission = robot.transmission
+        out = []
+        for block, motion in self.parts:
+            values = effect.columns(motion, robot)
+            if effect.side != transmission.measured:
+                values = np.matmul(transmission.torque_map(effect.side, transmission.measured), values)
+            live = np.flatnonzero(values.any(axis=(0, 2)))
+            reduced = block.reduce(np.ascontiguousarray(values[:, live]))
+            full = np.zeros((len(reduced), robot.n, values.shape[2]))
+            full[:, live] = reduced
+            out.append(full)
+        return np.concatenate(out)
+
+    def kept(self, effect: Effect) -> Array:
+        """`columns`, remembered."""
+        if effect not in self._kept:
+            self._kept[effect] = self.columns(effect)
+        return self._kept[effect]
 
 
-def _solve(A: Array, y: Array) -> Array:
-    """Solve a scaled symmetric positive semidefinite system; directions below 1e-11 are left at zero."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
-    values, vectors = np.linalg.eigh(A * scale[:, None] * scale)
-    inverse = np.where(values > 1e-11 * values[-1], 1.0 / np.maximum(values, 1e-300), 0.0)
+def raw_columns(problem: Problem) -> Array:
+    """Base columns (M, n, k_base) of a problem, zero in rows that are not used."""
+    signals = problem.signals
+    out = np.zeros((*signals.tau.shape, problem.base.count))
+    for rows in problem.rows():
+        out[rows.place] = np.where(rows.valid[:, :, None], rows.columns, 0.0)
+    return out
+
+
+def _losses(gram: Array, cross: Array, own: Array, theta: Array, z: Array) -> Array:
+    model = np.einsum("i,bij,j->b", theta, gram, theta)
+    return model - 2.0 * np.einsum("k,bki,i->b", z, cross, theta) + np.einsum("k,bkl,l->b", z, own, z)
+
+
+def _solve(A: Array, y: Array, size: Array | None = None) -> Array:
+    """Solve a scaled symmetric positive semidefinite system; directions below 1e-9 of `size` (default: the diagonal) are left at zero."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(A) if size is None else size, 1e-300))
+    A = A * scale[:, None] * scale
+    try:
+        L = np.linalg.cholesky(A)
+        if float(np.diag(L).min(initial=1.0)) > 1e-4:
+            return scale * np.linalg.solve(L.T, np.linalg.solve(L, scale * y))
+    except np.linalg.LinAlgError:
+        pass
+    values, vectors = np.linalg.eigh(A)
+    inverse = np.where(values > 1e-9, 1.0 / np.maximum(values, 1e-300), 0.0)
     return scale * (vectors @ (inverse * (vectors.T @ (scale * y))))
 
 
-def _blocks(runs: tuple[slice, ...], rows: int) -> tuple[Array, Array]:
-    """Cut the runs into about `_BLOCKS` contiguous blocks, dealt to the folds in turn."""
+def _blocks(runs: Sequence[slice]) -> tuple[tuple[slice, ...], Array]:
+    """Cut the runs into about `_BLOCKS` contiguous blocks of rows, dealt to the folds in turn."""
+    rows = sum(r.stop - r.start for r in runs)
     length = max(8, -(-rows // _BLOCKS))
-    block = np.empty(rows, int)
-    count = 0
+    found: list[slice] = []
     for run in runs:
         pieces = max(1, round((run.stop - run.start) / length))
-        edges = np.linspace(run.start, run.stop, pieces + 1).astype(int)
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
-            block[a:b] = count
-            count += 1
-    return block, np.arange(count) % min(_FOLDS, count)
+        edges = np.linspace(run.start, run.stop, pieces + 1).astype(int).tolist()
+        found += [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return tuple(found), np.arange(len(found)) % min(_FOLDS, len(found))

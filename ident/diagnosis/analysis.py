@@ -1,0 +1,89 @@
+"""The signals that a diagnosis looks at: as wide a band as the noise of the positions allows, rows near reversals left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..cutoff import HIGHEST
+from ..prepared import Signals
+from ..transmission import Side
+
+if TYPE_CHECKING:
+    from ..logs import LogSet
+
+Array = np.ndarray
+#: The rows' low-pass lies where the noise of the positions is one thousandth of the power of the accelerations; that of the
+#: positions themselves lies higher by the share that a preparation puts between the two.
+_ROWS_BELOW = 0.4
+#: A row is not looked at if more than this share of its filter's weight lies on samples near a reversal.
+_SHARE = 0.05
+#: Near a reversal: slower than this share of the usual top speed (or than the speed's own noise lets tell).
+_SLOW = 0.02
+
+
+def analysis_signals(signals: Signals, held: Signals | None) -> tuple[Signals, Signals | None]:
+    """Fit and held-out signals for a diagnosis. Prepared anew, with a wider band, where the cut-off was not given and the logs are
+    at hand; else as they are. Effects that act fast are not seen in the narrow band that suits parameters."""
+    if signals.source is None or signals.report.config.get("cutoff_hz") is not None or signals.report.cutoff_hz is None:
+        return signals, held
+    if held is not None and held.source is None:
+        return signals, held
+    from ..signals import make_preparation
+
+    cutoff = wide_cutoff(signals)
+    if cutoff <= 1.05 * signals.report.cutoff_hz:
+        return signals, held
+    preparation = make_preparation(**{**signals.report.config, "cutoff_hz": cutoff, "row_cutoff_hz": None})
+
+    def again(source: LogSet) -> Signals:
+        return preparation(source, signals.robot)
+
+    return again(signals.source), None if held is None or held.source is None else again(held.source)
+
+
+def wide_cutoff(signals: Signals) -> float:
+    """Cut-off (Hz) of the positions for a diagnosis."""
+    report = signals.report
+    allowed = [j.suggested_hz for j in report.joints if j.suggested_hz > 0]
+    top = HIGHEST * report.rate_hz
+    if not allowed:
+        return float(report.cutoff_hz or top)
+    return float(min(top, max(float(np.median(allowed)) / _ROWS_BELOW, report.cutoff_hz or 0.0)))
+
+
+def without_reversals(signals: Signals) -> Signals:
+    """The same signals without the rows near a reversal of any motor whose friction is in them.
+
+    There the sign of the speed is wrong by its own error in time, and a contact may hold: what is left there looks like a fault."""
+    transmission, report = signals.robot.transmission, signals.report
+    measured = transmission.measured
+    speed = np.abs(transmission.motor_rate(signals.dq))
+    top = np.quantile(speed, 0.95, axis=0) if len(speed) else np.zeros(signals.robot.n)
+    threshold = np.array([j.threshold if np.isfinite(j.threshold) else 0.0 for j in report.joints])
+    if measured == Side.JOINT:
+        threshold = np.abs(transmission.K_inverse) @ threshold
+    slow = speed < np.maximum(threshold, _SLOW * top)
+    reach = int(np.ceil(0.5 * signals.rate / report.cutoff_hz)) if report.cutoff_hz else 1
+    touches = np.abs(transmission.torque_map(Side.MOTOR, measured)) > 0
+    valid = signals.valid.copy()
+    for run, rows in zip(signals.runs, signals.row_runs, strict=True):
+        near = _dilated(slow[run], reach) @ touches.T.astype(float) > 0
+        if signals.row_filter is None:
+            valid[rows] &= ~near
+        else:
+            valid[rows] &= signals.row_filter.magnitude.apply(near.astype(float)) < _SHARE
+    # A joint that hardly moves would lose every row: then its own rows stay.
+    kept = valid.sum(axis=0) >= 0.25 * signals.valid.sum(axis=0)
+    return replace(signals, valid=np.where(kept, valid, signals.valid))
+
+
+def _dilated(flag: Array, reach: int) -> Array:
+    out = flag.astype(float)
+    kernel = np.ones(2 * reach + 1)
+    for j in range(out.shape[1]):
+        if flag[:, j].any():
+            out[:, j] = np.convolve(out[:, j], kernel, "same") > 0
+    return out

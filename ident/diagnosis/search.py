@@ -1,0 +1,190 @@
+"""The search over the catalogue: every candidate's columns, its best shape, and what it gains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..effect import Effect
+from .candidates import Candidate
+from .frame import Frame, Motions, Score
+from .spectral import order_parameter, promising_orders
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = np.ndarray
+#: Steps of the search for a shape, per shape parameter.
+_STEPS = 14
+#: Parameters may lie beyond a bound by this many of their standard deviations before a candidate is dropped for it.
+_BEYOND = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Hit:
+    """A candidate at a shape: `fit_gain` is the fall of the loss on all blocks; `columns` (n, M, k) whitened."""
+
+    candidate: Candidate
+    effect: Effect
+    fit_gain: float
+    columns: Array = field(repr=False)
+
+    def __str__(self) -> str:
+        shape = ", ".join(f"{p.name} = {getattr(self.effect, p.name):.4g}" for p in self.effect.shape())
+        return f"{self.candidate}{f' ({shape})' if shape else ''}"
+
+
+class Search:
+    """Scores candidates in a frame. Columns at first shapes are kept, in `bank`, between frames of one problem."""
+
+    def __init__(self, frame: Frame, motions: Motions, candidates: tuple[Candidate, ...], bank: Bank | None = None) -> None:
+        self.frame, self.motions, self.candidates = frame, motions, candidates
+        self.bank = bank if bank is not None else Bank()
+
+    @property
+    def robot(self) -> Robot:
+        return self.frame.problem.model.robot
+
+    def whitened(self, effect: Effect) -> Array:
+        """Whitened columns (n, M, k) of an effect."""
+        return self.frame.whitened(self.motions.columns(effect))
+
+    def scan(self, progress: Callable[[float], None] | None = None) -> list[Hit]:
+        """Every candidate at the best shape of its grid, the largest gain first."""
+        hits = []
+        for i, candidate in enumerate(self.candidates):
+            hit = self.first(candidate)
+            if hit is not None:
+                hits.append(hit)
+            if progress is not None:
+                progress((i + 1) / len(self.candidates))
+        hits.sort(key=lambda h: -h.fit_gain)
+        return hits
+
+    def first(self, candidate: Candidate) -> Hit | None:
+        """The best shape of a candidate's grid, and of the orders that the residual's spectrum suggests."""
+        variants = list(candidate.variants)
+        name = order_parameter(candidate.variants[0])
+        if name is not None:
+            peaks = promising_orders(candidate.variants[0], self.frame, self.motions)
+            variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks] or variants
+        best: Hit | None = None
+        for effect in variants:
+            Z = self.frame.whitened(self.bank.columns(self.motions, effect))
+            gain = self.frame.fit_gain(Z)
+            if best is None or gain > best.fit_gain:
+                best = Hit(candidate, effect, gain, Z)
+        return best
+
+    def refined(self, hit: Hit) -> Hit:
+        """The same candidate at the shape that fits best, sought from a hit on."""
+        parameters = hit.effect.shape()
+        if not parameters:
+            return hit
+        ranges = hit.effect.search_range(self.motions.parts[0][1], self.robot)
+        best = hit
+        for p in parameters:
+            low, high = ranges[p.name]
+            log = p.log and low > 0
+            best = self._along(best, p.name, low, high, log, order_parameter(hit.effect) is not None)
+        if len(parameters) > 1:
+            for p in parameters:
+                low, high = ranges[p.name]
+                best = self._along(best, p.name, low, high, p.log and low > 0, False, narrow=True)
+        return best
+
+    def _along(self, hit: Hit, name: str, low: float, high: float, log: bool, spectral: bool, narrow: bool = False) -> Hit:
+        """Golden-section search along one shape parameter between the neighbours of a grid."""
+        to, back = (np.log, np.exp) if log else (lambda x: x, lambda x: x)
+        at = float(to(getattr(hit.effect, name)))
+        bottom, top = float(to(low)), float(to(high))
+        if spectral:
+            phase = max((float(np.ptp(m.on(getattr(hit.effect, "angle", hit.effect.side)).q, axis=0).max()) for _, m in self.motions.parts), default=1.0)
+            width = 2.0 / max(phase, 1e-9) / (getattr(hit.effect, name) if log else 1.0)
+        else:
+            width = (top - bottom) / (5.0 if not narrow else 15.0)
+        a, b = max(bottom, at - width), min(top, at + width)
+        found = {at: hit}
+
+        def value(x: float) -> float:
+            if x not in found:
+                effect = hit.effect.with_shape(**{name: float(np.clip(back(x), low, high))})
+                Z = self.whitened(effect)
+                found[x] = Hit(hit.candidate, effect, self.frame.fit_gain(Z), Z)
+            return found[x].fit_gain
+
+        ratio = 0.5 * (np.sqrt(5.0) - 1.0)
+        c, d = b - ratio * (b - a), a + ratio * (b - a)
+        for _ in range(_STEPS - 2):
+            if value(c) > value(d):
+                b, d = d, c
+                c = b - ratio * (b - a)
+            else:
+                a, c = c, d
+                d = a + ratio * (b - a)
+        return max(found.values(), key=lambda h: h.fit_gain)
+
+    def judge(self, hit: Hit) -> Judged:
+        """Cross-validated score of a hit, and why it is not plausible, if so."""
+        score = self.frame.score(hit.columns)
+        return Judged(hit, score, implausible(hit, score, self.frame, self.robot))
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A hit with its score; `against`: why its parameters cannot be those of such a thing ("": nothing against it)."""
+
+    hit: Hit
+    score: Score
+    against: str
+
+    @property
+    def evidence(self) -> float:
+        """What counts: the gain on blocks held out, but no more than the gain on all of them."""
+        return min(self.score.heldout, self.score.fit_gain)
+
+
+class Bank:
+    """Columns (M, n, k) of effects that do not depend on the model's prediction, kept; others are made anew."""
+
+    def __init__(self) -> None:
+        self._kept: dict[Effect, Array] = {}
+
+    def columns(self, motions: Motions, effect: Effect) -> Array:
+        """Columns of an effect, filtered like the torque."""
+        from ..effect import Need
+
+        if effect.needs & {Need.LOAD, Need.REFERENCE}:
+            return motions.kept(effect)
+        if effect not in self._kept:
+            self._kept[effect] = motions.columns(effect)
+        return self._kept[effect]
+
+
+def implausible(hit: Hit, score: Score, frame: Frame, robot: Robot) -> str:
+    """Why the parameters found cannot be: beyond their physical bounds by more than chance."""
+    parameters = hit.effect.parameters(robot)
+    std = parameter_std(hit.columns, frame)
+    for p, value, s in zip(parameters, score.values, std, strict=True):
+        if value < p.lower - _BEYOND * s or value > p.upper + _BEYOND * s:
+            return f"{p.name} = {value:.4g} {p.unit} is beyond its bound"
+        if p.lower == 0.0 and value <= 0.0 and len(parameters) == 1:
+            return f"{p.name} = {value:.4g} {p.unit} must be positive"
+    return hit.effect.implausible(robot, score.values, std)
+
+
+def parameter_std(columns: Array, frame: Frame) -> Array:
+    """Standard deviations (k,) of a candidate's parameters beside the model's, for white noise of unit variance."""
+    X = frame.columns.reshape(-1, frame.columns.shape[2])
+    z = columns.reshape(-1, columns.shape[2])
+    cross = X.T @ z
+    own = z.T @ z - cross.T @ frame._inverse_gram @ cross
+    scale = np.sqrt(np.maximum(np.diag(z.T @ z), 1e-300))
+    covariance = np.linalg.pinv(own / scale[:, None] / scale, rcond=1e-10, hermitian=True) / scale[:, None] / scale
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+__all__ = ["Bank", "Hit", "Judged", "Search", "implausible", "parameter_std", "replace"]

@@ -1,0 +1,139 @@
+"""Which orders of a periodic effect are worth trying: its spectrum over the angle, taken all at once.
+
+Columns A(t) sin(n φ(t)), A(t) cos(n φ(t)) of any order n follow from those of two orders. What they would gain is read from one
+Fourier sum of the residual over φ, so that a line anywhere between the slowest and the fastest order that the rows resolve is
+found without trying every order."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..effect import Effect
+
+if TYPE_CHECKING:
+    from .frame import Frame, Motions
+
+Array = np.ndarray
+#: Finest grid of orders, and how many peaks are handed on.
+_MOST_ORDERS = 1 << 15
+_PEAKS = 4
+#: An order counts as resolved while its columns keep this share of the power that slow orders have in the rows.
+_RESOLVED = 2e-2
+
+
+def order_parameter(effect: Effect) -> str | None:
+    """The shape parameter that is an order (cycles per unit of position), if the effect has just this one."""
+    shape = effect.shape()
+    return shape[0].name if len(shape) == 1 and shape[0].unit.startswith("1/rad") else None
+
+
+def promising_orders(effect: Effect, frame: Frame, motions: Motions) -> list[float]:
+    """Orders at which the effect would gain most, best first; none where its columns are not of the harmonic kind."""
+    name = order_parameter(effect)
+    if name is None:
+        return []
+    p = effect.shape()[0]
+    parts = [_harmonic(effect, name, motion, motions) for _, motion in motions.parts]
+    if any(part is None for part in parts):
+        return []
+    joints = sorted({j for part in parts if part is not None for j in part[0]})
+    phases = [part[1] for part in parts if part is not None]
+    span = sum(float(np.ptp(x)) for x in phases if len(x))
+    if span <= 0.0 or not joints:
+        return []
+    step = np.pi / (2.0 * max(float(np.ptp(x)) for x in phases if len(x)))
+    # The row filter decides how fast an order may be: found by trying a few.
+    probe = np.geomspace(max(p.lower, 2.0 * step), p.upper, 24)
+    power = np.array([_power(effect.with_shape(**{name: float(n)}), frame, motions) for n in probe])
+    resolved = power > _RESOLVED * power.max(initial=0.0)
+    if not resolved.any():
+        return []
+    low, high = float(probe[resolved][0]), float(probe[resolved][-1])
+    count = int(min(_MOST_ORDERS, np.ceil((high - low) / step) + 1))
+    orders = np.linspace(low, high, max(count, 2))
+    total = np.zeros(len(orders), complex)
+    for (block, _), part in zip(motions.parts, parts, strict=True):
+        assert part is not None
+        amplitudes, phase = part
+        for j in joints:
+            gradient = frame.white.back(frame.residual[j], j)[block.rows]
+            full = gradient if block.row_filter is None else _spread(gradient, block.row_filter.taps, block.row_filter.factor, len(phase))
+            total += _fourier(full * amplitudes[j], phase, orders)
+    gain = np.abs(total) ** 2 / np.maximum(np.interp(np.log(orders), np.log(probe), power), _RESOLVED * power.max())
+    return _peaks(orders, gain)
+
+
+def _power(effect: Effect, frame: Frame, motions: Motions) -> float:
+    return 0.5 * float(np.sum(frame.whitened(motions.columns(effect)) ** 2))
+
+
+def _harmonic(effect: Effect, name: str, motion: object, motions: Motions) -> tuple[dict[int, Array], Array] | None:
+    """Amplitudes by measured row (N,) and phase per order (N,) of the two columns; None where they are not A sin, A cos of n φ."""
+    robot = motions.problem.model.robot
+    transmission = robot.transmission
+    lower = effect.shape()[0].lower
+
+    def pair(n: float) -> Array:
+        values = effect.with_shape(**{name: n}).columns(motion, robot)  # type: ignore[arg-type]
+        if effect.side != transmission.measured:
+            values = np.matmul(transmission.torque_map(effect.side, transmission.measured), values)
+        return values[:, :, 1] + 1j * values[:, :, 0] if values.shape[2] == 2 else np.empty(0)
+
+    first = pair(lower)
+    if not first.size:
+        return None
+    rows = [int(j) for j in np.flatnonzero(np.abs(first).max(axis=0, initial=0.0) > 0)]
+    if not rows:
+        return None
+    strongest = max(rows, key=lambda j: float(np.abs(first[:, j]).max()))
+    # A small step in the order turns each sample by a small multiple of φ, whatever the sign of A.
+    small = 1e-3 * lower
+    turned = pair(lower + small)
+    live = np.abs(first[:, strongest]) > 1e-9 * np.abs(first[:, strongest]).max()
+    turn = np.zeros(len(first))
+    turn[live] = np.angle(turned[live, strongest] / first[live, strongest])
+    phase = np.unwrap(turn) / small
+    if not live.all():
+        at = np.arange(len(first))
+        phase = np.interp(at, at[live], phase[live])
+    amplitudes = {j: first[:, j] * np.exp(-1j * lower * phase) for j in rows}
+    check = pair(3.0 * lower)[:, strongest]
+    expected = amplitudes[strongest] * np.exp(3j * lower * phase)
+    scale = float(np.abs(first[:, strongest]).max())
+    if float(np.abs(check - expected).max()) > 1e-3 * scale:
+        return None
+    return {j: a.real for j, a in amplitudes.items()}, phase
+
+
+def _spread(rows: Array, taps: Array, factor: int, samples: int) -> Array:
+    """Transpose of a row filter: rows (m,) → samples (L,)."""
+    out = np.zeros(samples)
+    comb = np.zeros((len(rows) - 1) * factor + 1) if len(rows) else np.zeros(0)
+    comb[::factor] = rows
+    full = np.convolve(comb, taps)
+    out[: len(full)] = full[:samples]
+    return out
+
+
+def _fourier(values: Array, phase: Array, orders: Array) -> Array:
+    """Σ values exp(−i n phase) at evenly spaced orders, by spreading onto a fine even grid (error below 1 %)."""
+    step = orders[1] - orders[0]
+    size = 1 << int(np.ceil(np.log2(8.0 * len(orders))))
+    carrier = values * np.exp(-1j * orders[0] * phase)
+    place = np.mod(phase * step / (2.0 * np.pi), 1.0) * size
+    below = np.floor(place).astype(int) % size
+    share = place - np.floor(place)
+    grid = np.zeros(size, complex)
+    np.add.at(grid, below, carrier * (1.0 - share))
+    np.add.at(grid, (below + 1) % size, carrier * share)
+    return np.fft.fft(grid)[: len(orders)]
+
+
+def _peaks(orders: Array, gain: Array) -> list[float]:
+    inner = (gain[1:-1] >= gain[:-2]) & (gain[1:-1] >= gain[2:])
+    at = np.flatnonzero(inner) + 1
+    at = np.append(at, [0, len(gain) - 1]) if len(gain) > 1 else at
+    best = at[np.argsort(-gain[at])][:_PEAKS]
+    return [float(orders[i]) for i in best]

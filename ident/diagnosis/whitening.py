@@ -1,0 +1,99 @@
+"""Whitening: rows of one joint transformed so that its noise becomes white, of unit variance.
+
+The noise of a residual is coloured (differentiated positions, filters, the torque reading). Under an autoregressive model of
+order p the transformation is exact: each row less its best prediction from the p rows before it, over the error of that
+prediction; after a gap, from as many as there are. Then plain least squares is the best there is, and gains in the
+sum of squares are log-likelihood ratios (times two)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..noise import autocovariance
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+Array = np.ndarray
+#: Longest memory of the noise, in rows.
+_MOST_ORDER = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Whitener:
+    """`matrices` (one (M, M) sparse matrix a joint): rows that are not used are zero, in and out. `std` (n,): of the noise."""
+
+    matrices: tuple[csr_array, ...]
+    std: Array
+
+    def __call__(self, rows: Array, joint: int) -> Array:
+        """Rows (M, …) of one joint, whitened."""
+        flat = rows.reshape(len(rows), -1)
+        return (self.matrices[joint] @ flat).reshape(rows.shape)
+
+    def back(self, rows: Array, joint: int) -> Array:
+        """The transposed transformation (M,) → (M,): gradients with respect to rows before whitening."""
+        return self.matrices[joint].T @ rows
+
+
+def whitener(residual: Array, valid: Array, runs: Iterable[slice]) -> Whitener:
+    """From residuals (M, n) that hold noise and nothing else, `valid` (M, n) and the rows of each run."""
+    runs = list(runs)
+    matrices, std = [], []
+    for j in range(residual.shape[1]):
+        x = np.where(valid[:, j], residual[:, j], np.nan)
+        longest = max((r.stop - r.start for r in runs), default=1)
+        lags = max(0, min(_MOST_ORDER, longest // 20))
+        gamma, count = autocovariance(x[:, None][:, 0], runs, lags)
+        if count == 0 or gamma[0] <= 0:
+            gamma, lags = np.array([1.0]), 0
+        predictors = _predictors(gamma, count)
+        matrices.append(_matrix(valid[:, j], runs, predictors))
+        std.append(float(np.sqrt(gamma[0])))
+    return Whitener(tuple(matrices), np.array(std))
+
+
+def _predictors(gamma: Array, count: int) -> list[tuple[Array, float]]:
+    """Prediction-error filters of order 0, 1, … up to the best order, with the variance of their errors."""
+    a, variance = np.ones(1), float(gamma[0])
+    found = [(a, variance)]
+    best, best_score = 0, count * np.log(variance)
+    for p in range(1, len(gamma)):
+        reflection = -(a @ gamma[p:0:-1]) / variance
+        if not np.isfinite(reflection) or abs(reflection) >= 0.999:
+            break
+        longer = np.append(a, 0.0)
+        a = longer + reflection * longer[::-1]
+        variance *= 1.0 - reflection**2
+        found.append((a, variance))
+        score = count * np.log(variance) + 3.0 * p
+        if score < best_score:
+            best, best_score = p, score
+    return found[: best + 1]
+
+
+def _matrix(valid: Array, runs: list[slice], predictors: list[tuple[Array, float]]) -> csr_array:
+    from scipy.sparse import csr_array
+
+    M = len(valid)
+    depth = np.zeros(M, int)  # rows in use right before, in the same run
+    for run in runs:
+        use = valid[run]
+        if not len(use):
+            continue
+        place = np.arange(len(use))
+        last_gap = np.maximum.accumulate(np.where(use, -1, place))
+        depth[run] = place - last_gap - 1
+    depth = np.minimum(depth, len(predictors) - 1)
+    rows, columns, values = [], [], []
+    for p, (a, variance) in enumerate(predictors):
+        at = np.flatnonzero(valid & (depth == p))
+        for lag, coefficient in enumerate(a):
+            rows.append(at)
+            columns.append(at - lag)
+            values.append(np.full(len(at), coefficient / np.sqrt(variance)))
+    return csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(M, M))
