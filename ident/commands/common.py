@@ -94,12 +94,13 @@ class Output:
         """A remark on the way, on standard error."""
         print(text, file=sys.stderr, flush=True)
 
-    def result(self, data: Mapping[str, Any], name: str) -> None:
-        """The machine-readable result: to standard output with `--json`, and into the folder."""
+    def result(self, data: Mapping[str, Any], name: str | None = None) -> None:
+        """The machine-readable result: to standard output with `--json`, and into the folder under `name` if one is given."""
         text = json.dumps(data, indent=2)
         if self.json:
             print(text, flush=True)
-        self.keep(f"{name}.json", text + "\n")
+        if name is not None:
+            self.keep(f"{name}.json", text + "\n")
 
     def keep(self, name: str, data: str | bytes) -> Path | None:
         """Write a file into the folder, if there is one."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import textwrap
+from dataclasses import replace
 
 from ..session import HELD_SHARE, Session
 from ..status import StatusCode
@@ -31,10 +32,14 @@ def run(args: argparse.Namespace) -> int:
     out.say(estimate.summary())
     if session.held_by_split and estimate.heldout_error is not None:
         out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
-    out.result(estimate.to_dict(), "fit.result")
+    # What the audit warns of goes with the result, wherever that is read.
+    estimate = replace(estimate, warnings=(*(f"audit: {finding}" for finding in session.audit.warnings), *estimate.warnings))
+    if out.json:
+        out.result(estimate.to_dict())
     path = out.path("fit.json")
     if path is not None:
         estimate.save(path, force=out.force)
+        out.keep("fit.txt", estimate.summary() + "\n")
         out.note(f"saved {path}")
     if args.max_error is not None:
         if estimate.heldout_error is None:
