@@ -17,6 +17,7 @@ Array = np.ndarray
 _FIRST = {2: (1 / 2,), 4: (2 / 3, -1 / 12), 6: (3 / 4, -3 / 20, 1 / 60), 8: (4 / 5, -1 / 5, 4 / 105, -1 / 280)}
 _SECOND = {2: (1.0,), 4: (4 / 3, -1 / 12), 6: (3 / 2, -3 / 20, 1 / 90), 8: (8 / 5, -1 / 5, 8 / 315, -1 / 560)}
 
+_PIECE = 8192
 #: Orders of accuracy that differences are known for.
 ACCURACIES = tuple(_FIRST)
 
@@ -32,14 +33,17 @@ def central_differences(q: Array, rate: float, accuracy: int = 6) -> tuple[Array
     size = len(q) - accuracy
     if size <= 0:
         return np.empty((0, *q.shape[1:])), np.empty((0, *q.shape[1:]))
-    middle = q[p : p + size]
-    first, second = np.zeros_like(middle), np.zeros_like(middle)
-    for k in range(1, p + 1):
-        after, before = q[p + k : p + k + size], q[p - k : p - k + size]
-        first += _FIRST[accuracy][k - 1] * (after - before)
-        # Differences before the sum: q is large against its second difference.
-        second += _SECOND[accuracy][k - 1] * ((after - middle) - (middle - before))
-    return first * rate, second * rate**2
+    first, second = np.zeros((size, *q.shape[1:])), np.zeros((size, *q.shape[1:]))
+    # Piece by piece, so that what is in between stays in the cache and large logs cost no more memory than their result.
+    for start in range(0, size, _PIECE):
+        stop = min(start + _PIECE, size)
+        middle = q[p + start : p + stop]
+        for k in range(1, p + 1):
+            after, before = q[p + k + start : p + k + stop], q[p - k + start : p - k + stop]
+            first[start:stop] += _FIRST[accuracy][k - 1] * rate * (after - before)
+            # Differences before the sum: q is large against its second difference.
+            second[start:stop] += _SECOND[accuracy][k - 1] * rate**2 * ((after - middle) - (middle - before))
+    return first, second
 
 
 def zero_phase_lowpass(x: Array, cutoff: float, rate: float, order: int = 4) -> Array:

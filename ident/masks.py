@@ -10,6 +10,8 @@ import numpy as np
 from .errors import ConfigurationError
 
 Array = np.ndarray
+#: Samples that suffice to tell a torque's steps and how long it usually stays the same.
+_MOST = 200_000
 
 
 @dataclass(frozen=True)
@@ -72,13 +74,13 @@ def find_saturation(torque: Array, moving: Array) -> Saturation:
         if len(finite) < 50:
             continue
         span = np.ptp(finite)
-        changes = np.abs(np.diff(finite))
+        changes = np.abs(np.diff(finite[:_MOST]))
         distinct = changes[changes > 1e-9 * span]
         if span == 0 or not len(distinct):
             continue
         # The finest step seen: a quantisation step, or nothing much for a torque of full resolution.
         step = float(np.percentile(distinct, 1))
-        held = _longest_usual(finite)
+        held = _longest_usual(finite[:_MOST])
         largest = float(np.abs(finite).max())
         for side, extreme in enumerate((finite.min(), finite.max())):
             if abs(extreme) < 0.3 * largest:

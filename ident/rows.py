@@ -81,13 +81,14 @@ def assemble(
         warnings.append(f"{len(derived) - len(kept)} of {len(derived)} stretches are shorter than the filters and are left out.")
     edges = np.cumsum([0, *(len(d) for d in kept)]).tolist()
     runs = tuple(slice(a, b) for a, b in itertools.pairwise(edges))
-    t = np.concatenate([d.run.t[d.samples] for d in kept])
-    q, dq, ddq = (np.concatenate([getattr(d, k) for d in kept]) for k in ("q", "dq", "ddq"))
-    torque = np.concatenate([d.run.torque[d.samples] for d in kept])
-    missing = np.concatenate([d.run.missing[d.samples] for d in kept])
+    t = _joined([d.run.t[d.samples] for d in kept])
+    q, dq, ddq = (_joined([getattr(d, k) for d in kept]) for k in ("q", "dq", "ddq"))
+    torque = _joined([d.run.torque[d.samples] for d in kept])
+    missing = _joined([d.run.missing[d.samples] for d in kept])
 
     speed = dq if robot.transmission.measured == Side.JOINT else robot.transmission.motor_rate(dq)
-    top = np.abs(speed).max(axis=0)
+    pace = np.abs(speed)
+    top = pace.max(axis=0)
     noise = _speed_noise(robot, choice, cutoff)
     # Differences of a constant leave only rounding.
     rounding = 100 * np.spacing(np.abs(q).max(axis=0)) * uniform.rate
@@ -96,8 +97,8 @@ def assemble(
     still_joint = top <= np.maximum(6 * noise, rounding)
     rule = prep.standstill
     threshold = np.zeros(robot.n) if rule is None else np.where(still_joint, np.inf, rule.thresholds(top, noise))
-    moving = np.abs(speed) > np.where(still_joint, np.inf, np.maximum(threshold, 0.01 * top))
-    resting = np.abs(speed) <= threshold if rule is not None else np.zeros(speed.shape, bool)
+    moving = pace > np.where(still_joint, np.inf, np.maximum(threshold, 0.01 * top))
+    resting = pace <= threshold if rule is not None else np.zeros(speed.shape, bool)
     cut = find_saturation(torque, moving)
     flags = {
         "torque missing": missing,
@@ -163,6 +164,11 @@ def assemble(
     return Signals(robot, t, q, dq, ddq, torque, tau, valid, runs, names, uniform.rate, row_filter, report, inputs, origins)
 
 
+def _joined(parts: list[Array]) -> Array:
+    """Runs one after the other; a single one is not copied."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
 def _share(row_filter: RowFilter, flag: Array) -> Array:
     """Share of the row filter's weight on flagged samples (L, n) → (M, n)."""
     if not flag.any():
@@ -180,9 +186,19 @@ def _speed_noise(robot: Robot, choice: CutoffChoice, cutoff: float) -> Array:
 
 def _half_gain(row_filter: RowFilter, rate: float) -> float:
     """Frequency at which the row filter's gain is one half, Hz."""
-    f = np.linspace(0, rate / 2, 4096)
-    below = np.flatnonzero(row_filter.gain(f, rate) < 0.5)
-    return float(f[below[0]]) if len(below) else float(rate / 2)
+    low, high = 0.0, rate / 2
+    f = np.linspace(low, high, 2 * (len(row_filter.taps) // 8) + 9)
+    # Bracketed on a grid that no lobe of the filter escapes, then halved.
+    for start in range(0, len(f), 64):
+        below = np.flatnonzero(row_filter.gain(f[start : start + 64], rate) < 0.5)
+        if len(below):
+            high = float(f[start + below[0]])
+            low = float(f[max(0, start + below[0] - 1)])
+            break
+    for _ in range(30):
+        middle = (low + high) / 2
+        low, high = (low, middle) if row_filter.gain(np.array([middle]), rate)[0] < 0.5 else (middle, high)
+    return high
 
 
 def _warnings(robot: Robot, still: Array, masked: bool, cut: Saturation, saturated: str, valid: Array, lost: dict[str, Array]) -> list[str]:

@@ -38,9 +38,14 @@ class Recording:
         notes = list(log.notes)
         recorded = log.position(robot.transmission)
         turning = [not j.prismatic for j in robot.joints]
-        q = recorded.copy()
-        q[:, turning] = unwrapped(recorded[:, turning])
-        jumps = [name for j, name in enumerate(robot.joint_names) if not np.array_equal(q[:, j], recorded[:, j], equal_nan=True)]
+        angles = recorded if all(turning) else recorded[:, turning]
+        joined = unwrapped(angles)
+        jumps: list[str] = []
+        q = recorded
+        if joined is not angles:
+            q = recorded.copy()
+            q[:, turning] = joined
+            jumps = [name for j, name in enumerate(robot.joint_names) if not np.array_equal(q[:, j], recorded[:, j], equal_nan=True)]
         if jumps:
             notes.append(f"log {log.name}: positions of {', '.join(jumps)} jump by a full turn; they are taken as continuous.")
         torque = measured(log, robot.transmission)
