@@ -11,7 +11,7 @@ from ..errors import ConfigurationError, UnsupportedError
 from .families import BSplineFamily, Family, FourierFamily
 from .information import MotionInformation
 from .limits import Limits
-from .objective import ConditionNumber, DOptimality, Measure, condition_number
+from .objective import Both, ConditionNumber, DOptimality, Measure, condition_number
 from .result import Excitation
 from .search import Candidate, Search
 
@@ -23,6 +23,7 @@ Array = np.ndarray
 
 __all__ = [
     "BSplineFamily",
+    "Both",
     "ConditionNumber",
     "DOptimality",
     "Excitation",
@@ -37,7 +38,7 @@ __all__ = [
 ]
 
 _FAMILY: Family = FourierFamily(10.0)
-_MEASURE: Measure = DOptimality()
+_MEASURE: Measure = Both()
 
 
 def excite(
@@ -98,9 +99,7 @@ def tell_apart(model: Model, first: Effect, second: Effect) -> tuple[Model, DOpt
     for effect in (first, second):
         own = [p.name for p in effect.parameters(model.robot) if p.name in both.base.names]
         if not own:
-            raise UnsupportedError(
-                f"no motion tells {effect.name!r} from the rest of the model: its parameters only regroup with others."
-            )
+            raise UnsupportedError(f"no motion tells {effect.name!r} from the rest of the model: its parameters only regroup with others.")
         chosen += own
     return both, DOptimality(tuple(chosen))
 

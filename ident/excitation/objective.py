@@ -23,6 +23,10 @@ class Measure(ABC):
     def evaluate(self, A: Array, names: tuple[str, ...]) -> tuple[float, Array]:
         """Value, and derivative (b, b) with respect to the symmetric A, for base parameters `names`; inf where A is singular."""
 
+    def exact(self, A: Array, names: tuple[str, ...]) -> float:
+        """The value by which trajectories are compared, where `evaluate` smooths it for the sake of the search."""
+        return self.evaluate(A, names)[0]
+
 
 @dataclass(frozen=True)
 class DOptimality(Measure):
@@ -54,7 +58,12 @@ class DOptimality(Measure):
 
 @dataclass(frozen=True)
 class ConditionNumber(Measure):
-    """log10 of the condition number of the regressor with its columns scaled to equal length."""
+    """log10 of the condition number of the regressor with its columns scaled to equal length.
+
+    At a good trajectory several extreme eigenvalues meet and the condition number has a kink, at which descent gets stuck; the
+    search therefore uses the bound from p-norms of all eigenvalues."""
+
+    power: float = 8.0
 
     def evaluate(self, A: Array, names: tuple[str, ...]) -> tuple[float, Array]:
         scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
@@ -62,15 +71,34 @@ class ConditionNumber(Measure):
         values, vectors = np.linalg.eigh(C)
         if values[0] <= 1e-15 * values[-1]:
             return np.inf, np.zeros_like(A)
-        value = 0.5 * np.log10(values[-1] / values[0])
-        factor = 0.5 / np.log(10.0)
-        low, high = vectors[:, 0], vectors[:, -1]
-        dC = factor * (np.outer(high, high) / values[-1] - np.outer(low, low) / values[0])
+        p, half = self.power, 0.5 / np.log(10.0)
+        up, down = (values / values[-1]) ** p, (values[0] / values) ** p
+        value = half * (np.log(values[-1] / values[0]) + (np.log(up.sum()) + np.log(down.sum())) / p)
+        dC = (vectors * (half * (up / up.sum() - down / down.sum()) / values)) @ vectors.T
         dA = scale[:, None] * dC * scale
         # The scale moves with the diagonal: C_ij = A_ij (A_ii A_jj)^-1/2.
-        pull = np.sum(dC * C, axis=1)
-        dA[np.diag_indices(len(A))] -= pull * scale**2
+        dA[np.diag_indices(len(A))] -= np.sum(dC * C, axis=1) * scale**2
         return float(value), dA
+
+    def exact(self, A: Array, names: tuple[str, ...]) -> float:
+        number = condition_number(A)
+        return float(np.log10(number)) if np.isfinite(number) else np.inf
+
+
+@dataclass(frozen=True)
+class Both(Measure):
+    """The volume of the confidence ellipsoid and, `weight` times, its shape: D-optimality plus weight × ln of the condition number."""
+
+    weight: float = 1.0
+
+    def evaluate(self, A: Array, names: tuple[str, ...]) -> tuple[float, Array]:
+        volume, d_volume = DOptimality().evaluate(A, names)
+        shape, d_shape = ConditionNumber().evaluate(A, names)
+        factor = self.weight * float(np.log(10.0))
+        return volume + factor * shape, d_volume + factor * d_shape
+
+    def exact(self, A: Array, names: tuple[str, ...]) -> float:
+        return DOptimality().exact(A, names) + self.weight * float(np.log(10.0)) * ConditionNumber().exact(A, names)
 
 
 def chosen_parameters(wanted: Sequence[str], names: tuple[str, ...]) -> list[int]:

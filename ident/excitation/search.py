@@ -60,7 +60,7 @@ class Search:
         """The measure, limits aside."""
         info = self.information
         columns = info.columns(info.motion(self.t, self.motion(offset, coefficients, self.basis)))
-        return self.measure.evaluate(info.matrix(columns), info.base.names)[0]
+        return self.measure.exact(info.matrix(columns), info.base.names)
 
     def barrier_value(self, x: Array, mu: float, wants_gradient: bool) -> tuple[float, Array | None]:
         """Measure plus mu × the mean barrier of the limits, and its gradient; inf outside the limits. x: coefficients, then offset."""
