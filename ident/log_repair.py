@@ -39,7 +39,7 @@ def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing
         if not hole.any():
             continue
         longest = int(max(len(r) for r in _blocks(hole)))
-        if missing == "refuse" and (longest > _ISOLATED or hole.mean() > _SHARE):
+        if missing == "refuse" and (longest > _ISOLATED or hole.sum() > max(_ISOLATED, _SHARE * len(t))):
             raise DataError(
                 f"{where}: column {name!r} has no number in {int(hole.sum())} of {len(t)} rows ({ranges(hole)})."
                 ' A position that is missing cannot be used. Cut the log there, or read it with missing = "gap" (--missing gap)'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -73,9 +74,11 @@ def assemble(
     warnings = list(dict.fromkeys(note for r in recordings for note in r.notes))
     if not kept:
         longest = max(len(r) for r in uniform.runs) / uniform.rate
+        # Transients at both ends (measured where something was left between them), and the length of the rows' filter.
+        ends = max((len(d.run) - len(d) for d in derived if len(d)), default=math.ceil(6 / cutoff * uniform.rate))
         raise DataError(
-            f"the longest run without a gap lasts {longest:.3g} s: too short for a cut-off of {cutoff:.3g} Hz, whose filters lose"
-            f" about {6 / cutoff:.2g} s. Record longer runs, or raise cutoff_hz."
+            f"the longest run without a gap lasts {longest:.3g} s: too short for a cut-off of {cutoff:.3g} Hz, whose filters need"
+            f" about {(ends + need) / uniform.rate:.2g} s. Record longer runs, or raise cutoff_hz."
         )
     if len(kept) < len(derived):
         warnings.append(f"{len(derived) - len(kept)} of {len(derived)} stretches are shorter than the filters and are left out.")

@@ -50,7 +50,7 @@ class Recording:
             notes.append(f"log {log.name}: positions of {', '.join(jumps)} jump by a full turn; they are taken as continuous.")
         torque = measured(log, robot.transmission)
         notes += torque.notes
-        missing = np.isnan(torque.torque)
+        missing = ~np.isfinite(torque.torque)
         absent = [name for j, name in enumerate(robot.joint_names) if missing[:, j].all()]
         partly = [
             f"{name} ({int(missing[:, j].sum())})"
@@ -67,7 +67,7 @@ class Recording:
             log.name,
             log.t,
             q,
-            torque.torque,
+            np.where(missing, np.nan, torque.torque) if missing.any() else torque.torque,
             log.velocity(robot.transmission),
             log.ddq,
             Clock.of(log.t),

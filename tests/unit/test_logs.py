@@ -259,6 +259,11 @@ class TestTime:
         assert len(log) == 1998
         assert any("'q1'" in note and "data row 101" in note for note in log.notes)
 
+    def test_one_missing_in_a_short_log(self, tmp_path: Path) -> None:
+        rows = table(40)
+        rows[10][1] = "inf"
+        assert len(read_logs(write(tmp_path / "a.csv", "t,q1,q2,tau1,tau2", rows))[0]) == 39
+
     def test_missing_block_as_gap_if_asked(self, tmp_path: Path) -> None:
         rows = table(200)
         for k in range(50, 120):

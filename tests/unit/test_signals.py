@@ -359,7 +359,8 @@ class TestMasks:
         truth = Truth()
         log = truth.log(clock("even", 300.0, 60.0))
         tau = log.tau["joint"].copy()
-        tau[3000:3100, 0] = np.nan
+        tau[3000:3050, 0] = np.nan
+        tau[3050:3100, 0] = np.inf
         whole = ZeroPhase(cutoff_hz=8)(log, robot())
         holed = ZeroPhase(cutoff_hz=8)(replace(log, tau={"joint": tau}), robot())
         touched = (holed.row_time > log.t[2900]) & (holed.row_time < log.t[3200])
