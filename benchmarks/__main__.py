@@ -10,7 +10,7 @@ import platform
 import sys
 from pathlib import Path
 
-import numpy
+import numpy as np
 import pinocchio
 import scipy
 
@@ -23,9 +23,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("topics", nargs="*", choices=[*known, []], default=known, help=", ".join(known))
     parser.add_argument("--short", action="store_true", help="fewer runs, for continuous integration")
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"), help="folder for figures and result files (default: %(default)s)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/benchmarks"), help="folder for figures and result files (default: %(default)s)"
+    )
     args = parser.parse_args()
-    versions = f"numpy {numpy.__version__}, scipy {scipy.__version__}, pinocchio {pinocchio.__version__}, Python {platform.python_version()}"
+    versions = f"numpy {np.__version__}, scipy {scipy.__version__}, pinocchio {pinocchio.__version__}, Python {platform.python_version()}"
     print(f"{platform.machine()} {platform.system()}, {versions}")
     args.out.mkdir(parents=True, exist_ok=True)
     worst = 0

@@ -43,10 +43,63 @@ _WHERE = {
     "ConfigurationError": "errors",
     "DataError": "errors",
     "UnsupportedError": "errors",
+    "MomentumProblem": "integrated",
+    "EnergyProblem": "integrated",
+    "diagnose": "diagnosis",
+    "Diagnosis": "diagnosis",
+    "judge": "physical",
+    "repair": "physical",
 }
-_PACKAGES = ("friction", "effects", "estimators", "regressor", "physical", "diagnosis", "robots", "simulate")
+_PACKAGES = ("effects", "estimators", "friction", "physical", "regressor", "robots")
 
-__all__ = ["__version__", *sorted(_WHERE), *_PACKAGES]
+__all__ = [
+    "CentralDifference",
+    "Comparison",
+    "ConfigurationError",
+    "DataError",
+    "Diagnosis",
+    "Effect",
+    "EnergyProblem",
+    "Estimate",
+    "IdentError",
+    "Information",
+    "Log",
+    "LogSet",
+    "Model",
+    "MomentumProblem",
+    "Motion",
+    "Problem",
+    "Robot",
+    "SavitzkyGolay",
+    "Side",
+    "Signals",
+    "Status",
+    "StatusCode",
+    "Study",
+    "Transmission",
+    "UnsupportedError",
+    "Validation",
+    "ZeroPhase",
+    "__version__",
+    "compare",
+    "diagnose",
+    "effect_names",
+    "effects",
+    "estimators",
+    "friction",
+    "judge",
+    "load_robot",
+    "make_effect",
+    "make_estimator",
+    "physical",
+    "read_logs",
+    "read_study",
+    "regressor",
+    "repair",
+    "robot_names",
+    "robots",
+    "validate",
+]
 
 
 def __getattr__(name: str) -> Any:
@@ -65,16 +118,19 @@ def __dir__() -> list[str]:
 
 
 if TYPE_CHECKING:
-    from . import diagnosis, effects, estimators, friction, physical, regressor, robots, simulate
+    from . import effects, estimators, friction, physical, regressor, robots
     from .comparison import Comparison, compare
+    from .diagnosis import Diagnosis, diagnose
     from .effect import Effect, effect_names, make_effect
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
     from .estimate import Estimate
     from .estimators import make_estimator
     from .information import Information
+    from .integrated import EnergyProblem, MomentumProblem
     from .logs import Log, LogSet, read_logs
     from .model import Model
     from .motion import Motion
+    from .physical import judge, repair
     from .problem import Problem
     from .robot import Robot
     from .robots import load_robot, robot_names

@@ -85,7 +85,9 @@ def compare(before: Estimate, after: Estimate, signals: Signals) -> Comparison:
     """Compare two estimates on prepared signals that neither was fitted to."""
     old = {name: i for i, name in enumerate(before.names)}
     shifts = [
-        Shift(p.name, p.unit, float(before.values[old[p.name]]), float(before.std[old[p.name]]), float(after.values[i]), float(after.std[i]))
+        Shift(
+            p.name, p.unit, float(before.values[old[p.name]]), float(before.std[old[p.name]]), float(after.values[i]), float(after.std[i])
+        )
         for i, p in enumerate(after.parameters)
         if p.name in old
     ]

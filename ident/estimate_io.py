@@ -97,7 +97,9 @@ def load(path: Path) -> Estimate:
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise ConfigurationError(f"fit {path}: is not JSON ({error}).") from None
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or "state" not in data:
-        raise ConfigurationError(f"fit {path}: is not a saved fit ({SCHEMA} with its state). Write one with `ident fit --out DIR` or Estimate.save.")
+        raise ConfigurationError(
+            f"fit {path}: is not a saved fit ({SCHEMA} with its state). Write one with `ident fit --out DIR` or Estimate.save."
+        )
     state = data["state"]
     model = model_from_dict(state["model"])
     base = state["base"]
@@ -144,7 +146,10 @@ def _float(x: float | None) -> float:
 
 def _error(data: dict[str, Any], rows: list[int]) -> TorqueError:
     return TorqueError(
-        np.array([_float(x) for x in data["rms"]]), np.array([_float(x) for x in data["relative"]]), _float(data["relative_all"]), np.array(rows)
+        np.array([_float(x) for x in data["rms"]]),
+        np.array([_float(x) for x in data["relative"]]),
+        _float(data["relative_all"]),
+        np.array(rows),
     )
 
 

@@ -23,8 +23,8 @@ def write_atomic(path: Path, data: str | bytes, *, force: bool = False) -> Path:
             file.write(data.encode() if isinstance(data, str) else data)
         umask = os.umask(0)
         os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
+        Path(temporary).chmod(0o666 & ~umask)
+        Path(temporary).replace(path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
@@ -34,7 +34,7 @@ def write_atomic(path: Path, data: str | bytes, *, force: bool = False) -> Path:
 def sha256(path: Path) -> str:
     """SHA-256 of a file, read in pieces."""
     digest = hashlib.sha256()
-    with open(path, "rb") as file:
+    with path.open("rb") as file:
         while piece := file.read(1 << 20):
             digest.update(piece)
     return digest.hexdigest()

@@ -164,7 +164,9 @@ def _innovation_covariance(residual: Array, runs: list[slice], ar: Array, level:
         total += filled.T @ filled
         count += present.T.astype(float) @ present
     spread = np.sqrt(np.divide(np.diag(total), np.diag(count), out=np.ones(n), where=np.diag(count) > 0))
-    correlation = np.divide(total, count * np.outer(spread, spread), out=np.zeros_like(total), where=(count > 0) & np.outer(spread, spread).astype(bool))
+    correlation = np.divide(
+        total, count * np.outer(spread, spread), out=np.zeros_like(total), where=(count > 0) & np.outer(spread, spread).astype(bool)
+    )
     # Within two standard errors of zero there is nothing to believe; beyond ±0.99 gaps have made it up.
     correlation = np.where(np.abs(correlation) > 2 / np.sqrt(np.maximum(count, 4.0)), np.clip(correlation, -0.99, 0.99), 0.0)
     np.fill_diagonal(correlation, 1.0)

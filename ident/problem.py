@@ -17,8 +17,8 @@ from .model import Model
 from .motion import Motion
 from .noise import row_shape
 from .reference import Reference
-from .transmission import Side
 from .torque_error import TorqueError
+from .transmission import Side
 
 if TYPE_CHECKING:
     from .problem_check import ProblemCheck

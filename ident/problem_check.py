@@ -10,8 +10,8 @@ import numpy as np
 from .regressor.base import BaseReduction
 
 if TYPE_CHECKING:
-    from .regressor.agreement import Agreement
     from .problem import Problem
+    from .regressor.agreement import Agreement
 
 Array = np.ndarray
 #: A parameter is called poorly excited when its std, for noise of one hundredth of the joint's torque, exceeds this share of its size.
@@ -23,7 +23,8 @@ class ProblemCheck:
     """What a problem can determine.
 
     `base`: base parameters of the structure; `rank`: how many of them these data determine; `condition` of the scaled
-    regressor; `agreement` of closed forms, structure and samples on the links' base parameters; `inflation` (b,): by how much each parameter's std exceeds that of fitting it alone (collinearity);
+    regressor; `inflation` (b,): by how much each parameter's std exceeds that of fitting it alone (collinearity); `agreement`
+    of closed forms, structure and samples on the links' base parameters;
     `expected_relative_std` (b,): std over size after a plain fit; `poor`: names; `notes`."""
 
     base: BaseReduction
@@ -57,10 +58,9 @@ class ProblemCheck:
         }
 
     def __str__(self) -> str:
-        lines = [
-            f"{self.base.count} base parameters of {len(self.base.parameters)}; these data determine {self.rank};"
-            f" condition {self.condition:.3g} (columns scaled); smallest kept distance {self.base.gap[0]:.1e}, largest dropped {self.base.gap[1]:.1e}",
-        ]
+        kept, dropped = self.base.gap
+        lines = [f"{self.base.count} base parameters of {len(self.base.parameters)}; these data determine {self.rank}"]
+        lines.append(f"condition {self.condition:.3g} (columns scaled); smallest kept distance {kept:.1e}, largest dropped {dropped:.1e}")
         lines += str(self.agreement).splitlines()
         width = max(len(n) for n in self.base.names)
         for name, text, spread in zip(self.base.names, self.base.expressions, self.expected_relative_std, strict=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import datetime
+import datetime as dt
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 
 
-def result(schema: str, body: Mapping[str, Any], *, inputs: Iterable[Mapping[str, Any]] = (), warnings: Iterable[str] = ()) -> dict[str, Any]:
+def result(
+    schema: str, body: Mapping[str, Any], *, inputs: Iterable[Mapping[str, Any]] = (), warnings: Iterable[str] = ()
+) -> dict[str, Any]:
     """A result with its common fields. `inputs`: {"path", "sha256"} each, paths as given."""
     from . import __version__
 
     return {
         "schema": schema,
         "ident_version": __version__,
-        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "created": dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
         "inputs": [dict(i) for i in inputs],
         "warnings": list(warnings),
         **jsonable(dict(body)),

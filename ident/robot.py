@@ -131,7 +131,9 @@ class Robot:
 
     def __str__(self) -> str:
         kinds = ", ".join(j.name + (" (prismatic)" if j.prismatic else "") for j in self.joints)
-        drive = "direct" if np.array_equal(self.transmission.K, np.eye(self.n)) else "geared" if self.transmission.is_diagonal else "coupled"
+        drive = (
+            "direct" if np.array_equal(self.transmission.K, np.eye(self.n)) else "geared" if self.transmission.is_diagonal else "coupled"
+        )
         lines = [f"robot {self.name}: {self.n} joints: {kinds}; {drive} drive, torque measured on the {self.transmission.measured} side"]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 

@@ -19,14 +19,29 @@ class StatusCode(StrEnum):
 
 
 _ADVICE = {
-    StatusCode.OK: "every parameter was determined by the data.",
-    StatusCode.POORLY_EXCITED: "some parameters are known to no better than their own size; the torque they cause in this log is lost in the noise."
-    " Use them for prediction of similar motion only; excite the joints named below more.",
-    StatusCode.RANK_DEFICIENT: "this log cannot tell some parameters apart; they were grouped further, or left out, as listed. Record motion that moves the joints named below.",
-    StatusCode.AT_BOUND: "some parameters ended at their physical bound: the data ask for an impossible value. Look for a missing effect or a wrong sign or unit.",
-    StatusCode.NOT_CONVERGED: "the iteration stopped before it converged. Start closer (a better first fit), allow more iterations, or use more data.",
-    StatusCode.FEW_SAMPLES: "there are hardly more independent samples than parameters; the intervals are not to be trusted. Record a longer log.",
-    StatusCode.INVALID_INSTRUMENTS: "the instruments correlate with the noise. Use instruments simulated from the reference, not from measured torque inside a feedback loop.",
+    StatusCode.OK: ("every parameter was determined by the data."),
+    StatusCode.POORLY_EXCITED: (
+        "some parameters are known to no better than their own size; the torque they cause in this log is lost in the "
+        "noise. Use them for prediction of similar motion only; excite the joints named below more."
+    ),
+    StatusCode.RANK_DEFICIENT: (
+        "this log cannot tell some parameters apart; they were grouped further, or left out, as listed. Record motion "
+        "that moves the joints named below."
+    ),
+    StatusCode.AT_BOUND: (
+        "some parameters ended at their physical bound: the data ask for an impossible value. Look for a missing effect"
+        " or a wrong sign or unit."
+    ),
+    StatusCode.NOT_CONVERGED: (
+        "the iteration stopped before it converged. Start closer (a better first fit), allow more iterations, or use more data."
+    ),
+    StatusCode.FEW_SAMPLES: (
+        "there are hardly more independent samples than parameters; the intervals are not to be trusted. Record a longer log."
+    ),
+    StatusCode.INVALID_INSTRUMENTS: (
+        "the instruments correlate with the noise. Use instruments simulated from the reference, not from measured "
+        "torque inside a feedback loop."
+    ),
 }
 
 

@@ -39,7 +39,10 @@ def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
         lines.append(head + shown)
     if cut:
         lines.append("…: cut; `ident base` and the JSON result have the whole expressions.")
-    lines += ["", error_table(estimate, {"fit": estimate.fit_error} | ({"held out": estimate.heldout_error} if estimate.heldout_error else {}))]
+    lines += [
+        "",
+        error_table(estimate, {"fit": estimate.fit_error} | ({"held out": estimate.heldout_error} if estimate.heldout_error else {})),
+    ]
     strongest = _strongest(estimate.correlation, names, correlations)
     if strongest:
         lines += ["", wrapped("strongest correlations: " + "; ".join(strongest))]

@@ -25,7 +25,9 @@ class TorqueError:
     def of(cls, residual: Array, tau: Array) -> TorqueError:
         """From residuals (M, n) with NaN where a row is not used, and measured torque (M, n)."""
         use = np.isfinite(residual)
-        return cls.from_squares(np.sum(np.where(use, residual, 0.0) ** 2, axis=0), np.sum(np.where(use, tau, 0.0) ** 2, axis=0), use.sum(axis=0))
+        return cls.from_squares(
+            np.sum(np.where(use, residual, 0.0) ** 2, axis=0), np.sum(np.where(use, tau, 0.0) ** 2, axis=0), use.sum(axis=0)
+        )
 
     @classmethod
     def from_squares(cls, residual: Array, torque: Array, rows: Array) -> TorqueError:
@@ -38,7 +40,11 @@ class TorqueError:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form; null where a joint has no usable row."""
-        return {"rms": [number(x) for x in self.rms], "relative": [number(x) for x in self.relative], "relative_all": number(self.relative_all)}
+        return {
+            "rms": [number(x) for x in self.rms],
+            "relative": [number(x) for x in self.relative],
+            "relative_all": number(self.relative_all),
+        }
 
 
 def number(x: float) -> float | None:

@@ -63,8 +63,7 @@ def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) ->
     Replay starts windows at the measured state and drives the model with the measured torque."""
     residual = estimate.residual(signals)
     by_run = {
-        name: TorqueError.of(residual[rows], signals.tau[rows])
-        for name, rows in _named_runs(signals.run_names, signals.row_runs).items()
+        name: TorqueError.of(residual[rows], signals.tau[rows]) for name, rows in _named_runs(signals.run_names, signals.row_runs).items()
     }
     replayed = None
     if simulate:

@@ -28,8 +28,11 @@ def main(short: bool, folder: Path) -> int:
         nominal = "" if validation.nominal is None else f"{100 * validation.nominal.relative_all:.2f}"
         fit, held = (100 * e.relative_all for e in (estimate.fit_error, validation.error))
         cutoff = session.fit_signals.report.cutoff_hz
-        print(f"{file.stem:<18}{len(estimate.values):>11}{cutoff:>11.3g}{estimate.samples:>7}{fit:>8.2f}{held:>12.2f}{nominal:>18}  {estimate.status.code.value}")
+        left = f"{file.stem:<18}{len(estimate.values):>11}{cutoff:>11.3g}{estimate.samples:>7}"
+        print(f"{left}{fit:>8.2f}{held:>12.2f}{nominal:>18}  {estimate.status.code.value}")
         rows.append({"study": file.stem, "estimate": estimate.to_dict(), "validation": validation.to_dict()})
     (folder / "real.json").write_text(json.dumps(jsonable(rows), indent=1))
-    print("fit: relative torque error on the fitted part; held out: on the rest; URDF inertials: the same rest, only drive parameters fitted")
+    print(
+        "fit: relative torque error on the fitted part; held out: on the rest; URDF inertials: the same rest, only drive parameters fitted"
+    )
     return 0

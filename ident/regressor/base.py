@@ -100,10 +100,10 @@ def reduce_columns(columns: Array, parameters: tuple[Parameter, ...], order: lis
     zero = scale <= 1e-11 * max(scale.max(initial=0.0), 1e-300)
     unit = np.divide(R, scale, out=np.zeros_like(R), where=~zero)
     live = [i for i in order if not zero[i]]
-    kept, basis, distance = _orthogonalise(unit, live, 1e-8)
+    kept, _, distance = _orthogonalise(unit, live, 1e-8)
     threshold, gap, notes = _threshold(distance, [parameters[i].name for i in live])
     if abs(np.log10(threshold / 1e-8)) > 1e-9:
-        kept, basis, distance = _orthogonalise(unit, live, threshold)
+        kept, _, distance = _orthogonalise(unit, live, threshold)
     independent = np.array(sorted(kept), dtype=int)
     regroup = np.zeros((len(independent), len(parameters)))
     if len(independent):

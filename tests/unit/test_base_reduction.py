@@ -61,7 +61,9 @@ def test_first_rotor_inertia_merges_into_the_link() -> None:
 def test_base_values_predict_the_same_torque_as_all_values() -> None:
     rng = np.random.default_rng(5)
     K = np.diag([0.02, -0.01, 0.03]) + np.array([[0, 0, 0], [0, 0, 0], [0, 0.004, 0]])
-    robot = Robot.from_urdf(chain(["0 0 0", "1.57 0.3 0", "0.2 0 1"], ["0 0 0", "0.1 0 0.2", "0 0.3 0"], ["revolute", "revolute", "prismatic"]), transmission=K)
+    robot = Robot.from_urdf(
+        chain(["0 0 0", "1.57 0.3 0", "0.2 0 1"], ["0 0 0", "0.1 0 0.2", "0 0.3 0"], ["revolute", "revolute", "prismatic"]), transmission=K
+    )
     model = robot.rigid_body() + RotorInertia() + Viscous() + Coulomb() + Offset()
     base = base_reduction(model)
     values = rng.normal(size=len(model.parameters))

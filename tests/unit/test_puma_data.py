@@ -152,8 +152,15 @@ def test_wrist_coupling(robot):
 
 def test_verified_verdicts_on_the_published_tables(robot):
     """Smallest eigenvalues 0.0868, -1.235, 0.1695 kg m^2 at the configurations of SCIENCE.md 5."""
-    tables, model = published_tables("puma560"), robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
-    verified = {"1": (0.0868, (97, -161, 31, 120, 140)), "2": (-1.235, (179, -85, 125, 104, -31)), "3": (0.1695, (-118, 108, 175, -169, 130))}
+    tables, model = (
+        published_tables("puma560"),
+        robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb(),
+    )
+    verified = {
+        "1": (0.0868, (97, -161, 31, 120, 140)),
+        "2": (-1.235, (179, -85, 125, 104, -31)),
+        "3": (0.1695, (-118, 108, 175, -169, 130)),
+    }
     for number, (lowest, degrees) in verified.items():
         values = published_subject(robot, tables[number].values).values
         H = model.joint_inertia(np.radians([[0, *degrees]]), model.base.expand(values))[0]

@@ -64,8 +64,17 @@ def error(found, wanted):
 
     Columns of rounding errors of the trigonometry (1e-16 of the others) count as zero: the kernel leaves them out."""
     length = np.sqrt(np.einsum("rcc->rc", wanted))
-    length = np.maximum(length, 1e-3 * length.max(axis=1, initial=1e-300, keepdims=True))
+    length = np.maximum(length, 1e-3 * length.max(axis=1, initial=1e-100, keepdims=True))
     return float((np.abs(found - wanted) / (length[:, :, None] * length[:, None, :])).max(initial=0.0))
+
+
+def filtered(stacked, taps, factor):
+    """Rows with full support, as the definition has it."""
+    count = max(0, (len(stacked) - len(taps)) // factor + 1)
+    out = np.zeros((count, *stacked.shape[1:]))
+    for m in range(count):
+        out[m] = np.tensordot(taps, stacked[m * factor : m * factor + len(taps)], 1)
+    return out
 
 
 @pytest.fixture(params=kernels())
@@ -87,6 +96,41 @@ def test_equals_stacked_matrix(kernel, form, seed):
     assert error(found, normal(stacked)) < 1e-12
     valid = arguments["valid"]
     assert np.array_equal(counts, np.full(stacked.shape[1], n) if valid is None else valid.sum(axis=0))
+
+
+@pytest.mark.parametrize("form", ["triangle", "gram"])
+@pytest.mark.parametrize(
+    ("size", "factor", "n"), [(1, 1, 9), (5, 1, 300), (51, 7, 900), (200, 20, 2999), (3, 10, 700), (129, 64, 4000), (30, 16, 29)]
+)
+def test_filtered_rows(kernel, form, size, factor, n):
+    """Filter and decimation on the way equal those of written-out columns; masks and weights are of the rows."""
+    arguments, stacked = case(size + factor, n, dense=size == 51, masked=False, weighted=False, floating=factor == 7)
+    rng = np.random.default_rng(size)
+    taps = rng.normal(size=size)
+    wanted = filtered(stacked, taps, factor)
+    shape = wanted.shape[:2]
+    tau, valid, weight = rng.normal(size=shape), rng.random(shape) < 0.8, rng.random(shape)
+    wanted[:, :, -1] = tau
+    wanted *= (valid * weight)[:, :, None]
+    arguments |= {"tau": np.where(valid, tau, np.nan), "valid": valid, "weight": weight}
+    found, counts = rigid.information(**arguments, taps=taps, factor=factor, form=form)
+    if form == "triangle":
+        found = np.swapaxes(found, 1, 2) @ found
+    assert error(found, normal(wanted)) < 1e-12
+    assert np.array_equal(counts, valid.sum(axis=0))
+
+
+def test_filtered_rows_by_threads(kernel, puma):
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.normal(size=(3, 30000, 6))
+    taps = np.hanning(101)
+    tau = rng.normal(size=((30000 - 101) // 10 + 1, 6))
+    one, two = (rigid.information(puma.tree, q, dq, ddq, tau, taps=taps, factor=10, form="gram", threads=t)[0] for t in (1, 2))
+    assert error(two, one) < 1e-13
+    bad = dq.copy()
+    bad[12345, 2] = np.nan
+    with pytest.raises(DataError, match=r"dq: 1 value\(s\) are not finite, the first at \[12345, 2\]"):
+        rigid.information(puma.tree, q, bad, ddq, tau, taps=taps, factor=10)
 
 
 def test_triangle_keeps_small_singular_values(kernel, puma):
@@ -200,5 +244,11 @@ def test_refusals(puma):
         rigid.information(**call, tau=q, extra=np.ones((4, 2)))
     with pytest.raises(ConfigurationError, match="valid: expected bool"):
         rigid.information(**call, tau=q, valid=np.ones((4, 6)))
+    with pytest.raises(ConfigurationError, match=r"taps: expected shape \(T,\)"):
+        rigid.information(**call, tau=q, taps=np.ones((2, 2)))
+    with pytest.raises(ConfigurationError, match="factor=0"):
+        rigid.information(**call, tau=q, taps=np.ones(3), factor=0)
+    with pytest.raises(ConfigurationError, match=r"tau: expected shape \(2, 6\)"):
+        rigid.information(**call, tau=q, taps=np.ones(3))
     with pytest.raises(ConfigurationError, match="form='svd'"):
         rigid.information(**call, tau=q, form="svd")  # type: ignore[arg-type]
