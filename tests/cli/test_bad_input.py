@@ -1,0 +1,319 @@
+"""Bad input: each kind ends with the right exit code and a text that names what is wrong and what to do."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ARM, FRICTION, JOINTS, write_csv
+
+USAGE, DATA = 2, 3
+
+
+@pytest.fixture
+def fit(ident, arm):
+    """`ident fit` of the arm's URDF on one log."""
+
+    def run(log, *more):
+        return ident("fit", "--urdf", arm.urdf, "--log", log, *FRICTION, "--quiet", *more)
+
+    return run
+
+
+def refused(ran, code: int, *patterns: str) -> None:
+    """The call failed with this code, nothing on standard output, and one error text that matches every pattern."""
+    assert ran.code == code, ran.err
+    assert ran.out == ""
+    assert "Traceback" not in ran.err
+    for pattern in patterns:
+        assert re.search(pattern, ran.err), ran.err
+
+
+# --- files ---------------------------------------------------------------------------------------------------------------------
+
+
+def test_missing_file(fit, tmp_path):
+    refused(fit(tmp_path / "none.csv"), DATA, r"ident fit: log .*none\.csv: no such file")
+
+
+def test_pattern_without_a_match(fit, tmp_path):
+    refused(fit(tmp_path / "*.csv"), DATA, r"no file matches '.*\*\.csv'")
+
+
+def test_folder_as_a_log(fit, tmp_path):
+    refused(fit(tmp_path), DATA, r"is a folder; give its files")
+
+
+def test_empty_file(fit, tmp_path):
+    (tmp_path / "empty.csv").write_text("")
+    refused(fit(tmp_path / "empty.csv"), DATA, r"empty\.csv: the file is empty")
+
+
+def test_header_only(fit, arm, tmp_path):
+    path = write_csv(tmp_path / "header.csv", {name: [] for name in arm.table})
+    refused(fit(path), DATA, r"header\.csv: there is a header, but no row of data")
+
+
+def test_binary_file(fit, tmp_path):
+    (tmp_path / "log.csv").write_bytes(bytes(range(256)) * 20)
+    refused(fit(tmp_path / "log.csv"), DATA, r"log\.csv: is not a text table")
+
+
+# --- columns -------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("lacking", "count"), [(("q4", "tau4"), 3), (("q2",), 3)])
+def test_too_few_joints(fit, arm, tmp_path, lacking, count):
+    path = write_csv(tmp_path / "few.csv", {k: v for k, v in arm.table.items() if k not in lacking})
+    name = JOINTS[int(lacking[0][1]) - 1]
+    refused(fit(path), DATA, rf"the robot has 4 joints, but the log has positions of {count}", rf"missing: {lacking[0]} \({name}\)", r"locked")
+
+
+def test_too_many_joints(fit, arm, tmp_path):
+    path = write_csv(tmp_path / "many.csv", arm.table | {"q5": arm.table["q1"]})
+    refused(fit(path), DATA, r"the robot has 4 joints, but the log has positions of 5", r"too many: q5")
+
+
+@pytest.mark.parametrize(
+    ("mapping", "message"),
+    [
+        ('q1 = "slide_mm"', r"unknown column of log .*train\.csv in \[columns\] q1 = 'slide_mm'.*Known: .*q1"),
+        ('qq1 = "q1"', r"unknown quantity in \[columns\] 'qq1'; did you mean 'q1'"),
+    ],
+)
+def test_unknown_column(ident, arm, tmp_path, mapping, message):
+    study = tmp_path / "study.toml"
+    study.write_text(f'[robot]\nurdf = "{arm.urdf}"\n[logs]\nfit = ["{arm.train}"]\n[columns]\n{mapping}\n')
+    refused(ident("fit", study), USAGE, message)
+
+
+# --- values --------------------------------------------------------------------------------------------------------------------
+
+
+def test_nan_block_is_refused_and_can_be_a_gap(fit, arm, tmp_path):
+    hole = arm.table["q2"].astype(object)
+    hole[400:500] = None
+    path = write_csv(tmp_path / "hole.csv", arm.table | {"q2": hole})
+    refused(fit(path), DATA, r"hole\.csv: column 'q2' has no number in 100 of 1600 rows \(data rows 401-500\)", r"--missing gap")
+    ran = fit(path, "--missing", "gap")
+    assert ran.code == 0
+    assert re.search(r"left out as a gap", ran.out)
+
+
+def test_nan_in_a_torque_leaves_those_rows_out(fit, arm, tmp_path):
+    hole = arm.table["tau2"].astype(object)
+    hole[400:500] = "nan"
+    ran = fit(write_csv(tmp_path / "hole.csv", arm.table | {"tau2": hole}))
+    assert ran.code == 0
+    assert "tau2" in ran.out or "shoulder" in ran.out.split("parameter")[0]
+
+
+def test_text_in_a_number(fit, arm, tmp_path):
+    spoiled = arm.table["tau2"].astype(object)
+    spoiled[700] = "oops"
+    path = write_csv(tmp_path / "text.csv", arm.table | {"tau2": spoiled})
+    refused(fit(path), DATA, r"text\.csv: column 'tau2', line 702 \(data row 701\): 'oops' is not a number")
+
+
+@pytest.mark.parametrize("kind", ["step back", "shuffled"])
+def test_time_that_is_not_monotonic(fit, arm, tmp_path, kind):
+    if kind == "shuffled":
+        order = np.random.default_rng(0).permutation(len(arm.table["t"]))
+        table = {k: v[order] for k, v in arm.table.items()}
+    else:
+        t = arm.table["t"].copy()
+        t[500] = t[400]
+        table = arm.table | {"t": t}
+    ran = fit(write_csv(tmp_path / "time.csv", table))
+    refused(ran, DATA, r"time\.csv: time runs backwards at data row \d+ \(.* s, then .* s\), in \d+ places?\. Sort or cut the log")
+
+
+def test_repeated_time_is_said(fit, arm, tmp_path):
+    t = arm.table["t"].copy()
+    t[501:503] = t[500]
+    ran = fit(write_csv(tmp_path / "repeat.csv", arm.table | {"t": t}))
+    assert ran.code == 0
+    assert re.search(r"2 rows repeat the time stamp before them \(data rows 502-503\)", " ".join(ran.out.split()))
+
+
+@pytest.mark.parametrize("suffix", ["", "_rad"])
+def test_degrees_labelled_as_radians_are_warned_of(fit, arm, tmp_path, suffix):
+    table = {(k + suffix if k == "q2" else k): (np.degrees(v) if k == "q2" else v) for k, v in arm.table.items()}
+    path = write_csv(tmp_path / "degrees.csv", table)
+    ran = fit(path)
+    assert ran.code == 0
+    assert re.search(r"audit: shoulder: Looks like degrees, not rad.*name the column q2_deg", " ".join(ran.out.split()))
+    ran = fit(path, "--json")
+    assert any("shoulder" in w and "degrees" in w for w in ran.json["warnings"])
+
+
+def test_degrees_labelled_as_degrees_are_converted(fit, arm, tmp_path):
+    turned = {k + "_deg": np.degrees(v) for k, v in arm.table.items() if k in ("q2", "q3", "q4")}
+    table = {k: v for k, v in arm.table.items() if k + "_deg" not in turned} | turned
+    given, plain = (fit(path, "--json") for path in (write_csv(tmp_path / "degrees.csv", table), arm.train))
+    assert [p["value"] for p in given.json["parameters"]] == pytest.approx([p["value"] for p in plain.json["parameters"]], rel=1e-9)
+    assert not any("degrees" in w for w in given.json["warnings"])
+
+
+# --- motion --------------------------------------------------------------------------------------------------------------------
+
+
+def test_zero_motion(fit, arm, tmp_path):
+    table = {k: v if k == "t" else np.full_like(v, 0.3) for k, v in arm.table.items()}
+    ran = fit(write_csv(tmp_path / "still.csv", table))
+    assert ran.code == DATA
+    assert "ident fit: no joint moves" in ran.err
+    assert "No joint moves" in ran.out  # the audit is told before the error
+
+
+def test_one_joint_never_moved(fit, arm, tmp_path):
+    table = arm.table | {"q3": np.full_like(arm.table["q3"], 0.3)}
+    ran = fit(write_csv(tmp_path / "held.csv", table), "--json", "--validate", arm.test)
+    assert ran.code == 0
+    assert ran.json["status"]["code"] == "rank_deficient"
+    assert "Fv_elbow" in ran.json["status"]["text"]
+    assert any("elbow" in w and "ever moved" in w for w in ran.json["warnings"])
+    assert "Fv_elbow" in ran.json["not_determined"]
+    assert ran.json["torque_error"]["fit"]["relative"][2] is None
+
+
+def test_missing_torque_column(fit, arm, tmp_path):
+    ran = fit(write_csv(tmp_path / "silent.csv", {k: v for k, v in arm.table.items() if k != "tau3"}), "--json")
+    assert ran.code == 0
+    assert any("no torque" in w.lower() and "elbow" in w for w in ran.json["warnings"])
+    assert {"Fv_elbow", "Fc_elbow"} <= set(ran.json["not_determined"])
+
+
+def test_log_that_is_too_short(fit, arm, tmp_path):
+    ran = fit(write_csv(tmp_path / "short.csv", {k: v[:20] for k, v in arm.table.items()}))
+    assert ran.code == DATA
+    assert "too few to differentiate" in ran.err
+
+
+def test_part_held_out_too_short_is_a_warning_and_fails_the_gate(fit, arm, tmp_path):
+    path = write_csv(tmp_path / "short.csv", {k: v[:640] for k, v in arm.table.items()})
+    ran = fit(path, "--json", "--max-error", "0.5")
+    assert ran.code == 1
+    assert "gate: --max-error" in ran.err
+    assert ran.json["torque_error"]["heldout"]["relative_all"] is None
+    assert any("no error on data held out" in w for w in ran.json["warnings"])
+
+
+# --- drive ---------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("drive", "message"),
+    [
+        ("K = [[1, 0, 0, 0], [0, 1, 1, 0], [0, 1, 1, 0], [0, 0, 0, 1]]", r"\[drive\] K is singular: .*Give an invertible K"),
+        ("K = [[1, 0], [0, 1]]", r"\[drive\] K describes 2 joints, but the robot has 4"),
+        ("K = [[1, 0], [0, 1, 2]]", r"\[drive\] K must be a square matrix"),
+        ("ratio = [1, 2, 3]", r"\[drive\] ratio describes 3 joints, but the robot has 4"),
+        ("ratio = [1, 0, 3, 4]", r"\[drive\] ratio holds a zero"),
+        ("ratoi = [1, 1, 1, 1]", r"'ratoi'; did you mean 'ratio'"),
+    ],
+)
+def test_unusable_transmission(fit, arm, tmp_path, drive, message):
+    path = tmp_path / "drive.toml"
+    path.write_text(f"[drive]\n{drive}\n")
+    refused(fit(arm.train, "--drive", path), USAGE, message)
+
+
+# --- names ---------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (("--effects", "viscuos"), r"unknown effect 'viscuos'; did you mean 'viscous'"),
+        (("--method", "wlss"), r"unknown method 'wlss'; did you mean 'wls'"),
+        (("--cutoff", "-3"), r"cutoff_hz must be a positive number"),
+        (("--cutoff", "1000"), r"cutoff_hz = 1000 must be below half the sample rate \(100 Hz\)"),
+        (("--drive", "nowhere.toml"), r"drive file nowhere\.toml: no such file"),
+        (("--robot", "ur5"), r"a robot by name and a URDF are both given"),
+        (("--wrong",), r"unrecognized arguments: --wrong"),
+    ],
+)
+def test_wrong_flags(fit, arm, flags, message):
+    refused(fit(arm.train, *flags), USAGE, message)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), r"COMMAND"),
+        (("fti",), r"invalid choice: 'fti'"),
+        (("fit",), r"no study file and no robot given"),
+        (("fit", "none.toml"), r"study none\.toml: no such file"),
+        (("fit", "--robot", "puma560"), r"no log to fit is given"),
+        (("base", "--robot", "pumaa"), r"unknown robot 'pumaa'; did you mean 'puma560'"),
+        (("validate", "--fit", "none.json", "--log", "a.csv"), r"none\.json: no such file"),
+        (("judge",), r"give either a saved fit"),
+        (("judge", "--robot", "puma560", "--table", "9"), r"unknown published table of puma560 '9'"),
+        (("export", "none.json", "out.urdf"), r"none\.json: no such file"),
+    ],
+)
+def test_wrong_usage(ident, arguments, message):
+    refused(ident(*arguments), USAGE, message)
+
+
+# --- URDF ----------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<robot name='x'><link name='a'>", r"robot\.urdf: does not parse: .*line 1"),
+        ("hello", r"robot\.urdf: does not parse"),
+        ("<html/>", r"root element is <html>, not <robot>"),
+        (
+            "<robot name='x'><link name='a'/><joint name='j' type='revolute'><parent link='a'/><child link='b'/></joint></robot>",
+            r"joint 'j': its child link 'b' is not declared",
+        ),
+    ],
+)
+def test_urdf_that_does_not_parse(ident, arm, tmp_path, text, message):
+    (tmp_path / "robot.urdf").write_text(text)
+    refused(ident("fit", "--urdf", tmp_path / "robot.urdf", "--log", arm.train), USAGE, message)
+
+
+def test_urdf_that_is_not_there(ident, arm):
+    refused(ident("fit", "--urdf", "nowhere.urdf", "--log", arm.train), USAGE, r"URDF nowhere\.urdf: no such file")
+
+
+def test_urdf_without_inertials_is_fine_for_fitting_and_said(ident, arm, tmp_path):
+    path = tmp_path / "bare.urdf"
+    path.write_text(re.sub(r"<inertial>.*?</inertial>", "", ARM, flags=re.DOTALL))
+    bare, whole = (ident("fit", "--urdf", urdf, "--log", arm.train, *FRICTION, "--json", "--quiet") for urdf in (path, arm.urdf))
+    assert bare.code == 0
+    assert re.search(r"no <inertial> .*fine for fitting", bare.err)
+    assert [p["value"] for p in bare.json["parameters"]] == pytest.approx([p["value"] for p in whole.json["parameters"]], rel=1e-9)
+    refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"no inertials to simulate with")
+
+
+# --- output --------------------------------------------------------------------------------------------------------------------
+
+
+def test_output_folder_that_exists(fit, arm, tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "fit.json").write_text("mine")
+    refused(fit(arm.train, "--out", folder), USAGE, r"--out .*out exists and is not empty; nothing was written", r"--force")
+    assert (folder / "fit.json").read_text() == "mine"
+    assert [p.name for p in folder.iterdir()] == ["fit.json"]
+    ran = fit(arm.train, "--out", folder, "--force")
+    assert ran.code == 0
+    assert (folder / "fit.json").read_text().startswith("{")
+
+
+def test_output_folder_that_is_a_file(fit, arm, tmp_path):
+    (tmp_path / "out").write_text("x")
+    refused(fit(arm.train, "--out", tmp_path / "out"), USAGE, r"out is a file; give a folder")
+
+
+def test_failed_fit_leaves_no_half_written_files(fit, tmp_path):
+    folder = tmp_path / "out"
+    assert fit(tmp_path / "none.csv", "--out", folder).code == DATA
+    assert not folder.exists() or not any(Path(folder).iterdir())
