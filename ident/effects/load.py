@@ -134,20 +134,24 @@ class ExternalForce(_Carried):
         )
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
+        bodies = self.bodies(robot)
+        forces = [(body, unit) for body in bodies for unit in np.eye(3)]
+        return np.stack([self._holding(motion, robot, body, force) for body, force in forces], axis=2)
+
+    def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
+        forces = zip(self.bodies(robot), np.reshape(values, (-1, 3)), strict=True)
+        return np.sum([self._holding(motion, robot, body, force) for body, force in forces], axis=0)
+
+    def _holding(self, motion: Motion, robot: Robot, body: int, force: Array) -> Array:
+        """Torque (N, n) on the effect's side that holds against a force (3,): a unit mass at the point, in a field of that strength."""
         from ..regressor.rigid import inverse_dynamics
 
         still = np.zeros_like(motion.joint.q)
-        at_rest = replace(motion.joint, dq=still, ddq=still)
-        position, *rates = _tree_motion(replace(motion, joint=at_rest), robot)
-        out = np.empty((len(motion), robot.n, 3 * len(self.at(robot))))
-        for i, body in enumerate(self.bodies(robot)):
-            # A unit mass at the point, in a field along one axis: holding it takes −Jᵀ of that unit force.
-            mass = np.zeros(10 * robot.tree.nb)
-            mass[10 * body : 10 * body + 4] = (1.0, *self.point)
-            for axis, field in enumerate(np.eye(3)):
-                tau = inverse_dynamics(replace(robot.tree, gravity=field), mass, position, *rates) @ robot.loop.W
-                out[:, :, 3 * i + axis] = robot.transmission.torque(tau, Side.JOINT, self.side)
-        return out
+        mass = np.zeros(10 * robot.tree.nb)
+        mass[10 * body : 10 * body + 4] = (1.0, *self.point)
+        state = _tree_motion(replace(motion, joint=replace(motion.joint, dq=still, ddq=still)), robot)
+        tau = inverse_dynamics(replace(robot.tree, gravity=force), mass, *state) @ robot.loop.W
+        return robot.transmission.torque(tau, Side.JOINT, self.side)
 
 
 def _tree_motion(motion: Motion, robot: Robot) -> tuple[Any, Any, Any]:

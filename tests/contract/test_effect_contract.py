@@ -351,3 +351,15 @@ def test_a_finding_of_nothing_changes_nothing_when_applied(name: str, robot_name
             np.testing.assert_allclose(applied.true_torque(tau, motion.t, robot.transmission), tau, rtol=1e-9, atol=1e-12)
     else:
         assert applied is None
+
+
+@EVERYWHERE
+@EVERY
+def test_placements_together_are_the_effect(name: str, robot_name: str) -> None:
+    robot, _ = case(robot_name)
+    places = list(TYPES[name].placements(robot, label="z"))
+    assert all(place.label == "z" for place in places)
+    found = [p.name for place in places for p in place.parameters(robot)]
+    assert sorted(found) == sorted(p.name for p in make_effect(name, label="z").parameters(robot))
+    if not TYPES[name].per_joint:
+        assert len(places) == 1
