@@ -23,7 +23,7 @@ setup(
         Extension(
             "ident._native._kernel",
             sources=[f"{FOLDER}/{name}.cpp" for name in ("module", "baseline", "avx2", "avx512")],
-            depends=[f"{FOLDER}/{name}.h" for name in ("tree", "lanes", "dynamics", "rows", "kernel")],
+            depends=[f"{FOLDER}/{name}.h" for name in ("tree", "lanes", "dynamics", "rows", "information", "kernel")],
             language="c++",
             extra_compile_args=compile_args,
             extra_link_args=link_args,

@@ -1,4 +1,4 @@
-// The functions of one instruction set: loops over samples around dynamics.h and rows.h. The including file defines LANES and
+// The functions of one instruction set: loops over samples around dynamics.h, rows.h and information.h. The including file defines LANES and
 // INSTRUCTIONS (the name of its namespace), and sets the compiler's target.
 
 namespace ident {
@@ -42,38 +42,6 @@ template <class V> struct Scratch {
             for (int j = 0; j < t.nv; ++j) ddq[j] = gather<V>(x.ddq, s, t.nv, j, count);
     }
 };
-
-// Groups of samples in a tile: the widest row takes at most 384 KB, which a second-level cache of 512 KB holds.
-static int tile_groups(const Plan& plan) {
-    const int groups = 49152 / LANES / (plan.widest > 0 ? plan.widest : 1);
-    const int most = 256 / LANES, least = 32 / LANES;
-    return groups > most ? most : groups < least ? least : groups;
-}
-
-// Columns start on an odd number of registers, so that they do not all fall into the same sets of the cache.
-static int tile_stride(const Plan& plan) { return tile_groups(plan) | 1; }
-
-static size_t tile_size(const Plan& plan, int r) { return (size_t)plan.row[r].padded * tile_stride(plan); }
-
-// Rows from `from` on whose tiles fit the cache together; they are filled together, so that the motion is computed once for them.
-static int batch_end(const Plan& plan, int from) {
-    size_t used = tile_size(plan, from);
-    int r = from + 1;
-    while (r < plan.rows && (used += tile_size(plan, r)) <= (size_t)98304 / LANES) ++r;
-    return r;
-}
-
-static size_t workspace(const Tree& t, const Plan* plan) {
-    size_t numbers = t.nq + 6 * (size_t)t.nv + 2 * (size_t)t.nv * t.nv;
-    numbers += t.nb * (sizeof(Link<Lanes>) / sizeof(Lanes) + 12 + PARAMETERS);
-    size_t largest = 0;
-    for (int r = 0; plan && r < plan->rows;) {
-        size_t tiles = 0;
-        for (const int end = batch_end(*plan, r); r < end; ++r) tiles += tile_size(*plan, r);
-        largest = tiles > largest ? tiles : largest;
-    }
-    return (numbers + largest) * sizeof(Lanes) + 192;
-}
 
 template <class V> struct Regressor {
     static int run(const Tree& t, const Plan* plan, const Arrays& x, int64_t s, Scratch<V>& m) {
@@ -148,98 +116,7 @@ static int64_t by_groups(const Tree& t, const Plan* plan, const Arrays& x, int64
     return -1;
 }
 
-// Weights of a group of samples in one row; zero where the row is not used, and beyond the last sample.
-static inline Lanes row_weight(const Plan& plan, const Arrays& x, int64_t s, int count, int r) {
-    Lanes weight = Lanes() + 1.0;
-    if (count == LANES && !x.valid && !x.weight) return weight;
-    for (int i = 0; i < LANES; ++i) {
-        const int64_t at = (s + i) * plan.rows + r;
-        weight[i] = i < count && (!x.valid || x.valid[at]) ? (x.weight ? x.weight[at] : 1.0) : 0.0;
-    }
-    return weight;
-}
-
-// Torque and extra columns of a row. What is not used may hold anything, NaN too: it becomes zero.
-static inline void fill_rest(const Plan& plan, const Row& row, const Arrays& x, int64_t s, int count, int r, Lanes weight, Lanes* tile, int stride) {
-    const auto used = weight != 0.0;
-    const Lanes zero = {};
-    const Lanes torque = gather<Lanes>(x.tau, s, plan.rows, r, count) * weight;
-    tile[(row.width - 1) * stride] = used ? torque : zero;
-    for (int e = 0; e < row.extras; ++e) {
-        const Extra& extra = row.extra[e];
-        const Lanes value = plan.dense ? gather<Lanes>(x.extra, s, plan.rows * plan.extras, r * plan.extras + extra.index, count)
-                                       : gather<Lanes>(x.extra, s, plan.extras, extra.index, count) * extra.factor;
-        const Lanes weighted = value * weight;
-        tile[extra.column * stride] = used ? weighted : zero;
-    }
-}
-
-// The next samples of a call's arrays, all finite? They also come into the cache in one go. (Torques are only looked at where used.)
-static bool samples_finite(const Tree& t, const Plan& plan, const Arrays& x, int64_t s, int64_t count) {
-    const int64_t beside = plan.extras * (plan.dense ? plan.rows : 1);
-    return all_finite(x.q + s * t.nq, count * t.nq) & all_finite(x.dq + s * t.nv, count * t.nv) & all_finite(x.ddq + s * t.nv, count * t.nv) &
-           (beside == 0 || all_finite(x.extra + s * beside, count * beside));
-}
-
-// Stops with NaN in the first factor where a sample is not finite.
-static void information(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory, double* const* factors) {
-    Scratch<Lanes> m(t, memory);
-    const int groups = tile_groups(plan), stride = tile_stride(plan);
-    for (int64_t first = lo; first < hi; first += (int64_t)groups * LANES) {
-        const int64_t rest = (hi - first + LANES - 1) / LANES;
-        const int used = rest < groups ? (int)rest : groups;
-        const int64_t last = first + (int64_t)used * LANES;
-        if (!samples_finite(t, plan, x, first, (last < hi ? last : hi) - first)) {
-            factors[0][0] = NAN;
-            return;
-        }
-        for (int from = 0, end; from < plan.rows; from = end) {
-            end = batch_end(plan, from);
-            for (int g = 0; g < used; ++g) {
-                const int64_t s = first + (int64_t)g * LANES;
-                const int count = hi - s < LANES ? (int)(hi - s) : LANES;
-                m.load(t, x, s, count);
-                pose(t, m.q, m.links);
-                motion(t, m.dq, m.ddq, m.links);
-                Lanes* tile = m.tile + g;
-                for (int r = from; r < end; ++r) {
-                    const Row& row = plan.row[r];
-                    const Lanes weight = row_weight(plan, x, s, count, r);
-                    fill(t, row, m.links, weight, m.twists, tile, stride);
-                    fill_rest(plan, row, x, s, count, r, weight, tile, stride);
-                    for (int64_t c = row.width; c < row.padded; ++c) tile[c * stride] = Lanes();
-                    tile += tile_size(plan, r);
-                }
-            }
-            Lanes* tile = m.tile;
-            for (int r = from; r < end; ++r) {
-                (plan.gram ? add_gram : add_triangle)(tile, stride, used, (int)plan.row[r].width, (int)plan.row[r].padded, factors[r]);
-                tile += tile_size(plan, r);
-            }
-        }
-    }
-}
-
-// Add the factors of other samples to `into`: the rows of a triangle are samples like any others.
-static void merge(const Plan& plan, char* memory, double* const* into, const double* const* from) {
-    Lanes* tile = (Lanes*)aligned(memory);
-    const int groups = tile_groups(plan), stride = tile_stride(plan);
-    for (int r = 0; r < plan.rows; ++r) {
-        const int n = (int)plan.row[r].padded;
-        if (plan.gram) {
-            for (int e = 0; e < n * n; ++e) into[r][e] += from[r][e];
-            continue;
-        }
-        for (int first = 0; first < n; first += groups * LANES) {
-            const int count = n - first < groups * LANES ? n - first : groups * LANES;
-            const int used = (count + LANES - 1) / LANES;
-            for (int c = 0; c < n; ++c)
-                for (int i = 0; i < used * LANES; ++i)
-                    tile[c * stride + i / LANES][i % LANES] = i < count && first + i <= c ? from[r][(first + i) * n + c] : 0.0;
-            add_triangle(tile, stride, used, n, n, into[r]);
-        }
-    }
-}
+#include "information.h"
 }  // namespace INSTRUCTIONS
 
 #define TABLE_NAME(name) kernel_##name

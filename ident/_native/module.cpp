@@ -50,7 +50,7 @@ struct Buffer {
             throw Refused(std::string(what) + ": not a contiguous array");
         }
         held = true;
-        if (view.len != bytes) throw Refused(std::string(what) + ": expected " + std::to_string(bytes) + " bytes, given " + std::to_string(view.len));
+        if (bytes >= 0 && view.len != bytes) throw Refused(std::string(what) + ": expected " + std::to_string(bytes) + " bytes, given " + std::to_string(view.len));
         return view.buf;
     }
     double* doubles(PyObject* object, int64_t count, int flags, const char* what) {
@@ -106,11 +106,10 @@ struct Memory {
     }
 };
 
-// work(thread, lo, hi, memory) over `count` samples cut evenly, the same way for the same number of threads. The GIL is released
+// work(thread, lo, hi, memory) over `count` samples cut evenly into multiples of `block` (fewer are not worth a thread), the same way for the same number of threads. The GIL is released
 // unless there is next to nothing to do.
-template <class Work> void over_samples(int64_t count, int64_t threads, size_t memory, Work work) {
+template <class Work> void over_samples(int64_t count, int64_t threads, size_t memory, Work work, int64_t block = 2048) {
     static thread_local Memory own;
-    const int64_t block = 2048;   // fewer samples are not worth a thread
     const int64_t blocks = (count + block - 1) / block;
     if (threads > blocks) threads = blocks;
     if (threads <= 1) {
@@ -148,7 +147,7 @@ PyObject* make_tree(PyObject* const* a) {
     Buffer records, gravity;
     const int64_t nv = integer(a[1]), nq = integer(a[2]);
     const int64_t nb = nv == nq ? nv : nv - 5;
-    require(nb > 0, "tree: no body");
+    require(nb >= 0, "tree: fewer than no bodies");
     const Body* body = (const Body*)records.take(a[0], nb * (int64_t)sizeof(Body), 0, "bodies");
     tree->kept.assign(body, body + nb);
     tree->nb = (int)nb, tree->nv = (int)nv, tree->nq = (int)nq, tree->bodies = tree->kept.data();
@@ -183,7 +182,7 @@ PyObject* make_plan(PyObject* const* a) {
     plan->extras_kept.assign(extra, extra + total_extras);
     plan->extras = (int)integer(a[5]);
     plan->dense = integer(a[6]) != 0;
-    plan->rows = (int)count, plan->widest = (int)widest, plan->gram = false, plan->bodies = tree->nb;
+    plan->rows = (int)count, plan->widest = (int)widest, plan->gram = false, plan->taps = nullptr, plan->bodies = tree->nb;
     step = plan->steps_kept.data(), extra = plan->extras_kept.data();
     for (int64_t r = 0; r < count; ++r, row += 4) {
         plan->rows_kept.push_back({row[0], row[1], row[2], row[3], step, extra});
@@ -232,26 +231,32 @@ PyObject* compute(PyObject* const* a) {
     return PyLong_FromLong(-1);
 }
 
-// information(tree, plan, gram, n, threads, q, dq, ddq, tau, valid or None, weight or None, extra or None, out): `out` holds the
-// factors of all rows one after the other, each padded x padded, and is added to.
+// information(tree, plan, gram, n, threads, taps or None, factor, q, dq, ddq, tau, valid or None, weight or None, extra or None, out):
+// n samples, whose rows number n, or with taps as many as have full support. `out` holds the factors of all rows one after the other,
+// each padded x padded, and is added to.
 PyObject* information(PyObject* const* a) {
     const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
     const OwnedPlan& owned = *unwrap<OwnedPlan>(a[1], "plan");
     Plan plan = owned;
+    const int64_t n = integer(a[3]), threads = integer(a[4]), factor = integer(a[6]);
+    Buffer taps, q, dq, ddq, tau, valid, weight, extra, out;
     plan.gram = integer(a[2]) != 0;
-    const int64_t n = integer(a[3]), all = n * plan.rows;
-    require(owned.bodies == t.nb, "plan: of another tree");
-    Buffer q, dq, ddq, tau, valid, weight, extra, out;
+    plan.taps = (const double*)taps.take(a[5], -1, 0, "taps");
+    const int64_t tap_count = plan.taps ? taps.view.len / 8 : 0;
+    require(owned.bodies == t.nb && n >= 0, "plan: of another tree");
+    require(factor >= 1 && factor < 1000000 && tap_count < 10000000 && (plan.taps != nullptr) == (tap_count > 0), "taps: out of range");
+    plan.tap_count = (int)tap_count, plan.factor = (int)factor;
+    const int64_t count = !plan.taps ? n : n < tap_count ? 0 : (n - tap_count) / factor + 1;
     Arrays x{};
-    x.q = q.numbers(a[5], n * t.nq, "q"), x.dq = dq.numbers(a[6], n * t.nv, "dq"), x.ddq = ddq.numbers(a[7], n * t.nv, "ddq");
-    x.tau = tau.numbers(a[8], all, "tau"), x.valid = (const uint8_t*)valid.take(a[9], all, 0, "valid");
-    x.weight = weight.numbers(a[10], all, "weight"), x.extra = extra.numbers(a[11], plan.extras * (plan.dense ? all : n), "extra");
+    x.q = q.numbers(a[7], n * t.nq, "q"), x.dq = dq.numbers(a[8], n * t.nv, "dq"), x.ddq = ddq.numbers(a[9], n * t.nv, "ddq");
+    x.tau = tau.numbers(a[10], count * plan.rows, "tau"), x.valid = (const uint8_t*)valid.take(a[11], count * plan.rows, 0, "valid");
+    x.weight = weight.numbers(a[12], count * plan.rows, "weight");
+    x.extra = extra.numbers(a[13], n * plan.extras * (plan.dense ? plan.rows : 1), "extra");
     int64_t size = 0;
     for (int r = 0; r < plan.rows; ++r) size += plan.row[r].padded * plan.row[r].padded;
-    double* into = out.room(a[12], size, "out");
+    double* into = out.room(a[14], size, "out");
     require(x.q && x.dq && x.ddq && x.tau && into && (x.extra || !plan.extras), "information: an array is missing");
 
-    const int64_t threads = integer(a[4]);
     const size_t memory = active->workspace(t, &plan);
     std::vector<std::vector<double>> others;   // factors of the threads but the first
     for (int64_t i = 1; i < threads; ++i) others.emplace_back((size_t)size, 0.0);
@@ -263,9 +268,8 @@ PyObject* information(PyObject* const* a) {
     };
     std::vector<std::vector<double*>> places;
     for (int64_t i = 0; i < threads || i == 0; ++i) places.push_back(factors((int)i));
-    over_samples(n, threads, memory, [&](int i, int64_t lo, int64_t hi, char* at) {
-        active->information(t, plan, x, lo, hi, at, places[(size_t)i].data());
-    });
+    const auto work = [&](int i, int64_t lo, int64_t hi, char* at) { active->information(t, plan, x, lo, hi, at, places[(size_t)i].data()); };
+    over_samples(count, threads, memory, work, factor > 8 ? 256 : 2048);
     std::unique_ptr<char[]> scratch(new char[memory]);
     for (size_t i = 1; i < places.size(); ++i) active->merge(plan, scratch.get(), places[0].data(), places[i].data());
     Py_RETURN_NONE;
@@ -300,7 +304,7 @@ template <PyObject* (*function)(PyObject* const*), int count> PyObject* call(PyO
 }
 
 #define METHOD(name, count) {#name, (PyCFunction)(void (*)())call<name, count>, METH_FASTCALL, nullptr}
-PyMethodDef methods[] = {METHOD(make_tree, 4),    METHOD(make_plan, 7),        METHOD(compute, 13), METHOD(information, 13),
+PyMethodDef methods[] = {METHOD(make_tree, 4),    METHOD(make_plan, 7),        METHOD(compute, 13), METHOD(information, 15),
                          METHOD(instruction_sets, 0), METHOD(use, 1), {nullptr, nullptr, 0, nullptr}};
 PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", "Compiled rigid-body kernels.", -1, methods, nullptr, nullptr, nullptr, nullptr};
 

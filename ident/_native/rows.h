@@ -71,13 +71,13 @@ template <class V> static inline void fill(const Tree& t, const Row& row, const 
 }
 
 // Products of R columns with C columns of a tile, kept in registers; `use` takes their sums over all samples.
-template <int R, int C, bool triangular = false, class Use> static inline void products(const Lanes* a, const Lanes* b, int stride, int used, Use use) {
+template <int R, int C, bool triangular = false, class Use> static inline void products(const Lanes* a, int a_stride, const Lanes* b, int b_stride, int used, Use use) {
     constexpr int N = (R * C + LANES - 1) / LANES * LANES;   // lane_sums takes LANES at a time
     Lanes sum[N];
     for (int i = 0; i < N; ++i) sum[i] = Lanes();
     for (int g = 0; g < used; ++g)
         for (int i = 0; i < R; ++i)
-            for (int j = triangular ? i : 0; j < C; ++j) sum[C * i + j] += a[i * stride + g] * b[j * stride + g];
+            for (int j = triangular ? i : 0; j < C; ++j) sum[C * i + j] += a[i * a_stride + g] * b[j * b_stride + g];
     double total[N];
     for (int i = 0; i < N; i += LANES) lane_sums(sum + i, total + i);
     use(total);
@@ -103,8 +103,8 @@ template <int R> struct GramBlocks {
             for (int i = 0; i < R; ++i)
                 for (int j = 0; j < C; ++j) G[(row + i) * padded + c + j] += total[C * i + j];
         };
-        if (c == row) products<R, C, true>(tile + row * stride, tile + c * stride, stride, used, add);
-        else products<R, C>(tile + row * stride, tile + c * stride, stride, used, add);
+        if (c == row) products<R, C, true>(tile + row * stride, stride, tile + c * stride, stride, used, add);
+        else products<R, C>(tile + row * stride, stride, tile + c * stride, stride, used, add);
     }
 };
 
@@ -129,7 +129,7 @@ struct Trailing {
     template <int C> void run(int c) {
         Lanes* a = tile + c * stride;
         double z[PANEL][C];
-        products<PANEL, C>(panel, a, stride, used, [&](double* w) {
+        products<PANEL, C>(panel, stride, a, stride, used, [&](double* w) {
             for (int i = 0; i < PANEL; ++i)
                 for (int j = 0; j < C; ++j) w[C * i + j] += R[i * padded + c + j];
             for (int i = 0; i < PANEL; ++i)   // z = T' w
@@ -158,7 +158,7 @@ static void add_triangle(Lanes* tile, int stride, int used, int width, int padde
             Lanes* x = panel + j * stride;
             double* Rj = R + (first + j) * padded + first;
             double dot[PANEL];
-            products<1, PANEL>(x, panel, stride, used, [&](const double* total) { memcpy(dot, total, sizeof dot); });
+            products<1, PANEL>(x, stride, panel, stride, used, [&](const double* total) { memcpy(dot, total, sizeof dot); });
             if (!(dot[j] > 0.0)) continue;   // nothing to annihilate: tau = 0, and the column is zero
             any = true;
             const double norm = std::sqrt(Rj[j] * Rj[j] + dot[j]);

@@ -64,6 +64,8 @@ struct Plan {
     int rows, widest, extras;   // widest: greatest padded width; extras: columns of `extra`
     bool dense;                 // extra is (N, rows, extras), not (N, extras)
     bool gram;
+    const double* taps;         // of the filter of the rows, or null
+    int tap_count, factor;      // factor: samples a row
     Row* row;
 };
 

@@ -267,6 +267,8 @@ def information(
     weight: Array | None,
     gram: bool,
     threads: int | None = None,
+    taps: Array | None = None,
+    factor: int = 1,
 ) -> Array:
     """Triangular factors or Gram matrices (R, k+1, k+1) of [columns torque], one per row; see `rigid.information`.
 
@@ -281,12 +283,12 @@ def information(
     flat = np.zeros(sum(p * p for p in plan.padded))
     beside = extra if extra.shape[-1] else None
     count = thread_count(threads)
-    _kernel.information(own.handle, plan.handle, int(gram), len(q), count, q, dq, ddq, tau, valid, weight, beside, flat)
+    _kernel.information(own.handle, plan.handle, int(gram), len(q), count, taps, factor, q, dq, ddq, tau, valid, weight, beside, flat)
     out = np.zeros((len(rows), len(columns) + 1, len(columns) + 1))
     start = 0
     for r, (live, padded) in enumerate(zip(plan.live, plan.padded, strict=True)):
-        factor = np.triu(flat[start : start + padded * padded].reshape(padded, padded)[: len(live), : len(live)])
-        out[r][np.ix_(live, live)] = factor + np.triu(factor, 1).T if gram else factor
+        found = np.triu(flat[start : start + padded * padded].reshape(padded, padded)[: len(live), : len(live)])
+        out[r][np.ix_(live, live)] = found + np.triu(found, 1).T if gram else found
         start += padded * padded
     return out
 

@@ -290,25 +290,33 @@ def information(
     weight: Array | None,
     gram: bool,
     threads: int | None = None,
+    taps: Array | None = None,
+    factor: int = 1,
 ) -> Array:
     """Triangular factors or Gram matrices (R, k+1, k+1) of [columns torque], one per row; see `rigid.information`.
 
     Holds NaN where an array is not finite."""
     out = np.zeros((len(rows), len(columns) + 1, len(columns) + 1))
-    if not all(np.isfinite(array).all() for array in (q, dq, ddq, extra)):
+    if not all(np.isfinite(array).all() for array in ((q, dq, ddq) if extra.ndim == 3 else (q, dq, ddq, extra))):
         out[:1, 0, 0] = np.nan
         return out
-    step = max(64, min(CHUNK, 2_000_000 // (tree.nv * 10 * tree.nb)))
-    for start in range(0, len(q), step):
-        part = slice(start, min(start + step, len(q)))
-        rigid = np.einsum("rv,nvc->nrc", rows, regressor(tree, q[part], dq[part], ddq[part]), optimize=True)
-        beside = extra[part] if extra.ndim == 3 else extra[part, None, :] * pattern
-        block = np.concatenate([np.concatenate([rigid, beside], axis=2)[:, :, columns], tau[part, :, None]], axis=2)
-        factor = np.ones(tau[part].shape) if weight is None else weight[part]
-        used = factor != 0.0 if valid is None else valid[part] & (factor != 0.0)
-        block = np.where(used[:, :, None], block * factor[:, :, None], 0.0)
+    shape = np.ones(1) if taps is None else taps
+    step = max(64, min(CHUNK, 2_000_000 // max(1, tree.nv * 10 * tree.nb)), len(shape))
+    for start in range(0, len(tau), max(1, step // factor)):
+        part = slice(start, min(start + max(1, step // factor), len(tau)))
+        support = slice(start * factor, (part.stop - 1) * factor + len(shape))
+        rigid = np.einsum("rv,nvc->nrc", rows, regressor(tree, q[support], dq[support], ddq[support]), optimize=True)
+        beside = extra[support] if extra.ndim == 3 else extra[support, None, :] * pattern
+        chosen = np.concatenate([rigid, beside], axis=2)[:, :, columns]
+        last = (part.stop - start - 1) * factor + 1
+        filtered = chosen if taps is None else sum(tap * chosen[i : i + last : factor] for i, tap in enumerate(shape))
+        block = np.concatenate([filtered, tau[part, :, None]], axis=2)
+        size = np.ones(tau[part].shape) if weight is None else weight[part]
+        used = size != 0.0 if valid is None else valid[part] & (size != 0.0)
+        block = np.where(used[:, :, None], block * size[:, :, None], 0.0)
         for r in range(len(rows)):
-            out[r] = out[r] + block[:, r].T @ block[:, r] if gram else _triangle(np.concatenate([out[r], block[:, r]]))
+            with np.errstate(over="ignore", invalid="ignore"):  # the caller sees infinity in the result
+                out[r] = out[r] + block[:, r].T @ block[:, r] if gram else _triangle(np.concatenate([out[r], block[:, r]]))
     return out
 
 

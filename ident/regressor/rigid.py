@@ -98,6 +98,8 @@ def information(
     pattern: Any = None,
     valid: Any = None,
     weight: Any = None,
+    taps: Any = None,
+    factor: int = 1,
     form: Literal["triangle", "gram"] = "triangle",
     threads: int | None = None,
 ) -> tuple[Array, Array]:
@@ -108,16 +110,26 @@ def information(
     (error as of the data, condition not squared); with form="gram" that sum itself (about half the time; scale the columns
     before solving). The regressor of all samples is never in memory.
 
-    `tau` (N, R). `rows` (R, nv): row map, such as K' or W'; None: the joints. `columns` (k,): distinct columns chosen of the
+    `taps` (T,): rows are filtered and decimated along time before anything else, on the spot: row m is the sum of taps[i] times
+    the columns of sample m factor + i, for the M = (N - T) // factor + 1 rows with full support; without taps M = N.
+
+    `tau` (M, R). `rows` (R, nv): row map, such as K' or W'; None: the joints. `columns` (k,): distinct columns chosen of the
     10 nb rigid and the e extra ones, such as a base; None: all. `extra`: (N, R, e), or (N, e) with `pattern` (R, e) such that column
-    e of row r is extra[:, e] * pattern[r, e]. `valid` (N, R) bool: what is False is left out, and its torque may be NaN.
-    `weight` (N, R): factor on each row (square root of the weight). Raises DataError for input that is not finite."""
+    e of row r is extra[:, e] * pattern[r, e]. `valid` (M, R) bool: what is False is left out, and its torque (and, without taps, its
+    extra columns given as (N, R, e)) may be NaN. `weight` (M, R): factor on each row (square root of the weight).
+    Raises DataError for input that is not finite."""
     q, dq, ddq = _states(tree, q, finite=False, dq=dq, ddq=ddq)
     n, rigid = len(q), 10 * tree.nb
     rows = np.eye(tree.nv) if rows is None else _finite("rows", rows)
     if rows.ndim != 2 or not len(rows) or rows.shape[1] != tree.nv:
         raise ConfigurationError(f"rows: expected shape (R, {tree.nv}), rows by velocities, but it is {rows.shape}.")
-    shape = (n, len(rows))
+    taps = None if taps is None else _finite("taps", taps)
+    if int(factor) != factor or factor < 1 or (taps is None and factor != 1):
+        raise ConfigurationError(f"factor={factor}: must be a whole number of samples a row, 1 without taps.")
+    if taps is not None and (taps.ndim != 1 or not len(taps)):
+        raise ConfigurationError(f"taps: expected shape (T,), T at least 1, but it is {taps.shape}.")
+    count = n if taps is None else max(0, (n - len(taps)) // int(factor) + 1)
+    shape = (count, len(rows))
     if valid is not None:
         valid = np.ascontiguousarray(valid)
         if valid.shape != shape or valid.dtype != bool:
@@ -127,7 +139,7 @@ def information(
     for name, array in (("tau", tau), ("weight", weight)):
         if array is not None and array.shape != shape:
             raise ConfigurationError(f"{name}: expected shape {shape}, samples by rows, but it is {array.shape}.")
-    extra, pattern = _extra(extra, pattern, shape)
+    extra, pattern = _extra(extra, pattern, (n, len(rows)))
     total = rigid + pattern.shape[1]
     columns = np.arange(total) if columns is None else np.ascontiguousarray(columns, dtype=np.int64)
     if columns.ndim != 1 or (len(columns) and (columns.min() < 0 or columns.max() >= total)):
@@ -136,16 +148,14 @@ def information(
         raise ConfigurationError("columns: a column is chosen twice.")
     if form not in ("triangle", "gram"):
         raise ConfigurationError(f"form={form!r}: must be 'triangle' or 'gram'.")
-    counts = np.full(len(rows), n) if valid is None else valid.sum(axis=0)
-    factors = kernel().information(tree, q, dq, ddq, tau, rows, columns, extra, pattern, valid, weight, form == "gram", threads)
+    counts = np.full(len(rows), count) if valid is None else valid.sum(axis=0)
+    gram, step = form == "gram", int(factor)
+    factors = kernel().information(tree, q, dq, ddq, tau, rows, columns, extra, pattern, valid, weight, gram, threads, taps, step)
     if not np.isfinite(factors.sum()):  # the kernel looks at every number on its way; who is to blame is only asked now
-        for name, array in (
-            ("q", q),
-            ("dq", dq),
-            ("ddq", ddq),
-            ("extra", extra),
-            ("tau", tau if valid is None else np.where(valid, tau, 0.0)),
-        ):
+        used = np.ones(shape, bool) if valid is None else valid
+        if extra.ndim == 3 and taps is None:
+            extra = np.where(used[:, :, None], extra, 0.0)
+        for name, array in (("q", q), ("dq", dq), ("ddq", ddq), ("extra", extra), ("tau", np.where(used, tau, 0.0))):
             _finite(name, array)
         raise DataError("the sum of squares over the samples overflows: some value is beyond 1e150. Check the units of the log.")
     return factors, counts

@@ -1,0 +1,224 @@
+// Information of many samples: rows of the regression equation go tile by tile into triangles or Gram matrices. Rows may first be
+// filtered along time and decimated, all columns alike: row m is the sum of taps[i] times the columns of sample m factor + i.
+// Eight such rows at a time are a product of a constant banded matrix, the taps shifted by `factor` from row to row, with the columns.
+
+struct Tiles {
+    int groups, stride;                   // of the tile of rows, in registers; columns start on an odd number of them, so that they
+                                          // do not all fall into the same sets of the cache
+    int under = 0, units = 0, fresh = 0;  // groups under the taps of eight rows; units of eight rows a round; groups a round goes on
+    int inputs = 0, input_stride = 0;     // groups of samples that a round needs
+
+    explicit Tiles(const Plan& plan) {
+        // The widest row's tile takes at most 384 KB, which a second-level cache of 512 KB holds; a multiple of eight rows.
+        const int fitting = 49152 / (plan.widest > 0 ? plan.widest : 1) / 8 * 8;
+        groups = (fitting > 256 ? 256 : fitting < 32 ? 32 : fitting) / LANES;
+        stride = groups | 1;
+        if (!plan.taps) return;
+        under = (7 * plan.factor + plan.tap_count + LANES - 1) / LANES;
+        units = plan.factor >= 16 ? 1 : 16 / plan.factor;
+        fresh = units * 8 * plan.factor / LANES;
+        inputs = (units - 1) * 8 * plan.factor / LANES + under;
+        input_stride = inputs | 1;
+    }
+    size_t rows_size(const Plan& plan, int r) const { return (size_t)plan.row[r].padded * stride; }
+    size_t input_size(const Plan& plan, int r) const { return (size_t)plan.row[r].padded * input_stride; }
+
+    // Rows from `from` on whose tiles fit the cache together: they are filled together, so that the motion is computed once for them.
+    int batch_end(const Plan& plan, int from, size_t* size = nullptr) const {
+        size_t used = 0;
+        int r = from;
+        for (; r < plan.rows; ++r) {
+            const size_t more = rows_size(plan, r) + input_size(plan, r);
+            if (r > from && used + more > (size_t)98304 / LANES) break;
+            used += more;
+        }
+        if (size) *size = used;
+        return r;
+    }
+};
+
+static size_t workspace(const Tree& t, const Plan* plan) {
+    size_t numbers = t.nq + 6 * (size_t)t.nv + 2 * (size_t)t.nv * t.nv;
+    numbers += t.nb * (sizeof(Link<Lanes>) / sizeof(Lanes) + 12 + PARAMETERS);
+    size_t largest = 0;
+    if (plan) {
+        const Tiles tiles(*plan);
+        for (int r = 0; r < plan->rows;) {
+            size_t size;
+            r = tiles.batch_end(*plan, r, &size);
+            largest = size > largest ? size : largest;
+        }
+        largest += 8 * (size_t)tiles.under;
+    }
+    return (numbers + largest) * sizeof(Lanes) + 192;
+}
+
+// Weights of a group of samples in one row; zero where the row is not used, and beyond the last sample.
+static inline Lanes row_weight(const Plan& plan, const Arrays& x, int64_t s, int count, int r) {
+    Lanes weight = Lanes() + 1.0;
+    if (count == LANES && !x.valid && !x.weight) return weight;
+    for (int i = 0; i < LANES; ++i) {
+        const int64_t at = (s + i) * plan.rows + r;
+        weight[i] = i < count && (!x.valid || x.valid[at]) ? (x.weight ? x.weight[at] : 1.0) : 0.0;
+    }
+    return weight;
+}
+
+// Torque, and nothing in the columns beyond. What is not used may hold anything, NaN too: it becomes zero.
+static inline void fill_torque(const Plan& plan, const Arrays& x, int64_t s, int count, int r, Lanes weight, Lanes* tile, int stride) {
+    const Lanes torque = gather<Lanes>(x.tau, s, plan.rows, r, count) * weight;
+    tile[(plan.row[r].width - 1) * stride] = weight != 0.0 ? torque : Lanes();
+    for (int64_t c = plan.row[r].width; c < plan.row[r].padded; ++c) tile[c * stride] = Lanes();
+}
+
+static inline void fill_extras(const Plan& plan, const Arrays& x, int64_t s, int count, int r, Lanes weight, Lanes* tile, int stride) {
+    for (int e = 0; e < plan.row[r].extras; ++e) {
+        const Extra& extra = plan.row[r].extra[e];
+        const Lanes value = plan.dense ? gather<Lanes>(x.extra, s, plan.rows * plan.extras, r * plan.extras + extra.index, count)
+                                       : gather<Lanes>(x.extra, s, plan.extras, extra.index, count) * extra.factor;
+        const Lanes weighted = value * weight;
+        tile[extra.column * stride] = weight != 0.0 ? weighted : Lanes();
+    }
+}
+
+static inline void move_bodies(const Tree& t, const Arrays& x, int64_t s, int count, Scratch<Lanes>& m) {
+    m.load(t, x, s, count);
+    pose(t, m.q, m.links);
+    motion(t, m.dq, m.ddq, m.links);
+}
+
+// Rows from ... end-1 of `count` samples from `first` on.
+static void fill_samples(const Tree& t, const Plan& plan, const Arrays& x, const Tiles& tiles, int from, int end, int64_t first, int count, Scratch<Lanes>& m) {
+    for (int g = 0; g * LANES < count; ++g) {
+        const int64_t s = first + (int64_t)g * LANES;
+        const int here = count - g * LANES < LANES ? count - g * LANES : LANES;
+        move_bodies(t, x, s, here, m);
+        Lanes* tile = m.tile + g;
+        for (int r = from; r < end; tile += tiles.rows_size(plan, r++)) {
+            const Lanes weight = row_weight(plan, x, s, here, r);
+            fill(t, plan.row[r], m.links, weight, m.twists, tile, tiles.stride);
+            fill_extras(plan, x, s, here, r, weight, tile, tiles.stride);
+            fill_torque(plan, x, s, here, r, weight, tile, tiles.stride);
+        }
+    }
+}
+
+struct FilterBlocks {   // eight rows of C columns
+    const Tiles& tiles;
+    const Plan& plan;
+    const Lanes *table, *input;
+    Lanes* tile;
+    int at;
+    template <int C> void run(int c) {
+        for (int half = 0; half < 2; ++half) {
+            const int begin = half ? 4 * plan.factor / LANES : 0;
+            const int end = half ? tiles.under : (3 * plan.factor + plan.tap_count + LANES - 1) / LANES;
+            products<4, C>(table + 4 * half * tiles.under + begin, tiles.under, input + c * tiles.input_stride + begin, tiles.input_stride, end - begin,
+                           [&](const double* total) {
+                               for (int i = 0; i < 4; ++i)
+                                   for (int j = 0; j < C; ++j)
+                                       tile[(c + j) * tiles.stride + (at + 4 * half + i) / LANES][(at + 4 * half + i) % LANES] = total[C * i + j];
+                           });
+        }
+    }
+};
+
+// The same for filtered rows; table: the banded matrix, `under` groups for each of eight rows.
+static void fill_filtered(const Tree& t, const Plan& plan, const Arrays& x, const Tiles& tiles, const Lanes* table, int from, int end, int64_t first,
+                          int count, Scratch<Lanes>& m) {
+    Lanes* inputs = m.tile;
+    for (int r = from; r < end; ++r) inputs += tiles.rows_size(plan, r);
+    const int64_t limit = (first + count - 1) * plan.factor + plan.tap_count;
+    for (int at = 0; at < count; at += 8 * tiles.units) {
+        const int kept = at && tiles.inputs > tiles.fresh ? tiles.inputs - tiles.fresh : 0;   // columns of samples that the round before had too
+        Lanes* input = inputs;
+        for (int r = from; r < end; input += tiles.input_size(plan, r++))
+            for (int64_t c = 0; kept && c + 1 < plan.row[r].width; ++c)
+                memmove(input + c * tiles.input_stride, input + c * tiles.input_stride + tiles.fresh, kept * sizeof(Lanes));
+        for (int g = kept; g < tiles.inputs; ++g) {
+            int64_t s = (first + at) * plan.factor + (int64_t)g * LANES;
+            if (s >= limit) s = limit - 1;   // under zeros of the banded matrix: any finite number will do
+            const int here = limit - s < LANES ? (int)(limit - s) : LANES;
+            move_bodies(t, x, s, here, m);
+            input = inputs + g;
+            for (int r = from; r < end; input += tiles.input_size(plan, r++)) {
+                fill(t, plan.row[r], m.links, Lanes() + 1.0, m.twists, input, tiles.input_stride);
+                fill_extras(plan, x, s, here, r, Lanes() + 1.0, input, tiles.input_stride);
+            }
+        }
+        for (int unit = 0; unit < tiles.units && at + 8 * unit < count; ++unit) {
+            input = inputs + unit * 8 * plan.factor / LANES;
+            Lanes* tile = m.tile;
+            for (int r = from; r < end; input += tiles.input_size(plan, r), tile += tiles.rows_size(plan, r++))
+                by_columns(0, (int)plan.row[r].width - 1, FilterBlocks{tiles, plan, table, input, tile, at + 8 * unit});
+        }
+    }
+    Lanes* tile = m.tile;
+    for (int r = from; r < end; tile += tiles.rows_size(plan, r++))
+        for (int g = 0; g * LANES < count; ++g) {
+            const int here = count - g * LANES < LANES ? count - g * LANES : LANES;
+            const Lanes weight = row_weight(plan, x, first + g * LANES, here, r);
+            for (int64_t c = 0; c + 1 < plan.row[r].width; ++c) tile[c * tiles.stride + g] *= weight;
+            fill_torque(plan, x, first + g * LANES, here, r, weight, tile + g, tiles.stride);
+        }
+}
+
+// The next samples of a call's arrays, all finite? They also come into the cache in one go. Extra columns that are given for each
+// row are like torques: only looked at where used.
+static bool samples_finite(const Tree& t, const Plan& plan, const Arrays& x, int64_t s, int64_t count) {
+    return all_finite(x.q + s * t.nq, count * t.nq) & all_finite(x.dq + s * t.nv, count * t.nv) & all_finite(x.ddq + s * t.nv, count * t.nv) &
+           (plan.extras == 0 || plan.dense || all_finite(x.extra + s * plan.extras, count * plan.extras));
+}
+
+// Rows lo ... hi-1. Stops with NaN in the first factor where a sample is not finite.
+static void information(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory, double* const* factors) {
+    Scratch<Lanes> m(t, memory);
+    const Tiles tiles(plan);
+    Lanes* table = m.tile;
+    for (int i = 0; i < 8; ++i)
+        for (int e = 0; e < tiles.under * LANES; ++e) {
+            const int tap = e - i * plan.factor;
+            table[i * tiles.under + e / LANES][e % LANES] = tap >= 0 && tap < plan.tap_count ? plan.taps[tap] : 0.0;
+        }
+    m.tile += 8 * (size_t)tiles.under;
+    for (int64_t first = lo; first < hi; first += (int64_t)tiles.groups * LANES) {
+        const int count = hi - first < tiles.groups * LANES ? (int)(hi - first) : tiles.groups * LANES;
+        const bool finite = plan.taps ? samples_finite(t, plan, x, first * plan.factor, (int64_t)(count - 1) * plan.factor + plan.tap_count)
+                                      : samples_finite(t, plan, x, first, count);
+        if (!finite) {
+            factors[0][0] = NAN;
+            return;
+        }
+        for (int from = 0, end; from < plan.rows; from = end) {
+            end = tiles.batch_end(plan, from);
+            if (plan.taps) fill_filtered(t, plan, x, tiles, table, from, end, first, count, m);
+            else fill_samples(t, plan, x, tiles, from, end, first, count, m);
+            Lanes* tile = m.tile;
+            for (int r = from; r < end; tile += tiles.rows_size(plan, r++))
+                (plan.gram ? add_gram : add_triangle)(tile, tiles.stride, (count + LANES - 1) / LANES, (int)plan.row[r].width, (int)plan.row[r].padded,
+                                                      factors[r]);
+        }
+    }
+}
+
+// Add the factors of other samples to `into`: the rows of a triangle are samples like any others.
+static void merge(const Plan& plan, char* memory, double* const* into, const double* const* from) {
+    Lanes* tile = (Lanes*)aligned(memory);
+    const Tiles tiles(plan);
+    const int most = tiles.groups * LANES;
+    for (int r = 0; r < plan.rows; ++r) {
+        const int n = (int)plan.row[r].padded;
+        if (plan.gram) {
+            for (int e = 0; e < n * n; ++e) into[r][e] += from[r][e];
+            continue;
+        }
+        for (int first = 0; first < n; first += most) {
+            const int count = n - first < most ? n - first : most;
+            const int used = (count + LANES - 1) / LANES;
+            for (int c = 0; c < n; ++c)
+                for (int i = 0; i < used * LANES; ++i)
+                    tile[c * tiles.stride + i / LANES][i % LANES] = i < count && first + i <= c ? from[r][(first + i) * n + c] : 0.0;
+            add_triangle(tile, tiles.stride, used, n, n, into[r]);
+        }
+    }
+}
