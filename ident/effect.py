@@ -9,7 +9,7 @@ import dataclasses
 import importlib
 import pkgutil
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from numbers import Real
@@ -121,6 +121,11 @@ class Effect(ABC):
     @abstractmethod
     def columns(self, motion: Motion, robot: Robot) -> Array:
         """Torque per unit parameter, (N, n, k), on the effect's side."""
+
+    @classmethod
+    def columns_of(cls, effects: Sequence[Self], motion: Motion, robot: Robot) -> list[Array]:
+        """`columns` of several effects of this kind on one motion; faster than one by one where work can be shared."""
+        return [effect.columns(motion, robot) for effect in effects]
 
     def shape(self) -> tuple[ShapeParameter, ...]:
         """The nonlinear parameters: fields of this effect."""

@@ -30,7 +30,8 @@ def noise_floor(problem: Problem, motions: Motions, candidates: tuple[Candidate,
     plain = Frame.build(problem, _unit(problem), raw)
     residual = _unwhitened(plain)
     white = whitener(residual, signals.valid, signals.row_runs)
-    blocks = [bank.columns(motions, v) for c in candidates for v in c.variants] + generic
+    bank.prepare(motions, candidates)
+    blocks = [columns for c in candidates for columns in bank.columns(motions, c.variants)] + generic
     for _ in range(2):
         frame = Frame.build(problem, white, raw)
         white = whitener(saturated_residual(frame, blocks), signals.valid, signals.row_runs)

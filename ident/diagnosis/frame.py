@@ -229,25 +229,33 @@ class Motions:
 
     def columns(self, effect: Effect) -> Array:
         """Columns (M, n, k) of an effect on the measured side, filtered like the torque."""
-        robot = self.problem.model.robot
-        transmission = robot.transmission
-        out = []
-        for block, motion in self.parts:
-            values = effect.columns(motion, robot)
-            if effect.side != transmission.measured:
-                values = np.matmul(transmission.torque_map(effect.side, transmission.measured), values)
-            live = np.flatnonzero(values.any(axis=(0, 2)))
-            reduced = block.reduce(np.ascontiguousarray(values[:, live]))
-            full = np.zeros((len(reduced), robot.n, values.shape[2]))
-            full[:, live] = reduced
-            out.append(full)
-        return np.concatenate(out)
+        return self.columns_of([effect])[0]
 
-    def kept(self, effect: Effect) -> Array:
-        """`columns`, remembered."""
-        if effect not in self._kept:
-            self._kept[effect] = self.columns(effect)
-        return self._kept[effect]
+    def columns_of(self, effects: Sequence[Effect]) -> list[Array]:
+        """`columns` of several effects of one kind."""
+        robot = self.problem.model.robot
+        out: list[list[Array]] = [[] for _ in effects]
+        for block, motion in self.parts:
+            for effect, values, parts in zip(effects, type(effects[0]).columns_of(effects, motion, robot), out, strict=True):
+                parts.append(self._reduced(block, effect, values))
+        return [np.concatenate(parts) for parts in out]
+
+    def _reduced(self, block: Block, effect: Effect, values: Array) -> Array:
+        transmission = self.problem.model.robot.transmission
+        if effect.side != transmission.measured:
+            values = np.matmul(transmission.torque_map(effect.side, transmission.measured), values)
+        live = np.flatnonzero(values.any(axis=(0, 2)))
+        reduced = block.reduce(np.ascontiguousarray(values[:, live]))
+        full = np.zeros((len(reduced), *values.shape[1:]))
+        full[:, live] = reduced
+        return full
+
+    def kept(self, effects: Sequence[Effect]) -> list[Array]:
+        """`columns_of`, remembered."""
+        new = [e for e in effects if e not in self._kept]
+        if new:
+            self._kept.update(zip(new, self.columns_of(new), strict=True))
+        return [self._kept[e] for e in effects]
 
 
 def raw_columns(problem: Problem) -> Array:

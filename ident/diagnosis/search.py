@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -55,6 +55,7 @@ class Search:
     def scan(self, progress: Callable[[float], None] | None = None) -> list[Hit]:
         """Every candidate at the best shape of its grid, the largest gain first."""
         hits = []
+        self.bank.prepare(self.motions, self.candidates)
         for i, candidate in enumerate(self.candidates):
             hit = self.first(candidate)
             if hit is not None:
@@ -72,8 +73,8 @@ class Search:
             peaks = promising_orders(candidate.variants[0], self.frame, self.motions)
             variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks] or variants
         best: Hit | None = None
-        for effect in variants:
-            Z = self.frame.whitened(self.bank.columns(self.motions, effect))
+        for effect, columns in zip(variants, self.bank.columns(self.motions, variants), strict=True):
+            Z = self.frame.whitened(columns)
             gain = self.frame.fit_gain(Z)
             if best is None or gain > best.fit_gain:
                 best = Hit(candidate, effect, gain, Z)
@@ -153,15 +154,26 @@ class Bank:
     def __init__(self) -> None:
         self._kept: dict[Effect, Array] = {}
 
-    def columns(self, motions: Motions, effect: Effect) -> Array:
-        """Columns of an effect, filtered like the torque."""
+    def prepare(self, motions: Motions, candidates: Sequence[Candidate]) -> None:
+        """Columns of all candidates whose kind makes many of them at once for less."""
+        kinds: dict[type[Effect], list[Effect]] = {}
+        for candidate in candidates:
+            kind = type(candidate.variants[0])
+            if kind.columns_of.__func__ is not Effect.columns_of.__func__:  # type: ignore[attr-defined]
+                kinds.setdefault(kind, []).extend(candidate.variants)
+        for effects in kinds.values():
+            self.columns(motions, effects)
+
+    def columns(self, motions: Motions, effects: Sequence[Effect]) -> list[Array]:
+        """Columns of several effects of one kind, filtered like the torque."""
         from ..effect import Need
 
-        if effect.needs & {Need.LOAD, Need.REFERENCE}:
-            return motions.kept(effect)
-        if effect not in self._kept:
-            self._kept[effect] = motions.columns(effect)
-        return self._kept[effect]
+        if effects[0].needs & {Need.LOAD, Need.REFERENCE}:
+            return motions.kept(effects)
+        new = [e for e in effects if e not in self._kept]
+        if new:
+            self._kept.update(zip(new, motions.columns_of(new), strict=True))
+        return [self._kept[e] for e in effects]
 
 
 def implausible(hit: Hit, score: Score, frame: Frame, robot: Robot) -> str:

@@ -7,8 +7,9 @@ fitted is the response, by how much of this the data show: 1 if stiffness and pl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
@@ -58,22 +59,35 @@ class _Compliance(Effect):
         return 0.0
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
-        rate = motion.needed_rate(f"effect {self.name!r}")
-        reference = motion.needed_reference(f"effect {self.name!r}")
-        load = motion.needed_load(f"effect {self.name!r}", Side.JOINT)
-        out = []
-        for j in self.at(robot):
-            along = self.moves(robot, j)
-            torque = load @ along
-            inertia = _positive(reference.inertia(motion, along))
-            if inertia is None:
-                out.append(np.zeros((len(motion), robot.n)))
-                continue
-            first = float((self._first_load(motion, reference) @ along) / inertia[0])
-            delta = response(torque / inertia, np.sqrt(self.stiffness / inertia), self.damping, self.play, 1.0 / rate, first)
-            felt = reference.along(motion, along, delta, link_only=True)
-            out.append(robot.transmission.torque(felt, Side.JOINT, self.side))
-        return np.stack(out, axis=2) if out else np.zeros((len(motion), robot.n, 0))
+        return self.columns_of([self], motion, robot)[0]
+
+    @classmethod
+    def columns_of(cls, effects: Sequence[Self], motion: Motion, robot: Robot) -> list[Array]:
+        rate = motion.needed_rate(f"effect {cls.name!r}")
+        reference = motion.needed_reference(f"effect {cls.name!r}")
+        load = motion.needed_load(f"effect {cls.name!r}", Side.JOINT)
+        out = [np.zeros((len(motion), robot.n, len(effect.at(robot)))) for effect in effects]
+        lanes: list[tuple[Self, Array, Array, Array]] = []
+        found: dict[tuple[int, Side], Array | None] = {}
+        for effect, columns in zip(effects, out, strict=True):
+            for column, j in enumerate(effect.at(robot)):
+                along = effect.moves(robot, j)
+                if (j, effect.side) not in found:
+                    found[j, effect.side] = _positive(reference.inertia(motion, along))
+                inertia = found[j, effect.side]
+                if inertia is not None:
+                    lanes.append((effect, along, inertia, columns[:, :, column]))
+        if not lanes:
+            return out
+        stiffness, damping, play = (np.array([getattr(lane[0], key) for lane in lanes]) for key in ("stiffness", "damping", "play"))
+        inertias, directions = np.stack([lane[2] for lane in lanes], axis=1), np.stack([lane[1] for lane in lanes], axis=1)
+        first = lanes[0][0]._first_load(motion, reference) @ directions / inertias[0]
+        delta = responses(load @ directions / inertias, inertias, stiffness, damping, play, 1.0 / rate, first)
+        for lane, (effect, along, _, column) in enumerate(lanes):
+            moved = (delta[0][:, lane], delta[1][:, lane], delta[2][:, lane])
+            felt = reference.along(motion, along, moved, link_only=True)
+            column[:] = robot.transmission.torque(felt, Side.JOINT, effect.side)
+        return out
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         """Stiffness that puts the resonance between what the run lasts and what its samples resolve."""
@@ -186,9 +200,49 @@ def response(
     return delta, rate, -load - np.asarray(w2) * deflection - np.where(outside, np.asarray(zw) * rate, 0.0)
 
 
-def _spring_step(omega: Array, damping: float, h: float) -> tuple[Array, ...]:
+def responses(
+    load: Array, inertia: Array, stiffness: Array, damping: Array, gap: Array, step: float, first: Array
+) -> tuple[Array, Array, Array]:
+    """`response` of several springs at once: `load`, `inertia` (N, L), `stiffness`, `damping`, `gap`, `first` (L,) → (N, L) each."""
+    omega = np.sqrt(stiffness / inertia)
+    if len(stiffness) < 4:
+        alone = [
+            response(load[:, i], omega[:, i], float(damping[i]), float(gap[i]), step, float(first[i])) for i in range(len(stiffness))
+        ]
+        return np.stack([a[0] for a in alone], axis=1), np.stack([a[1] for a in alone], axis=1), np.stack([a[2] for a in alone], axis=1)
+    half = 0.5 * gap
+    playing = bool(np.any(half > 0.0))
+    parts = 4 if playing else 1
+    h = step / parts
+    a11, a12, a21, a22, b10, b11, b20, b21 = _spring_step(omega, damping, h)
+    force = -load
+    at = -first / omega[0] ** 2
+    x, v = at + half * np.sign(at), np.zeros(len(stiffness))
+    position, velocity = np.empty(omega.shape), np.empty(omega.shape)
+    position[0], velocity[0] = x, v
+    for k in range(len(force) - 1):
+        f0, rise = force[k], (force[k + 1] - force[k]) / parts
+        for _ in range(parts):
+            f1 = f0 + rise
+            flank = np.copysign(half, x)
+            y = x - flank
+            pressed = a11[k] * y + a12[k] * v + b10[k] * f0 + b11[k] * f1 + flank
+            pushed = a21[k] * y + a22[k] * v + b20[k] * f0 + b21[k] * f1
+            if playing:
+                free = (np.abs(x) <= half) & (half > 0.0)
+                pressed = np.where(free, x + v * h + (2.0 * f0 + f1) * (h * h / 6.0), pressed)
+                pushed = np.where(free, v + 0.5 * (f0 + f1) * h, pushed)
+            x, v, f0 = pressed, pushed, f1
+        position[k + 1], velocity[k + 1] = x, v
+    outside = np.abs(position) > half
+    deflection = np.where(outside, position - np.sign(position) * half, 0.0)
+    slowing = np.where(outside, 2.0 * damping * omega * velocity, 0.0)
+    return position, velocity, force - omega**2 * deflection - slowing
+
+
+def _spring_step(omega: Array, damping: Array | float, h: float) -> tuple[Array, ...]:
     """Exact step h of y'' = f − ω² y − 2ζω y' with f linear in between: (y, y')_1 = A (y, y')_0 + b_0 f_0 + b_1 f_1."""
-    damped = omega * np.sqrt(max(1.0 - damping**2, 1e-12))
+    damped = omega * np.sqrt(np.maximum(1.0 - damping**2, 1e-12))
     decay = np.exp(-damping * omega * h)
     c, s = decay * np.cos(damped * h), decay * np.sin(damped * h) / damped
     zw = damping * omega
