@@ -1,0 +1,288 @@
+"""The commands on good input: JSON, artefacts, gates, and one command reading what another one wrote."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import FRICTION, JOINTS, python
+
+COMMON = {"schema", "ident_version", "inputs", "created", "warnings"}
+
+
+@pytest.fixture
+def fit(ident, arm):
+    """`ident fit` of the arm's own log."""
+
+    def run(*more):
+        return ident("fit", "--urdf", arm.urdf, "--log", arm.train, "--validate", arm.test, *FRICTION, "--quiet", *more)
+
+    return run
+
+
+# --- JSON ----------------------------------------------------------------------------------------------------------------------
+
+
+def test_fit_json(fit, arm):
+    ran = fit("--json")
+    assert ran.code == 0
+    found = ran.json
+    assert set(found) >= COMMON | {"method", "status", "parameters", "covariance", "rank", "condition", "samples", "torque_error"}
+    assert found["schema"] == "ident.fit/1"
+    assert found["method"] == "wls"
+    assert set(found["status"]) >= {"code", "text"}
+    assert found["rank"] == len(found["parameters"]) == 14 + 4 + 4
+    for p in found["parameters"]:
+        assert set(p) >= {"name", "value", "std", "unit", "expression", "effect", "joint"}
+    assert np.shape(found["covariance"]) == (22, 22)
+    for part in ("fit", "heldout"):
+        error = found["torque_error"][part]
+        assert len(error["rms"]) == len(error["relative"]) == 4
+        assert 0 < error["relative_all"] < 0.01
+    assert [i["path"] for i in found["inputs"]] == [str(arm.train), str(arm.test)]
+    assert all(len(i["sha256"]) == 64 for i in found["inputs"])
+    assert "torque error on the joint side" in ran.err  # people's text goes to standard error
+
+
+def test_fit_finds_the_friction_that_made_the_log(fit):
+    found = {p["name"]: p for p in fit("--json").json["parameters"]}
+    truth = dict(zip((f"{kind}_{j}" for kind in ("Fv", "Fc") for j in JOINTS), [20, 1, 0.5, 0.1, 10, 2, 1, 0.2], strict=True))
+    for name, value in truth.items():
+        assert found[name]["value"] == pytest.approx(value, rel=0.01), name
+    assert found["m_slide"]["value"] == pytest.approx(14.8, rel=1e-3)
+    assert found["m_slide"]["expression"] == "m_slide + m_shoulder + m_elbow + m_wrist"
+
+
+def test_validate_json(ident, arm, saved_fit):
+    ran = ident("validate", "--fit", saved_fit, "--validate", arm.test, "--json", "--quiet", "--no-replay")
+    assert ran.code == 0
+    assert set(ran.json) >= COMMON | {"torque_error"}
+    assert ran.json["schema"] == "ident.validation/1"
+    assert ran.json["torque_error"]["heldout"]["relative_all"] < 0.01
+    assert ran.json["replay"] is None
+
+
+def test_base_json(ident, arm):
+    ran = ident("base", "--urdf", arm.urdf, "--json")
+    assert ran.code == 0
+    assert set(ran.json) >= COMMON | {"count", "parameters", "unidentifiable", "matrix"}
+    assert ran.json["schema"] == "ident.base/1"
+    assert ran.json["count"] == len(ran.json["parameters"]) == 14
+    assert np.shape(ran.json["matrix"]) == (14, 40)
+    assert all({"parameter", "why"} <= set(u) for u in ran.json["unidentifiable"])
+    assert "14 base parameters of 40" in ran.err
+
+
+@pytest.mark.parametrize("subject", ["fit", "table"])
+def test_judge_json(ident, saved_fit, subject):
+    ran = ident("judge", saved_fit, "--json") if subject == "fit" else ident("judge", "--robot", "puma560", "--table", "1", "--json")
+    assert ran.code == 0
+    assert set(ran.json) >= COMMON | {"possible", "consistent", "min_eigenvalue", "worst_configuration", "method", "certified", "violated_links"}
+    assert ran.json["schema"] == "ident.judgement/1"
+    if subject == "fit":
+        assert ran.json["possible"] is True
+        assert ran.json["min_eigenvalue"] > 0
+    else:
+        assert ran.json["min_eigenvalue"] < 0.1
+
+
+def test_check_json(ident, arm):
+    ran = ident("check", "--urdf", arm.urdf, "--log", arm.train, *FRICTION, "--json", "--quiet")
+    assert ran.code == 0
+    assert ran.json["schema"] == "ident.check/1"
+    assert ran.json["joints"] == list(JOINTS)
+    assert ran.json["problem"]["rank"] == 22
+    assert "joints in the order of the log: slide, shoulder, elbow, wrist" in ran.err
+
+
+# --- text for people -----------------------------------------------------------------------------------------------------------
+
+
+def test_lines_fit_a_wide_terminal(ident, fit):
+    assert max(map(len, fit().out.splitlines())) <= 160
+
+
+def test_expressions_are_cut_at_a_whole_term():
+    from ident.summary import shortened
+
+    assert shortened("Izz_a + 0.5 m_b", 15) == "Izz_a + 0.5 m_b"
+    assert shortened("Izz_a + 0.5 m_b - 0.25 m_c", 20) == "Izz_a + 0.5 m_b …"
+    assert shortened("a_long_name + 0.5 m_b", 5) == "a_long_name …"
+
+
+@pytest.mark.parametrize("command", ["demo", "check", "base", "fit", "validate", "judge", "simulate", "export"])
+def test_help(ident, command):
+    ran = ident(command, "--help")
+    assert ran.code == 0
+    assert ran.out.startswith(f"usage: ident {command}")
+    for flag in ("--json", "--out", "--force"):
+        assert flag in ran.out
+
+
+def test_fit_help_lists_methods_and_effects(ident):
+    from ident.effect import effect_names
+    from ident.estimators import estimator_types
+
+    text = ident("fit", "--help").out
+    for name in estimator_types():
+        assert f"\n  {name} " in text
+    for name in effect_names():
+        assert name in text or name == "rigid_body"
+
+
+# --- artefacts -----------------------------------------------------------------------------------------------------------------
+
+
+def test_out_keeps_the_fit_and_nothing_temporary(saved_fit):
+    assert sorted(p.name for p in saved_fit.parent.iterdir()) == ["fit.json", "fit.txt"]
+    kept = json.loads(saved_fit.read_text())
+    assert kept["schema"] == "ident.fit/1"
+    assert "m_slide" in (saved_fit.parent / "fit.txt").read_text()
+
+
+def test_out_is_not_overwritten(ident, arm, saved_fit):
+    before = saved_fit.read_bytes()
+    ran = ident("base", "--urdf", arm.urdf, "--out", saved_fit.parent)
+    assert ran.code == 2
+    assert "--force" in ran.err
+    assert saved_fit.read_bytes() == before
+
+
+def test_a_saved_fit_predicts_as_the_fit_did(ident, arm, fit, saved_fit):
+    again = ident("validate", "--fit", saved_fit, "--validate", arm.test, "--no-replay", "--json", "--quiet").json["torque_error"]
+    first = fit("--json").json["torque_error"]
+    assert again["heldout"]["relative"] == pytest.approx(first["heldout"]["relative"], rel=1e-9)
+    assert again["fit"]["relative"] == pytest.approx(first["fit"]["relative"], rel=1e-9)
+
+
+def test_a_saved_fit_is_judged_and_exported(ident, arm, tmp_path):
+    folder = tmp_path / "result"
+    flags = ("--urdf", arm.urdf, "--log", arm.train, "--method", "physical", *FRICTION, "--quiet")
+    assert ident("fit", *flags, "--out", folder).code == 0
+    assert ident("judge", folder / "fit.json", "--strict").code == 0
+    target = tmp_path / "identified.urdf"
+    ran = ident("export", folder / "fit.json", target)
+    assert ran.code == 0, ran.err
+    robot = ident("base", "--urdf", target, "--json")
+    assert robot.json["count"] == 14
+    ran = ident("export", folder / "fit.json", target)
+    assert ran.code == 2
+    assert "exists" in ran.err
+
+
+# --- gates ---------------------------------------------------------------------------------------------------------------------
+
+
+def test_fit_gate(fit):
+    assert fit("--max-error", "0.05").code == 0
+    ran = fit("--max-error", "1e-6", "--json")
+    assert ran.code == 1
+    assert "gate: relative held-out error" in ran.err
+    assert ran.json["rank"] == 22  # the result is there all the same
+
+
+def test_validate_gate(ident, arm, saved_fit):
+    flags = ("validate", "--fit", saved_fit, "--validate", arm.test, "--no-replay", "--quiet", "--max-error")
+    assert ident(*flags, "0.05").code == 0
+    ran = ident(*flags, "1e-6")
+    assert ran.code == 1
+    assert "gate: relative error" in ran.err
+
+
+def test_judge_gate(ident):
+    flags = ("judge", "--robot", "puma560", "--strict", "--table")
+    verdicts = {table: ident(*flags, table, "--json") for table in ("1", "2", "3")}
+    assert {t: r.code for t, r in verdicts.items()} == {t: 0 if r.json["possible"] else 1 for t, r in verdicts.items()}
+    assert {r.code for r in verdicts.values()} == {0, 1}
+
+
+def test_check_gate(ident, arm, tmp_path):
+    from conftest import write_csv
+
+    flags = ("check", "--urdf", arm.urdf, *FRICTION, "--quiet", "--strict", "--log")
+    assert ident(*flags, arm.train).code == 0
+    held = write_csv(tmp_path / "held.csv", arm.table | {"q3": np.full_like(arm.table["q3"], 0.3)})
+    assert ident(*flags, held).code == 1
+
+
+# --- base parameters of robots that come by name ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "count"), [("puma560", 36), ("scara", None), ("palletiser", None), ("panda", 43), ("ur5", 36)])
+def test_base_by_name(ident, name, count):
+    if name in ("panda", "ur5"):
+        pytest.importorskip("importlib.metadata")
+        from importlib.metadata import PackageNotFoundError, distribution
+
+        try:
+            distribution("example-robot-data")
+        except PackageNotFoundError:
+            pytest.skip("example-robot-data is not installed")
+    flags = ("--robot", name)
+    ran = ident("base", *flags, "--json")
+    assert ran.code == 0, ran.err
+    if count is not None and name != "panda":
+        assert ran.json["count"] == count
+    assert np.linalg.matrix_rank(np.array(ran.json["matrix"])) == ran.json["count"] == len(ran.json["parameters"])
+
+
+# --- the whole way -----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["palletiser", "scara"])
+def test_simulate_fit_validate(ident, tmp_path, name):
+    log, folder = tmp_path / "log.csv", tmp_path / "result"
+    made = ident("simulate", "--robot", name, "--log", log, "--seconds", "8", "--rate", "200", "--noise", "0.001", "--quiet", "--json")
+    assert made.code == 0, made.err
+    ran = ident("fit", "--robot", name, "--log", log, "--out", folder, "--quiet", "--json", "--max-error", "0.1")
+    assert ran.code == 0, ran.err
+    ran = ident("validate", "--fit", folder / "fit.json", "--log", log, "--quiet", "--json")
+    assert ran.code == 0, ran.err
+    assert ran.json["torque_error"]["heldout"]["relative_all"] < 0.1
+    replay = ran.json["replay"]
+    assert replay is not None
+    assert ran.json["nominal"] is not None
+    again = ident("simulate", "--robot", name, "--log", log)
+    assert again.code == 2
+    assert "exists; nothing was simulated" in again.err
+
+
+def test_python_m_ident():
+    root = Path(__file__).resolve().parents[2]
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    ran = subprocess.run([*python(), "-m", "ident", "--version"], capture_output=True, text=True, env=environment, check=False)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    from ident import __version__
+
+    assert ran.stdout == f"ident {__version__}\n"
+    ran = subprocess.run(
+        [*python(), "-m", "ident", "fit", "--robot", "puma560", "--log", "no.csv"], capture_output=True, text=True, env=environment, check=False
+    )
+    assert (ran.returncode, ran.stdout) == (3, "")
+    assert "no.csv: no such file" in ran.stderr
+
+
+def test_import_is_light():
+    """`import ident` must not pull in the heavy libraries: they are imported where they are used."""
+    heavy = ("pinocchio", "pandas", "scipy", "matplotlib", "clarabel", "yourdfpy", "filterpy")
+    code = f"import sys, ident, ident.cli; print([m for m in {heavy!r} if m in sys.modules])"
+    root = Path(__file__).resolve().parents[2]
+    ran = subprocess.run([*python(), "-c", code], capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(root)}, check=True)
+    assert ran.stdout.strip() == "[]"
+
+
+@pytest.mark.slow
+def test_demo(ident, tmp_path):
+    ran = ident("demo", "--json", "--quiet", "--out", tmp_path / "demo")
+    assert ran.code == 0
+    found = ran.json
+    assert found["fit"]["rank"] == 52
+    assert found["fit"]["torque_error"]["heldout"]["relative_all"] < 0.01
+    assert found["validation"]["replay"] is not None
+    # 52 intervals of 95 %: fewer than 44 inside has a probability below 0.5 % even for independent ones.
+    assert found["within_95"] >= 44
+    assert (tmp_path / "demo" / "fit.json").exists()
