@@ -47,8 +47,6 @@ _WHERE = {
     "EnergyProblem": "integrated",
     "diagnose": "diagnosis",
     "Diagnosis": "diagnosis",
-    "judge": "physical",
-    "repair": "physical",
 }
 _PACKAGES = ("effects", "estimators", "friction", "physical", "regressor", "robots")
 
@@ -87,7 +85,6 @@ __all__ = [
     "effects",
     "estimators",
     "friction",
-    "judge",
     "load_robot",
     "make_effect",
     "make_estimator",
@@ -95,7 +92,6 @@ __all__ = [
     "read_logs",
     "read_study",
     "regressor",
-    "repair",
     "robot_names",
     "robots",
     "validate",
@@ -130,7 +126,6 @@ if TYPE_CHECKING:
     from .logs import Log, LogSet, read_logs
     from .model import Model
     from .motion import Motion
-    from .physical import judge, repair
     from .problem import Problem
     from .robot import Robot
     from .robots import load_robot, robot_names

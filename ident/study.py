@@ -33,7 +33,7 @@ class LogsTable:
     validate: tuple[str, ...] = ()
     missing: str | None = None
 
-    def reading(self) -> dict[str, str]:
+    def reading(self) -> dict[str, Any]:
         """How `read_logs` is to read them (its keyword arguments)."""
         return {} if self.missing is None else {"missing": self.missing}
 

@@ -108,7 +108,7 @@ def nominal_values(estimate: Estimate) -> Array | None:
         part = np.zeros((len(values) + 1, len(free) + 1))
         part[:-1, :-1] = R[:, free]
         part[:-1, -1] = z - R @ values
-        Q = np.linalg.qr(part, mode="r")
+        Q = np.asarray(np.linalg.qr(part, mode="r"))
         solution = solve_triangle(Q[: len(free), : len(free)], Q[: len(free), -1])
         change = np.zeros(len(free))
         change[solution.columns] = solution.values

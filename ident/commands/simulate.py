@@ -14,6 +14,7 @@ from ..results import result
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 
 if TYPE_CHECKING:
+    from ..motion import Coordinates
     from ..model import Model
     from ..simulation.sensors import Sensors
     from ..trajectory import FourierTrajectory
@@ -40,9 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..motion import Coordinates
     from ..simulate import Plant, simulate
-    from ..trajectory import FourierTrajectory
 
     out = Output(args)
     target = Path(args.log)
@@ -51,12 +50,10 @@ def run(args: argparse.Namespace) -> int:
     model, values = _plant(args)
     desired: FourierTrajectory | Coordinates
     if args.trajectory:
-        desired = _followed(args.trajectory, model)
-        sampled = desired
+        desired = sampled = _followed(args.trajectory, model)
     else:
-        desired = random_motion(model, args.seed, args.seconds)
-        sampled = desired.sample(np.arange(0.0, args.seconds, 0.01))
-        assert isinstance(desired, FourierTrajectory)
+        wave = random_motion(model, args.seed, args.seconds)
+        desired, sampled = wave, wave.sample(np.arange(0.0, args.seconds, 0.01))
     typical = np.sqrt(np.mean(model.inverse_dynamics(sampled.q, sampled.dq, sampled.ddq, values) ** 2, axis=0))
     sensors = _sensors(model, args.counts, args.noise * typical, args.colour)
     made = simulate(
@@ -125,7 +122,7 @@ def random_motion(model: Model, seed: int, seconds: float, base_hz: float = 0.1,
     return FourierTrajectory(centre, scale * sine, scale * cosine, base, periods)
 
 
-def _followed(file: str, model: Model):  # type: ignore[no-untyped-def]
+def _followed(file: str, model: Model) -> Coordinates:
     """The motion in a CSV file, resampled to the controller's rate by splines."""
     from scipy.interpolate import CubicSpline
 
