@@ -1,0 +1,93 @@
+"""`ident excite`: a trajectory within the robot's limits that reveals its parameters best, with the accuracy to expect."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..effect import make_effect
+from ..errors import ConfigurationError, unknown_name
+from ..estimate import Estimate
+from ..results import result
+from .common import Output, add_output_arguments, add_study_arguments, study_from
+
+if TYPE_CHECKING:
+    from ..excitation import Family, Measure
+    from ..model import Model
+
+HELP = "design an exciting trajectory within limits, and tell the accuracy to expect"
+_FAMILIES = ("fourier", "bspline")
+_MEASURES = ("both", "volume", "condition")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_study_arguments(parser, logs=False)
+    parser.add_argument("--fit", metavar="FILE", help="saved fit (fit.json) instead of a study: its model, values and noise")
+    parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects beside the rigid body")
+    parser.add_argument(
+        "--trajectory", metavar="FILE", default="excitation.csv", help="file to write: t, q, dq, ddq (default: %(default)s)"
+    )
+    parser.add_argument("--seconds", type=float, default=10.0, help="length (default: %(default)s)")
+    parser.add_argument("--rate", type=float, default=200.0, help="samples per second (default: %(default)s)")
+    parser.add_argument("--family", choices=_FAMILIES, default=_FAMILIES[0], help="kind of trajectory (default: %(default)s)")
+    parser.add_argument("--measure", choices=_MEASURES, default=_MEASURES[0], help="what is made small (default: %(default)s)")
+    parser.add_argument(
+        "--sharpen", nargs="+", metavar="PARAMETER", help="base parameters that matter; the others only as far as they get in the way"
+    )
+    parser.add_argument("--separate", nargs=2, metavar="EFFECT", help="two effects that are to be told apart")
+    parser.add_argument("--noise", type=float, nargs="+", help="torque noise (std), one value or one a joint, measured side")
+    parser.add_argument("--starts", type=int, default=3, help="independent searches (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="seed (default: %(default)s)")
+    add_output_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from ..excitation import excite
+
+    out = Output(args)
+    target = Path(args.trajectory)
+    if target.exists() and not args.force:
+        raise ConfigurationError(f"{target} exists; nothing was designed. Choose another --trajectory, or add --force.")
+    estimate = Estimate.load(args.fit) if args.fit else None
+    model = study_from(args).model() if estimate is None else estimate.model
+    model, measure = _measure(args, model)
+    noise = args.noise[0] if args.noise and len(args.noise) == 1 else args.noise
+    found = excite(
+        model,
+        values=estimate.all_values if estimate is not None and not args.separate else None,
+        noise=noise,
+        family=_family(args),
+        measure=measure,
+        rate=args.rate,
+        starts=args.starts,
+        seed=args.seed,
+        progress=out.progress("searching"),
+    )
+    out.say(found)
+    path = found.to_csv(target, force=args.force)
+    out.say(f"wrote {path}")
+    out.result(result("ident.excitation/1", {"trajectory": str(path), **found.to_dict()}), "excitation")
+    return 0
+
+
+def _family(args: argparse.Namespace) -> Family:
+    from ..excitation import BSplineFamily, FourierFamily
+
+    return FourierFamily(args.seconds) if args.family == "fourier" else BSplineFamily(args.seconds)
+
+
+def _measure(args: argparse.Namespace, model: Model) -> tuple[Model, Measure]:
+    from ..excitation import Both, ConditionNumber, DOptimality, tell_apart
+
+    if args.separate and args.sharpen:
+        raise ConfigurationError("--separate and --sharpen ask for different trajectories; give one of them.")
+    if args.separate:
+        first, second = (make_effect(name) for name in args.separate)
+        return tell_apart(model, first, second)
+    if args.sharpen:
+        for name in args.sharpen:
+            if name not in model.base.names:
+                raise unknown_name("base parameter", name, model.base.names)
+        return model, DOptimality(tuple(args.sharpen))
+    return model, {"both": Both, "volume": DOptimality, "condition": ConditionNumber}[args.measure]()
