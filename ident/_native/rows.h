@@ -159,7 +159,7 @@ static void add_triangle(Lanes* tile, int stride, int used, int width, int padde
             double* Rj = R + (first + j) * padded + first;
             double dot[PANEL];
             products<1, PANEL>(x, stride, panel, stride, used, [&](const double* total) { memcpy(dot, total, sizeof dot); });
-            if (!(dot[j] > 0.0)) continue;   // nothing to annihilate: tau = 0, and the column is zero
+            if (dot[j] == 0.0) continue;   // nothing to annihilate: tau = 0, and the column is zero (NaN goes on, to be seen)
             any = true;
             const double norm = std::sqrt(Rj[j] * Rj[j] + dot[j]);
             const double beta = Rj[j] > 0.0 ? -norm : norm;

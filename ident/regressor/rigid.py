@@ -19,7 +19,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from ..errors import ConfigurationError, DataError
+from ..errors import ConfigurationError, DataError, UnsupportedError
 from . import numpy_kernel
 from .tree import RigidBodyTree
 
@@ -159,6 +159,44 @@ def information(
             _finite(name, array)
         raise DataError("the sum of squares over the samples overflows: some value is beyond 1e150. Check the units of the log.")
     return factors, counts
+
+
+def stacked_information(
+    columns: Any,
+    tau: Any,
+    *,
+    valid: Any = None,
+    weight: Any = None,
+    form: Literal["triangle", "gram"] = "triangle",
+    threads: int | None = None,
+) -> tuple[Array, Array]:
+    """The same for columns (N, R, k) that are there already, whatever they are of: `(factors (R, k+1, k+1), counts (R,))`.
+
+    What `valid` leaves out may hold anything, columns too."""
+    columns = _numbers("columns", columns)
+    if columns.ndim != 3:
+        raise ConfigurationError(f"columns: expected shape (N, R, k), but it is {columns.shape}.")
+    n, r, _ = columns.shape
+    none, motion = np.zeros((0, 3)), np.zeros((n, 0))
+    nothing = RigidBodyTree(np.zeros(0, int), np.zeros((0, 3, 3)), none, none, np.zeros(0, bool), np.zeros(3), floating=False)
+    given = {"rows": np.zeros((r, 0)), "extra": columns, "valid": valid, "weight": weight}
+    try:
+        return information(nothing, motion, motion, motion, tau, **given, form=form, threads=threads)
+    except DataError as error:
+        raise DataError(str(error).replace("extra:", "columns:", 1)) from None
+
+
+def paired(tree: RigidBodyTree) -> RigidBodyTree:
+    """Two copies of a fixed-base tree side by side, which move independently: positions (N, 2 nq) are those of one, then the other.
+
+    With `rows = [T T]` the columns of a row are those of two motions, [Z Phi], so that `information` with form="gram" gives all
+    products of instruments Z with the regressor Phi and the torque in one pass. Raises UnsupportedError for a free-flyer."""
+    if tree.floating:
+        raise UnsupportedError("a floating-base tree cannot be paired; pair the tree of its fixed-base robot.")
+    parent = np.asarray(tree.parent)
+    parents = np.concatenate([parent, np.where(parent < 0, -1, parent + tree.nb)])
+    rotation, translation, axis, prismatic = (np.concatenate([x, x]) for x in (tree.rotation, tree.translation, tree.axis, tree.prismatic))
+    return RigidBodyTree(parents, rotation, translation, axis, prismatic, tree.gravity, floating=False)
 
 
 def _extra(extra: Any, pattern: Any, shape: tuple[int, int]) -> tuple[Array, Array]:

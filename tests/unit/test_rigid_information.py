@@ -7,7 +7,7 @@ import pytest
 from rigid_models import kernels, random_model, states, tree_of, using
 
 import ident
-from ident.errors import ConfigurationError, DataError
+from ident.errors import ConfigurationError, DataError, UnsupportedError
 from ident.regressor import rigid
 from ident.regressor.numpy_kernel import regressor as plain_regressor
 
@@ -131,6 +131,36 @@ def test_filtered_rows_by_threads(kernel, puma):
     bad[12345, 2] = np.nan
     with pytest.raises(DataError, match=r"dq: 1 value\(s\) are not finite, the first at \[12345, 2\]"):
         rigid.information(puma.tree, q, bad, ddq, tau, taps=taps, factor=10)
+
+
+@pytest.mark.parametrize("form", ["triangle", "gram"])
+def test_columns_that_are_there(kernel, form):
+    rng = np.random.default_rng(0)
+    columns, tau = rng.normal(size=(500, 3, 7)), rng.normal(size=(500, 3))
+    columns[:, 1, 4] = 0.0
+    valid, weight = rng.random((500, 3)) < 0.9, rng.random((500, 3))
+    wanted = normal(np.concatenate([columns, tau[:, :, None]], axis=2) * (valid * weight)[:, :, None])
+    columns[~valid], tau[~valid] = np.nan, np.inf
+    found, counts = rigid.stacked_information(columns, tau, valid=valid, weight=weight, form=form)
+    assert error(np.swapaxes(found, 1, 2) @ found if form == "triangle" else found, wanted) < 1e-13
+    assert np.array_equal(counts, valid.sum(axis=0))
+    with pytest.raises(DataError, match=r"columns: \d+ value"):
+        rigid.stacked_information(columns, np.zeros((500, 3)))
+
+
+def test_two_motions_at_once(kernel):
+    """Instruments against regressor: the products of two motions' columns from one pass over a paired tree."""
+    rng = np.random.default_rng(0)
+    model = random_model(rng, 5, False)
+    tree = tree_of(model)
+    (q, dq, ddq), (p, dp, ddp) = states(model, rng, 200), states(model, rng, 200)
+    tau = rng.normal(size=(200, 5))
+    Z, Y = plain_regressor(tree, p, dp, ddp), plain_regressor(tree, q, dq, ddq)
+    motion = [np.concatenate(pair, axis=1) for pair in ((p, q), (dp, dq), (ddp, ddq))]
+    found, _ = rigid.information(rigid.paired(tree), *motion, tau, rows=np.tile(np.eye(5), 2), form="gram")
+    assert error(found, normal(np.concatenate([Z, Y, tau[:, :, None]], axis=2))) < 1e-12
+    with pytest.raises(UnsupportedError):
+        rigid.paired(tree_of(random_model(rng, 2, True)))
 
 
 def test_triangle_keeps_small_singular_values(kernel, puma):
