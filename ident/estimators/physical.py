@@ -61,7 +61,7 @@ class PhysicalLeastSquares(Estimator):
 
     def _solve(self, problem: Problem) -> Estimate:
         from ..physical.constrained import ConsistentFit, Target
-        from ..physical.repair import consistent_fit
+        from ..physical.repairs import consistent_fit
         from ..physical.structure import InertiaStructure
 
         structure = InertiaStructure.from_model(problem.model, problem.base)

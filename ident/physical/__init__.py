@@ -2,14 +2,16 @@
 
 Everything works on an `InertiaStructure` (plain arrays) and base values; `judge`, `repair_estimate` and `payload_of` take estimates."""
 
-from .bounds import Bounds, LinkBounds, Metric, Prior
+from .bounds import Bounds, LinkBounds, Metric, Prior, nominal_prior
 from .conic import InfeasibleError, SolverError, solver_available
 from .consistent import Consistent, judge_consistent
+from .constrained import Target, binding_constraints
+from .estimates import payload_of, repair_estimate, with_repair
 from .grid import GridJudgement, GridTest, judge_on_grid
 from .judgement import Judgement, Subject, judge, published_subject, subject_of
 from .payload import PayloadEstimate, payload_from_fit, payload_from_fits, payload_from_logs
 from .possible import Possible, judge_possible
-from .repair import Repair, RepairMethod, repair
+from .repairs import Repair, RepairMethod, consistent_fit, repair, torque_errors
 from .standard import StandardParameters, standard_parameters
 from .structure import InertiaStructure
 
@@ -31,16 +33,24 @@ __all__ = [
     "SolverError",
     "StandardParameters",
     "Subject",
+    "Target",
+    "binding_constraints",
+    "consistent_fit",
     "judge",
     "judge_consistent",
     "judge_on_grid",
     "judge_possible",
+    "nominal_prior",
     "payload_from_fit",
     "payload_from_fits",
     "payload_from_logs",
+    "payload_of",
     "published_subject",
     "repair",
+    "repair_estimate",
     "solver_available",
     "standard_parameters",
     "subject_of",
+    "torque_errors",
+    "with_repair",
 ]

@@ -199,7 +199,7 @@ def _certify_box(structure: InertiaStructure, values: Array, lower: Array, upper
     chain.constrain(full, columns, free, 0.0, margin)
     program.linear(margin, np.array([-1.0]))
     try:
-        found: Solution = program.solve("the certificate", tolerance=1e-9, time_limit=max(time_limit, 0.1))
+        found: Solution = program.solve("the certificate", accept=np.inf, time_limit=max(time_limit, 0.1))
     except (InfeasibleError, SolverError) as error:
         return str(error)
     best = float(found.x[margin][0])

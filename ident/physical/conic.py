@@ -59,13 +59,17 @@ def symmetric_basis(size: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Solver's answer: `x` (variables,), `objective`, `status` in the solver's words, `accurate` False where it stopped early."""
+    """Solver's answer: `x` (variables,), `objective`, its relative `gap` to the dual one, `status` in the solver's words."""
 
     x: Array
     objective: float
+    gap: float
     status: str
-    accurate: bool
-    iterations: int
+
+    @property
+    def accurate(self) -> bool:
+        """Whether the solver reached its full tolerance."""
+        return self.status == "Solved"
 
 
 class ConicProgram:
@@ -123,8 +127,10 @@ class ConicProgram:
             (kind, len(constant) if size is None else size, constant, [(np.atleast_1d(c), np.asarray(m, float)) for c, m in blocks])
         )
 
-    def solve(self, what: str, *, tolerance: float = 1e-9, time_limit: float = 60.0) -> Solution:
-        """Solve. `what` names the problem in errors. Raises InfeasibleError, SolverError, ConfigurationError (no solver)."""
+    def solve(self, what: str, *, tolerance: float = 1e-9, accept: float = 1e-5, time_limit: float = 60.0) -> Solution:
+        """Solve. `what` names the problem in errors; `accept`: largest relative gap at which an answer short of `tolerance` is taken.
+
+        Raises InfeasibleError, SolverError, ConfigurationError (no solver)."""
         require_solver(what)
         import clarabel
         import scipy.sparse as sp
@@ -158,15 +164,17 @@ class ConicProgram:
         status = str(found.status)
         if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
             raise InfeasibleError(f"{what}: no parameters satisfy all constraints together; loosen the bounds or the margin.")
-        x = np.asarray(found.x)
-        if status not in ("Solved", "AlmostSolved") and not (
-            status in ("InsufficientProgress", "MaxIterations", "MaxTime", "NumericalError") and np.all(np.isfinite(x))
-        ):
+        x, objective, dual = np.asarray(found.x), float(found.obj_val), float(found.obj_val_dual)
+        gap = abs(objective - dual) / max(1.0, abs(objective)) if np.isfinite(objective) and np.isfinite(dual) else np.inf
+        usable = (
+            status in ("InsufficientProgress", "MaxIterations", "MaxTime", "NumericalError") and np.all(np.isfinite(x)) and gap <= accept
+        )
+        if status not in ("Solved", "AlmostSolved") and not usable:
             raise SolverError(
                 f"{what}: the solver stopped with {status} after {found.iterations} iterations."
                 " Check the scale of the problem and its bounds."
             )
-        return Solution(x, float(found.obj_val), status, status == "Solved", int(found.iterations))
+        return Solution(x, objective, gap, status)
 
     def _constraints(self, sp: Any) -> tuple[sp.csc_matrix, Array]:
         data: list[Array] = []

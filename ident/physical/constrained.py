@@ -25,6 +25,9 @@ MARGIN = 1e-5
 #: Cost per unit of a (scaled) pseudo-inertia's trace that settles what no torque sees; the data cost 1 per standard deviation squared.
 SETTLE = 1e-4
 
+#: Units (standard deviations) in which distances are counted, in the order of trial.
+_UNITS = (1.0, 30.0, 1e3, 0.03)
+
 
 @dataclass(frozen=True, eq=False)
 class Target:
@@ -195,10 +198,12 @@ class _Problem:
             x = interior.solve(next((s for s in starts if interior.is_inside(s)), starts[-1]))
         structure, target = self.structure, self.target
         standard = self.constant + self.sensitivity @ x
-        # Rounding may leave a rotor inertia or friction a hair below zero: put it on the border, where it is meant to be.
+        # Rounding may leave a rotor inertia or friction a hair below zero: put it on the border, where it is meant to be. A hair is a
+        # thousandth of a standard deviation, or of a unit where the data do not see it.
         signed = np.concatenate([structure.drive, structure.nonnegative])
-        reach = np.maximum(np.abs(self.sensitivity[signed]).max(axis=1, initial=0.0), 1e-12)
-        standard[signed[(standard[signed] < 0) & (standard[signed] > -1e-7 * reach)]] = 0.0
+        seen = np.linalg.norm(self.sensitivity[signed][:, : len(target.target)][:, target.costed], axis=1)
+        hair = 1e-3 * np.where(seen > 0, seen, 1.0)
+        standard[signed[(standard[signed] < 0) & (standard[signed] > -hair)]] = 0.0
         values = structure.regroup @ standard
         if not target.root.shape[1]:
             values = target.offset
@@ -216,34 +221,53 @@ class _Problem:
         return self._link(body, np.einsum("ai,kij,bj->kab", inverse, UNITS, inverse))
 
     def _conic(self, inside: float) -> Solution:
-        """The program with the quadratic metric (or none); `inside` keeps all inequalities that far from their borders."""
+        """The program with the quadratic metric (or none); `inside` keeps all inequalities that far from their borders.
+
+        How far the constraints move the estimate is not known beforehand: where the solver does not get through, distances are
+        counted in larger units."""
+        for unit in _UNITS:
+            try:
+                found = self._conic_in(inside, unit)
+                found.x[: len(self.target.target)] *= unit
+                return found
+            except SolverError:
+                if unit == _UNITS[-1]:
+                    raise
+        raise AssertionError
+
+    def _conic_in(self, inside: float, unit: float) -> Solution:
+        """The same with base directions counted in `unit` standard deviations."""
         program = ConicProgram()
-        x = program.variables(self.sensitivity.shape[1])
-        target = self.target
-        own = x[: len(target.target)]
-        program.distance(own[target.costed], target.target[target.costed])
+        p, moves = self.sensitivity.shape[1], len(self.target.target)
+        x = program.variables(p)
+        step = np.ones(p)
+        step[:moves] = unit
+        share = 1.0 / unit**2
+        costed = self.target.costed
+        program.distance(x[:moves][costed], self.target.target[costed] / unit)
         # What the data do not see stays near zero, as far as nothing else asks for it.
-        program.distance(own[~target.costed], np.zeros(int(np.sum(~target.costed))), SETTLE)
+        program.distance(x[:moves][~costed], np.zeros(int(np.sum(~costed))), SETTLE)
         default = link_scales(self.structure)
         for body, root in enumerate(self.roots):
             if self.structure.body_names[body] != self.released:
                 constant, slope = self._link(body, scaled_units(self.scale[body]))
-                program.semidefinite(constant - (self.margin + inside) * np.eye(4), [(x, slope)])
-            if root is None and self.structure.body_names[body] != self.released:
-                # Among links that no torque tells apart, the light and compact ones.
-                program.linear(x, SETTLE * np.trace(self._link(body, scaled_units(default[body]))[1], axis1=1, axis2=2))
-            elif root is not None:
+                program.semidefinite(constant - (self.margin + inside) * np.eye(4), [(x, slope * step[:, None, None])])
+                if root is None:
+                    # Among links that no torque tells apart, the light and compact ones.
+                    trace = np.trace(self._link(body, scaled_units(default[body]))[1], axis1=1, axis2=2)
+                    program.linear(x, SETTLE * share * trace * step)
+            if root is not None:
                 assert self.prior is not None
                 constant, slope = self._relative(body, root)
-                i, j, unit = triangle_indices(4)
-                unit = np.sqrt(0.5) / self.prior.spread * unit
-                program.squares(x, (slope[:, i, j] * unit).T, (np.eye(4) - constant)[i, j] * unit)
+                i, j, size = triangle_indices(4)
+                size = np.sqrt(0.5 * share) / self.prior.spread * size
+                program.squares(x, (slope[:, i, j] * size).T * step, (np.eye(4) - constant)[i, j] * size)
         if len(self.constants):
-            program.nonnegative(self.constants - inside, [(x, self.rows.T)])
+            program.nonnegative(self.constants - inside, [(x, (self.rows * step).T)])
         for cone, offset in self.cones:
             lowered = offset.copy()
             lowered[0] -= inside
-            program.second_order(lowered, [(x, cone.T)])
+            program.second_order(lowered, [(x, (cone * step).T)])
         return program.solve("the physically consistent fit")
 
     def _interior(self, prior: Prior) -> InteriorProblem:
@@ -294,9 +318,9 @@ def binding_constraints(
 
 
 def _nominal_scale(structure: InertiaStructure, prior: Prior) -> Array:
+    known = np.array([root is not None for root in prior.roots(structure)])
     full = np.zeros(structure.k)
     full[structure.inertial] = prior.nominal
-    known = np.array([root is not None for root in prior.roots(structure)])
     return np.where(known[:, None], link_scales(structure, full), link_scales(structure))
 
 

@@ -90,7 +90,7 @@ def subject_of(estimate: Estimate) -> Subject:
     )
 
 
-def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: float = 20.0) -> Judgement:
+def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: float = 60.0) -> Judgement:
     """Judge an estimate (or a `Subject`): is it possible, is it physically consistent?"""
     if not isinstance(subject, Subject):
         subject = subject_of(subject)

@@ -82,7 +82,7 @@ def judge_possible(
     *,
     covariance: Array | None = None,
     limits: bool = False,
-    time_limit: float = 20.0,
+    time_limit: float = 60.0,
     seed: int = 0,
 ) -> Possible:
     """Judge base values (b,) over whole turns, or within the joint limits if `limits`.

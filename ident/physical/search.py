@@ -61,8 +61,8 @@ def typical_diagonal(structure: InertiaStructure, values: Array, lower: Array, u
     """Typical size (nv,) of the diagonal of H over random positions: what makes joints of unlike size comparable."""
     q = random_positions(structure, lower, upper, 64, np.random.default_rng(seed))
     size = np.sqrt(np.mean(np.diagonal(structure.inertia_matrix(values, q), axis1=1, axis2=2) ** 2, axis=0))
-    floor = 1e-9 * max(float(size.max(initial=0.0)), 1e-300)
-    return np.maximum(size, floor)
+    largest = float(size.max(initial=0.0))
+    return np.maximum(size, 1e-9 * largest) if largest > 0 else np.ones_like(size)
 
 
 def random_positions(structure: InertiaStructure, lower: Array, upper: Array, count: int, rng: np.random.Generator) -> Array:

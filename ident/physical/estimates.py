@@ -1,0 +1,112 @@
+"""Repair and payload for estimates: the same functions, with structure, metric and information taken from the estimate itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from ..torque_error import TorqueError
+from .bounds import Bounds, Prior
+from .judgement import subject_of
+from .payload import PayloadEstimate, payload_from_fit, payload_from_logs
+from .repairs import Repair, RepairMethod, repair
+from .structure import InertiaStructure
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+    from ..signals import Signals
+
+Array = np.ndarray
+
+
+def triangle_of(estimate: Estimate) -> tuple[Array, Array] | None:
+    """The whitened information block (R, z) over the model's base parameters, or None where the estimate carries none that fits."""
+    information = estimate.information
+    if information is None or information.k != estimate.model.base.count:
+        return None
+    R, z, _ = information.combined(np.asarray(estimate.weights, float))
+    return R, z
+
+
+def repair_estimate(
+    estimate: Estimate,
+    method: RepairMethod | str = RepairMethod.FIT,
+    *,
+    held: Signals | None = None,
+    bounds: Bounds | None = None,
+    prior: Prior | None = None,
+    margin: float = 1e-2,
+    limits: bool = False,
+    time_limit: float = 60.0,
+) -> Repair:
+    """Repair an estimate; see `repair`. `held`: prepared signals that no fit saw, on which the error before and after is reported too.
+
+    Raises ConfigurationError where method "fit" is asked of an estimate without an information block."""
+    from ..problem import Problem
+
+    subject = subject_of(estimate)
+    triangle = triangle_of(estimate)
+    data = {}
+    if triangle is not None and estimate.information is not None:
+        data["fitted"] = estimate.information
+    if held is not None:
+        data["held out"] = Problem(estimate.model, held, reference=estimate.all_values).information
+    return repair(
+        subject.structure,
+        subject.values,
+        subject.covariance,
+        method,
+        unseen=subject.unseen,
+        triangle=triangle,
+        bounds=bounds,
+        prior=prior,
+        margin=margin,
+        limits=limits,
+        data=data,
+        time_limit=time_limit,
+    )
+
+
+def with_repair(estimate: Estimate, found: Repair) -> Estimate:
+    """The estimate with repaired values, over the model's whole base (a repair determines what the data left open, too).
+
+    Its covariance is that of the estimate; what the data did not see has no variance in it."""
+    subject = subject_of(estimate)
+    assert subject.covariance is not None
+    error = estimate.fit_error
+    if (information := estimate.information) is not None and information.k == len(found.values):
+        error = TorqueError.from_squares(information.residual_squares(found.values), information.torque_squares(), information.counts)
+    return replace(
+        estimate,
+        method=f"{estimate.method}, repaired ({found.method.value})",
+        base=estimate.model.base,
+        values=found.values,
+        covariance=subject.covariance,
+        fit_error=error,
+        heldout_error=None,
+        dropped=(),
+        warnings=(*estimate.warnings, f"repaired: {found.distance:.3g} standard deviations from what was estimated.", *found.notes),
+        trace={**estimate.trace, "repair": found.to_dict()},
+    )
+
+
+def payload_of(without: Estimate, with_load: Estimate, *, link: str | None = None) -> PayloadEstimate:
+    """The load on `link` (the last one by default) from two estimates of the same model: before, and with the load.
+
+    Information blocks are used where both estimates carry them, else the earlier one's covariance. Raises ConfigurationError."""
+    if with_load.model.names != without.model.names:
+        raise ConfigurationError("the two fits are of different models; fit the log with the load with the same robot and effects.")
+    base = without.model.base
+    structure = InertiaStructure.from_model(without.model, base)
+    after = triangle_of(with_load)
+    if after is None:
+        raise ConfigurationError("the fit with the load carries no information block; fit that log again, or save the fit with it.")
+    before = triangle_of(without)
+    if before is not None:
+        return payload_from_logs(structure, before, after, link=link)
+    subject = subject_of(without)
+    assert subject.covariance is not None
+    return payload_from_fit(structure, subject.values, subject.covariance, after, link=link)
