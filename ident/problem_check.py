@@ -62,11 +62,14 @@ class ProblemCheck:
         lines = [f"{self.base.count} base parameters of {len(self.base.parameters)}; these data determine {self.rank}"]
         lines.append(f"condition {self.condition:.3g} (columns scaled); smallest kept distance {kept:.1e}, largest dropped {dropped:.1e}")
         lines += str(self.agreement).splitlines()
+        from .summary import WIDTH, shortened
+
         width = max(len(n) for n in self.base.names)
         for name, text, spread in zip(self.base.names, self.base.expressions, self.expected_relative_std, strict=True):
             mark = "  poorly excited" if name in self.poor else ""
             std = f"±{100 * spread:8.2g} %" if np.isfinite(spread) else "   not seen"
-            lines.append(f"  {name:<{width}}  {std}  {text}{mark}")
+            head = f"  {name:<{width}}  {std}  "
+            lines.append(head + shortened(text, WIDTH - len(head) - len(mark)) + mark)
         return "\n".join([*lines, *self.advice, *(f"note: {n}" for n in self.notes)])
 
 

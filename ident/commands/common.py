@@ -26,16 +26,24 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
     parser.add_argument("--drive", help="TOML file with a [drive] table: ratio or K, measured, effects …")
     if logs:
         parser.add_argument("--log", nargs="+", metavar="FILE", help="logs to fit (CSV, CSV.gz, MAT, Parquet; patterns allowed)")
-        parser.add_argument("--validate", nargs="+", metavar="FILE", help="logs held out; without them the last part of each log is held out")
+        parser.add_argument(
+            "--validate", nargs="+", metavar="FILE", help="logs held out; without them the last part of each log is held out"
+        )
         parser.add_argument("--method", help="estimator, e.g. wls, irls, physical (all: ident fit --help); default: wls")
-        parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="declared model beside the rigid body, e.g. rotor_inertia viscous coulomb")
-        parser.add_argument("--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out")
+        parser.add_argument(
+            "--effects", nargs="+", metavar="EFFECT", help="declared model beside the rigid body, e.g. rotor_inertia viscous coulomb"
+        )
+        parser.add_argument(
+            "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
+        )
         parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off; without it, it is chosen from the data")
 
 
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:
     """`--json`, `--out`, `--force`, `--quiet`."""
-    parser.add_argument("--json", action="store_true", help="machine-readable result on standard output, everything for people on standard error")
+    parser.add_argument(
+        "--json", action="store_true", help="machine-readable result on standard output, everything for people on standard error"
+    )
     parser.add_argument("--out", metavar="DIR", help="folder that keeps all artefacts; must be new or empty unless --force")
     parser.add_argument("--force", action="store_true", help="write into an existing folder, over files of the same name")
     parser.add_argument("--quiet", action="store_true", help="no progress")
@@ -46,7 +54,9 @@ def study_from(args: argparse.Namespace) -> Study:
     from ..study import Study, read_study
 
     if not (args.study or args.robot or args.urdf):
-        raise ConfigurationError("no study file and no robot given. Name a study file, or use --robot NAME or --urdf FILE (and --log FILE).")
+        raise ConfigurationError(
+            "no study file and no robot given. Name a study file, or use --robot NAME or --urdf FILE (and --log FILE)."
+        )
     study = read_study(Path(args.study)) if args.study else Study()
     study = study.with_flags(
         robot=args.robot,

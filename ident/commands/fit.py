@@ -19,7 +19,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output_arguments(parser)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = f"methods (--method, or [estimator] method in a study file):\n{_methods()}\n\neffects: {_effects()}"
-    parser.add_argument("--max-error", type=float, metavar="SHARE", help="exit with 1 if the relative held-out error over all joints exceeds this")
+    parser.add_argument(
+        "--max-error", type=float, metavar="SHARE", help="exit with 1 if the relative held-out error over all joints exceeds this"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -64,7 +66,7 @@ def _methods() -> str:
 
 
 def _sentence(text: str) -> str:
-    first = " ".join(text.split("\n\n")[0].split())
+    first = " ".join(text.split("\n\n", maxsplit=1)[0].split())
     return first if len(first) <= 110 else textwrap.shorten(first, 110, placeholder=" …")
 
 

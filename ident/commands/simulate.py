@@ -14,8 +14,8 @@ from ..results import result
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 
 if TYPE_CHECKING:
-    from ..motion import Coordinates
     from ..model import Model
+    from ..motion import Coordinates
     from ..simulation.sensors import Sensors
     from ..trajectory import FourierTrajectory
 
@@ -30,12 +30,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fit", metavar="FILE", help="saved fit (fit.json) instead of nominal parameters")
     parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects beside the rigid body")
     parser.add_argument("--log", metavar="FILE", default="simulated.csv", help="log to write, .csv or .csv.gz (default: %(default)s)")
-    parser.add_argument("--trajectory", metavar="FILE", help="CSV with t, q1 … qn to follow; without it, a random Fourier motion within the limits")
+    parser.add_argument(
+        "--trajectory", metavar="FILE", help="CSV with t, q1 … qn to follow; without it, a random Fourier motion within the limits"
+    )
     parser.add_argument("--seconds", type=float, default=20.0, help="length of the random motion (default: %(default)s)")
     parser.add_argument("--rate", type=float, default=200.0, help="samples per second (default: %(default)s)")
-    parser.add_argument("--counts", type=float, help="encoder counts a motor turn; 0: exact (default: 4000, more where a joint would be read more coarsely than 1e-4 rad or 1e-5 m)")
+    parser.add_argument(
+        "--counts",
+        type=float,
+        help="encoder counts a motor turn; 0: exact (default: 4000, more where a joint's step would exceed 1e-4 rad or 1e-5 m)",
+    )
     parser.add_argument("--noise", type=float, default=0.01, help="torque noise over the joint's rms torque (default: %(default)s)")
-    parser.add_argument("--colour", type=float, default=0.0, help="correlation of the noise from one sample to the next (default: %(default)s)")
+    parser.add_argument(
+        "--colour", type=float, default=0.0, help="correlation of the noise from one sample to the next (default: %(default)s)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of motion and noise (default: %(default)s)")
     add_output_arguments(parser)
 

@@ -18,9 +18,13 @@ HELP = "predict held-out logs with a fit: torque error per joint, replayed motio
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)
     add_output_arguments(parser)
-    parser.add_argument("--fit", metavar="FILE", help="saved fit (fit.json); its robot and model are used. Without it, the study is fitted first")
+    parser.add_argument(
+        "--fit", metavar="FILE", help="saved fit (fit.json); its robot and model are used. Without it, the study is fitted first"
+    )
     parser.add_argument("--no-replay", action="store_true", help="torque prediction only, no forward simulation")
-    parser.add_argument("--max-error", type=float, metavar="SHARE", help="exit with 1 if the relative torque error over all joints exceeds this")
+    parser.add_argument(
+        "--max-error", type=float, metavar="SHARE", help="exit with 1 if the relative torque error over all joints exceeds this"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

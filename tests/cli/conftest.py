@@ -145,7 +145,9 @@ def saved_fit(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
     from ident.cli import main
 
     folder = tmp_path_factory.mktemp("fits") / "result"
-    code = main(["fit", "--urdf", str(arm.urdf), "--log", str(arm.train), "--validate", str(arm.test), *FRICTION, "--out", str(folder), "--quiet"])
+    code = main(
+        ["fit", "--urdf", str(arm.urdf), "--log", str(arm.train), "--validate", str(arm.test), *FRICTION, "--out", str(folder), "--quiet"]
+    )
     assert code == 0
     return folder / "fit.json"
 

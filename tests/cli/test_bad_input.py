@@ -68,7 +68,9 @@ def test_binary_file(fit, tmp_path):
 def test_too_few_joints(fit, arm, tmp_path, lacking, count):
     path = write_csv(tmp_path / "few.csv", {k: v for k, v in arm.table.items() if k not in lacking})
     name = JOINTS[int(lacking[0][1]) - 1]
-    refused(fit(path), DATA, rf"the robot has 4 joints, but the log has positions of {count}", rf"missing: {lacking[0]} \({name}\)", r"locked")
+    refused(
+        fit(path), DATA, rf"the robot has 4 joints, but the log has positions of {count}", rf"missing: {lacking[0]} \({name}\)", r"locked"
+    )
 
 
 def test_too_many_joints(fit, arm, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,15 @@ def test_base_json(ident, arm):
 def test_judge_json(ident, saved_fit, subject):
     ran = ident("judge", saved_fit, "--json") if subject == "fit" else ident("judge", "--robot", "puma560", "--table", "1", "--json")
     assert ran.code == 0
-    assert set(ran.json) >= COMMON | {"possible", "consistent", "min_eigenvalue", "worst_configuration", "method", "certified", "violated_links"}
+    assert set(ran.json) >= COMMON | {
+        "possible",
+        "consistent",
+        "min_eigenvalue",
+        "worst_configuration",
+        "method",
+        "certified",
+        "violated_links",
+    }
     assert ran.json["schema"] == "ident.judgement/1"
     if subject == "fit":
         assert ran.json["possible"] is True
@@ -212,22 +221,60 @@ def test_check_gate(ident, arm, tmp_path):
 # --- base parameters of robots that come by name ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "count"), [("puma560", 36), ("scara", None), ("palletiser", None), ("panda", 43), ("ur5", 36)])
-def test_base_by_name(ident, name, count):
-    if name in ("panda", "ur5"):
-        pytest.importorskip("importlib.metadata")
-        from importlib.metadata import PackageNotFoundError, distribution
+def example_robots():
+    """Skips where example-robot-data is not installed."""
+    try:
+        distribution("example-robot-data")
+    except PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
 
-        try:
-            distribution("example-robot-data")
-        except PackageNotFoundError:
-            pytest.skip("example-robot-data is not installed")
-    flags = ("--robot", name)
-    ran = ident("base", *flags, "--json")
+
+@pytest.mark.parametrize(
+    ("name", "more", "count"),
+    [
+        ("puma560", (), 36),
+        ("puma560", ("--rotor-inertia",), 40),  # two of six rotors join the links that they turn
+        ("scara", (), 8),
+        ("palletiser", (), 32),
+        ("panda", (), 48),  # 43 of the arm and 5 of the gripper
+        ("ur5", (), 36),
+        ("ur5", ("--gravity", "0", "0", "0"), 34),
+        ("ur5", ("--floating-base",), 52),
+    ],
+)
+def test_base_by_name(ident, name, more, count):
+    if name in ("panda", "ur5"):
+        example_robots()
+    ran = ident("base", "--robot", name, *more, "--json")
     assert ran.code == 0, ran.err
-    if count is not None and name != "panda":
-        assert ran.json["count"] == count
-    assert np.linalg.matrix_rank(np.array(ran.json["matrix"])) == ran.json["count"] == len(ran.json["parameters"])
+    assert ran.json["count"] == len(ran.json["parameters"]) == count
+    if "--rotor-inertia" not in more:  # the matrix has the links' columns alone
+        assert np.linalg.matrix_rank(np.array(ran.json["matrix"])) == count
+
+
+def test_base_with_locked_joints(ident, tmp_path):
+    example_robots()
+    study = tmp_path / "arm.toml"
+    study.write_text('[robot]\nname = "panda"\nlocked = { panda_finger_joint1 = 0.0 }\n')
+    ran = ident("base", study, "--json")
+    assert ran.json["count"] == 43
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        ((), 2, "no study file and no robot given"),
+        (("--robot", "scarra"), 2, "did you mean 'scara'"),
+        (("--robot", "scara", "--gravity", "0", "0"), 2, "expected 3 arguments"),
+        (("--robot", "scara", "--principal", "none.csv"), 3, "none.csv: no such file"),
+        (("--robot", "scara", "--urdf", "scara.urdf"), 2, "give one of them"),
+    ],
+)
+def test_base_refusals(ident, arguments, code, message):
+    ran = ident("base", *arguments)
+    assert ran.code == code
+    assert ran.out == ""
+    assert message in ran.err
 
 
 # --- the whole way -----------------------------------------------------------------------------------------------------------------
@@ -260,7 +307,11 @@ def test_python_m_ident():
 
     assert ran.stdout == f"ident {__version__}\n"
     ran = subprocess.run(
-        [*python(), "-m", "ident", "fit", "--robot", "puma560", "--log", "no.csv"], capture_output=True, text=True, env=environment, check=False
+        [*python(), "-m", "ident", "fit", "--robot", "puma560", "--log", "no.csv"],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
     )
     assert (ran.returncode, ran.stdout) == (3, "")
     assert "no.csv: no such file" in ran.stderr
