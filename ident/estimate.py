@@ -30,6 +30,7 @@ class Estimate:
 
     `base`: the reduction whose b base parameters were estimated (grouped further than the model's own where the data
     could not tell them apart); `values` (b,), `covariance` (b, b). `noise`: the residual's noise per measured row.
+    `sticking`: joints whose rows near reversals are left out, because they stick there.
     `problem`: what was solved, for diagnosis in the same session (not saved).
     `weights` (n,): weight of each row (1/variance). `reference` (k,): all parameters, from which the predicted load was taken."""
 
@@ -47,6 +48,7 @@ class Estimate:
     information: Information | None = None
     reference: Array | None = None
     dropped: tuple[str, ...] = ()
+    sticking: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     heldout_error: TorqueError | None = None
     inputs: tuple[dict[str, Any], ...] = ()
@@ -113,7 +115,7 @@ class Estimate:
     def _problem(self, signals: Signals) -> Problem:
         from .problem import Problem
 
-        return Problem(self.model, signals, reference=self.all_values)
+        return Problem(self.model, signals.without_turning(self.sticking), reference=self.all_values)
 
     @cached_property
     def _structural_values(self) -> Array:

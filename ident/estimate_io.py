@@ -50,6 +50,7 @@ def to_dict(estimate: Estimate) -> dict[str, Any]:
         "condition": number(estimate.condition),
         "samples": estimate.samples,
         "not_determined": list(estimate.dropped),
+        "sticking_joints": list(estimate.sticking),
         "torque_error": {
             "fit": estimate.fit_error.to_dict(),
             "heldout": estimate.heldout_error.to_dict() if estimate.heldout_error else nothing,
@@ -132,6 +133,7 @@ def load(path: Path) -> Estimate:
         information=information,
         reference=None if state["reference"] is None else np.array(state["reference"], float),
         dropped=tuple(data["not_determined"]),
+        sticking=tuple(data["sticking_joints"]),
         warnings=tuple(data["warnings"]),
         heldout_error=_error(heldout, state["rows"]["heldout"]) if heldout["rms"] else None,
         inputs=tuple(data["inputs"]),

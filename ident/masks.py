@@ -20,15 +20,14 @@ class Standstill:
 
     A sample counts as standstill below `fraction` of the joint's top speed on the measured side, or below `speed` (rad/s or
     m/s; one value, or one a joint) if that is given; never below three standard deviations of the speed's noise. A row is
-    left out if more than `share` of the row filter's weight lies on such samples. The default drops every row that a
-    standstill or a reversal reaches: a joint that sticks for a few milliseconds leaves errors of many times the noise there
-    (measured on simulated stiction: 6 std in Coulomb friction with a share of 0.3, 1 with 0.02). A larger share keeps the low
-    speeds, by which friction that is not linear in speed would be told. Where reversals follow each other so closely, for the
+    left out if more than `share` of the row filter's weight lies on such samples. A small share
+    drops every row that a standstill or a reversal reaches, and with them the low speeds by which friction that is not linear
+    in speed is told; a joint that sticks there is left to the estimators, who see it by the residual (`estimators.turning`). Where reversals follow each other so closely, for the
     length of the row filter, that less than `keep` of a joint's moving rows would be left, its share is raised until that many are."""
 
-    fraction: float = 0.02
+    fraction: float = 0.01
     speed: float | Sequence[float] | None = None
-    share: float = 0.02
+    share: float = 0.3
     keep: float = 0.5
 
     def __post_init__(self) -> None:

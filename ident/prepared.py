@@ -102,7 +102,8 @@ class Signals:
     `t` (N,) s; `q`, `dq`, `ddq` (N, n) joint side; `torque` (N, n) on the measured side at full rate, not filtered (NaN where
     missing); `tau` (M, n) on the measured side, filtered like the rows; `valid` (M, n): the row may be used; `runs`: the
     samples of each uniform run; `rate` in Hz; `row_filter` acts on both sides of the equation (None: rows are samples). `origins`: for each
-    run the time at which its recording began (its first sample, if not given). `source`: the logs, while these are all of their rows."""
+    run the time at which its recording began (its first sample, if not given). `source`: the logs, while these are all of their rows.
+    `turning` (M, n), if known: a reversal or a standstill of the joint reaches into the row."""
 
     robot: Robot
     t: Array
@@ -120,6 +121,7 @@ class Signals:
     inputs: tuple[dict[str, str], ...] = ()
     origins: tuple[float, ...] = ()
     source: LogSet | None = field(default=None, repr=False)
+    turning: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not self.origins:
@@ -209,6 +211,7 @@ class Signals:
             **{k: getattr(self, k)[at] for k in ("t", "q", "dq", "ddq", "torque")},
             tau=self.tau[rows_at],
             valid=self.valid[rows_at],
+            turning=None if self.turning is None else self.turning[rows_at],
             runs=tuple(slice(a, b) for a, b in itertools.pairwise(edges)),
             run_names=tuple(labels),
             origins=tuple(origins),
@@ -252,6 +255,15 @@ class Signals:
         if not parts[0] or not parts[1]:
             raise DataError("split: the runs are too short to hold out a part.")
         return self.select_rows(parts[0]), self.select_rows(parts[1])
+
+    def without_turning(self, joints: Iterable[str]) -> Signals:
+        """The same signals without the rows of some joints into which a reversal or standstill of theirs reaches."""
+        if self.turning is None:
+            return self
+        at = [self.robot.joint_index(j) for j in joints]
+        valid = self.valid.copy()
+        valid[:, at] &= ~self.turning[:, at]
+        return replace(self, valid=valid, source=None)
 
     def without(self, joints: Iterable[str]) -> Signals:
         """The same signals with all rows of some joints masked."""

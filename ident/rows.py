@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: A row is not used if more than this share of its filter's weight lies on samples whose torque is missing or cut off.
 _UNSOUND = 0.02
+#: A row is reached by a reversal if more than this share of its weight lies on samples below this multiple of the standstill speed.
+_TURNING_SHARE = 0.02
+_TURNING_REACH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +125,11 @@ def assemble(
     allowed = rule.allowed(shares["standstill"]) if rule is not None else np.ones(robot.n)
     lost = {k: share > (allowed if k == "standstill" else _UNSOUND) for k, share in shares.items()}
     valid = ~np.logical_or.reduce(list(lost.values()))
+    turning = None
+    if rule is not None:
+        near = pace <= _TURNING_REACH * threshold
+        reached = [near[run].astype(float) if row_filter is None else _share(row_filter, near[run]) for run in runs]
+        turning = np.concatenate(reached) > _TURNING_SHARE
     tau[lost["torque missing"]] = np.nan
     warnings += _warnings(robot, still_joint, rule is not None, cut, prep.saturated, valid, lost)
     raised = [f"{robot.joint_names[j]} {allowed[j]:.0%}" for j in range(robot.n) if rule is not None and allowed[j] > rule.share]
@@ -164,7 +172,9 @@ def assemble(
     )
     names = tuple(d.run.name for d in kept)
     origins = tuple(d.run.origin for d in kept)
-    return Signals(robot, t, q, dq, ddq, torque, tau, valid, runs, names, uniform.rate, row_filter, report, inputs, origins)
+    return Signals(
+        robot, t, q, dq, ddq, torque, tau, valid, runs, names, uniform.rate, row_filter, report, inputs, origins, turning=turning
+    )
 
 
 def _joined(parts: list[Array]) -> Array:

@@ -25,6 +25,7 @@ def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
     lines = [
         f"{estimate.method}: {len(values)} parameters from {estimate.samples} rows; condition {estimate.condition:.3g}",
         wrapped(estimate.status.text),
+        *_sticking(estimate.sticking),
         "",
         f"{'parameter':<{width}}  {'value':>12} {'std':>10} {'std %':>7} {'|t|':>8}  {'unit':<{unit_width}}  base-parameter expression",
     ]
@@ -90,3 +91,11 @@ def _strongest(correlation: Array, names: tuple[str, ...], count: int) -> list[s
     order = np.argsort(upper, axis=None)[::-1][:count]
     pairs = [tuple(np.unravel_index(int(o), upper.shape)) for o in order]
     return [f"{names[i]} and {names[j]} {correlation[i, j]:+.3f}" for i, j in pairs if upper[i, j] > 0.8]
+
+
+def _sticking(joints: tuple[str, ...]) -> list[str]:
+    if not joints:
+        return []
+    return [
+        f"rows near reversals of {', '.join(joints)} are left out: they scatter more than three times as much, as of a joint that sticks."
+    ]

@@ -124,5 +124,5 @@ def nominal_error(estimate: Estimate, signals: Signals) -> TorqueError | None:
         return None
     from .problem import Problem
 
-    residual = Problem(estimate.model, signals, reference=estimate.all_values).residual(values)
+    residual = Problem(estimate.model, signals.without_turning(estimate.sticking), reference=estimate.all_values).residual(values)
     return TorqueError.of(residual, signals.tau)

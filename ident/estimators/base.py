@@ -14,6 +14,7 @@ import numpy as np
 
 from ..effect import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
+from .turning import without_sticking
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
@@ -56,17 +57,18 @@ class Estimator(ABC):
             object.__setattr__(self, f.name, _frozen(getattr(self, f.name)))
 
     def solve(self, problem: Problem) -> Estimate:
-        """Estimate the base parameters of a problem.
+        """Estimate the base parameters of a problem, without the rows in which a joint sticks (`estimators.turning`).
 
         Where an effect needs the model's own prediction (load), the fit is repeated with that of the last one until it stands."""
         self.check(problem)
-        estimate = self._solve(problem)
+        problem, sticking = without_sticking(problem)
+        estimate = replace(self._solve(problem), sticking=sticking)
         if not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
             return estimate
         for _ in range(_LOAD_PASSES):
             values = estimate.all_values
             problem = problem.with_reference(values)
-            estimate = replace(self._solve(problem), reference=values)
+            estimate = replace(self._solve(problem), reference=values, sticking=sticking)
             change = np.abs(estimate.values - problem.base.base_values(values)) if len(estimate.values) == problem.base.count else np.inf
             if np.all(change <= 1e-6 * estimate.std + 1e-9 * np.abs(estimate.values)):
                 break
