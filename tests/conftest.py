@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+from command_line import arm, ident, saved_fit  # noqa: F401 - fixtures of tests/cli
 
 
 def shared_data() -> Path:

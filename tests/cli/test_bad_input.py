@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ARM, FRICTION, JOINTS, write_csv
+from command_line import ARM, FRICTION, JOINTS, write_csv
 
 USAGE, DATA = 2, 3
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import FRICTION, JOINTS, python
+from command_line import FRICTION, JOINTS, python
 
 COMMON = {"schema", "ident_version", "inputs", "created", "warnings"}
 
@@ -210,7 +210,7 @@ def test_judge_gate(ident):
 
 
 def test_check_gate(ident, arm, tmp_path):
-    from conftest import write_csv
+    from command_line import write_csv
 
     flags = ("check", "--urdf", arm.urdf, *FRICTION, "--quiet", "--strict", "--log")
     assert ident(*flags, arm.train).code == 0

@@ -1,4 +1,4 @@
-"""What the command-line tests share: a small robot with logs made from an analytic motion, and a way to run `ident` in this process."""
+"""What the command-line tests share: a small robot with logs of an analytic motion, and `ident` run in this process."""
 
 from __future__ import annotations
 
