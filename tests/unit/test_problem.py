@@ -136,3 +136,20 @@ def test_intervals_cover_the_truth_at_their_rate(case, colour: float, counts: fl
     groups = np.array([name.split("_")[0] for name in model.base.names])
     for group in dict.fromkeys(groups):
         assert 0.92 <= covered[groups == group].mean() <= 0.98, (group, covered[groups == group])
+
+
+def test_rows_of_a_sticking_joint_are_left_out_and_others_stay(case) -> None:
+    """Torque disturbed only where joint 3 reverses: its rows near reversals go, those of the other joints stay."""
+    model, values, m, clean = case
+    rng = np.random.default_rng(0)
+    tau = clean + 0.01 * np.sqrt(np.mean(clean**2, axis=0)) * rng.normal(size=clean.shape)
+    slow = np.abs(m.joint.dq[:, 2]) < 0.03 * np.abs(m.joint.dq[:, 2]).max()
+    # A constant sign for each reversal: noise that changes at every sample would be filtered away.
+    signs = np.sign(np.sin(np.arange(len(slow)) / 37.0))
+    tau[slow, 2] += 2.0 * values[model.names.index("Fc_joint3")] * signs[slow]
+    signals = ZeroPhase(cutoff_hz=10)(log(case, tau))
+    estimate = WeightedLeastSquares().solve(ident.Problem(model, signals))
+    quiet = WeightedLeastSquares().solve(ident.Problem(model, ZeroPhase(cutoff_hz=10)(log(case))))
+    assert estimate.sticking == ("joint3",)
+    assert quiet.sticking == ()
+    assert np.all(np.abs(estimate.values - model.base.base_values(values)) < 5 * estimate.std)

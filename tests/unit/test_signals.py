@@ -327,8 +327,8 @@ class TestMasks:
         t = clock("even", 300.0, 60.0)
         q = np.column_stack([np.sin(2 * np.pi * 2.0 * t), np.sin(2 * np.pi * 2.3 * t)])
         log = Log("run", t, q, tau={"joint": np.cos(2 * np.pi * 2.0 * t)[:, None] * [1.0, 1.0]})
-        strict = ZeroPhase(cutoff_hz=8, standstill=Standstill(fraction=0.1, keep=0.0))(log, robot())
-        default = ZeroPhase(cutoff_hz=8, standstill=Standstill(fraction=0.1))(log, robot())
+        strict = ZeroPhase(cutoff_hz=8, standstill=Standstill(fraction=0.1, share=0.02, keep=0.0))(log, robot())
+        default = ZeroPhase(cutoff_hz=8, standstill=Standstill(fraction=0.1, share=0.02))(log, robot())
         assert strict.valid.mean() < 0.25
         assert default.valid.mean() > 0.45
         assert any("reversals follow each other closely" in w for w in default.report.warnings)
