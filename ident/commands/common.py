@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from ..errors import ConfigurationError
 from ..files import write_atomic
@@ -98,7 +99,7 @@ class Output:
 
     def say(self, text: object = "") -> None:
         """Text for people: standard output, or standard error beside JSON."""
-        print(text, file=sys.stderr if self.json else sys.stdout, flush=True)
+        _print(text, sys.stderr if self.json else sys.stdout)
 
     def note(self, text: object) -> None:
         """A remark on the way, on standard error."""
@@ -108,7 +109,7 @@ class Output:
         """The machine-readable result: to standard output with `--json`, and into the folder under `name` if one is given."""
         text = json.dumps(data, indent=2)
         if self.json:
-            print(text, flush=True)
+            _print(text, sys.stdout)
         if name is not None:
             self.keep(f"{name}.json", text + "\n")
 
@@ -125,6 +126,14 @@ class Output:
         if self.quiet or not sys.stderr.isatty():
             return None if self.quiet else _slow_progress(label)
         return _line_progress(label)
+
+
+def _print(text: object, stream: TextIO) -> None:
+    """Print; where the reader went away (`| head`), go on without it, so that artefacts are kept and gates still count."""
+    try:
+        print(text, file=stream, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _line_progress(label: str) -> Callable[[float], None]:

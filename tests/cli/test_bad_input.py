@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -293,6 +294,19 @@ def test_urdf_without_inertials_is_fine_for_fitting_and_said(ident, arm, tmp_pat
     assert re.search(r"no <inertial> .*fine for fitting", bare.err)
     assert [p["value"] for p in bare.json["parameters"]] == pytest.approx([p["value"] for p in whole.json["parameters"]], rel=1e-9)
     refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"no inertials to simulate with")
+
+
+def test_fit_that_is_damaged(ident, arm, saved_fit, tmp_path):
+    kept = json.loads(saved_fit.read_text())
+    for name, content in (
+        ("text", "hello"),
+        ("other", "{}"),
+        ("damaged", json.dumps({k: v for k, v in kept.items() if k != "covariance"})),
+    ):
+        path = tmp_path / f"{name}.json"
+        path.write_text(content)
+        refused(ident("validate", "--fit", path, "--log", arm.test), USAGE, rf"fit .*{name}\.json: is (not JSON|not a saved fit|damaged)")
+        refused(ident("judge", path), USAGE, rf"{name}\.json")
 
 
 # --- output --------------------------------------------------------------------------------------------------------------------

@@ -153,6 +153,16 @@ def test_out_keeps_the_fit_and_nothing_temporary(saved_fit):
     assert "m_slide" in (saved_fit.parent / "fit.txt").read_text()
 
 
+def test_artefacts_are_kept_when_the_reader_goes_away(arm, tmp_path):
+    root, folder = Path(__file__).resolve().parents[2], tmp_path / "result"
+    command = [*python(), "-m", "ident", "fit", "--urdf", arm.urdf, "--log", arm.train, *FRICTION, "--quiet", "--out", folder]
+    with subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(root)}) as running:
+        assert running.stdout is not None
+        running.stdout.close()
+    assert running.returncode == 0
+    assert (folder / "fit.json").exists()
+
+
 def test_out_is_not_overwritten(ident, arm, saved_fit):
     before = saved_fit.read_bytes()
     ran = ident("base", "--urdf", arm.urdf, "--out", saved_fit.parent)
