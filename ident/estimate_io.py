@@ -101,6 +101,15 @@ def load(path: Path) -> Estimate:
         raise ConfigurationError(
             f"fit {path}: is not a saved fit ({SCHEMA} with its state). Write one with `ident fit --out DIR` or Estimate.save."
         )
+    try:
+        return _restored(data)
+    except (KeyError, IndexError, TypeError, AttributeError) as error:
+        raise ConfigurationError(
+            f"fit {path}: is damaged, or another version of ident wrote it ({type(error).__name__}: {error}). Fit again."
+        ) from None
+
+
+def _restored(data: dict[str, Any]) -> Estimate:
     state = data["state"]
     model = model_from_dict(state["model"])
     base = state["base"]
