@@ -36,7 +36,9 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     from . import __version__
 
     parser = argparse.ArgumentParser(
-        prog="ident", description="Identify a robot's dynamics from logs, and find what its model lacks.", epilog="ident COMMAND --help tells more."
+        prog="ident",
+        description="Identify a robot's dynamics from logs, and find what its model lacks.",
+        epilog="ident COMMAND --help tells more.",
     )
     parser.add_argument("--version", action="version", version=f"ident {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
@@ -71,7 +73,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
 
 
-def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, file: object = None, line: str | None = None) -> None:
+def _show_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, file: object = None, line: str | None = None
+) -> None:
     print(f"warning: {message}", file=sys.stderr)
 
 

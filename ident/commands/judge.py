@@ -70,5 +70,12 @@ def _repair(args: argparse.Namespace, estimate: Estimate | None, subject: Subjec
         R, z, _ = estimate.information.combined(np.asarray(estimate.weights))
         triangle, data = (R, z), {"fitted": estimate.information}
     return repair(
-        subject.structure, subject.values, subject.covariance, args.repair, unseen=subject.unseen, triangle=triangle, limits=args.limits, data=data
+        subject.structure,
+        subject.values,
+        subject.covariance,
+        args.repair,
+        unseen=subject.unseen,
+        triangle=triangle,
+        limits=args.limits,
+        data=data,
     )
