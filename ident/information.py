@@ -42,14 +42,10 @@ class Information:
 
     def with_rows(self, columns: Array, tau: Array, valid: Array | None = None) -> Information:
         """Add samples: `columns` (m, n, k), `tau` (m, n), `valid` (m, n) bool (rows that count)."""
-        factors = self.factors.copy()
-        counts = self.counts.copy()
-        for j in range(self.n):
-            use = slice(None) if valid is None or valid[:, j].all() else valid[:, j]
-            block = np.concatenate([columns[use, j], tau[use, j, None]], axis=1)
-            counts[j] += len(block)
-            factors[j] = stack_triangles(factors[j], block)
-        return replace(self, factors=factors, counts=counts)
+        from .regressor.rigid import stacked_information
+
+        factors, counts = stacked_information(columns, tau, valid=valid)
+        return self + Information(factors, counts, self.names)
 
     def __add__(self, other: Information) -> Information:
         """Merge two blocks over the same columns and rows."""

@@ -177,13 +177,18 @@ def stacked_information(
     if columns.ndim != 3:
         raise ConfigurationError(f"columns: expected shape (N, R, k), but it is {columns.shape}.")
     n, r, _ = columns.shape
-    none, motion = np.zeros((0, 3)), np.zeros((n, 0))
-    nothing = RigidBodyTree(np.zeros(0, int), np.zeros((0, 3, 3)), none, none, np.zeros(0, bool), np.zeros(3), floating=False)
+    motion = np.zeros((n, 0))
     given = {"rows": np.zeros((r, 0)), "extra": columns, "valid": valid, "weight": weight}
     try:
-        return information(nothing, motion, motion, motion, tau, **given, form=form, threads=threads)
+        return information(_no_bodies(), motion, motion, motion, tau, **given, form=form, threads=threads)
     except DataError as error:
         raise DataError(str(error).replace("extra:", "columns:", 1)) from None
+
+
+@cache
+def _no_bodies() -> RigidBodyTree:
+    none = np.zeros((0, 3))
+    return RigidBodyTree(np.zeros(0, int), np.zeros((0, 3, 3)), none, none, np.zeros(0, bool), np.zeros(3), floating=False)
 
 
 def paired(tree: RigidBodyTree) -> RigidBodyTree:
@@ -200,12 +205,14 @@ def paired(tree: RigidBodyTree) -> RigidBodyTree:
 
 
 def _extra(extra: Any, pattern: Any, shape: tuple[int, int]) -> tuple[Array, Array]:
-    """Checked extra columns and their pattern; a full array of columns gets the pattern of its columns that are not zero."""
+    """Checked extra columns and their pattern; a full array of columns gets the pattern of those that are not zero."""
     if extra is None:
         return np.zeros((shape[0], 0)), np.zeros((shape[1], 0))
     extra = np.ascontiguousarray(extra, dtype=np.float64)
     if extra.ndim == 3 and extra.shape[:2] == shape:
-        return extra, np.ascontiguousarray(np.any(extra != 0.0, axis=0), dtype=np.float64)
+        # Which columns are zero throughout is worth asking for many samples only; few at a time may have zeros by chance.
+        live = np.any(extra != 0.0, axis=0) if shape[0] >= 256 else np.ones(extra.shape[1:])
+        return extra, np.ascontiguousarray(live, dtype=np.float64)
     pattern = None if pattern is None else _finite("pattern", pattern)
     if extra.ndim == 2 and len(extra) == shape[0] and pattern is not None and pattern.shape == (shape[1], extra.shape[1]):
         return extra, pattern
