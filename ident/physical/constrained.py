@@ -181,8 +181,13 @@ class _Problem:
         constants = np.concatenate([-least, np.zeros(len(signed)), c])
         size = np.maximum(np.linalg.norm(rows @ self.sensitivity, axis=1), 1e-12)
         self.rows, self.constants = (rows @ self.sensitivity) / size[:, None], (rows @ self.constant + constants) / size
-        # What no unknown moves is judged elsewhere, by its sign.
         moved = np.abs(rows @ self.sensitivity).max(axis=1, initial=0.0) > 0
+        stuck = np.flatnonzero(~moved[: len(at) + len(signed)] & (self.constants[: len(at) + len(signed)] < 0))
+        if len(stuck):
+            names = ", ".join(structure.names[np.concatenate([at, signed])[i]] for i in stuck)
+            raise InfeasibleError(
+                f"{names}: rotor inertia must be positive and friction not negative, but the covariance says that the value may not change."
+            )
         self.rows, self.constants = self.rows[moved], self.constants[moved]
         self.cones = [(cone @ self.sensitivity, cone @ self.constant) for cone in bounds.cones(structure)]
 

@@ -144,7 +144,7 @@ def repair(
             target = Target.from_covariance(values, covariance, unseen)
         fit = consistent_fit(structure, target, bounds=bounds, prior=prior)
         repaired, standard, how, notes = fit.values, fit.standard, fit.method, notes + fit.notes
-    possible = judge_possible(structure, repaired, covariance=covariance, limits=limits, time_limit=time_limit)
+    possible = judge_possible(structure, repaired, covariance=covariance, limits=limits, time_limit=min(time_limit, 20.0))
     consistent = judge_consistent(structure, repaired) if solver_available() else None
     if not possible.possible:
         raise SolverError(f"repair ({method.value}): the result does not pass its own judgement ({possible.text()}); try a larger margin.")
