@@ -128,9 +128,9 @@ class Problem:
         """Information on the base parameters, one triangular factor per measured row."""
         total = Information.empty(self.valid.shape[1], self.base.names)
         # Other formulations of the rows (`IntegratedProblem`) have columns of their own.
-        plain = type(self) is Problem and self.signals.row_filter is None and not self.model.needs
+        plain = type(self) is Problem and not self.model.needs
         if plain and self.model.effects and isinstance(self.model.effects[0], RigidBody):
-            blocks = self._unfiltered_information()
+            blocks = self._instant_information()
         else:
             blocks = (Information.empty(total.n, total.names).with_rows(r.columns, r.tau, r.valid) for r in self.rows())
         for block in blocks:
@@ -139,13 +139,14 @@ class Problem:
             raise DataError("no row of the log can be used: every torque is missing or masked. See `audit` for the reason.")
         return total
 
-    def _unfiltered_information(self) -> Iterator[Information]:
-        """Information where rows are the samples themselves: links by the kernel, which never writes their columns out."""
+    def _instant_information(self) -> Iterator[Information]:
+        """Information where columns depend on the instant alone: links and row filter by the kernel, which never writes columns out."""
         from .regressor.rigid import information
 
         signals, model, robot = self.signals, self.model, self.model.robot
         others = Model(robot, model.effects[1:])
         rows = robot.transmission.torque_map(Side.JOINT, robot.transmission.measured) @ robot.loop.W.T
+        row_filter = signals.row_filter
         size = max(4096, _BLOCK_NUMBERS // (robot.n * max(1, len(others.parameters)) + 4 * robot.n))
         for block in signals.blocks(size):
             motion, s = self.motion(block.samples), block.samples
@@ -159,6 +160,8 @@ class Problem:
                 columns=self.base.independent,
                 extra=others.columns(motion) if others.effects else None,
                 valid=signals.valid[block.rows],
+                taps=None if row_filter is None else row_filter.taps,
+                factor=1 if row_filter is None else row_filter.factor,
             )
             yield Information(factors, counts, self.base.names)
             if self.progress is not None:
