@@ -45,8 +45,6 @@ _WHERE = {
     "UnsupportedError": "errors",
     "MomentumProblem": "integrated",
     "EnergyProblem": "integrated",
-    "diagnose": "diagnosis",
-    "Diagnosis": "diagnosis",
 }
 _PACKAGES = ("effects", "estimators", "friction", "physical", "regressor", "robots")
 
@@ -55,7 +53,6 @@ __all__ = [
     "Comparison",
     "ConfigurationError",
     "DataError",
-    "Diagnosis",
     "Effect",
     "EnergyProblem",
     "Estimate",
@@ -80,7 +77,6 @@ __all__ = [
     "ZeroPhase",
     "__version__",
     "compare",
-    "diagnose",
     "effect_names",
     "effects",
     "estimators",
@@ -116,7 +112,6 @@ def __dir__() -> list[str]:
 if TYPE_CHECKING:
     from . import effects, estimators, friction, physical, regressor, robots
     from .comparison import Comparison, compare
-    from .diagnosis import Diagnosis, diagnose
     from .effect import Effect, effect_names, make_effect
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
     from .estimate import Estimate
