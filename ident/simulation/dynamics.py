@@ -17,8 +17,9 @@ from ..errors import ConfigurationError, DataError
 from ..motion import Coordinates, Motion
 from ..transmission import Side
 from .contact import resolve
+from .dry import DryFriction, DryTerm
 from .flexible import FlexibleJoints
-from .forces import TINY, Term
+from .forces import Term
 from .rigid import RigidDynamics
 
 if TYPE_CHECKING:
@@ -63,28 +64,6 @@ class Response:
     friction: Array
 
 
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """The coordinates of one side at whose zero speed something jumps: `own` indices, their `contact`, its `sense` (±1)."""
-
-    own: Array
-    contact: Array
-    sense: Array
-    everywhere: bool
-
-    def clamp(self, side: Coordinates, direction: Array) -> Coordinates:
-        """The same motion with these speeds on the side of zero that `direction` (B, c) says."""
-        if not len(self.own):
-            return side
-        sense = direction[:, self.contact] * self.sense
-        if self.everywhere:
-            return Coordinates(side.q, sense * np.maximum(sense * side.dq, TINY), side.ddq, sense)
-        dq, kept = side.dq.copy(), np.sign(side.dq)
-        dq[:, self.own] = sense * np.maximum(sense * dq[:, self.own], TINY)
-        kept[:, self.own] = sense
-        return Coordinates(side.q, dq, side.ddq, kept)
-
-
 class Dynamics:
     """The compiled plant for one set of parameter values. All arrays have one row a run (B)."""
 
@@ -108,19 +87,18 @@ class Dynamics:
             J = self.rates[term.side]
             self.inertia += J.T @ term.inertia @ J
         self._require_drive_inertia(soft)
+        ends = [sum(t.states for t in self.terms[:i]) for i in range(len(self.terms) + 1)]
+        self._states = [slice(a, b) for a, b in pairwise(ends)]
         live = [(i, t) for i, t in enumerate(self.terms) if not t.idle]
         self._smooth = [(i, t) for i, t in live if not t.jumps.any() and not t.implicit]
-        self._dry = [(i, t) for i, t in live if t.jumps.any() and not t.implicit]
         self._implicit = [(i, t) for i, t in live if not t.jumps.any() and t.implicit]
-        self._implicit_dry = [(i, t) for i, t in live if t.jumps.any() and t.implicit]
+        self._dry = [DryTerm(t, self._states[i]) for i, t in live if t.jumps.any() and not t.implicit]
+        self._implicit_dry = [DryTerm(t, self._states[i]) for i, t in live if t.jumps.any() and t.implicit]
         self._needs_load = any(t.needs_load for t in self.terms)
         self._path_followers = [(i, t) for i, t in live if t.follows_path]
         self._links = [(i, t) for i, t in live if t.link]
-        self.contacts, self._surfaces = self._find_contacts()
-        rank = int(np.linalg.matrix_rank(self.contacts)) if len(self.contacts) else 0
-        self._parallel, self._all_held = rank < len(self.contacts), rank == m
-        ends = [sum(t.states for t in self.terms[:i]) for i in range(len(self.terms) + 1)]
-        self._states = [slice(a, b) for a, b in pairwise(ends)]
+        #: The friction contacts.
+        self.dry = DryFriction(robot, self.terms, self.rates)
 
     # --- set-up -------------------------------------------------------------------------------------------------------
 
@@ -131,28 +109,6 @@ class Dynamics:
                     f"joint {self.robot.joint_names[j]!r} is flexible, but its drive has no inertia;"
                     " add rotor inertia on the motor side to the model."
                 )
-
-    def _find_contacts(self) -> tuple[Array, dict[Side, _Surface]]:
-        """Directions (c, m) whose zero speed is a friction contact; parallel ones (motor and joint of one axis) are one."""
-        directions: list[Array] = []
-        surfaces = {}
-        for side in (Side.MOTOR, Side.JOINT):
-            touched = np.zeros(self.n, bool)
-            for term in self.terms:
-                if term.side == side:
-                    touched |= term.jumps
-            own = np.flatnonzero(touched)
-            contact, sense = [], []
-            for j in own:
-                g = self.rates[side][j]
-                cosines = [g @ d / (np.linalg.norm(g) * np.linalg.norm(d)) for d in directions]
-                same = [i for i, cosine in enumerate(cosines) if abs(cosine) > 1 - 1e-12]
-                if not same:
-                    directions.append(g)
-                contact.append(same[0] if same else len(directions) - 1)
-                sense.append(np.sign(cosines[same[0]]) if same else 1.0)
-            surfaces[side] = _Surface(own, np.array(contact, dtype=int), np.array(sense), len(own) == self.n)
-        return np.array(directions).reshape(-1, self.m), surfaces
 
     def start(self, t: Array, q: Array, dq: Array, torque: Array | None = None) -> State:
         """The state at rest in the drives' springs: links at q, dq (B, n); springs carry `torque` (B, n), joint side, or the
@@ -187,25 +143,9 @@ class Dynamics:
         )
         return Motion(state.t, joint, motor, None, torque)
 
-    def at_rest(self, modes: Array, v: Array) -> Array:
-        """Joints or motors (B, n) bool with dry friction whose contact is held, or only just lets go or reverses."""
-        still = (modes == 0) | self.standing(v)
-        out = np.zeros((len(modes), self.n), bool)
-        for surface in self._surfaces.values():
-            out[:, surface.own] |= still[:, surface.contact]
-        return out
-
-    def standing(self, v: Array) -> Array:
-        """Contacts (B, c) bool whose speed is nothing but rounding."""
-        return np.abs(self.contact_speed(v)) <= 1e-14 + 1e-12 * (np.abs(v) @ np.abs(self.contacts.T))
-
     def locked(self, modes: Array) -> bool:
         """Whether every coordinate of every run is held."""
-        return self._all_held and not modes.any()
-
-    def contact_speed(self, v: Array) -> Array:
-        """Speeds (B, c) of the friction contacts."""
-        return v @ self.contacts.T
+        return self.dry.complete and not modes.any()
 
     # --- dynamics -----------------------------------------------------------------------------------------------------
 
@@ -220,7 +160,7 @@ class Dynamics:
         for i, term in self._smooth:
             free = free - self._force(i, term, base, state.x)
         held = np.flatnonzero((modes == 0).any(axis=0)) if not modes.all() else np.zeros(0, int)
-        friction, D = self._dry_forces(self._dry, base, state.x, modes, held)
+        friction, D = self.dry.forces(self._dry, base, state.x, modes, held)
         if not self._implicit and not self._implicit_dry:
             a, s = self._solve(M, free - friction, D, held, modes, breaking)
         else:
@@ -248,30 +188,6 @@ class Dynamics:
         own = x if not x.shape[1] else x[:, self._states[i]]
         return term.force.torque(motion, own, self.robot) @ self.rates[term.side]
 
-    def _dry_forces(self, terms: list[tuple[int, Term]], motion: Motion, x: Array, modes: Array, held: Array) -> tuple[Array, Array]:
-        """Force (B, m) of terms that jump, held contacts taken at their upper limit, and half of each held contact's jump (B, p, m)."""
-        lanes = len(motion)
-        if not terms:
-            return np.zeros((lanes, self.m)), np.zeros((lanes, len(held), self.m))
-        if not len(held):
-            return self._sliding(terms, motion, x, modes), np.zeros((lanes, 0, self.m))
-        direction = np.tile(np.where(modes == 0, 1, modes), (len(held) + 1, 1))
-        for place, c in enumerate(held):
-            direction[(place + 1) * lanes + np.flatnonzero(modes[:, c] == 0), c] = -1
-        many = len(held) + 1
-        total = self._sliding(terms, _tiled(motion, many), np.tile(x, (many, 1)), direction)
-        parts = total.reshape(-1, lanes, self.m)
-        return parts[0], 0.5 * np.swapaxes(parts[:1] - parts[1:], 0, 1)
-
-    def _sliding(self, terms: list[tuple[int, Term]], motion: Motion, x: Array, direction: Array) -> Array:
-        """Force (B, m) of terms that jump, with every contact sliding in a direction (B, c)."""
-        joint, motor = self._surfaces[Side.JOINT].clamp(motion.joint, direction), self._surfaces[Side.MOTOR].clamp(motion.motor, direction)
-        clamped = Motion(motion.t, joint, motor, motion.load, motion.torque)
-        total = self._force(*terms[0], clamped, x)
-        for i, term in terms[1:]:
-            total = total + self._force(i, term, clamped, x)
-        return total
-
     def _solve(self, M: Array, free: Array, D: Array, held: Array, modes: Array, breaking: bool) -> tuple[Array, Array]:
         """Accelerations (B, m) and levels (B, c); `free` has held contacts at level +1."""
         s = np.zeros(modes.shape)
@@ -279,7 +195,7 @@ class Dynamics:
             if not len(held):
                 return np.linalg.solve(M, free[..., None])[..., 0], s
             sticking = modes[:, held] == 0
-            if breaking or (self._parallel and sticking.sum() > 1):
+            if breaking or (self.dry.redundant and sticking.sum() > 1):
                 return self._solve_breaking(M, free, D, held, sticking, s)
             return self._solve_held(M, free, D, held, sticking, s)
         except np.linalg.LinAlgError:
@@ -292,13 +208,13 @@ class Dynamics:
         """Held contacts do not accelerate, whatever level that takes: one bordered system for all runs."""
         lanes, m, p = len(M), self.m, len(held)
         weak = sticking & (np.abs(D).max(axis=2) < 1e-250)
-        D = np.where(weak[..., None], 1e-250 * self.contacts[held], D)  # nothing to hold with: the level comes out huge
+        D = np.where(weak[..., None], 1e-250 * self.dry.contacts[held], D)  # nothing to hold with: the level comes out huge
         scale = np.abs(D).max(axis=2) + ~sticking
         system = np.zeros((lanes, m + p, m + p))
         system[:, :m, :m] = M
         system[:, :m, m:] = -np.swapaxes(D / scale[..., None], 1, 2)
         # Unknown per held contact: (1 - level) times its scale; for runs that do not hold it, nothing.
-        system[:, m:, :m] = np.where(sticking[..., None], self.contacts[held], 0.0)
+        system[:, m:, :m] = np.where(sticking[..., None], self.dry.contacts[held], 0.0)
         system[:, range(m, m + p), range(m, m + p)] = ~sticking
         right = np.concatenate([free, np.zeros((lanes, p))], axis=1)
         solution = np.linalg.solve(system, right[..., None])[..., 0]
@@ -312,7 +228,7 @@ class Dynamics:
             mine = np.flatnonzero(sticking[lane])
             without = free[lane] + D[lane, mine].sum(axis=0)
             pulled = np.linalg.solve(M[lane], np.concatenate([without[:, None], D[lane, mine].T], axis=1))
-            G = self.contacts[held[mine]]
+            G = self.dry.contacts[held[mine]]
             level, loose = resolve(G @ pulled[:, 1:], G @ pulled[:, 0])
             a[lane] = pulled[:, 0] - pulled[:, 1:] @ level
             s[lane, held[mine]] = np.where(loose == 0, level, 2.0 * loose)
@@ -347,7 +263,7 @@ class Dynamics:
             smooth = np.zeros((len(a), m))
             for i, term in self._implicit:
                 smooth += self._force(i, term, motion, many.x)
-            dry, half = self._dry_forces(self._implicit_dry, motion, many.x, np.tile(modes, (times, 1)), held)
+            dry, half = self.dry.forces(self._implicit_dry, motion, many.x, np.tile(modes, (times, 1)), held)
             return smooth, dry, half
 
         a = np.zeros((lanes, m)) if guess is None else guess
@@ -395,19 +311,3 @@ class Dynamics:
             return modes
         level = self.respond(state, drive, modes, guess, breaking=True).s
         return np.where((modes == 0) & (np.abs(level) == 2.0), np.sign(level), modes).astype(np.int8)
-
-
-def _tiled(motion: Motion, times: int) -> Motion:
-    """All runs of a motion, `times` over."""
-
-    def many(x: Array) -> Array:
-        return np.tile(x, (times,) + (1,) * (x.ndim - 1))
-
-    joint, motor = motion.joint, motion.motor
-    return Motion(
-        many(motion.t),
-        Coordinates(many(joint.q), many(joint.dq), many(joint.ddq)),
-        Coordinates(many(motor.q), many(motor.dq), many(motor.ddq)),
-        None if motion.load is None else many(motion.load),
-        None if motion.torque is None else many(motion.torque),
-    )

@@ -67,9 +67,11 @@ class Simulated(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """A force and how it behaves: `inertia` (n, n), the constant part of its dependence on acceleration on its side;
-    `implicit`: its dependence on acceleration is of another kind; `jumps` (n,) bool: coordinates of its side at whose zero
-    speed it jumps; `needs_load`: it asks for the torque of the links; `link`: it is part of that torque; `idle`: it is
+    """A force and how it behaves.
+
+    `inertia` (n, n): the constant part of its dependence on acceleration, on its side; `implicit`: its dependence on
+    acceleration is of another kind; `jumps` (n,) bool: coordinates of its side at whose zero speed it jumps, `own_rows`: each in
+    its own row alone; `needs_load`: it asks for the torque of the links; `link`: it is part of that torque; `idle`: it is
     nothing but `inertia`; `states`: number of its own states; `follows_path`: they go through `ForceModel.carried`."""
 
     force: ForceModel
@@ -77,6 +79,7 @@ class Term:
     inertia: Array
     implicit: bool
     jumps: Array
+    own_rows: bool
     needs_load: bool
     link: bool
     idle: bool
@@ -190,12 +193,27 @@ def _examine(label: str, force: ForceModel, robot: Robot, needs: frozenset[Need]
     tolerance = 1e-9 * max(float(np.abs(slopes).max()), 1e-6 * scale)
     constant = bool(np.all(np.abs(slopes - inertia) <= tolerance) and np.all(np.abs(torque() - rest - ddq @ inertia.T) <= 30 * tolerance))
     # What does not jump differs here by at most its slope times a speed of 1e-200.
-    jumps = np.array([np.abs(torque(speed=(j, TINY)) - torque(speed=(j, -TINY))).max() > 1e-9 * max(scale, 1e-300) for j in range(n)])
+    jump = np.stack([np.abs(torque(speed=(j, TINY)) - torque(speed=(j, -TINY))).max(axis=0) for j in range(n)])
+    jumping = jump > 1e-9 * max(scale, 1e-300)
+    jumps: Array = np.any(jumping, axis=1)
+    own_rows = not np.any(jumping & ~np.eye(n, dtype=bool))
     inertia = np.where(np.abs(inertia) <= tolerance, 0.0, inertia) if constant else np.zeros((n, n))
     needs_load = Need.LOAD in needs
     idle = constant and not needs_load and scale == 0.0 and state.shape[1] == 0 and not jumps.any()
     follows_path = state.shape[1] > 0 and force.carried(probe, state, probe, robot) is not None
-    return Term(force, force.side, inertia, needs_load or not constant, jumps, needs_load, link, idle, state.shape[1], follows_path)
+    return Term(
+        force,
+        force.side,
+        inertia,
+        needs_load or not constant,
+        jumps,
+        own_rows,
+        needs_load,
+        link,
+        idle,
+        state.shape[1],
+        follows_path,
+    )
 
 
 def _random_motion(robot: Robot, rng: np.random.Generator) -> Motion:

@@ -34,7 +34,7 @@ class Phase:
 def begin(dynamics: Dynamics, state: State, drive: Input, modes: Array | None = None, guess: Array | None = None) -> Phase:
     """The phase at a state: contacts at rest settle under the present torque. `modes`: those so far; none at the very start."""
     if modes is None:
-        modes = np.where(dynamics.standing(state.v), 0, np.sign(dynamics.contact_speed(state.v))).astype(np.int8)
+        modes = np.where(dynamics.dry.standing(state.v), 0, np.sign(dynamics.dry.speed(state.v))).astype(np.int8)
         modes = dynamics.settle(state, drive, modes, guess)
     response = dynamics.respond(state, drive, modes, guess)
     if modes.all():
@@ -101,7 +101,7 @@ def _between(first: Input, last: Input, share: float) -> Input:
 def _violated(dynamics: Dynamics, phase: Phase, state: State, drive: Input) -> Array:
     """Runs (B,) bool whose modes do not fit the state: a sliding contact has turned, a held one cannot hold."""
     modes = phase.modes
-    late = np.any(dynamics.contact_speed(state.v) * modes < 0, axis=1)
+    late = np.any(dynamics.dry.speed(state.v) * modes < 0, axis=1)
     still = (modes == 0).any(axis=1)
     if still.any():
         s = dynamics.respond(state, drive, modes, phase.response.a).s
@@ -112,7 +112,7 @@ def _violated(dynamics: Dynamics, phase: Phase, state: State, drive: Input) -> A
 def _margin(dynamics: Dynamics, phase: Phase, state: State, drive: Input) -> float:
     """Positive while the modes of one run fit, negative beyond the first event; continuous."""
     modes = phase.modes[0]
-    speed = dynamics.contact_speed(state.v)[0]
+    speed = dynamics.dry.speed(state.v)[0]
     values = [speed[c] * modes[c] for c in np.flatnonzero(modes)]
     if not modes.all():
         s = dynamics.respond(state, drive, phase.modes, phase.response.a).s[0]
@@ -139,7 +139,7 @@ def _advance_one(dynamics: Dynamics, phase: Phase, first: Input, last: Input, h:
         if done >= h:
             return state, modes
     # Events without end in a finite time (a contact that lets go and catches within rounding): hold what is at rest.
-    modes = np.where(np.abs(dynamics.contact_speed(phase.state.v)) <= 1e-9, 0, phase.modes).astype(np.int8)
+    modes = np.where(np.abs(dynamics.dry.speed(phase.state.v)) <= 1e-9, 0, phase.modes).astype(np.int8)
     state = _held_still(dynamics, phase.state, modes)
     phase = Phase(state, modes, dynamics.respond(state, _between(first, last, done / h), modes, phase.response.a))
     return _runge_kutta(dynamics, phase, _between(first, last, done / h), last, h - done, h - done), modes
@@ -147,9 +147,9 @@ def _advance_one(dynamics: Dynamics, phase: Phase, first: Input, last: Input, h:
 
 def _at_rest(dynamics: Dynamics, phase: Phase, state: State, drive: Input) -> Array:
     """Modes (1, c) at an event with every contact that is at rest set to 0."""
-    speed = dynamics.contact_speed(state.v)[0]
-    before = np.abs(dynamics.contact_speed(phase.state.v)[0])
-    reach = np.abs(dynamics.contact_speed(phase.response.a)[0])
+    speed = dynamics.dry.speed(state.v)[0]
+    before = np.abs(dynamics.dry.speed(phase.state.v)[0])
+    reach = np.abs(dynamics.dry.speed(phase.response.a)[0])
     tiny = 1e-9 * (before + 1e-3 * reach) + 1e-14
     modes = phase.modes[0]
     stopped = (modes != 0) & (speed * modes <= tiny)
@@ -198,16 +198,7 @@ def _locate(dynamics: Dynamics, phase: Phase, first: Input, last: Input, length:
 
 def _held_still(dynamics: Dynamics, state: State, modes: Array) -> State:
     """Held contacts have no speed at all: take off what rounding left."""
-    if modes.all():
-        return state
-    v = state.v.copy()
-    for lane in np.flatnonzero((modes == 0).any(axis=1)):
-        G = dynamics.contacts[modes[lane] == 0]
-        if dynamics.locked(modes[lane : lane + 1]):
-            v[lane] = 0.0
-        else:
-            v[lane] -= np.linalg.lstsq(G, G @ v[lane], rcond=None)[0]
-    return State(state.t, state.y, v, state.x)
+    return state if modes.all() else State(state.t, state.y, dynamics.dry.held_still(state.v, modes), state.x)
 
 
 def require_finite(state: State, when: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,13 +87,23 @@ class Simulation:
 
     def reread(self, sensors: Sensors, seed: int = 0) -> Simulation:
         """The same run read by other sensors, or with other noise. The encoders stay on their side."""
-        from dataclasses import replace
-
         if sensors.encoder != self.sensors.encoder:
             raise ConfigurationError("the encoders of a finished simulation cannot move to the other side; simulate again.")
         source = self.link if sensors.encoder == Side.JOINT else self.motor
         exact = replace(self.readings, t=self.t, motion=source, tau=self.tau)
         return replace(self, readings=sensors.read(exact, seed), sensors=sensors, seed=seed)
+
+    def until(self, t: float) -> Simulation:
+        """The part of the run up to time t, as it was read."""
+        count = int(np.searchsorted(self.t, t + 1e-9 * (1.0 + abs(t)), side="right"))
+
+        def cut(c: Coordinates) -> Coordinates:
+            return Coordinates(c.q[:count], c.dq[:count], c.ddq[:count])
+
+        read = self.readings
+        readings = replace(read, t=read.t[:count], motion=cut(read.motion), tau=read.tau[:count])
+        arrays = {key: getattr(self, key)[:count] for key in ("t", "tau", "applied", "friction", "held", "states")}
+        return replace(self, link=cut(self.link), motor=cut(self.motor), readings=readings, **arrays)
 
     def log(self, name: str = "simulated") -> Log:
         """What the sensors recorded, as a log."""

@@ -148,5 +148,5 @@ def _keep(keep: list[Array], held: Array, states: Array, row: int, dynamics: Dyn
     robot = dynamics.robot
     on_joint = phase.response.friction[:, : dynamics.n]
     keep[6][row] = on_joint if robot.transmission.measured == "joint" else on_joint @ robot.transmission.K
-    held[row] = dynamics.at_rest(phase.modes, phase.state.v)
+    held[row] = dynamics.dry.at_rest(phase.modes, phase.state.v)
     states[row] = phase.state.x

@@ -1,0 +1,160 @@
+"""The manifest of a plan: one TOML table for the plan, one for each test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import ConfigurationError, unknown_name
+from ..files import write_atomic
+from ..toml_tables import load_toml, to_toml
+from ..transmission import Side
+from .trials import Kind, PlannedTest, Sweep, Swing
+
+if TYPE_CHECKING:
+    from . import Plan
+
+_PLAN = ("robot", "joints", "effects", "base", "rank", "velocity", "acceleration", "notes", "schema")
+_TEST = ("kind", "moving", "row", "side", "log", "reveals", "gain", "strength", "postures", "segments")
+_SWEEP = ("direction", "speeds", "reach")
+_SWING = ("sine", "cosine", "base_hz")
+_SCHEMA = "ident.plan/1"
+
+
+def plan_tables(plan: Plan) -> dict[str, dict[str, Any]]:
+    """Tables of plain values: "plan", then each test by its name."""
+    tables: dict[str, dict[str, Any]] = {
+        "plan": {
+            "schema": _SCHEMA,
+            "robot": plan.robot,
+            "joints": list(plan.joints),
+            "effects": list(plan.effects),
+            "base": list(plan.base),
+            "rank": plan.rank,
+            "velocity": plan.velocity.tolist(),
+            "acceleration": plan.acceleration.tolist(),
+            "notes": list(plan.notes),
+        }
+    }
+    for test in plan.tests:
+        motion = test.motion
+        keys = _SWEEP if isinstance(motion, Sweep) else _SWING
+        own = {key: np.asarray(getattr(motion, key)).tolist() for key in keys}
+        _, segments = plan.trajectory(test)
+        tables[test.name] = {
+            "kind": test.kind.value,
+            "moving": list(test.moving),
+            "row": test.row,
+            "side": test.side.value,
+            "log": test.log,
+            "reveals": list(test.reveals),
+            "gain": test.gain,
+            "strength": test.strength,
+            "postures": test.postures.tolist(),
+            **own,
+            # For people and other programs; reading a plan makes them anew.
+            "segments": [
+                {"begin": s.begin, "end": s.end, "posture": s.posture, "direction": s.direction, "speed": s.speed} for s in segments
+            ],
+        }
+    return tables
+
+
+def write_manifest(plan: Plan, path: Path, *, force: bool) -> Path:
+    """Write the manifest, completely or not at all."""
+    return write_atomic(path, to_toml(plan_tables(plan)), force=force)
+
+
+def read_manifest(path: Path) -> Plan:
+    """Read a manifest. Raises ConfigurationError."""
+    from . import Plan
+
+    tables = load_toml(path, "plan")
+    head = tables.pop("plan", None)
+    if not isinstance(head, dict) or head.get("schema") != _SCHEMA:
+        raise ConfigurationError(f"plan {path}: there is no table [plan] with schema = {_SCHEMA!r}; this is not a manifest of a plan.")
+    _known(head, _PLAN, f"[plan] ({path})")
+    joints = tuple(_need(head, "joints", f"plan {path}: [plan]"))
+    tests = tuple(_test(name, table, joints, path) for name, table in tables.items())
+    where = f"plan {path}: [plan]"
+    return Plan(
+        str(_need(head, "robot", where)),
+        joints,
+        tuple(_need(head, "effects", where)),
+        tuple(_need(head, "base", where)),
+        tests,
+        int(_need(head, "rank", where)),
+        _array(head, "velocity", (len(joints),), where),
+        _array(head, "acceleration", (len(joints),), where),
+        tuple(head.get("notes", ())),
+    )
+
+
+def _test(name: str, table: Any, joints: tuple[str, ...], path: Path) -> PlannedTest:
+    where = f"plan {path}: test [{name}]"
+    if not isinstance(table, dict):
+        raise ConfigurationError(f"{where} must be a table.")
+    kind = _member(Kind, _need(table, "kind", where), where)
+    _known(table, (*_TEST, *(_SWING if kind == Kind.ACCELERATED else _SWEEP)), where)
+    n = len(joints)
+    moving, row = tuple(_need(table, "moving", where)), str(_need(table, "row", where))
+    for joint in (*moving, row):
+        if joint not in joints:
+            raise unknown_name(f"joint in {where}", joint, joints)
+    postures = _array(table, "postures", (None, n), where)
+    motion: Sweep | Swing
+    if kind == Kind.ACCELERATED:
+        sine = _array(table, "sine", (None, n), where)
+        motion = Swing(sine, _array(table, "cosine", sine.shape, where), float(_need(table, "base_hz", where)))
+    else:
+        speeds = tuple(float(x) for x in _need(table, "speeds", where))
+        reach = tuple(float(x) for x in _need(table, "reach", where))
+        if len(speeds) != len(reach):
+            raise ConfigurationError(f"{where}: speeds and reach must have the same number of entries.")
+        motion = Sweep(_array(table, "direction", (n,), where), speeds, reach)
+    return PlannedTest(
+        name,
+        kind,
+        moving,
+        row,
+        _member(Side, _need(table, "side", where), where),
+        postures,
+        motion,
+        tuple(table.get("reveals", ())),
+        int(table.get("gain", 0)),
+        float(table.get("strength", 0.0)),
+        str(_need(table, "log", where)),
+    )
+
+
+def _known(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
+    for key in table:
+        if key not in keys:
+            raise unknown_name(f"key of {where}", key, keys)
+
+
+def _need(table: dict[str, Any], key: str, where: str) -> Any:
+    if key not in table:
+        raise ConfigurationError(f"{where}: the key {key!r} is missing.")
+    return table[key]
+
+
+def _member(kind: Any, value: Any, where: str) -> Any:
+    try:
+        return kind(value)
+    except ValueError:
+        raise unknown_name(f"{kind.__name__.lower()} in {where}", str(value), [m.value for m in kind]) from None
+
+
+def _array(table: dict[str, Any], key: str, shape: tuple[int | None, ...], where: str) -> np.ndarray:
+    try:
+        array = np.asarray(_need(table, key, where), float)
+    except (TypeError, ValueError):
+        raise ConfigurationError(f"{where}: {key} must be numbers.") from None
+    fits = array.ndim == len(shape) and all(want in (None, size) for want, size in zip(shape, array.shape, strict=True))
+    if not fits or not np.all(np.isfinite(array)):
+        wanted = " x ".join("any" if s is None else str(s) for s in shape)
+        raise ConfigurationError(f"{where}: {key} must be {wanted} finite numbers, not shape {array.shape}.")
+    return array
