@@ -1,68 +1,145 @@
 """The noise floor: what is left when everything that any candidate can take up is taken up.
 
 The declared model's residual holds what it lacks, and would make that look like noise. So the model is first saturated,
-greedily, with whatever candidates and generic shapes gain most; colour and level of what is then left are the noise's."""
+greedily, with whatever candidates and generic shapes foretell of blocks that they were not fitted to; colour and level of what
+is then left are the noise's. At first every row counts as independent, because structure that is still unmodelled would pass
+as colour; then under the colour found."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .frame import Frame, Motions, raw_columns
-from .search import Bank
+from .spectral import promising_orders
 from .whitening import Whitener, whitener
 
 if TYPE_CHECKING:
     from ..problem import Problem
     from .candidates import Candidate
+    from .search import Bank
 
 Array = np.ndarray
-#: Columns are added while the best one gains more than this (a χ² that chance over the whole catalogue seldom reaches).
-_LEAST = 20.0
-_MOST = 60
+#: Columns are added while the best ones gain more than this per column (a χ² that chance over the whole catalogue seldom
+#: reaches), on all blocks and, halved, on blocks held out.
+_LEAST = 18.0
+_PER_COLUMN = 2.0
+#: At most this share of the rows goes into saturating columns, and so many rounds and steps.
+_SHARE = 0.12
+_ROUNDS = 3
+_STEPS = 40
 
 
-def noise_floor(problem: Problem, motions: Motions, candidates: tuple[Candidate, ...], bank: Bank, generic: list[Array]) -> Whitener:
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """`white`: the noise's whitener; `used` (n,): saturating columns on each joint's rows."""
+
+    white: Whitener
+    used: Array
+
+
+def noise_floor(problem: Problem, motions: Motions, candidates: tuple[Candidate, ...], bank: Bank, generic: list[Array]) -> Floor:
     """Whitener of the noise of a problem's rows. `generic`: further columns (M, n, k) that saturate the model."""
     signals = problem.signals
     raw = raw_columns(problem)
-    plain = Frame.build(problem, _unit(problem), raw)
-    residual = _unwhitened(plain)
-    white = whitener(residual, signals.valid, signals.row_runs)
     bank.prepare(motions, candidates)
     blocks = [columns for c in candidates for columns in bank.columns(motions, c.variants)] + generic
-    for _ in range(2):
+    white = _plain(problem, signals.tau)
+    chosen: list[Array] = []
+    used = np.zeros(signals.tau.shape[1])
+    for attempt in range(_ROUNDS):
         frame = Frame.build(problem, white, raw)
-        white = whitener(saturated_residual(frame, blocks), signals.valid, signals.row_runs)
-    return white
+        if attempt == 0:
+            white = _plain(problem, _unwhitened(frame, frame.residual))
+            frame = Frame.build(problem, white, raw)
+        extra = _peaks(frame, motions, candidates, bank, chosen)
+        residual, chosen, used = _saturated(frame, chosen + extra + blocks)
+        freed = residual / np.sqrt(np.maximum(1.0 - used / np.maximum(signals.valid.sum(axis=0), 1), 0.5))
+        white = _plain(problem, freed) if attempt == 0 else whitener(freed, signals.valid, signals.row_runs)
+    return Floor(white, used)
 
 
-def saturated_residual(frame: Frame, blocks: list[Array]) -> Array:
-    """Residual (M, n), not whitened, of the frame's model with the blocks (M, n, k) that gain most added one after the other."""
+def _saturated(frame: Frame, blocks: list[Array]) -> tuple[Array, list[Array], Array]:
+    """Residual (M, n), not whitened, with the blocks (M, n, k) that gain most added one after the other; those blocks; columns used."""
     n, M, b = frame.columns.shape
-    valid = frame.problem.signals.valid
+    rows = frame.problem.signals.valid.sum(axis=0)
     Q, _ = np.linalg.qr(frame.columns.reshape(-1, b))
-    whitened = [_orthogonal(frame.whitened(block).reshape(n * M, -1), Q) for block in blocks]
+    live = [_orthogonal(frame.whitened(block).reshape(n * M, -1), Q) for block in blocks]
+    folds = [np.concatenate([np.arange(r.start, r.stop) for r, f in zip(frame.block_rows, frame.folds, strict=True) if f == k]) for k in range(frame.n_folds)]
     r = frame.residual.reshape(-1).copy()
-    kept: list[Array] = []
-    for _ in range(_MOST):
-        gains = [float(np.sum((q.T @ r) ** 2)) - 2.0 * q.shape[1] if q.shape[1] else 0.0 for q in whitened]
+    kept, chosen, used = [Q], [], np.zeros(n)
+    for _ in range(_STEPS):
+        scale = _spread(r.reshape(n, M), rows)
+        gains = np.array([_gain(q, r, scale, M) - _PER_COLUMN * q.shape[1] if q.shape[1] else 0.0 for q in live])
         i = int(np.argmax(gains))
         if gains[i] < _LEAST:
             break
-        q = whitened[i]
-        for other in kept:
+        q = live[i]
+        for other in kept[1:]:
             q = q - other @ (other.T @ q)
         q = _orthogonal(q, np.zeros((len(q), 0)))
-        if not q.shape[1]:
-            whitened[i] = q
+        live[i] = np.zeros((n * M, 0))
+        if not q.shape[1] or _gain(q, r, scale, M) - _PER_COLUMN * q.shape[1] < _LEAST:
             continue
+        weight = np.sum(q.reshape(n, M, -1) ** 2, axis=(1, 2))
+        if np.any(used + weight > _SHARE * np.maximum(rows, 1)) or _foretold(q, r, folds, scale, M) < 0.5 * _LEAST:
+            continue
+        used += weight
         r = r - q @ (q.T @ r)
         kept.append(q)
-        whitened[i] = np.zeros((len(r), 0))
-    colours = r.reshape(n, M)
-    return np.where(valid, np.stack([_solve_white(frame.white, colours[j], j, valid[:, j]) for j in range(n)], axis=1), 0.0)
+        chosen.append(blocks[i])
+    return _unwhitened(frame, r.reshape(n, M)), chosen, used
+
+
+def _spread(r: Array, rows: Array) -> Array:
+    """Standard deviation (n,) of each joint's whitened residual (n, M)."""
+    return np.sqrt(np.maximum(np.sum(r**2, axis=1) / np.maximum(rows, 1), 1e-300))
+
+
+def _gain(q: Array, r: Array, scale: Array, M: int) -> float:
+    """Fall of the loss by orthonormal columns q, in units of the variance that the residual has where they are."""
+    c = q.T @ r
+    fitted = (q @ c).reshape(-1, M)
+    return float(np.sum(np.sum(fitted**2, axis=1) / scale**2))
+
+
+def _foretold(q: Array, r: Array, folds: list[Array], scale: Array, M: int) -> float:
+    """Fall of the loss on each fold when the columns' coefficients come from the others."""
+    n, k = len(r) // M, q.shape[1]
+    z, y = q.reshape(n, M, k) / scale[:, None, None], r.reshape(n, M) / scale[:, None]
+    G = np.stack([np.einsum("jmk,jml->kl", z[:, f], z[:, f]) for f in folds])
+    c = np.stack([np.einsum("jmk,jm->k", z[:, f], y[:, f]) for f in folds])
+    total = 0.0
+    for i in range(len(folds)):
+        others = np.arange(len(folds)) != i
+        beta = np.linalg.lstsq(G[others].sum(axis=0), c[others].sum(axis=0), rcond=1e-10)[0]
+        total += 2.0 * float(beta @ c[i]) - float(beta @ G[i] @ beta)
+    return total
+
+
+def _peaks(frame: Frame, motions: Motions, candidates: tuple[Candidate, ...], bank: Bank, chosen: list[Array]) -> list[Array]:
+    """Columns of periodic candidates at the orders that the residual suggests."""
+    if chosen:
+        more = np.concatenate([frame.whitened(c) for c in chosen], axis=2)
+        X = np.concatenate([frame.columns, more], axis=2)
+        n, M, b = X.shape
+        Q, _ = np.linalg.qr(X.reshape(-1, b))
+        r = frame.torque.reshape(-1)
+        residual = (r - Q @ (Q.T @ r)).reshape(n, M)
+    else:
+        residual = frame.residual
+    found = []
+    for candidate in candidates:
+        if not candidate.spectral:
+            continue
+        h = bank.harmonics(frame, motions, candidate.variants[0])
+        if h is not None:
+            name = candidate.variants[0].shape()[0].name
+            at = [candidate.variants[0].with_shape(**{name: order}) for order in promising_orders(h, frame, motions, residual)[:2]]
+            found += motions.columns_of(at) if at else []
+    return found
 
 
 def _orthogonal(Z: Array, Q: Array) -> Array:
@@ -78,24 +155,25 @@ def _orthogonal(Z: Array, Q: Array) -> Array:
     return (Z @ vectors[:, keep]) / np.sqrt(values[keep])
 
 
-def _unit(problem: Problem) -> Whitener:
-    """No colour: each joint's rows over the spread of its torque."""
+def _plain(problem: Problem, rows: Array) -> Whitener:
+    """No colour: each joint's rows over their spread."""
     from scipy.sparse import diags_array
 
-    valid, tau = problem.signals.valid, problem.signals.tau
+    valid = problem.signals.valid
+    std = np.ones(rows.shape[1])
     found = []
-    std = np.empty(tau.shape[1])
-    for j in range(tau.shape[1]):
+    for j in range(rows.shape[1]):
         use = valid[:, j]
-        std[j] = float(np.std(tau[use, j])) if use.sum() > 1 else 1.0
-        std[j] = std[j] if std[j] > 0 else 1.0
+        spread = float(np.sqrt(np.mean(rows[use, j] ** 2))) if use.any() else 1.0
+        std[j] = spread if spread > 0 else 1.0
         found.append(diags_array(np.where(use, 1.0 / std[j], 0.0)).tocsr())
     return Whitener(tuple(found), std)
 
 
-def _unwhitened(frame: Frame) -> Array:
+def _unwhitened(frame: Frame, residual: Array) -> Array:
+    """Whitened residuals (n, M) as they were before, (M, n); zero in rows that are not used."""
     valid = frame.problem.signals.valid
-    return np.stack([_solve_white(frame.white, frame.residual[j], j, valid[:, j]) for j in range(len(frame.residual))], axis=1)
+    return np.stack([_solve_white(frame.white, residual[j], j, valid[:, j]) for j in range(len(residual))], axis=1)
 
 
 def _solve_white(white: Whitener, rows: Array, joint: int, valid: Array) -> Array:

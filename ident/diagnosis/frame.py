@@ -108,15 +108,15 @@ class Frame:
 
     def whitened(self, columns: Array) -> Array:
         """Columns (M, n, k) on the measured side → (n, M, k); rows that are not used come out as zero."""
-        live = np.where(self.problem.signals.valid[:, :, None], columns, 0.0)
+        valid = self.problem.signals.valid
         out = np.zeros((columns.shape[1], columns.shape[0], columns.shape[2]))
-        for j in np.flatnonzero(live.any(axis=(0, 2))):
-            out[j] = self.white(live[:, j], int(j))
+        for j in np.flatnonzero(np.einsum("Mjk,Mjk->j", columns, columns)):
+            out[j] = self.white(np.where(valid[:, j, None], columns[:, j], 0.0), int(j))
         return out
 
     def products(self, Z: Array) -> Products:
         """Cross-products of whitened candidate columns (n, M, k) with the model's and their own, per block."""
-        joints = np.flatnonzero(Z.any(axis=(1, 2)))
+        joints = live_joints(Z)
         k, width = Z.shape[2], self._wide.shape[2]
         cross, own = np.zeros((self.n_blocks, k, width)), np.zeros((self.n_blocks, k, k))
         for j in joints:
@@ -146,7 +146,7 @@ class Frame:
     def fit_gain(self, Z: Array) -> float:
         """Fall of the loss when candidate columns (n, M, k) are added, nothing held out: cheap, for searching shapes."""
         X, r = self.columns, self.residual
-        joints = np.flatnonzero(Z.any(axis=(1, 2)))
+        joints = live_joints(Z)
         if not len(joints):
             return 0.0
         z = Z[joints].reshape(-1, Z.shape[2])
@@ -244,7 +244,7 @@ class Motions:
         transmission = self.problem.model.robot.transmission
         if effect.side != transmission.measured:
             values = np.matmul(transmission.torque_map(effect.side, transmission.measured), values)
-        live = np.flatnonzero(values.any(axis=(0, 2)))
+        live = np.flatnonzero(np.einsum("Njk,Njk->j", values, values))
         reduced = block.reduce(np.ascontiguousarray(values[:, live]))
         full = np.zeros((len(reduced), *values.shape[1:]))
         full[:, live] = reduced
@@ -256,6 +256,11 @@ class Motions:
         if new:
             self._kept.update(zip(new, self.columns_of(new), strict=True))
         return [self._kept[e] for e in effects]
+
+
+def live_joints(Z: Array) -> Array:
+    """Joints on whose rows whitened columns (n, M, k) are anything."""
+    return np.flatnonzero(np.einsum("jMk,jMk->j", Z, Z))
 
 
 def raw_columns(problem: Problem) -> Array:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect
+from ..effect import Effect, Need
 from .candidates import Candidate
 from .frame import Frame, Motions, Score
-from .spectral import order_parameter, promising_orders
+from .spectral import Harmonics, harmonics, order_parameter, promising_orders
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -70,7 +70,8 @@ class Search:
         variants = list(candidate.variants)
         name = order_parameter(candidate.variants[0])
         if name is not None:
-            peaks = promising_orders(candidate.variants[0], self.frame, self.motions)
+            found = self.bank.harmonics(self.frame, self.motions, candidate.variants[0])
+            peaks = promising_orders(found, self.frame, self.motions) if found is not None else []
             variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks] or variants
         best: Hit | None = None
         for effect, columns in zip(variants, self.bank.columns(self.motions, variants), strict=True):
@@ -153,6 +154,13 @@ class Bank:
 
     def __init__(self) -> None:
         self._kept: dict[Effect, Array] = {}
+        self._harmonics: dict[Effect, Harmonics | None] = {}
+
+    def harmonics(self, frame: Frame, motions: Motions, effect: Effect) -> Harmonics | None:
+        """A periodic effect's columns at all orders at once, if they are of that kind."""
+        if effect not in self._harmonics or effect.needs & {Need.LOAD, Need.REFERENCE}:
+            self._harmonics[effect] = harmonics(effect, frame, motions)
+        return self._harmonics[effect]
 
     def prepare(self, motions: Motions, candidates: Sequence[Candidate]) -> None:
         """Columns of all candidates whose kind makes many of them at once for less."""
@@ -166,8 +174,6 @@ class Bank:
 
     def columns(self, motions: Motions, effects: Sequence[Effect]) -> list[Array]:
         """Columns of several effects of one kind, filtered like the torque."""
-        from ..effect import Need
-
         if effects[0].needs & {Need.LOAD, Need.REFERENCE}:
             return motions.kept(effects)
         new = [e for e in effects if e not in self._kept]

@@ -59,7 +59,7 @@ def start(model: Model, signals: Signals, reference: Array, bank: Bank) -> Stage
     motions = Motions(problem)
     found = candidates(model, motions.parts[0][1])
     generic = [s.placed(model.robot.n) for s in signatures(motions)]
-    white = noise_floor(problem, motions, found, bank, generic)
+    white = noise_floor(problem, motions, found, bank, generic).white
     return stage(problem, white, (), found, bank)
 
 

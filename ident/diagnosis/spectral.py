@@ -6,6 +6,7 @@ found without trying every order."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,40 +30,55 @@ def order_parameter(effect: Effect) -> str | None:
     return shape[0].name if len(shape) == 1 and shape[0].unit.startswith("1/rad") else None
 
 
-def promising_orders(effect: Effect, frame: Frame, motions: Motions) -> list[float]:
-    """Orders at which the effect would gain most, best first; none where its columns are not of the harmonic kind."""
+@dataclass(frozen=True, eq=False)
+class Harmonics:
+    """Columns A sin n φ, A cos n φ of a periodic effect: for each run amplitudes by measured row (N,) and phase (N,); the power
+    (P,) of whitened columns at some orders `probe` (P,); `orders`: those that the rows resolve, evenly spaced."""
+
+    parts: tuple[tuple[dict[int, Array], Array], ...]
+    probe: Array
+    power: Array
+    orders: Array
+
+
+def harmonics(effect: Effect, frame: Frame, motions: Motions) -> Harmonics | None:
+    """The columns of a periodic effect at all orders at once; None where they are not of the harmonic kind."""
     name = order_parameter(effect)
     if name is None:
-        return []
+        return None
     p = effect.shape()[0]
-    parts = [_harmonic(effect, name, motion, motions) for _, motion in motions.parts]
-    if any(part is None for part in parts):
-        return []
-    joints = sorted({j for part in parts if part is not None for j in part[0]})
-    phases = [part[1] for part in parts if part is not None]
-    span = sum(float(np.ptp(x)) for x in phases if len(x))
-    if span <= 0.0 or not joints:
-        return []
-    step = np.pi / (2.0 * max(float(np.ptp(x)) for x in phases if len(x)))
+    parts = []
+    for _, motion in motions.parts:
+        part = _harmonic(effect, name, motion, motions)
+        if part is None:
+            return None
+        parts.append(part)
+    longest = max((float(np.ptp(phase)) for _, phase in parts if len(phase)), default=0.0)
+    if longest <= 0.0:
+        return None
+    step = np.pi / (2.0 * longest)
     # The row filter decides how fast an order may be: found by trying a few.
     probe = np.geomspace(max(p.lower, 2.0 * step), p.upper, 24)
     power = np.array([_power(effect.with_shape(**{name: float(n)}), frame, motions) for n in probe])
     resolved = power > _RESOLVED * power.max(initial=0.0)
     if not resolved.any():
-        return []
+        return None
     low, high = float(probe[resolved][0]), float(probe[resolved][-1])
     count = int(min(_MOST_ORDERS, np.ceil((high - low) / step) + 1))
-    orders = np.linspace(low, high, max(count, 2))
-    total = np.zeros(len(orders), complex)
-    for (block, _), part in zip(motions.parts, parts, strict=True):
-        assert part is not None
-        amplitudes, phase = part
-        for j in joints:
-            gradient = frame.white.back(frame.residual[j], j)[block.rows]
+    return Harmonics(tuple(parts), probe, power, np.linspace(low, high, max(count, 2)))
+
+
+def promising_orders(h: Harmonics, frame: Frame, motions: Motions, residual: Array | None = None) -> list[float]:
+    """Orders at which the effect would gain most, best first; of a whitened residual (n, M), the frame's own by default."""
+    residual = frame.residual if residual is None else residual
+    total = np.zeros(len(h.orders), complex)
+    for (block, _), (amplitudes, phase) in zip(motions.parts, h.parts, strict=True):
+        for j, amplitude in amplitudes.items():
+            gradient = frame.white.back(residual[j], j)[block.rows]
             full = gradient if block.row_filter is None else _spread(gradient, block.row_filter.taps, block.row_filter.factor, len(phase))
-            total += _fourier(full * amplitudes[j], phase, orders)
-    gain = np.abs(total) ** 2 / np.maximum(np.interp(np.log(orders), np.log(probe), power), _RESOLVED * power.max())
-    return _peaks(orders, gain)
+            total += _fourier(full * amplitude, phase, h.orders)
+    power = np.interp(np.log(h.orders), np.log(h.probe), h.power)
+    return _peaks(h.orders, np.abs(total) ** 2 / np.maximum(power, _RESOLVED * h.power.max()))
 
 
 def _power(effect: Effect, frame: Frame, motions: Motions) -> float:
