@@ -18,6 +18,7 @@ from ident.logs import Log, LogSet
 from ident.motion import Motion
 from ident.robots import nominal_values
 from ident.signals import Recorded
+from ident.status import StatusCode
 
 TYPES = sorted(estimator_types())
 
@@ -53,7 +54,8 @@ def solved(name: str, problem: ident.Problem) -> ident.Estimate:
     try:
         return make_estimator(name).solve(problem)
     except ConfigurationError as refusal:
-        assert "method" in str(refusal)  # it names one that can
+        if "method" not in str(refusal):  # a refusal names one that can
+            raise
         pytest.skip(f"refuses: {refusal}")
 
 
@@ -103,7 +105,9 @@ def test_noise_stays_within_the_covariance_and_repeats_exactly(name: str, truth,
     assert np.array_equal(estimate.values, again.values)
     assert np.all(np.isfinite(estimate.std))
     assert np.all(np.linalg.eigvalsh(estimate.covariance / np.outer(estimate.std, estimate.std)) > -1e-8)
-    assert np.mean(np.abs(estimate.values - values) < 4 * estimate.std) > 0.9
+    # An estimate whose intervals do not hold must say so: instruments made with noisy torque correlate with its noise.
+    said = estimate.status.code == StatusCode.INVALID_INSTRUMENTS
+    assert said or np.mean(np.abs(estimate.values - values) < 4 * estimate.std) > 0.9
     path = estimate.save(tmp_path / "fit.json")
     loaded = ident.Estimate.load(path)
     assert loaded.values == pytest.approx(estimate.values, rel=1e-15)
