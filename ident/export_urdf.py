@@ -10,17 +10,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .errors import ConfigurationError
 from .physical.pseudo_inertia import centre_of_mass, displaced, from_centre_of_mass, smallest_eigenvalues
 from .urdf import exact_angle
+from .xml_patch import Element, NewElement, XmlPatch
 
 if TYPE_CHECKING:
-    from lxml import etree
-
     from .robot import Robot
 
 Array = np.ndarray
@@ -91,15 +90,10 @@ def patch_urdf(
 
     `damping`, `friction`: joint -> value for <dynamics> (N m s/rad, N m; N s/m, N). `allow_inconsistent`: also bodies that cannot be real,
     as long as they have mass. Raises ConfigurationError where the file does not hold the robot's joints, or a body cannot be written."""
-    from lxml import etree
-
     attached = Attached(attached)
-    try:
-        tree = etree.fromstring(data, etree.XMLParser(resolve_entities=False)).getroottree()
-    except etree.XMLSyntaxError as error:
-        raise ConfigurationError(f"URDF {where}: does not parse: {error.msg}.") from None
-    root = tree.getroot()
-    bodies = _bodies(root, where, robot)
+    patch = XmlPatch(data, f"URDF {where}")
+    root = patch.root
+    bodies = _bodies(data, root, where, robot)
     parameters = np.asarray(inertial, float).reshape(-1, 10)
     if len(parameters) != len(bodies):
         raise ConfigurationError(f"URDF {where}: {len(parameters)} sets of inertial parameters for {len(bodies)} moving bodies.")
@@ -137,14 +131,16 @@ def patch_urdf(
             )
         if not keep:
             for name, _ in others:
-                _remove(links[name].find("inertial"))
-        _write_inertial(links[body.link], rest if keep else own, body.link)
+                inertial_node = links[name].find("inertial")
+                assert inertial_node is not None
+                patch.remove(inertial_node)
+        _write_inertial(patch, links[body.link], rest if keep else own)
         done.append(BodyExport(body.joint, body.link, tuple(name for name, _, _ in body.attached), keep))
-    notes += _exact_angles(root)
-    for tag, values in (("damping", damping), ("friction", friction)):
-        for joint, value in (values or {}).items():
-            _write_dynamics(root, joint, tag, value, where)
-    return UrdfExport(_text(tree, data), tuple(done), tuple(notes))
+    notes += _exact_angles(patch)
+    for joint in {**(damping or {}), **(friction or {})}:
+        values = {tag: repr(float(of[joint])) for tag, of in (("damping", damping or {}), ("friction", friction or {})) if joint in of}
+        _write_dynamics(patch, joint, values, where)
+    return UrdfExport(patch.result(), tuple(done), tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -154,7 +150,7 @@ class _Body:
     attached: tuple[tuple[str, Array, Array], ...]
 
 
-def _bodies(root: etree._Element, where: str, robot: Robot) -> list[_Body]:
+def _bodies(data: bytes, root: Element, where: str, robot: Robot) -> list[_Body]:
     """The moving bodies in the robot's order: joint, main link, attached links with their placement in the main link's frame."""
     from .robot import _held
     from .urdf import prepare_urdf
@@ -167,7 +163,7 @@ def _bodies(root: etree._Element, where: str, robot: Robot) -> list[_Body]:
                 f"URDF {where}: it has no joint {name!r}, which robot {robot.name!r} has. Name the URDF that the robot was loaded from."
             )
     source = robot.source
-    prepared = prepare_urdf(_text_of(root), where)
+    prepared = prepare_urdf(data, where)
     movable = [name for name, kind in prepared.kinds.items() if kind != "fixed"]
     held = _held(prepared, movable, source.get("locked") or {}, source.get("joints"), source.get("loop") or {})
     loose = [name for name in movable if name not in moving and name not in held]
@@ -176,11 +172,11 @@ def _bodies(root: etree._Element, where: str, robot: Robot) -> list[_Body]:
             f"URDF {where}: joint {loose[0]!r} moves, but robot {robot.name!r} does not have it."
             " Name the URDF that the robot was loaded from."
         )
-    below: dict[str, list[etree._Element]] = {}
+    below: dict[str, list[Element]] = {}
     for joint in root.findall("joint"):
-        below.setdefault(joint.find("parent").get("link"), []).append(joint)  # type: ignore[union-attr]
-    children = {joint.find("child").get("link") for joint in root.findall("joint")}  # type: ignore[union-attr]
-    starts = [(name, joints[name].find("child").get("link")) for name in moving]  # type: ignore[union-attr]
+        below.setdefault(_end(joint, "parent"), []).append(joint)
+    children = {_end(joint, "child") for joint in root.findall("joint")}
+    starts = [(name, _end(joints[name], "child")) for name in moving]
     if robot.floating_base:
         base = [link.get("name") for link in root.findall("link") if link.get("name") not in children]
         starts = [("floating base", base[0]), *starts]
@@ -197,18 +193,18 @@ def _bodies(root: etree._Element, where: str, robot: Robot) -> list[_Body]:
                 if name in moving:
                     continue
                 R1, p1 = _placement(joint, held.get(name, 0.0))
-                waiting.append((joint.find("child").get("link"), R @ R1, R @ p1 + p))  # type: ignore[union-attr]
-        found.append(_Body(joint_name, str(main), tuple(attached)))
+                waiting.append((_end(joint, "child"), R @ R1, R @ p1 + p))
+        found.append(_Body(joint_name, main, tuple(attached)))
     return found
 
 
-def _text_of(root: etree._Element) -> bytes:
-    from lxml import etree
+def _end(joint: Element, side: str) -> str:
+    """Link at the "parent" or "child" side of a joint (`prepare_urdf` has seen that there is one)."""
+    node = joint.find(side)
+    return "" if node is None else node.get("link")
 
-    return etree.tostring(root)
 
-
-def _numbers(text: str | None, default: str, exact: bool = False) -> Array:
+def _numbers(text: str, default: str, exact: bool = False) -> Array:
     words = (text or default).split()
     return np.array([(exact_angle(w) if exact else None) or float(w) for w in words])
 
@@ -221,16 +217,16 @@ def _rpy(angles: Array) -> Array:
     return np.asarray(Rz @ Ry @ Rx)
 
 
-def _placement(joint: etree._Element, position: float) -> tuple[Array, Array]:
+def _placement(joint: Element, position: float) -> tuple[Array, Array]:
     """Placement (R, p) of a joint's child link in its parent link, the joint held at `position`."""
     origin = joint.find("origin")
-    xyz = _numbers(None if origin is None else origin.get("xyz"), "0 0 0")
-    R = _rpy(_numbers(None if origin is None else origin.get("rpy"), "0 0 0", exact=True))
+    xyz = _numbers("" if origin is None else origin.get("xyz"), "0 0 0")
+    R = _rpy(_numbers("" if origin is None else origin.get("rpy"), "0 0 0", exact=True))
     kind = joint.get("type")
     if kind == "fixed" or position == 0.0:
         return R, xyz
     node = joint.find("axis")
-    axis = _numbers(None if node is None else node.get("xyz"), "1 0 0")
+    axis = _numbers("" if node is None else node.get("xyz"), "1 0 0")
     axis = axis / np.linalg.norm(axis)
     if kind == "prismatic":
         return R, xyz + R @ axis * position
@@ -240,7 +236,7 @@ def _placement(joint: etree._Element, position: float) -> tuple[Array, Array]:
     return R @ (np.eye(3) + np.sin(position) * K + (1.0 - np.cos(position)) * K @ K), xyz
 
 
-def _read_inertial(link: etree._Element, where: str) -> Array:
+def _read_inertial(link: Element, where: str) -> Array:
     """Ten parameters (10,) of a link's <inertial> about the link's origin; zero where there is none."""
     node = link.find("inertial")
     if node is None:
@@ -248,8 +244,8 @@ def _read_inertial(link: etree._Element, where: str) -> Array:
     try:
         mass = float(node.find("mass").get("value"))  # type: ignore[union-attr, arg-type]
         origin = node.find("origin")
-        com = _numbers(None if origin is None else origin.get("xyz"), "0 0 0")
-        R = _rpy(_numbers(None if origin is None else origin.get("rpy"), "0 0 0"))
+        com = _numbers("" if origin is None else origin.get("xyz"), "0 0 0")
+        R = _rpy(_numbers("" if origin is None else origin.get("rpy"), "0 0 0"))
         values = {k: float(node.find("inertia").get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}  # type: ignore[union-attr]
     except (AttributeError, TypeError, ValueError):
         raise ConfigurationError(
@@ -260,110 +256,57 @@ def _read_inertial(link: etree._Element, where: str) -> Array:
     return from_centre_of_mass(mass, com, R @ inertia_c @ R.T)
 
 
-def _write_inertial(link: etree._Element, parameters: Array, name: str) -> None:
-    """Put ten parameters into a link's <inertial>, in place where it has one."""
+def _write_inertial(patch: XmlPatch, link: Element, parameters: Array) -> None:
+    """Put ten parameters into a link's <inertial>, in place where it has one; inertia is written in the link's own axes."""
     try:
-        mass, com, inertia_c = centre_of_mass(parameters)
+        mass, com, inertia = centre_of_mass(parameters)
     except ZeroDivisionError:
         raise ConfigurationError(
-            f"link {name!r} has no mass, so a URDF cannot hold its first moments; export standard parameters instead."
+            f"link {link.get('name')!r} has no mass, so a URDF cannot hold its first moments; export standard parameters instead."
         ) from None
+    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    wanted = {
+        "origin": {"xyz": " ".join(repr(float(x)) for x in com), "rpy": "0 0 0"},
+        "mass": {"value": repr(float(mass))},
+        "inertia": {key: repr(float(inertia[place])) for key, place in entries.items()},
+    }
     node = link.find("inertial")
     if node is None:
-        node = _insert(link, "inertial", 0)
-        _insert(node, "origin", 0), _insert(node, "mass", 1), _insert(node, "inertia", 2)
-    for place, tag in enumerate(("origin", "mass", "inertia")):
-        if node.find(tag) is None:
-            _insert(node, tag, place)
-    origin, m, inertia = (node.find(tag) for tag in ("origin", "mass", "inertia"))
-    origin.set("xyz", " ".join(repr(float(x)) for x in com))
-    # Inertia is written in the link's own axes.
-    origin.set("rpy", "0 0 0")
-    m.set("value", repr(mass))
-    for key, (i, j) in {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}.items():
-        inertia.set(key, repr(float(inertia_c[i, j])))
-
-
-def _write_dynamics(root: etree._Element, joint: str, tag: str, value: float, where: str) -> None:
-    node = next((j for j in root.findall("joint") if j.get("name") == joint), None)
-    if node is None:
-        raise ConfigurationError(f"URDF {where}: it has no joint {joint!r} to give {tag}.")
-    dynamics = node.find("dynamics")
-    if dynamics is None:
-        dynamics = _insert(node, "dynamics", len(node))
-    dynamics.set(tag, repr(float(value)))
-
-
-def _insert(parent: etree._Element, tag: str, place: int) -> etree._Element:
-    """A new child at a place, indented like its neighbours."""
-    from lxml import etree
-
-    node = etree.Element(tag)
-    if len(parent):
-        # White space before a child is the tail of the one before, or the parent's text.
-        before = parent.text if place == 0 or len(parent) == 0 else parent[min(place, len(parent)) - 1].tail
-        inner = parent.text or ""
-        if place >= len(parent):
-            parent[-1].tail = inner
-            node.tail = before
-        else:
-            node.tail = inner
-    else:
-        outer = parent.getparent()
-        indent = (outer.text if outer is not None else None) or "\n"
-        indent = indent if indent.strip() == "" else "\n"
-        parent.text = indent + "  "
-        node.tail = indent
-    parent.insert(place, node)
-    return node
-
-
-def _remove(node: etree._Element | None) -> None:
-    """Take an element out, with its own indentation only."""
-    if node is None:
+        patch.insert(link, NewElement("inertial", {}, [NewElement(tag, attributes) for tag, attributes in wanted.items()]))
         return
-    parent = node.getparent()
-    assert parent is not None
-    previous = node.getprevious()
-    if node.getnext() is None and previous is not None:
-        previous.tail = node.tail
-    elif node.getnext() is None:
-        parent.text = None
-    parent.remove(node)
+    for tag, attributes in wanted.items():
+        child = node.find(tag)
+        if child is None:
+            patch.insert(node, NewElement(tag, attributes))
+        else:
+            patch.set(child, **attributes)
 
 
-def _exact_angles(root: etree._Element) -> list[str]:
+def _write_dynamics(patch: XmlPatch, joint: str, values: dict[str, str], where: str) -> None:
+    node = next((j for j in patch.root.findall("joint") if j.get("name") == joint), None)
+    if node is None:
+        raise ConfigurationError(f"URDF {where}: it has no joint {joint!r} to give {' and '.join(values)}.")
+    dynamics = node.find("dynamics")
+    if dynamics is not None:
+        patch.set(dynamics, **values)
+    else:
+        patch.insert(node, NewElement("dynamics", values), last=True)
+
+
+def _exact_angles(patch: XmlPatch) -> list[str]:
     """Right angles written with few digits become exact, as they were when the robot was identified."""
     changed = []
-    for joint in root.findall("joint"):
+    for joint in patch.root.findall("joint"):
         origin = joint.find("origin")
-        if origin is None or not origin.get("rpy"):
+        if origin is None:
             continue
         words = origin.get("rpy").split()
         exact = [exact_angle(w) for w in words]
         new = [w if e is None or e == float(w) else repr(e) for w, e in zip(words, exact, strict=True)]
         if new != words:
-            origin.set("rpy", " ".join(new))
+            patch.set(origin, rpy=" ".join(new))
             changed.append(joint.get("name"))
     if not changed:
         return []
-    names = ", ".join(str(n) for n in changed[:6]) + (" …" if len(changed) > 6 else "")
+    names = ", ".join(changed[:6]) + (" …" if len(changed) > 6 else "")
     return [f"joints {names}: angles that round multiples of pi/4 are written in full, as the robot was identified."]
-
-
-def _text(tree: Any, data: bytes) -> bytes:
-    """The document as bytes, with the declaration, encoding and line ends of the original."""
-    from lxml import etree
-
-    encoding = tree.docinfo.encoding or "utf-8"
-    declared = data.lstrip(b"\xef\xbb\xbf").lstrip().startswith(b"<?xml")
-    text = bytes(etree.tostring(tree, encoding=encoding))
-    if text.startswith(b"<?xml"):
-        text = text.split(b"?>", 1)[1].lstrip(b"\n")
-    if declared:
-        # The original declaration to the letter, with what followed it on its line.
-        head = data[: data.index(b"?>") + 2]
-        text = head + b"\n" + text
-    if data.endswith(b"\n") and not text.endswith(b"\n"):
-        text += b"\n"
-    return text.replace(b"\n", b"\r\n") if b"\r\n" in data else text
