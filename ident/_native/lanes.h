@@ -70,12 +70,18 @@ template <class V> static inline void sine_cosine(V x, V& sine, V& cosine) {
 
 // Whether all of `count` numbers are finite: a product with zero is zero but for infinity and NaN.
 static inline bool all_finite(const double* x, int64_t count) {
-    Lanes sum = {};
+    Lanes sum[4] = {};   // four at a time do not wait for one another
     double rest = 0.0;
     int64_t i = 0;
-    for (Lanes v; i + LANES <= count; i += LANES) memcpy(&v, x + i, sizeof v), sum += v * 0.0;
+    for (; i + 4 * LANES <= count; i += 4 * LANES)
+        for (int k = 0; k < 4; ++k) {
+            Lanes v;
+            memcpy(&v, x + i + k * LANES, sizeof v);
+            sum[k] += v * 0.0;
+        }
     for (; i < count; ++i) rest += x[i] * 0.0;
-    for (int l = 0; l < LANES; ++l) rest += sum[l];
+    sum[0] += sum[1] + sum[2] + sum[3];
+    for (int l = 0; l < LANES; ++l) rest += sum[0][l];
     return rest == 0.0;
 }
 
