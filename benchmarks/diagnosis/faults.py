@@ -324,8 +324,8 @@ def payload_step(s: Setting) -> Fault | None:
     values = s.arm.values.copy()
     mass = 0.06 * s.size * float(robot.nominal[0::10].sum()) * 0.5
     c = s.rng.uniform(-0.05, 0.05, 3) + np.array([0.0, 0.0, 0.08])
-    I = mass * (c @ c * np.eye(3) - np.outer(c, c)) + mass * 2e-3 * np.eye(3)
-    body = [mass, *(mass * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]]
+    inertia = mass * (c @ c * np.eye(3) - np.outer(c, c)) + mass * 2e-3 * np.eye(3)
+    body = [mass, *(mass * c), inertia[0, 0], inertia[0, 1], inertia[1, 1], inertia[0, 2], inertia[1, 2], inertia[2, 2]]
     for symbol, value in zip(("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz"), body, strict=True):
         values[names.index(f"{symbol}_{last}")] += value
     at = float(s.rng.uniform(0.25, 0.55) * s.seconds)
@@ -412,9 +412,16 @@ def encoder_scale(s: Setting) -> Fault:
 def encoder_eccentricity(s: Setting) -> Fault:
     d, phase = np.deg2rad(0.5) * s.size, float(s.rng.uniform(0, 2 * np.pi))
     if s.arm.robot.joints[s.j].prismatic:
-        return Fault("encoder_eccentricity", (s.joint,), {"order": 60.0}, distortions=(JointEncoder(s.j, amplitude=3e-4 * s.size, order=60.0, phase=phase),))
+        return Fault(
+            "encoder_eccentricity",
+            (s.joint,),
+            {"order": 60.0},
+            distortions=(JointEncoder(s.j, amplitude=3e-4 * s.size, order=60.0, phase=phase),),
+        )
     order = float(s.rng.choice([1.0, 2.0]))
-    return Fault("encoder_eccentricity", (s.joint,), {"order": order}, distortions=(JointEncoder(s.j, amplitude=d, order=order, phase=phase),))
+    return Fault(
+        "encoder_eccentricity", (s.joint,), {"order": order}, distortions=(JointEncoder(s.j, amplitude=d, order=order, phase=phase),)
+    )
 
 
 @fault
@@ -701,5 +708,3 @@ class Slip(Distortion):
         moved = JointEncoder(self.j, offset=self.angle).apply(readings, rng).motion.q
         c = readings.motion
         return replace(readings, motion=Coordinates(np.where(late, moved, c.q), c.dq, c.ddq))
-
-

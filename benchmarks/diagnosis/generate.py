@@ -88,7 +88,7 @@ def simulate_cases(a: Arm, cases: Sequence[Case], made: Sequence[list[Fault]]) -
         noise = NOISE * (rms if measured == Side.MOTOR else rms * np.abs(np.diag(robot.transmission.K_inverse)))
         tau = robot.transmission.torque(run.torque, Side.MOTOR, measured)
         still = Coordinates(run.phi, np.zeros_like(run.phi), np.zeros_like(run.phi))
-        readings = Readings(robot, Side.MOTOR, run.t, still, tau, lambda at: still, lambda at: tau)
+        readings = Readings(robot, Side.MOTOR, run.t, still, tau, lambda at, still=still: still, lambda at, tau=tau: tau)
         distortions = (*(d for f in own for d in f.distortions), Quantisation.counts(a.counts), TorqueNoise(tuple(noise), 0.3))
         rng = np.random.default_rng([case.seed, 99])
         for distortion in distortions:
@@ -135,7 +135,14 @@ def generate(folder: Path, cases: Iterable[Case]) -> None:
                     print(f"{case.id}: the simulated motion grows without bound", flush=True)
                     continue
                 np.savez_compressed(folder / f"{case.id}.npz", **log)
-                record = {"id": case.id, "arm": case.arm, "kind": case.kind, "seed": case.seed, "parts": [_record(f) for f in made], "case": asdict(case)}
+                record = {
+                    "id": case.id,
+                    "arm": case.arm,
+                    "kind": case.kind,
+                    "seed": case.seed,
+                    "parts": [_record(f) for f in made],
+                    "case": asdict(case),
+                }
                 with index.open("a") as out:
                     out.write(json.dumps(record) + "\n")
             done += len(batch)
@@ -143,7 +150,13 @@ def generate(folder: Path, cases: Iterable[Case]) -> None:
 
 
 def _record(f: Fault) -> dict[str, object]:
-    return {"effect": f.effect, "joints": list(f.joints), "truth": {k: float(v) for k, v in f.truth.items()}, "outside": f.outside, "undeclared": f.undeclared}
+    return {
+        "effect": f.effect,
+        "joints": list(f.joints),
+        "truth": {k: float(v) for k, v in f.truth.items()},
+        "outside": f.outside,
+        "undeclared": f.undeclared,
+    }
 
 
 def suite(name: str) -> list[Case]:

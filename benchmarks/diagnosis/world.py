@@ -197,11 +197,10 @@ class _World:
         np.maximum(levels, 0.0, out=levels)
 
 
-def _pinocchio(a: Arm):  # noqa: ANN202 - (pin.Model, pin.Data)
+def _pinocchio(a: Arm):
     import pinocchio as pin
 
     model = a.robot.model.copy()
     for i, parameters in enumerate(a.values[: 10 * a.robot.tree.nb].reshape(-1, 10)):
         model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(parameters)
     return model, model.createData()
-

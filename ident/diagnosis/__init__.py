@@ -1,0 +1,6 @@
+"""What a declared model lacks: the search over the catalogue, the verdict, and the model that has it."""
+
+from .diagnosis import Diagnosis, diagnose
+from .findings import Finding, FoundParameter, Imitator, Unexplained
+
+__all__ = ["Diagnosis", "Finding", "FoundParameter", "Imitator", "Unexplained", "diagnose"]

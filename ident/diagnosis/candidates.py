@@ -96,7 +96,7 @@ def _covers(effect: Effect, place: Effect, robot: Robot) -> bool:
 def _choices(place: Effect) -> Iterator[Effect]:
     """The effect with each member of every enumeration it is configured by (an angle on the joint or on the motor side)."""
     options = [
-        (f.name, list(type(getattr(place, f.name))))
+        (f.name, list(type(getattr(place, f.name)).__members__.values()))
         for f in dataclasses.fields(place)
         if f.name != "side" and isinstance(getattr(place, f.name), StrEnum)
     ]

@@ -67,7 +67,10 @@ def _saturated(frame: Frame, blocks: list[Array]) -> tuple[Array, list[Array], A
     rows = frame.problem.signals.valid.sum(axis=0)
     Q, _ = np.linalg.qr(frame.columns.reshape(-1, b))
     live = [_orthogonal(frame.whitened(block).reshape(n * M, -1), Q) for block in blocks]
-    folds = [np.concatenate([np.arange(r.start, r.stop) for r, f in zip(frame.block_rows, frame.folds, strict=True) if f == k]) for k in range(frame.n_folds)]
+    folds = [
+        np.concatenate([np.arange(r.start, r.stop) for r, f in zip(frame.block_rows, frame.folds, strict=True) if f == k])
+        for k in range(frame.n_folds)
+    ]
     r = frame.residual.reshape(-1).copy()
     kept, chosen, used = [Q], [], np.zeros(n)
     for _ in range(_STEPS):

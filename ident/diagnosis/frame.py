@@ -7,6 +7,7 @@ any colour counts for what it is worth."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -300,5 +301,5 @@ def _blocks(runs: Sequence[slice]) -> tuple[tuple[slice, ...], Array]:
     for run in runs:
         pieces = max(1, round((run.stop - run.start) / length))
         edges = np.linspace(run.start, run.stop, pieces + 1).astype(int).tolist()
-        found += [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        found += [slice(a, b) for a, b in itertools.pairwise(edges)]
     return tuple(found), np.arange(len(found)) % min(_FOLDS, len(found))

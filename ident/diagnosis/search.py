@@ -104,7 +104,10 @@ class Search:
         at = float(to(getattr(hit.effect, name)))
         bottom, top = float(to(low)), float(to(high))
         if spectral:
-            phase = max((float(np.ptp(m.on(getattr(hit.effect, "angle", hit.effect.side)).q, axis=0).max()) for _, m in self.motions.parts), default=1.0)
+            phase = max(
+                (float(np.ptp(m.on(getattr(hit.effect, "angle", hit.effect.side)).q, axis=0).max()) for _, m in self.motions.parts),
+                default=1.0,
+            )
             width = 2.0 / max(phase, 1e-9) / (getattr(hit.effect, name) if log else 1.0)
         else:
             width = (top - bottom) / (5.0 if not narrow else 15.0)

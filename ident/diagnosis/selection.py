@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect
+from ..effect import Effect, Need
 from ..model import Model
 from ..problem import Problem
 from .candidates import Candidate, candidates
 from .floor import noise_floor
 from .frame import Frame, Motions, raw_columns
-from .search import Bank, Hit, Judged, Search
-from .signatures import Signature, signatures
+from .search import Bank, Hit, Judged, Search, parameter_std
+from .signatures import signatures
+from .weights import weights
 
 if TYPE_CHECKING:
     from ..signals import Signals
@@ -28,28 +29,52 @@ FALSE_ALARM = 2e-3
 #: Best hits of a scan whose shapes are refined and which are judged on held-out blocks.
 _REFINED = 14
 _MOST_FINDINGS = 12
-#: Beside an effect that explains G on a joint's rows, another one there must explain this share of G: laws are never exact.
-_COMPANION = 0.01
+#: Beside effects that explain G on a joint's rows, another one there must explain this share of G: laws are never exact.
+COMPANION = 0.01
+_PREDICTION = frozenset({Need.LOAD, Need.REFERENCE})
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """The model as it stands: declared plus accepted effects, on the analysis signals, with everything that scores candidates."""
+    """A model on the analysis signals, with everything that scores candidates beside it."""
 
     problem: Problem
     white: Whitener
     frame: Frame
     motions: Motions
     search: Search
-    accepted: tuple[Judged, ...] = ()
+
+    @property
+    def number(self) -> int:
+        """Candidates that are tried."""
+        return len(self.search.candidates)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An accepted effect, and its rivals: everything that was judged in its place, the same others being in the model."""
+
+    judged: Judged
+    rivals: tuple[Judged, ...]
+    weights: Array
+
+    @property
+    def effect(self) -> Effect:
+        return self.judged.hit.effect
+
+    @property
+    def weight(self) -> float:
+        """Probability that it is this one and none of its rivals."""
+        return float(self.weights[0])
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Stage by stage to the last one; `signatures`: generic structure, for what is left."""
+    """From the declared model's stage to the last one, with what was found on the way; `trail` tells the steps."""
 
     declared: Stage
     final: Stage
+    found: tuple[Found, ...]
     trail: tuple[str, ...] = ()
 
 
@@ -60,19 +85,18 @@ def start(model: Model, signals: Signals, reference: Array, bank: Bank) -> Stage
     found = candidates(model, motions.parts[0][1])
     generic = [s.placed(model.robot.n) for s in signatures(motions)]
     white = noise_floor(problem, motions, found, bank, generic).white
-    return stage(problem, white, (), found, bank)
+    return _stage(problem, white, bank, found)
 
 
-def stage(problem: Problem, white: Whitener, accepted: tuple[Judged, ...], found: tuple[Candidate, ...] | None, bank: Bank) -> Stage:
+def _stage(problem: Problem, white: Whitener, bank: Bank, found: tuple[Candidate, ...] | None = None) -> Stage:
     """A frame for a problem, its columns taken at the values that it yields itself."""
-    raw = raw_columns(problem)
-    frame = Frame.build(problem, white, raw)
+    frame = Frame.build(problem, white, raw_columns(problem))
     # What depends on the prediction is taken at the fit's own prediction.
     for _ in range(4):
         values = problem.base.expand(frame.base_values)
-        shift = problem.reference is None or _moved(values, problem.reference, problem.model)
+        shift = problem.reference is None or _moved(values, problem.reference)
         problem = problem.with_reference(values)
-        if not any(e.needs & _PREDICTION for e in problem.model.effects):
+        if not problem.model.needs & _PREDICTION:
             frame = replace(frame, problem=problem)
             break
         frame = Frame.build(problem, white, raw_columns(problem))
@@ -81,20 +105,17 @@ def stage(problem: Problem, white: Whitener, accepted: tuple[Judged, ...], found
     motions = Motions(problem)
     if found is None:
         found = candidates(problem.model, motions.parts[0][1])
-    return Stage(problem, white, frame, motions, Search(frame, motions, found, bank), accepted)
+    return Stage(problem, white, frame, motions, Search(frame, motions, found, bank))
 
 
 def threshold(hit: Hit, number: int) -> float:
     """Evidence that chance reaches with probability FALSE_ALARM over `number` candidates, for this one's parameters and shapes."""
     from scipy.stats import chi2
 
-    k = hit.columns.shape[2]
     shapes = len(hit.effect.shape())
-    # Independent shapes that a search looks at: few along a smooth one, many along an order.
-    trials = 1.0 if not shapes else 4.0 * shapes
-    if hit.candidate.spectral:
-        trials = 400.0
-    return float(chi2.isf(FALSE_ALARM / (number * trials), k)) + 2.0 * shapes
+    # Independent shapes that a search looks at: a few along a smooth one, many along an order.
+    trials = 400.0 if hit.candidate.spectral else 4.0 * shapes if shapes else 1.0
+    return float(chi2.isf(FALSE_ALARM / (number * trials), hit.columns.shape[2])) + 2.0 * shapes
 
 
 def surplus(judged: Judged, number: int) -> float:
@@ -102,40 +123,17 @@ def surplus(judged: Judged, number: int) -> float:
     return judged.evidence - threshold(judged.hit, number)
 
 
-def best_of(stage: Stage, progress: Callable[[float], None] | None = None) -> list[Judged]:
-    """The best candidates beside a stage's model, refined and judged, the largest surplus first."""
+def ranked(stage: Stage, also: Sequence[Hit] = (), progress: Callable[[float], None] | None = None) -> list[Judged]:
+    """The best candidates beside a stage's model, refined and judged, the largest surplus first. `also`: further hits."""
     hits = stage.search.scan(progress)
-    number = len(stage.search.candidates)
-    hits.sort(key=lambda h: -(h.fit_gain - threshold(h, number)))
-    judged = [stage.search.judge(stage.search.refined(h)) for h in hits[:_REFINED]]
-    judged.sort(key=lambda j: -surplus(j, number))
+    hits.sort(key=lambda h: -(h.fit_gain - threshold(h, stage.number)))
+    judged = [stage.search.judge(stage.search.refined(h)) for h in [*also, *hits[:_REFINED]]]
+    judged.sort(key=lambda j: -surplus(j, stage.number))
     return judged
-
-
-def extended(stage: Stage, judged: Judged, bank: Bank) -> Stage:
-    """The stage with a finding accepted."""
-    effect = labelled(judged.hit.effect, stage.problem.model)
-    model = stage.problem.model + effect
-    reference = _extended_reference(stage, judged)
-    problem = Problem(model, stage.problem.signals, reference=reference)
-    found = dataclasses.replace(judged, hit=replace(judged.hit, effect=effect))
-    return globals()["stage"](problem, stage.white, (*stage.accepted, found), None, bank)
-
-
-def labelled(effect: Effect, model: Model) -> Effect:
-    """The effect without the label of candidates, if its parameters' names are free."""
-    plain = dataclasses.replace(effect, label="")
-    taken = set(model.names)
-    for label in ("", *(f"'{'' if i == 0 else i + 1}" for i in range(20))):
-        plain = dataclasses.replace(effect, label=label)
-        if not taken & {p.name for p in plain.parameters(model.robot)}:
-            return plain
-    return effect
 
 
 def select(first: Stage, bank: Bank, note: Callable[[str], None] | None = None) -> Selection:
     """Add what is asked for until nothing is."""
-    stage = first
     trail: list[str] = []
 
     def say(text: str) -> None:
@@ -143,45 +141,110 @@ def select(first: Stage, bank: Bank, note: Callable[[str], None] | None = None) 
         if note is not None:
             note(text)
 
-    for _ in range(_MOST_FINDINGS):
-        number = len(stage.search.candidates)
-        ranked = best_of(stage)
-        for j in ranked[:8]:
-            say(f"    {j.hit}: held out {j.score.heldout:.1f} ± {j.score.standard_error:.1f}, fit {j.score.fit_gain:.1f}, surplus {surplus(j, number):.1f} {j.against}")
-        chosen = next((j for j in ranked if not j.against and surplus(j, number) > 0 and _worth(stage, j)), None)
-        if chosen is None:
+    stage, found = first, list[Found]()
+    while len(found) < _MOST_FINDINGS:
+        all_ranked = ranked(stage)
+        for j in all_ranked[:8]:
+            say(f"    {described(j, stage.number)}")
+        plausible = [j for j in all_ranked if not j.against]
+        new = _chosen(stage, plausible, found)
+        if new is None:
             break
-        say(f"accepted: {chosen.hit}: evidence {chosen.evidence:.1f}")
-        stage = extended(stage, chosen, bank)
-    return Selection(first, stage, tuple(trail))
+        say(f"accepted: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
+        found.append(_labelled(new, stage.problem.model))
+        stage = _with(first, [f.effect for f in found], stage, bank)
+        if len(found) > 1:
+            stage, found = _re_examined(first, stage, found, bank, say)
+    return Selection(first, stage, tuple(found), tuple(trail))
 
 
-def _worth(stage: Stage, judged: Judged) -> bool:
-    """Whether a finding is more than the inexactness of those accepted on the same rows."""
-    rows = _rows(judged.hit.columns)
-    beside = sum(other.evidence for other in stage.accepted if (_rows(other.hit.columns) & rows).any())
-    return judged.evidence > _COMPANION * beside
+def described(j: Judged, number: int) -> str:
+    """A line about a candidate."""
+    against = f"; against it: {j.against}" if j.against else ""
+    held = f"{j.score.heldout:.1f} ± {j.score.standard_error:.1f}"
+    return f"{j.hit}: held out {held}, fit {j.score.fit_gain:.1f}, surplus {surplus(j, number):.1f}{against}"
 
 
-def _rows(columns: Array) -> Array:
+def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Found | None:
+    """The most probable of the candidates, with its rivals, if it is worth accepting."""
+    worth = [j for j in plausible if surplus(j, stage.number) > 0 and _worth(j, beside)]
+    if not worth:
+        return None
+    w = weights(worth, [threshold(j.hit, stage.number) for j in worth])
+    best = int(np.argmax(w))
+    order = [best, *(i for i in np.argsort(-w) if i != best)]
+    return Found(worth[best], tuple(worth[i] for i in order[1:]), w[order])
+
+
+def _re_examined(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Callable[[str], None]) -> tuple[Stage, list[Found]]:
+    """Every finding anew, in the company of the others: dropped, replaced by a better rival, its shape sought again."""
+    for i in range(len(found) - 1, -1, -1) if len(found) > 1 else ():
+        others = [f for k, f in enumerate(found) if k != i]
+        without = _with(first, [f.effect for f in others], stage, bank)
+        own = _hit_in(without, found[i])
+        all_ranked = ranked(without, () if own is None else (own,))
+        new = _chosen(without, [j for j in all_ranked if not j.against], others)
+        if new is None:
+            say(f"dropped: {found[i].judged.hit}")
+            found, stage = others, without
+            continue
+        changed = new.judged.hit.candidate.name != found[i].judged.hit.candidate.name or new.effect.joints != found[i].effect.joints
+        if changed:
+            say(f"replaced: {found[i].judged.hit} by {new.judged.hit}")
+        new = _labelled(new, without.problem.model)
+        found = [new if k == i else f for k, f in enumerate(found)]
+        stage = _with(first, [f.effect for f in found], stage, bank)
+    return stage, found
+
+
+def _hit_in(stage: Stage, found: Found) -> Hit | None:
+    """A finding as a hit of another stage."""
+    for candidate in stage.search.candidates:
+        variant = candidate.variants[0]
+        if type(variant) is type(found.effect) and variant.joints == found.effect.joints:
+            shape = {p.name: getattr(found.effect, p.name) for p in variant.shape()}
+            effect = variant.with_shape(**shape) if shape else variant
+            Z = stage.search.whitened(effect)
+            return Hit(candidate, effect, stage.frame.fit_gain(Z), Z)
+    return None
+
+
+def _with(first: Stage, effects: Sequence[Effect], like: Stage, bank: Bank) -> Stage:
+    """The declared model with effects, the reference taken over as far as parameters are the same."""
+    model = first.problem.model
+    for effect in effects:
+        model = model + effect
+    old = dict(zip(like.problem.model.names, like.problem.reference, strict=True)) if like.problem.reference is not None else {}
+    reference = np.array([old.get(name, 0.0) for name in model.names])
+    return _stage(Problem(model, first.problem.signals, reference=reference), first.white, bank)
+
+
+def _labelled(found: Found, model: Model) -> Found:
+    """The finding without the label of candidates, if its parameters' names are free."""
+    effect, taken = found.effect, set(model.names)
+    for label in ("", *(f"{i}" for i in range(2, 20))):
+        plain = dataclasses.replace(effect, label=label)
+        if not taken & {p.name for p in plain.parameters(model.robot)}:
+            hit = replace(found.judged.hit, effect=plain)
+            return replace(found, judged=replace(found.judged, hit=hit))
+    return found
+
+
+def _worth(judged: Judged, beside: Sequence[Found]) -> bool:
+    """Whether a candidate is more than the inexactness of those accepted on the same rows."""
+    rows = touched(judged.hit.columns)
+    explained = sum(f.judged.evidence for f in beside if (touched(f.judged.hit.columns) & rows).any())
+    return judged.evidence > COMPANION * explained
+
+
+def touched(columns: Array) -> Array:
+    """Joints (n,) bool on whose rows whitened columns (n, M, k) weigh."""
     power = np.sum(columns**2, axis=(1, 2))
     return power > 0.05 * power.max(initial=0.0)
 
 
-def _extended_reference(stage: Stage, judged: Judged) -> Array:
-    base = stage.problem.base
-    values = base.expand(stage.frame.transform @ judged.score.model)
-    return np.concatenate([values, judged.score.values])
+def _moved(new: Array, old: Array) -> bool:
+    return bool(np.any(np.abs(new - old) > 1e-3 * (np.abs(new) + np.abs(old) + 1e-12)))
 
 
-def _moved(new: Array, old: Array, model: Model) -> bool:
-    scale = np.abs(new) + np.abs(old) + 1e-12
-    return bool(np.any(np.abs(new - old) > 1e-3 * scale))
-
-
-from ..effect import Need  # noqa: E402
-
-_PREDICTION = frozenset({Need.LOAD, Need.REFERENCE})
-
-
-__all__ = ["Selection", "Signature", "Stage", "best_of", "extended", "field", "select", "start", "surplus", "threshold"]
+__all__ = ["Found", "Selection", "Stage", "described", "parameter_std", "ranked", "select", "start", "surplus", "threshold", "touched"]

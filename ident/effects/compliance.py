@@ -83,10 +83,10 @@ class _Compliance(Effect):
         inertias, directions = np.stack([lane[2] for lane in lanes], axis=1), np.stack([lane[1] for lane in lanes], axis=1)
         first = lanes[0][0]._first_load(motion, reference) @ directions / inertias[0]
         delta = responses(load @ directions / inertias, inertias, stiffness, damping, play, 1.0 / rate, first)
-        for lane, (effect, along, _, column) in enumerate(lanes):
+        for lane, (effect, along, _, target) in enumerate(lanes):
             moved = (delta[0][:, lane], delta[1][:, lane], delta[2][:, lane])
             felt = reference.along(motion, along, moved, link_only=True)
-            column[:] = robot.transmission.torque(felt, Side.JOINT, effect.side)
+            target[:] = robot.transmission.torque(felt, Side.JOINT, effect.side)
         return out
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
@@ -161,9 +161,7 @@ class Backlash(_Compliance):
         return self.bounded(**{**ranges, "gap": (1e-6 * span, 0.1 * span)})
 
 
-def response(
-    load: Array, omega: Array, damping: float, gap: float, step: float, first: float | None = None
-) -> tuple[Array, Array, Array]:
+def response(load: Array, omega: Array, damping: float, gap: float, step: float, first: float | None = None) -> tuple[Array, Array, Array]:
     """δ and its two derivatives (N,) under `load` (N,), torque over inertia in rad/s² (m/s²), linear between samples.
 
     `omega` (N,): angular frequency of the contact spring on the link; `gap`: free play, whole width; `step`: s. Starts at rest
@@ -206,9 +204,7 @@ def responses(
     """`response` of several springs at once: `load`, `inertia` (N, L), `stiffness`, `damping`, `gap`, `first` (L,) → (N, L) each."""
     omega = np.sqrt(stiffness / inertia)
     if len(stiffness) < 4:
-        alone = [
-            response(load[:, i], omega[:, i], float(damping[i]), float(gap[i]), step, float(first[i])) for i in range(len(stiffness))
-        ]
+        alone = [response(load[:, i], omega[:, i], float(damping[i]), float(gap[i]), step, float(first[i])) for i in range(len(stiffness))]
         return np.stack([a[0] for a in alone], axis=1), np.stack([a[1] for a in alone], axis=1), np.stack([a[2] for a in alone], axis=1)
     half = 0.5 * gap
     playing = bool(np.any(half > 0.0))

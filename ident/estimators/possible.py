@@ -56,19 +56,16 @@ def possible_along(problem: Problem, values: Array, root: Array, margin: float =
     worst = float(least[:, 0].min())
     if worst >= margin and not violated:
         return Possible(values, scale, 0.0, worst)
-    found = values
     for _ in range(_CUTS):
         bad = np.flatnonzero(least[:, 0] < margin * (1 - 1e-6))
-        if not len(bad) and np.all(rows @ found >= bounds - 1e-12 * np.abs(bounds)):
-            break
         chosen = bad[np.argsort(least[bad, 0])][:20]
         cut = np.einsum("si,sijb,sj->sb", vectors[chosen, :, 0], shaped[chosen], vectors[chosen, :, 0])
         rows, bounds = np.concatenate([rows, cut]), np.append(bounds, np.full(len(cut), margin * 1.05))
         found = nearest(values, root, rows, bounds)
         least, vectors = np.linalg.eigh(shaped @ found)
-    else:
-        raise DataError("the first estimate is too far from any possible robot to make instruments from it; start from the momentum form.")
-    return Possible(found, scale, float(np.linalg.norm(root @ (found - values))), worst)
+        if least[:, 0].min() >= margin * (1 - 1e-6):
+            return Possible(found, scale, float(np.linalg.norm(root @ (found - values))), worst)
+    raise DataError("the first estimate is too far from any possible robot to make instruments from it; start from the momentum form.")
 
 
 def nearest(values: Array, root: Array, rows: Array, bounds: Array) -> Array:

@@ -162,4 +162,3 @@ def _mixed(information: Information, weights: Array, roots: Array, torque_noise:
     smallest = float(np.linalg.eigvalsh(lower)[0])
     root = np.linalg.cholesky(lower).T * unit if smallest > 1e-14 else R[:-1, :-1]
     return values, root, float(singular[-1] ** 2)
-

@@ -94,6 +94,11 @@ def minimise_eigenvalue(
     rng = np.random.default_rng(seed)
     weight = np.ones(structure.nv) if weight is None else np.asarray(weight, float)
     objective = _Objective(structure, values, weight, start)
+    if not structure.relevant.any():
+        q = np.clip(np.zeros((1, structure.n)), lower, upper)
+        found, v = objective.both(q)
+        vector = v[0] * weight
+        return Minimum(float(found[0]), q[0], vector / np.linalg.norm(vector), q, found, 1)
     pool = [random_positions(structure, lower, upper, samples, rng), nested_seeds(objective, structure, lower, upper, rng)]
     if seeds is not None and len(seeds):
         pool.append(np.clip(seeds, lower, upper))

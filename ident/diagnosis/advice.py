@@ -1,0 +1,43 @@
+"""Advice: what to do about a finding, and which motion would tell it from its rivals."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..effect import Axis, effect_types
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from .findings import Finding
+
+#: The motion that shows a quantity's influence.
+_MOTION = {
+    Axis.POSITION: "move {joint} slowly through its whole range, both ways",
+    Axis.VELOCITY: "run {joint} at several steady speeds from slow to fast, both ways",
+    Axis.ACCELERATION: "accelerate {joint} hard, at low and at high speed",
+    Axis.LOAD: "repeat the same motion of {joint} in postures with little and with much load",
+    Axis.TIME: "repeat one and the same motion of {joint} from the beginning to the end of a long log",
+    Axis.MOTOR_ANGLE: "turn {joint} slowly and steadily over many turns of its motor",
+    Axis.TORQUE: "drive {joint} with small and with large torque (loads, accelerations) while the other joints move as usual",
+}
+
+
+def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
+    """One or two sentences."""
+    joint = finding.joints[0] if finding.joints else "every joint"
+    title = finding.effect.title
+    if finding.ambiguous:
+        rival = finding.imitators[0]
+        other = effect_types().get(rival.effect)
+        where = rival.joints[0] if rival.joints else "every joint"
+        if other is not None and other.axis == finding.effect.axis and rival.joints == finding.joints:
+            same = "No motion tells them apart as long as they act alike" if other.axis == Axis.VELOCITY else "They differ only in detail"
+            motion = _MOTION[finding.effect.axis].format(joint=joint)
+            return f"{title} or {rival.effect}: {same}; {motion}, over a wider range than in this log, or take either: they predict alike."
+        ways = dict.fromkeys(
+            [_MOTION[finding.effect.axis].format(joint=joint)] + ([_MOTION[other.axis].format(joint=where)] if other is not None else [])
+        )
+        return f"{title} or {rival.effect} on {where}: to tell them apart, {'; and '.join(ways)}."
+    if verdict == "unexplained" and finding.confidence < 0.5:
+        return f"{title} explains a part only; take it as a hint, and look at what is left before acting on it."
+    return f"Add {finding.name}{f' on {joint}' if finding.joints else ''} to the declared model ({title})."

@@ -1,0 +1,161 @@
+"""Diagnosis: what the declared model lacks, where, how large and how surely; and the model that has it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..effect import Effect
+from ..errors import ConfigurationError
+from ..torque_error import number
+from .advice import advice_for
+from .analysis import analysis_signals, without_reversals
+from .findings import Finding, Unexplained, assess
+from .leftover import leftovers
+from .search import Bank
+from .selection import Selection, select, start
+
+if TYPE_CHECKING:
+    from ..comparison import Comparison
+    from ..estimate import Estimate
+    from ..estimators import Estimator
+    from ..model import Model
+    from ..signals import Signals
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The answer. `verdict`: "clean", "explained", "ambiguous" or "unexplained" (DESIGN.md 3.4).
+
+    `before`: the declared model fitted to the analysis signals; `after`: the same with the findings; `signals`, `held`: those
+    signals. `trail`: the steps of the selection; `selection`: everything that was looked at."""
+
+    verdict: str
+    findings: tuple[Finding, ...]
+    unexplained: tuple[Unexplained, ...]
+    before: Estimate
+    after: Estimate
+    signals: Signals
+    held: Signals | None
+    selection: Selection = field(repr=False)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def model(self) -> Model:
+        """The declared model with the findings."""
+        return self.after.model
+
+    @property
+    def trail(self) -> tuple[str, ...]:
+        """What was tried and accepted, step by step."""
+        return self.selection.trail
+
+    def refit(self) -> Estimate:
+        """The estimate of the model with the findings."""
+        return self.after
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """Before and after on the data held out (on the fitted ones if nothing was)."""
+        from ..comparison import compare
+
+        return compare(self.before, self.after, self.signals if self.held is None else self.held)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The `ident.diagnosis/1` result (DESIGN.md 3.4), with the comparison and the warnings beside it."""
+        sides = self.comparison.to_dict()
+        if self.held is None:
+            nothing = {"rms": None, "relative": None, "relative_all": None}
+            sides["before"]["heldout"] = sides["after"]["heldout"] = nothing
+        return {
+            "schema": "ident.diagnosis/1",
+            "verdict": self.verdict,
+            "findings": [f.to_dict() for f in self.findings],
+            "unexplained": [u.to_dict() for u in self.unexplained],
+            "before": sides["before"],
+            "after": sides["after"],
+            "noise_floor": [number(x) for x in self.noise_floor],
+            "heldout_gain": sides["gain"] if self.held is not None else None,
+            "shifts": sides["shifts"],
+            "joints": list(self.before.model.robot.joint_names),
+            "signals": self.signals.report.to_dict(),
+            "warnings": list(self.warnings),
+            "inputs": list(self.before.inputs),
+        }
+
+    @property
+    def noise_floor(self) -> Array:
+        """Standard deviation (n,) of the noise of the rows, when all that any candidate can take up is taken up."""
+        return self.selection.declared.white.std
+
+    def __str__(self) -> str:
+        from .text import diagnosis_text
+
+        return diagnosis_text(self)
+
+
+def diagnose(
+    before: Estimate,
+    held: Signals | None = None,
+    *,
+    fit: Signals | None = None,
+    progress: Callable[[float], None] | None = None,
+    note: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Find what a declared model lacks.
+
+    `before`: its estimate; `fit`: the signals it was fitted to (taken from the estimate within a session); `held`: signals that
+    no fit saw, looked at once, at the end. Where the logs are at hand and the cut-off was chosen from the data, both are
+    prepared anew with the band that a diagnosis needs. `progress`: called with the share done; `note`: with lines of text.
+    Raises ConfigurationError without signals, DataError where they are too few."""
+    signals = fit if fit is not None else before.problem.signals if before.problem is not None else None
+    if signals is None:
+        raise ConfigurationError(
+            "a saved estimate does not hold the signals it was fitted to; give them: diagnose(estimate, held, fit=signals)."
+        )
+    if progress is not None:
+        progress(0.0)
+    estimator = estimator_of(before)
+    wide, held = analysis_signals(signals, held)
+    declared = _fitted(estimator, before.model, wide, before)
+    if progress is not None:
+        progress(0.05)
+    bank = Bank()
+    stage = start(before.model, without_reversals(wide), declared.all_values, bank)
+    if progress is not None:
+        progress(0.4)
+    selection = select(stage, bank, note)
+    if progress is not None:
+        progress(0.85)
+    left = leftovers(selection.final, selection.found)
+    verdict, findings, unexplained = assess(selection, left)
+    after = declared if not findings else _fitted(estimator, selection.final.problem.model, wide, before)
+    if held is not None:
+        declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
+    findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
+    if progress is not None:
+        progress(1.0)
+    warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings)))
+    return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings)
+
+
+def estimator_of(estimate: Estimate) -> Estimator:
+    """The estimator that an estimate came from, with its usual settings; weighted least squares for one that is not known."""
+    from ..estimators import estimator_types, make_estimator
+
+    return make_estimator(estimate.method if estimate.method in estimator_types() else "wls")
+
+
+def _fitted(estimator: Estimator, model: Model, signals: Signals, like: Estimate) -> Estimate:
+    from ..problem import Problem
+
+    return replace(estimator.solve(Problem(model, signals)), inputs=like.inputs, signals_config=signals.report.to_dict())
+
+
+__all__ = ["Diagnosis", "Effect", "diagnose"]

@@ -1,0 +1,63 @@
+"""The equations of instrumental variables, ZᵀWΦ δ = ZᵀW e: scaled on both sides, solved by LU, never inverted."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import DataError
+from ..information import triangle
+from .moments import CrossMoments
+
+Array = np.ndarray
+
+
+class InstrumentSystem:
+    """`cross` (b, b): ZᵀWΦ; `gram` (b, b): ZᵀWZ. Raises DataError where the instruments cannot tell the columns apart."""
+
+    def __init__(self, cross: Array, gram: Array, names: tuple[str, ...]) -> None:
+        from scipy.linalg import lu_factor
+
+        self.cross, self.gram = cross, gram
+        self.left = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        self.right = np.linalg.norm(cross / self.left[:, None], axis=0)
+        if np.any(self.right == 0):
+            lost = ", ".join(names[i] for i in np.flatnonzero(self.right == 0)[:6])
+            raise DataError(f"the instruments do not move what {lost} depend on; simulate the experiment as it was, or leave these out.")
+        scaled = cross / np.outer(self.left, self.right)
+        singular = np.linalg.svd(scaled, compute_uv=False)
+        if singular[-1] < 1e-10 * singular[0]:
+            raise DataError("the instruments cannot tell all parameters apart: the simulated motion does not follow the measured one.")
+        self._factor = lu_factor(scaled)
+
+    @classmethod
+    def of(cls, moments: CrossMoments, weights: Array, names: tuple[str, ...]) -> InstrumentSystem:
+        """The equations with row j weighted by `weights[j]`."""
+        return cls(np.einsum("j,jab->ab", weights, moments.cross), np.einsum("j,jab->ab", weights, moments.gram), names)
+
+    def solve(self, right: Array) -> Array:
+        """(ZᵀWΦ)⁻¹ applied to vectors in the last axis (…, b)."""
+        from scipy.linalg import lu_solve
+
+        flat = right.reshape(-1, right.shape[-1])
+        return (lu_solve(self._factor, (flat / self.left).T).T / self.right).reshape(right.shape)
+
+    def both_sides(self, gram: Array) -> Array:
+        """(ZᵀWΦ)⁻¹ gram (ΦᵀWZ)⁻¹."""
+        both = self.solve(self.solve(gram).T)
+        return (both + both.T) / 2
+
+    @cached_property
+    def white_std(self) -> Array:
+        """Standard deviations (b,) if the noise were white with variance 1/weight."""
+        return np.sqrt(np.maximum(np.diag(self.both_sides(self.gram)), 0.0))
+
+    @property
+    def information_root(self) -> Array:
+        """Upper triangular root (b, b) of the information ΦᵀWZ (ZᵀWZ)⁻¹ ZᵀWΦ."""
+        from scipy.linalg import solve_triangular
+
+        unit = self.gram / np.outer(self.left, self.left)
+        lower = np.linalg.cholesky(unit + 1e-13 * np.eye(len(unit)))
+        return triangle(solve_triangular(lower, self.cross / self.left[:, None], lower=True))
