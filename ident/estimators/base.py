@@ -61,14 +61,15 @@ class Estimator(ABC):
 
         Where an effect needs the model's own prediction (load), the fit is repeated with that of the last one until it stands."""
         self.check(problem)
+        asked = problem
         problem, sticking = without_sticking(problem)
-        estimate = replace(self._solve(problem), sticking=sticking)
+        estimate = replace(self._solve(problem), sticking=sticking, problem=asked)
         if not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
             return estimate
         for _ in range(_LOAD_PASSES):
             values = estimate.all_values
             problem = problem.with_reference(values)
-            estimate = replace(self._solve(problem), reference=values, sticking=sticking)
+            estimate = replace(self._solve(problem), reference=values, sticking=sticking, problem=asked)
             change = np.abs(estimate.values - problem.base.base_values(values)) if len(estimate.values) == problem.base.count else np.inf
             if np.all(change <= 1e-6 * estimate.std + 1e-9 * np.abs(estimate.values)):
                 break
