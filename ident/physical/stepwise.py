@@ -54,8 +54,9 @@ def repair_stepwise(
     steps = []
     base = structure.nv - structure.n
     entering = entering_parameters(structure, lower, upper)
-    for i in reversed(range(structure.nv)):
-        free = entering[i]
+    # A free-flyer's six rows share one body and are one step.
+    for i in [*reversed(range(base, structure.nv)), *([0] if base else [])]:
+        free = entering[i] if i >= base else np.unique(np.concatenate(entering[:base]))
         root = np.zeros((structure.b, len(free)))
         root[free, np.arange(len(free))] = std[free]
         found = nearest_by_cuts(
@@ -70,7 +71,7 @@ def repair_stepwise(
             time_limit=time_limit,
         )
         changed = np.flatnonzero(found.values != current)
-        name = structure.joint_names[i - base] if i >= base else f"base velocity {i + 1}"
+        name = structure.joint_names[i - base] if i >= base else "floating base"
         steps.append(Step(name, found.eigenvalue, {structure.base_names[k]: float(found.values[k] - current[k]) for k in changed}))
         current = found.values
     return current, steps
