@@ -36,6 +36,8 @@ _WHERE = {
     "validate": "validation",
     "Validation": "validation",
     "compare": "comparison",
+    "diagnose": "diagnosis",
+    "Diagnosis": "diagnosis",
     "Comparison": "comparison",
     "Study": "study",
     "read_study": "study",
@@ -112,6 +114,7 @@ def __dir__() -> list[str]:
 if TYPE_CHECKING:
     from . import effects, estimators, friction, physical, regressor, robots
     from .comparison import Comparison, compare
+    from .diagnosis import Diagnosis, diagnose
     from .effect import Effect, effect_names, make_effect
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
     from .estimate import Estimate

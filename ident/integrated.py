@@ -36,6 +36,15 @@ _ROWS_PER_WINDOW = 5
 _BLOCK_NUMBERS = 4_000_000
 
 
+def smooth_window(length: int, rate: float) -> tuple[Array, Array]:
+    """Weights (L,) of a mean over L samples at `rate` Hz that vanishes at both ends, and minus their time derivative (1/s)."""
+    half = (length + 1) / 2
+    x = (np.arange(1, length + 1) - half) / half
+    w = (1 - x**2) ** _POWER
+    slope = 2 * _POWER * x * (1 - x**2) ** (_POWER - 1) * rate / half
+    return w / w.sum(), slope / w.sum()
+
+
 @dataclass(frozen=True, eq=False)
 class IntegratedProblem(Problem):
     """A problem whose rows are windowed integrals, each the mean over one window.
@@ -69,12 +78,7 @@ class IntegratedProblem(Problem):
 
     @cached_property
     def _window(self) -> tuple[Array, Array]:
-        """Weights (L,) of the mean over a window, and minus their time derivative."""
-        half = (self._length + 1) / 2
-        x = (np.arange(1, self._length + 1) - half) / half
-        w = (1 - x**2) ** _POWER
-        slope = 2 * _POWER * x * (1 - x**2) ** (_POWER - 1) * self.signals.rate / half
-        return w / w.sum(), slope / w.sum()
+        return smooth_window(self._length, self.signals.rate)
 
     @cached_property
     def row_runs(self) -> tuple[slice, ...]:

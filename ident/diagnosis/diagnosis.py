@@ -11,6 +11,7 @@ import numpy as np
 
 from ..effect import Effect
 from ..errors import ConfigurationError
+from ..results import result
 from ..torque_error import number
 from .advice import advice_for
 from .analysis import analysis_signals, without_reversals
@@ -73,8 +74,7 @@ class Diagnosis:
         if self.held is None:
             nothing = {"rms": None, "relative": None, "relative_all": None}
             sides["before"]["heldout"] = sides["after"]["heldout"] = nothing
-        return {
-            "schema": "ident.diagnosis/1",
+        body = {
             "verdict": self.verdict,
             "findings": [f.to_dict() for f in self.findings],
             "unexplained": [u.to_dict() for u in self.unexplained],
@@ -85,9 +85,8 @@ class Diagnosis:
             "shifts": sides["shifts"],
             "joints": list(self.before.model.robot.joint_names),
             "signals": self.signals.report.to_dict(),
-            "warnings": list(self.warnings),
-            "inputs": list(self.before.inputs),
         }
+        return result("ident.diagnosis/1", body, inputs=self.before.inputs, warnings=self.warnings)
 
     @property
     def noise_floor(self) -> Array:
@@ -105,14 +104,16 @@ def diagnose(
     held: Signals | None = None,
     *,
     fit: Signals | None = None,
+    estimator: Estimator | None = None,
     progress: Callable[[float], None] | None = None,
     note: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find what a declared model lacks.
 
     `before`: its estimate; `fit`: the signals it was fitted to (taken from the estimate within a session); `held`: signals that
-    no fit saw, looked at once, at the end. Where the logs are at hand and the cut-off was chosen from the data, both are
-    prepared anew with the band that a diagnosis needs. `progress`: called with the share done; `note`: with lines of text.
+    no fit saw, looked at once, at the end. `estimator`: for the refits (the one that made the estimate, with its
+    usual settings). Where the logs are at hand and the cut-off was chosen from the data, both are prepared anew with the band
+    that a diagnosis needs. `progress`: called with the share done; `note`: with lines of text.
     Raises ConfigurationError without signals, DataError where they are too few."""
     signals = fit if fit is not None else before.problem.signals if before.problem is not None else None
     if signals is None:
@@ -121,7 +122,7 @@ def diagnose(
         )
     if progress is not None:
         progress(0.0)
-    estimator = estimator_of(before)
+    estimator = estimator or estimator_of(before)
     wide, held = analysis_signals(signals, held)
     declared = _fitted(estimator, before.model, wide, before)
     if progress is not None:

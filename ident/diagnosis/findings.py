@@ -119,10 +119,14 @@ def _finding(found: Found, selection: Selection, left: Sequence[Leftover]) -> Fi
     rows = touched(found.judged.hit.columns)
     share = max((x.share for x in left if rows[x.joint]), default=0.0)
     trust = min(_MOST, 1.0 / (1.0 + (share / INEXACT) ** 2)) if share >= INEXACT else _MOST
+    # The same effect at the same place in another configuration (an angle on the other side) is no rival.
+    own = (found.judged.hit.candidate.name, found.judged.hit.candidate.joints)
+    total = {own: found.weight}
+    for rival, weight in zip(found.rivals, found.weights[1:], strict=True):
+        key = (rival.hit.candidate.name, rival.hit.candidate.joints)
+        total[key] = total.get(key, 0.0) + float(weight)
     imitators = tuple(
-        Imitator(r.hit.candidate.name, r.hit.candidate.joints, trust * float(w))
-        for r, w in zip(found.rivals, found.weights[1:], strict=True)
-        if w >= _NAMED
+        Imitator(*key, trust * weight) for key, weight in sorted(total.items(), key=lambda x: -x[1]) if key != own and weight >= _NAMED
     )
     loss = float(selection.declared.frame.heldout_loss.sum())
     return Finding(
@@ -131,7 +135,7 @@ def _finding(found: Found, selection: Selection, left: Sequence[Leftover]) -> Fi
         _parameters(found, stage),
         float(np.clip(found.judged.score.heldout / max(loss, 1e-300), 0.0, 1.0)),
         found.judged.evidence,
-        trust * found.weight,
+        trust * total[own],
         imitators[:6],
     )
 

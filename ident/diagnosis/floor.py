@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Columns are added while the best ones gain more than this per column (a χ² that chance over the whole catalogue seldom
 #: reaches), on all blocks and, halved, on blocks held out.
-_LEAST = 18.0
+_LEAST = 30.0
 _PER_COLUMN = 2.0
 #: At most this share of the rows goes into saturating columns, and so many rounds and steps.
 _SHARE = 0.12

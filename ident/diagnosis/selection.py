@@ -155,7 +155,17 @@ def select(first: Stage, bank: Bank, note: Callable[[str], None] | None = None) 
         stage = _with(first, [f.effect for f in found], stage, bank)
         if len(found) > 1:
             stage, found = _re_examined(first, stage, found, bank, say)
+        else:
+            # With the strongest effect in the model, what is left tells the noise better than the saturated model did.
+            first, stage = _with_noise(first, stage, bank)
     return Selection(first, stage, tuple(found), tuple(trail))
+
+
+def _with_noise(first: Stage, stage: Stage, bank: Bank) -> tuple[Stage, Stage]:
+    """Both stages under the noise floor beneath the second one's model."""
+    generic = [s.placed(stage.problem.model.robot.n) for s in signatures(stage.motions)]
+    white = noise_floor(stage.problem, stage.motions, stage.search.candidates, bank, generic).white
+    return tuple(_stage(s.problem, white, bank, s.search.candidates) for s in (first, stage))  # type: ignore[return-value]
 
 
 def described(j: Judged, number: int) -> str:

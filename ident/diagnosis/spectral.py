@@ -21,7 +21,7 @@ Array = np.ndarray
 _MOST_ORDERS = 1 << 15
 _PEAKS = 4
 #: An order counts as resolved while its columns keep this share of the power that slow orders have in the rows.
-_RESOLVED = 2e-2
+_RESOLVED = 0.1
 
 
 def order_parameter(effect: Effect) -> str | None:

@@ -13,6 +13,8 @@ from .search import Judged
 
 Array = np.ndarray
 _DRAWS = 400
+#: Laws are never exact: of what rivals explain, differences below this share say nothing about which of them is right.
+_INEXACT = 1e-3
 #: How common an effect is beside the others, where nothing else tells two apart. Not listed: 1.
 PRIOR = {
     "viscous": 4.0,
@@ -38,7 +40,7 @@ def weights(judged: Sequence[Judged], thresholds: Sequence[float]) -> Array:
     rng = np.random.default_rng(0)
     blocks = gains.shape[1]
     share = rng.dirichlet(np.ones(blocks), _DRAWS) * blocks
-    score = 0.5 * share @ gains.T + prior
+    score = 0.5 * share @ gains.T / (1.0 + _INEXACT * float(best.max(initial=0.0))) + prior
     score -= score.max(axis=1, keepdims=True)
     w = np.exp(score)
     return np.asarray((w / w.sum(axis=1, keepdims=True)).mean(axis=0))

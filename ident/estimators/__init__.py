@@ -1,6 +1,43 @@
 """Estimators: strategies behind one interface and one result."""
 
 from .base import Capability, Estimator, estimator_types, make_estimator, register
+from .bounded import BoundedLeastSquares
+from .drifting import DriftingParameters
+from .experiment import Desired, Experiment, desired_from_logs
+from .generalised import GeneralisedLeastSquares
+from .instrumental import InstrumentalVariable
+from .instruments import Instruments
 from .least_squares import LeastSquares, WeightedLeastSquares
+from .output_error import OutputError
+from .physical import PhysicalLeastSquares
+from .prior import PriorLeastSquares
+from .recursive import RecursiveLeastSquares, RecursiveState
+from .robust import RobustLeastSquares
+from .sequential import StepByStep
+from .total import TotalLeastSquares
 
-__all__ = ["Capability", "Estimator", "LeastSquares", "WeightedLeastSquares", "estimator_types", "make_estimator", "register"]
+__all__ = [
+    "BoundedLeastSquares",
+    "Capability",
+    "Desired",
+    "DriftingParameters",
+    "Estimator",
+    "Experiment",
+    "GeneralisedLeastSquares",
+    "InstrumentalVariable",
+    "Instruments",
+    "LeastSquares",
+    "OutputError",
+    "PhysicalLeastSquares",
+    "PriorLeastSquares",
+    "RecursiveLeastSquares",
+    "RecursiveState",
+    "RobustLeastSquares",
+    "StepByStep",
+    "TotalLeastSquares",
+    "WeightedLeastSquares",
+    "desired_from_logs",
+    "estimator_types",
+    "make_estimator",
+    "register",
+]

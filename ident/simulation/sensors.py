@@ -247,11 +247,15 @@ class Sensors:
         counts: float | None = 4000.0,
         torque_noise: tuple[float, ...] | float = 0.0,
         colour: float = 0.0,
+        torque_window: float = 1e-3,
         encoder: Side = Side.MOTOR,
     ) -> Sensors:
-        """Encoders of `counts` a turn (None: exact) and torque noise; positions and torque alone are recorded."""
+        """Encoders of `counts` a turn (None: exact) and torque noise; positions and torque alone are recorded.
+
+        Torque that a controller holds between its instants acts half a control period late on the whole. Averaged over
+        `torque_window` seconds, up to two such periods, it is recorded as it acts, and the log shows no delay."""
         rounding = () if counts is None else (Quantisation.counts(counts),)
-        return cls((*rounding, TorqueNoise(torque_noise, colour)), encoder, columns=("q", "tau"))
+        return cls((*rounding, TorqueWindow(torque_window), TorqueNoise(torque_noise, colour)), encoder, columns=("q", "tau"))
 
     def read(self, readings: Readings, seed: int) -> Readings:
         """The readings with every distortion; the same seed gives the same noise."""

@@ -183,9 +183,8 @@ def test_simulated_logs_hold_what_the_plan_promises(tmp_path) -> None:
     assert _recovered(read_plan(manifest), robot, values, tmp_path / "logs") < 1e-9
     with pytest.raises(ConfigurationError, match="nothing was written"):
         simulate_plan(plan, Plant(model, values), tmp_path / "logs")
-    some = simulate_plan(
-        plan, Plant(model, values), tmp_path / "some", tests=[plan.tests[1].name], sensors=Sensors.typical(), rate=50.0, control_rate=250.0
-    )
+    quick = {"sensors": Sensors.typical(), "rate": 50.0, "control_rate": 250.0}
+    some = simulate_plan(plan, Plant(model, values), tmp_path / "some", tests=[plan.tests[1].name], **quick)
     assert len(list(some.parent.iterdir())) == 2
     with pytest.raises(ConfigurationError, match="joints"):
         simulate_plan(plan, Plant(pendulum().rigid_body(), pendulum().nominal), tmp_path / "other")
