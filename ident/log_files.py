@@ -7,7 +7,7 @@ import csv
 import gzip
 import io
 import lzma
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -53,7 +53,7 @@ def read_header(path: Path) -> Header:
     check_file(path)
     kind = path.suffix.lower()
     if kind in (".parquet", ".pq"):
-        return Header(tuple(_parquet(path).schema.names))
+        return Header(tuple(parquet_file(path).schema.names))
     if kind == ".mat":
         return Header(tuple(_mat_columns(path)))
     return _text_header(path)
@@ -68,12 +68,12 @@ def read_columns(path: Path, header: Header, names: Sequence[str], optional: Seq
         if kind == ".mat":
             columns = _mat_columns(path)
         else:
-            table = _parquet(path).read(columns=[*names, *optional])
+            table = parquet_file(path).read(columns=[*names, *optional])
             columns = {name: np.asarray(table.column(name)) for name in (*names, *optional)}
-        out = {name: _numeric(columns[name], path, name) for name in names}
+        out = {name: numeric(columns[name], path, name) for name in names}
         for name in optional:
             with suppress(DataError):
-                out[name] = _numeric(columns[name], path, name)
+                out[name] = numeric(columns[name], path, name)
         return out
     first = [fields for _, fields in islice(rows_of_text(path, header), 5)]
     place = {name: header.names.index(name) for name in optional}
@@ -146,51 +146,63 @@ def _is_number(text: str) -> bool:
 
 
 def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
-    import pandas as pd
-
     if find_spec("pyarrow") is not None:
         found = _arrow_columns(path, header, names)
         if found is not None:
             return found
-    # Before version 3, pandas rounds the last digit unless told not to.
-    exact: dict[str, Any] = {"float_precision": "round_trip"} if int(pd.__version__.split(".")[0]) < 3 else {}
     try:
         with open_binary(path) as stream:
-            # All columns, not only those wanted: otherwise rows with too many fields would pass unseen.
-            frame = pd.read_csv(
-                stream,
-                sep=header.delimiter,
-                skiprows=header.line,
-                names=list(header.names),
-                dtype=dict.fromkeys(names, float),
-                skipinitialspace=True,
-                low_memory=False,
-                **exact,
-            )
-        if not isinstance(frame.index, pd.RangeIndex):
-            raise ValueError("rows have more fields than the header")
+            return pandas_columns(stream, header, names, header.line)
     except (ValueError, OverflowError) as error:
-        raise _bad_text(path, header, names, str(error)) from None
+        raise bad_text(path, header, names, str(error)) from None
     except (EOFError, OSError) as error:
         raise DataError(f"log {path}: the file is damaged ({error}).") from None
+
+
+def pandas_columns(stream: IO[bytes], header: Header, names: Sequence[str], skip: int) -> dict[str, Array]:
+    """Columns of a text that follow `skip` lines, leniently: rows may be short. Raises ValueError where one cannot be read."""
+    import pandas as pd
+
+    # Before version 3, pandas rounds the last digit unless told not to.
+    exact: dict[str, Any] = {"float_precision": "round_trip"} if int(pd.__version__.split(".")[0]) < 3 else {}
+    # All columns, not only those wanted: otherwise rows with too many fields would pass unseen.
+    frame = pd.read_csv(
+        stream,
+        sep=header.delimiter,
+        skiprows=skip,
+        names=list(header.names),
+        dtype=dict.fromkeys(names, float),
+        skipinitialspace=True,
+        low_memory=False,
+        **exact,
+    )
+    if not isinstance(frame.index, pd.RangeIndex):
+        raise ValueError("rows have more fields than the header")
     return {name: frame[name].to_numpy() for name in names}
 
 
 def _arrow_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array] | None:
     """The fast way; None where it refuses, so that the slower reader can say why or be more lenient."""
     import pyarrow as pa
-    from pyarrow import csv as arrow
 
     try:
         with open_binary(path) as stream:
-            table = arrow.read_csv(
-                pa.PythonFile(stream, mode="r"),
-                read_options=arrow.ReadOptions(column_names=list(header.names), skip_rows=header.line, block_size=1 << 22),
-                parse_options=arrow.ParseOptions(delimiter=header.delimiter),
-                convert_options=arrow.ConvertOptions(include_columns=list(names), column_types=dict.fromkeys(names, pa.float64())),
-            )
+            return arrow_columns(pa.PythonFile(stream, mode="r"), header, names, header.line)
     except (pa.ArrowException, OSError, EOFError, ValueError):
         return None
+
+
+def arrow_columns(source: Any, header: Header, names: Sequence[str], skip: int, *, block: int = 1 << 22, threads: bool = True) -> dict[str, Array]:
+    """Columns of a text that follow `skip` lines, by Arrow's reader from a file of its own. Raises ArrowException where it refuses."""
+    import pyarrow as pa
+    from pyarrow import csv as arrow
+
+    table = arrow.read_csv(
+        source,
+        read_options=arrow.ReadOptions(column_names=list(header.names), skip_rows=skip, block_size=block, use_threads=threads),
+        parse_options=arrow.ParseOptions(delimiter=header.delimiter),
+        convert_options=arrow.ConvertOptions(include_columns=list(names), column_types=dict.fromkeys(names, pa.float64())),
+    )
     return {name: table.column(name).to_numpy() for name in names}
 
 
@@ -203,10 +215,13 @@ def rows_of_text(path: Path, header: Header) -> Iterator[tuple[int, list[str]]]:
                 yield reader.line_num, fields
 
 
-def _bad_text(path: Path, header: Header, names: Sequence[str], reason: str) -> DataError:
-    """Find the first row that cannot be read and say what is wrong with it."""
+def bad_text(
+    path: Path, header: Header, names: Sequence[str], reason: str, rows: Iterable[tuple[int, list[str]]] | None = None, first: int = 1
+) -> DataError:
+    """Find the first row that cannot be read and say what is wrong with it. `rows`: those to look at, beginning with data row
+    `first`; by default all."""
     index = [(header.names.index(n), n) for n in names]
-    for row, (line, fields) in enumerate(rows_of_text(path, header), 1):
+    for row, (line, fields) in enumerate(rows_of_text(path, header) if rows is None else rows, first):
         if len(fields) > len(header.names):
             return DataError(f"log {path}: line {line} (data row {row}) has {len(fields)} fields, but the header has {len(header.names)}.")
         for i, name in index:
@@ -219,18 +234,20 @@ def _bad_text(path: Path, header: Header, names: Sequence[str], reason: str) -> 
     return DataError(f"log {path}: cannot be read as a table of numbers: {reason}.")
 
 
-def _numeric(values: Array, path: Path, name: str) -> Array:
+def numeric(values: Array, path: Path, name: str, first: int = 1) -> Array:
+    """A column as float64, time stamps in seconds. `first`: data row (from 1) of its first value, for messages. Raises DataError."""
     if values.dtype.kind in "fiub":
         return values.astype(float)
     if values.dtype.kind == "M":  # time stamps: seconds
         return values.astype("datetime64[ns]").astype(np.int64) * 1e-9
-    for row, value in enumerate(values.tolist(), 1):
+    for row, value in enumerate(values.tolist(), first):
         if value is not None and not isinstance(value, (int, float)) and not (isinstance(value, str) and _is_number(value)):
             raise DataError(f"log {path}: column {name!r}, data row {row}: {value!r} is not a number.")
     return np.array([np.nan if v is None else float(v) for v in values.tolist()])
 
 
-def _parquet(path: Path) -> Any:
+def parquet_file(path: Path) -> Any:
+    """A Parquet file, opened. Raises DataError, and ConfigurationError without pyarrow."""
     if find_spec("pyarrow") is None:
         raise ConfigurationError(f"log {path}: reading Parquet needs pyarrow: pip install pyarrow. Or export the log as CSV.")
     import pyarrow as pa

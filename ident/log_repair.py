@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,31 +23,84 @@ class Pieces:
     notes: tuple[str, ...]
 
 
+@dataclass
+class Holes:
+    """Flagged rows of a table, gathered piece by piece: `blocks` [first, stop) from 0, in order."""
+
+    blocks: list[list[int]] = field(default_factory=list)
+
+    def add(self, flag: Array, first: int = 0) -> None:
+        """Rows `first` … of which some are flagged."""
+        if not flag.any():
+            return
+        for block in _blocks(flag):
+            start, stop = first + int(block[0]), first + int(block[-1]) + 1
+            if self.blocks and self.blocks[-1][1] == start:
+                self.blocks[-1][1] = stop
+            else:
+                self.blocks.append([start, stop])
+
+    def __bool__(self) -> bool:
+        return bool(self.blocks)
+
+    @property
+    def count(self) -> int:
+        return sum(stop - start for start, stop in self.blocks)
+
+    @property
+    def longest(self) -> int:
+        return max((stop - start for start, stop in self.blocks), default=0)
+
+    def flag(self, rows: int) -> Array:
+        """The flags (rows,) themselves."""
+        out = np.zeros(rows, bool)
+        for start, stop in self.blocks:
+            out[start:stop] = True
+        return out
+
+    def __str__(self) -> str:
+        return _ranges(self.blocks)
+
+
 def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing: str = "refuse") -> Pieces:
     """Rows with a position and a rising time stamp, as runs.
 
     `positions`: column name → (N,) for every position column. `missing`: "refuse" (an error beyond isolated rows) or "gap" (rows
     without position are left out, however many). Raises DataError naming the rows."""
-    notes: list[str] = []
+    unstamped = Holes()
+    unstamped.add(~np.isfinite(t))
+    holes = {name: Holes() for name in positions}
     present = np.isfinite(t)
-    if not present.all():
-        notes.append(f"{where}: {int((~present).sum())} rows without a time stamp are left out ({ranges(~present)}).")
-        if present.mean() < 1 - _SHARE:
-            raise DataError(f"{where}: {int((~present).sum())} of {len(t)} rows have no time stamp ({ranges(~present)}).")
     for name, values in positions.items():
         hole = ~np.isfinite(values)
-        if not hole.any():
+        holes[name].add(hole)
+        present &= ~hole
+    notes = missing_rows(unstamped, holes, len(t), where, missing=missing)
+    return rising_runs(t, np.flatnonzero(present), where, notes)
+
+
+def missing_rows(unstamped: Holes, holes: Mapping[str, Holes], rows: int, where: str, *, missing: str) -> list[str]:
+    """Notes on rows left out for want of a time stamp or a position. Raises DataError where there are too many."""
+    notes: list[str] = []
+    if unstamped:
+        notes.append(f"{where}: {unstamped.count} rows without a time stamp are left out ({unstamped}).")
+        if unstamped.count > _SHARE * rows:
+            raise DataError(f"{where}: {unstamped.count} of {rows} rows have no time stamp ({unstamped}).")
+    for name, hole in holes.items():
+        if not hole:
             continue
-        longest = int(max(len(r) for r in _blocks(hole)))
-        if missing == "refuse" and (longest > _ISOLATED or hole.sum() > max(_ISOLATED, _SHARE * len(t))):
+        if missing == "refuse" and (hole.longest > _ISOLATED or hole.count > max(_ISOLATED, _SHARE * rows)):
             raise DataError(
-                f"{where}: column {name!r} has no number in {int(hole.sum())} of {len(t)} rows ({ranges(hole)})."
+                f"{where}: column {name!r} has no number in {hole.count} of {rows} rows ({hole})."
                 ' A position that is missing cannot be used. Cut the log there, or read it with missing = "gap" (--missing gap)'
                 " to leave these rows out as a gap."
             )
-        notes.append(f"{where}: column {name!r} has no number in {int(hole.sum())} rows ({ranges(hole)}); they are left out as a gap.")
-        present &= ~hole
-    index = np.flatnonzero(present)
+        notes.append(f"{where}: column {name!r} has no number in {hole.count} rows ({hole}); they are left out as a gap.")
+    return notes
+
+
+def rising_runs(t: Array, index: Array, where: str, notes: list[str]) -> Pieces:
+    """The rows `index` of stamps `t` (N,) as runs of rising time. Raises DataError naming the rows."""
     if len(index) < 2:
         raise DataError(f"{where}: {len(index)} usable rows; at least a few hundred are needed.")
     step = np.diff(t[index])
@@ -97,8 +150,12 @@ def _blocks(flag: Array) -> list[Array]:
     return np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
 
 
-def ranges(flag: Array, most: int = 4) -> str:
+def ranges(flag: Array) -> str:
     """Flagged rows in words, counted from 1: "data rows 12, 40-52 …"."""
-    blocks = _blocks(flag)
-    text = ", ".join(f"{b[0] + 1}" if len(b) == 1 else f"{b[0] + 1}-{b[-1] + 1}" for b in blocks[:most])
-    return f"data row{'s' * (int(flag.sum()) > 1)} {text}" + (" …" if len(blocks) > most else "")
+    return _ranges([[int(b[0]), int(b[-1]) + 1] for b in _blocks(flag)])
+
+
+def _ranges(blocks: list[list[int]], most: int = 4) -> str:
+    text = ", ".join(f"{a + 1}" if b - a == 1 else f"{a + 1}-{b}" for a, b in blocks[:most])
+    rows = sum(b - a for a, b in blocks)
+    return f"data row{'s' * (rows > 1)} {text}" + (" …" if len(blocks) > most else "")
