@@ -7,13 +7,14 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from ..errors import ConfigurationError
-from ..files import write_atomic
+from ..files import staged, write_atomic
 
 if TYPE_CHECKING:
     from ..study import Study
@@ -92,8 +93,12 @@ class Output:
             raise ConfigurationError(f"--out {folder} is a file; give a folder.")
         if folder.exists() and any(folder.iterdir()) and not self.force:
             raise ConfigurationError(f"--out {folder} exists and is not empty; nothing was written. Choose another folder, or add --force.")
+        # Made here only to see whether it can be: a command that fails leaves no empty folder.
+        new = [p for p in (folder, *folder.parents) if not p.exists()]
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            for made in new:
+                made.rmdir()
         except OSError as error:
             raise ConfigurationError(f"--out {folder} cannot be made ({error.strerror}).") from None
 
@@ -115,11 +120,24 @@ class Output:
 
     def keep(self, name: str, data: str | bytes) -> Path | None:
         """Write a file into the folder, if there is one."""
-        return None if self.folder is None else write_atomic(self.folder / name, data, force=self.force)
+        path = self.path(name)
+        return None if path is None else write_atomic(path, data, force=self.force)
 
     def path(self, name: str) -> Path | None:
         """Path of an artefact in the folder, or None."""
-        return None if self.folder is None else self.folder / name
+        if self.folder is None:
+            return None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        return self.folder / name
+
+    @contextmanager
+    def together(self) -> Iterator[Path | None]:
+        """A scratch folder for all artefacts of a command, moved into the folder together at the end; None without a folder."""
+        if self.folder is None:
+            yield None
+            return
+        with staged(self.folder, force=self.force) as scratch:
+            yield scratch
 
     def progress(self, label: str) -> Callable[[float], None] | None:
         """A progress line on standard error for work that lasts; None where nobody watches."""

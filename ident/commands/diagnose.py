@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..errors import ConfigurationError, DataError
+from ..files import write_atomic
 from ..session import HELD_SHARE, Session
-from ..study import write_study
 from ..summary import wrapped
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ..diagnosis import Diagnosis
-    from ..study import Study
+    from ..signals import Signals
 
 HELP = "find what the declared model lacks, refit with it, and compare before and after on held-out data"
 
@@ -26,37 +30,63 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..diagnosis import diagnose
-
     out = Output(args)
-    study = study_from(args)
-    session = Session(study)
+    session = Session(study_from(args), out.progress("fitting"))
     for finding in session.audit.warnings:
         out.say(wrapped(f"audit: {finding}"))
-    diagnosis = diagnose(
-        session.estimate,
-        session.held_signals,
-        estimator=study.make_estimator(),
-        progress=out.progress("diagnosing"),
-        note=out.note if args.verbose else None,
-    )
-    diagnosis = replace(diagnosis, warnings=(*(f"audit: {finding}" for finding in session.audit.warnings), *diagnosis.warnings))
+    diagnosis = diagnosis_of(session, out, verbose=args.verbose)
     out.say(diagnosis)
     if session.held_by_split and diagnosis.held is not None:
         out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
-    out.result(diagnosis.to_dict(), "diagnosis")
+    out.result(diagnosis.to_dict())
+    with out.together() as folder:
+        if folder is not None:
+            _keep(folder, out, diagnosis, session)
     if out.folder is not None:
-        _keep(out, diagnosis, study)
+        out.note(f"saved {out.folder}: diagnosis.json, diagnosis.txt, after.fit.json, extended.toml, report")
     return 1 if args.strict and diagnosis.verdict != "clean" else 0
 
 
-def _keep(out: Output, diagnosis: Diagnosis, study: Study) -> None:
-    """The artefacts: text, the extended study ready for the next log, the fit with the findings, the report."""
-    out.keep("diagnosis.txt", f"{diagnosis}\n")
-    path = out.path("after.fit.json")
-    extended = out.path("extended.toml")
-    assert path is not None
-    assert extended is not None
-    diagnosis.after.save(path, force=out.force)
-    write_study(extended, study.with_effects(diagnosis.model.effects), force=out.force)
-    out.note(f"saved {path} and {extended}")
+def diagnosis_of(session: Session, out: Output, *, verbose: bool = False) -> Diagnosis:
+    """The diagnosis of a session's estimate, with the audit's warnings in it."""
+    from ..diagnosis import diagnose
+
+    def note(step: str) -> None:
+        # Candidates are indented; what was accepted, dropped or replaced is of use to everyone who waits.
+        if verbose or not (out.quiet or step.startswith(" ")):
+            out.note(step)
+
+    estimate = session.estimate
+    found = diagnose(
+        estimate, _held(session), estimator=session.study.make_estimator(), progress=out.progress("diagnosing"), note=note
+    )  # fmt: skip
+    return replace(found, warnings=(*(f"audit: {finding}" for finding in session.audit.warnings), *found.warnings))
+
+
+def _held(session: Session) -> Signals | None:
+    """The held-out signals; None where the part that is held out for want of validation logs is too short (the estimate says so)."""
+    try:
+        return session.held_signals
+    except DataError:
+        if session.held_by_split:
+            return None
+        raise
+
+
+def _keep(folder: Path, out: Output, diagnosis: Diagnosis, session: Session) -> None:
+    """The artefacts: the result, its text, the fit with the findings, the extended study ready for the next log, the report."""
+    from ..reporting import report
+    from ..reporting.diagnosis import diagnosis_report
+
+    write_atomic(folder / "diagnosis.json", json.dumps(diagnosis.to_dict(), indent=2) + "\n")
+    write_atomic(folder / "diagnosis.txt", f"{diagnosis}\n")
+    diagnosis.after.save(folder / "after.fit.json")
+    assert out.folder is not None
+    extended = session.study.with_effects(diagnosis.model.effects)
+    write_atomic(folder / "extended.toml", extended.to_toml(out.folder))
+    document = diagnosis_report(diagnosis)
+    write_atomic(folder / "report.json", document.to_json())
+    try:
+        report(document, folder / "report.html", figures=folder / "figures")
+    except ConfigurationError as error:  # without the drawing library everything else is still of use
+        out.note(f"no report.html: {error}")

@@ -1,0 +1,89 @@
+"""`ident report`: a kept result, or a study, as one HTML file with its figures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import ConfigurationError
+from .common import Output
+
+if TYPE_CHECKING:
+    from ..reporting import Report
+
+HELP = "write the report of a kept result (folder of `ident diagnose --out`, saved fit) or of a study as one HTML file"
+_KEPT = "report.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "result", help="folder of `ident diagnose --out` or `ident monitor --out`, its report.json, a saved fit, or a study file"
+    )
+    parser.add_argument("-o", "--output", metavar="FILE", default="report.html", help="HTML file to write (default: %(default)s)")
+    parser.add_argument("--figures", metavar="DIR", help="folder for the figures as SVG files")
+    parser.add_argument("--force", action="store_true", help="write over existing files")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+    parser.set_defaults(json=False, out=None)
+
+
+def run(args: argparse.Namespace) -> int:
+    from ..reporting import report
+    from ..reporting.figures import require_matplotlib
+
+    require_matplotlib()
+    target = Path(args.output)
+    if target.exists() and not args.force:
+        raise ConfigurationError(f"{target} exists; nothing was written. Choose another -o, or add --force.")
+    document = _document(Path(args.result), args)
+    print(f"wrote {report(document, target, figures=args.figures, force=args.force)}: {document.headline}")
+    return 0
+
+
+def _document(path: Path, args: argparse.Namespace) -> Report:
+    from ..reporting import of, read_report
+
+    if path.is_dir():
+        if not (path / _KEPT).exists():
+            raise ConfigurationError(
+                f"{path} holds no {_KEPT}; give the folder that `ident diagnose --out` or `ident monitor --out` filled."
+            )
+        return read_report(path / _KEPT)
+    if path.suffix == ".toml":
+        return _of_study(path, args)
+    match _schema(path):
+        case "ident.report/1":
+            return read_report(path)
+        case "ident.fit/1":
+            from ..estimate import Estimate
+
+            return of(Estimate.load(path))
+        case schema if (path.parent / _KEPT).exists() and schema in ("ident.diagnosis/1", "ident.monitor/1"):
+            return read_report(path.parent / _KEPT)
+        case schema:
+            raise ConfigurationError(
+                f"{path}: there is no report of {schema or 'this'}; give a folder that `ident diagnose --out` filled, its {_KEPT},"
+                " a saved fit (fit.json), or a study file."
+            )
+
+
+def _of_study(path: Path, args: argparse.Namespace) -> Report:
+    from ..reporting import of
+    from ..session import Session
+    from ..study import read_study
+    from .diagnose import diagnosis_of
+
+    out = Output(args)
+    return of(diagnosis_of(Session(read_study(path), out.progress("fitting")), out))
+
+
+def _schema(path: Path) -> str:
+    """The schema that a JSON file names. Raises ConfigurationError where it is none."""
+    try:
+        data: Any = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise ConfigurationError(f"{path}: no such file or folder.") from None
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ConfigurationError(f"{path}: is not a kept result ({error}).") from None
+    return str(data.get("schema", "")) if isinstance(data, dict) else ""

@@ -1,0 +1,238 @@
+"""The report of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..transmission import Side
+from .document import Figure, Kind, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
+from .replayed import replay_sections
+from .rows import Timeline, binned, cloud, contribution, revealing
+
+if TYPE_CHECKING:
+    from ..diagnosis import Diagnosis
+    from ..diagnosis.findings import Finding
+    from ..effect import Effect
+    from ..robot import Robot
+    from ..signals import Signals
+
+Array = np.ndarray
+#: Joints over time, rows of the table of parameters, findings with a figure of their own.
+_JOINTS = 8
+_SHIFTS = 14
+_FIGURES = 8
+_REPLAYED_JOINTS = 12
+
+
+def diagnosis_report(d: Diagnosis, *, replay: bool = True) -> Report:
+    """Verdict, findings, errors, residuals before and after, imitators, advice, shifts, replayed motion, and what was used."""
+    robot = d.before.model.robot
+    sections: list[Section] = [*_findings(d), *_left(d), _errors(d), *_axes(d), _over_time(d)]
+    sections += [*_imitators(d), *_advice(d), *_shifts(d)]
+    if replay and d.findings and robot.n <= _REPLAYED_JOINTS:
+        sections += replay_sections(d.before, d.after, d.signals if d.held is None else d.held, _data(d))
+    sections += [_source(d), *_warnings(d)]
+    declared = joined(e.name for e in d.before.model.effects)
+    return Report(headline(d), d.verdict, f"{robot.name}, {robot.n} joints; declared model: {declared}", tuple(sections))
+
+
+def headline(d: Diagnosis) -> str:
+    """The verdict in one line."""
+    named = "; ".join(f"{f.name}{' on ' + joined(f.joints) if f.joints else ''}" for f in d.findings)
+    left = joined(dict.fromkeys(u.joint for u in d.unexplained))
+    return {
+        "clean": "Clean: nothing beyond the declared model is supported by the data",
+        "explained": f"Explained: the model lacks {named}",
+        "ambiguous": f"Ambiguous: the model lacks {named}, or rivals that account for it equally well",
+        "unexplained": f"Unexplained: structure on {left} that no catalogued effect accounts for"
+        + (f"; found beside it: {named}" if named else ""),
+    }[d.verdict]
+
+
+def _data(d: Diagnosis) -> str:
+    return "fitted" if d.held is None else "held-out"
+
+
+def _findings(d: Diagnosis) -> list[Section]:
+    rows = []
+    for i, f in enumerate(d.findings, 1):
+        head: tuple[str, ...] = (f"{i}. {f.name}", f.effect.title, joined(f.joints) or "whole robot")
+        tail = (f"{f.confidence:.2f}", f"{percent(f.heldout_gain, 1)} %")
+        for p in f.parameters:
+            rows.append((*head, p.name, uncertain(p.value, p.std), p.unit, *tail))
+            head, tail = ("", "", ""), ("", "")
+    if not rows:
+        return []
+    head = ("effect", "what it is", "joints", "parameter", "value ± std", "unit", "confidence", "held-out gain")
+    note = (
+        "Confidence: that it is this effect on these joints, among all that were tried. Held-out gain: share of the squared error,"
+        " weighted by noise, that it removes on blocks that the fit did not see."
+    )
+    return [Table("What the model lacks", head, tuple(rows), note, left=4)]
+
+
+def _left(d: Diagnosis) -> list[Section]:
+    if not d.unexplained:
+        return []
+    rows = tuple((u.joint, u.signature, u.evidence) for u in d.unexplained)
+    return [
+        Table("What stays unexplained", ("joint", "follows", "evidence"), rows, "No catalogued effect accounts for this structure.", left=3)
+    ]
+
+
+def _errors(d: Diagnosis) -> Table:
+    robot, c = d.before.model.robot, d.comparison
+    rows = []
+    for j, name in enumerate(robot.joint_names):
+        before, after, floor = c.error_before.rms[j], c.error_after.rms[j], d.noise_floor[j]
+        relative = (percent(c.error_before.relative[j]), percent(c.error_after.relative[j]))
+        unit = robot.force_unit(j, robot.transmission.measured)
+        rows.append((name, unit, plain(before), plain(after), plain(floor), plain(after / floor if floor > 0 else np.nan), *relative))
+    rows.append(("all joints", "", "", "", "", "", percent(c.error_before.relative_all), percent(c.error_after.relative_all)))
+    head = ("joint", "unit", "rms before", "rms after", "noise floor", "after / floor", "relative before %", "relative after %")
+    note = (
+        f"Torque error on the {robot.transmission.measured.value} side, {_data(d)} data."
+        " Noise floor: what is left when everything that any candidate can take up is taken up."
+    )
+    return Table(f"Torque error before and after, {_data(d)} data", head, tuple(rows), note, left=2)
+
+
+def _axes(d: Diagnosis) -> list[Section]:
+    """For each finding: residual before, the effect in the residual, residual after, against the quantity that reveals it."""
+    out: list[Section] = []
+    for number, finding in enumerate(d.findings[:_FIGURES], 1):
+        effect = _own(d, finding)
+        if effect is None:
+            continue
+        signals = d.signals if d.held is None or effect.axis == "time" else d.held
+        data = "held-out" if signals is d.held else "fitted"
+        torque = contribution(d.after, effect, signals)
+        before, after = d.before.residual(signals), d.after.residual(signals)
+        panels: list[Panel] = []
+        for row in _most(torque, signals.valid, d.noise_floor):
+            joint = effect.at(d.after.model.robot)[0] if effect.joints is not None else row
+            label, x = revealing(d.after, effect, joint, signals)
+            panels += _three(d.after.model.robot, row, label, x, before[:, row], after[:, row], torque[:, row], d.noise_floor[row])
+        if not panels:
+            continue
+        caption = (
+            f"Residual on {data} data. Left: of the declared model. Middle: what is left after the refit, with the effect"
+            " put back, and the effect itself. Right: what is left. Lines: means over bins; grey: noise floor (± 1 std)."
+        )
+        title = f"{number}. {finding.effect.title}{' on ' + joined(finding.joints) if finding.joints else ''}"
+        out.append(Figure(f"finding_{number}_{finding.name}", title, caption, tuple(panels), columns=3))
+    return out
+
+
+def _own(d: Diagnosis, finding: Finding) -> Effect | None:
+    """The finding's effect as the model with the findings holds it."""
+    declared = len(d.before.model.effects)
+    return next((e for e in d.after.model.effects[declared:] if e == finding.effect), None)
+
+
+def _most(torque: Array, valid: Array, floor: Array, most: int = 2) -> list[int]:
+    """Rows on which an effect is largest beside the noise: one, or two that are alike."""
+    used = np.where(valid, torque, 0.0)
+    size = np.sqrt(np.sum(used**2, axis=0) / np.maximum(valid.sum(axis=0), 1)) / np.maximum(floor, 1e-300)
+    order = np.argsort(-size)[:most]
+    return [int(j) for j in order if size[j] > 0 and size[j] >= 0.5 * size[order[0]]]
+
+
+def _three(robot: Robot, row: int, label: str, x: Array, before: Array, after: Array, torque: Array, floor: float) -> list[Panel]:
+    unit = robot.force_unit(row, robot.transmission.measured)
+    name = robot.joint_names[row]
+    ends = [float(np.nanmin(x)), float(np.nanmax(x))] if np.isfinite(x).any() else [0.0, 1.0]
+    band = Layer.of(Kind.BAND, Role.FLOOR, ends, [-floor, -floor], [floor, floor], "noise floor")
+
+    def panel(title: str, y: Array, role: Role, words: str, *more: Layer) -> Panel:
+        layers = (band, Layer.of(Kind.POINTS, role, *cloud(x, y)), *more, Layer.of(Kind.LINE, role, *binned(x, y), label=words))
+        return Panel(title, label, f"torque of {name} ({unit})", layers)
+
+    seen = np.isfinite(after)
+    effect = Layer.of(Kind.LINE, Role.EFFECT, *binned(x, np.where(seen, torque, np.nan)), label="effect")
+    return [
+        panel(f"{name}: declared model", before, Role.BEFORE, "before"),
+        panel(f"{name}: the effect", after + torque, Role.AFTER, "after", effect),
+        panel(f"{name}: with the findings", after, Role.AFTER, "after"),
+    ]
+
+
+def _over_time(d: Diagnosis) -> Figure:
+    robot = d.before.model.robot
+    parts: list[Signals] = [d.signals] if d.held is None else [d.signals, d.held]
+    line = Timeline.of(parts)
+    before, after = (np.concatenate([e.residual(s) for s in parts]) for e in (d.before, d.after))
+    shown = _worst(d)
+    panels = []
+    for j in shown:
+        unit = robot.force_unit(j, robot.transmission.measured)
+        layers = [Layer.of(Kind.SPAN, Role.FLOOR, line.starts[1], label="held out")] if d.held is not None else []
+        layers.append(Layer.of(Kind.BAND, Role.BEFORE, *line.envelope(before[:, j]), label="before"))
+        if d.findings:
+            layers.append(Layer.of(Kind.BAND, Role.AFTER, *line.envelope(after[:, j]), label="after"))
+        panels.append(
+            Panel(robot.joint_names[j], "time, runs one after the other (s)" if j == shown[-1] else "", f"residual ({unit})", tuple(layers))
+        )
+    more = f" The {len(shown)} joints with the largest error of {robot.n}." if len(shown) < robot.n else ""
+    caption = f"Measured less predicted torque, least to greatest value in short stretches; gaps: rows that are not used.{more}"
+    return Figure("residual_over_time", "Residual over time", caption, tuple(panels))
+
+
+def _worst(d: Diagnosis) -> list[int]:
+    """The joints to show, in the robot's order: those whose error before is largest beside the noise."""
+    ratio = np.nan_to_num(d.comparison.error_before.rms / np.maximum(d.noise_floor, 1e-300))
+    return sorted(np.argsort(-ratio)[:_JOINTS].tolist())
+
+
+def _imitators(d: Diagnosis) -> list[Section]:
+    rows = [
+        (
+            f"{i}. {f.name}{' on ' + joined(f.joints) if f.joints else ''}",
+            f"{m.effect}{' on ' + joined(m.joints) if m.joints else ''}",
+            f"{m.confidence:.3f}",
+        )
+        for i, f in enumerate(d.findings, 1)
+        for m in f.imitators
+    ]
+    if not rows:
+        return []
+    return [Table("Imitators", ("finding", "could also be", "probability"), tuple(rows), "Rivals refitted in the finding's place.", left=2)]
+
+
+def _advice(d: Diagnosis) -> list[Section]:
+    lines = tuple(f"{i}. {f.advice}" for i, f in enumerate(d.findings, 1) if f.advice)
+    return [Text("Advice", lines)] if lines else []
+
+
+def _shifts(d: Diagnosis) -> list[Section]:
+    shifts = d.comparison.shifts
+    moved = [s for s in shifts if abs(s.sigmas) > 2]
+    if not d.findings or not moved:
+        return []
+    rows = tuple(
+        (s.name, s.unit, uncertain(s.before, s.std_before), uncertain(s.after, s.std_after), f"{s.sigmas:+.1f}") for s in moved[:_SHIFTS]
+    )
+    note = (
+        f"{len(moved)} of {len(shifts)} parameters moved by more than two of their former standard deviations:"
+        " the bias that the missing effects had caused."
+    )
+    return [Table("How the other parameters moved", ("parameter", "unit", "before", "after", "move in former std"), rows, note, left=2)]
+
+
+def _source(d: Diagnosis) -> Table:
+    report = d.signals.report
+    rows = [
+        ("positions low-passed at", "–" if report.cutoff_hz is None else f"{report.cutoff_hz:.3g} Hz"),
+        ("rows low-passed at", "–" if report.row_cutoff_hz is None else f"{report.row_cutoff_hz:.3g} Hz"),
+        ("rows a joint: fitted, held out", f"{len(d.signals.tau)}, {0 if d.held is None else len(d.held.tau)}"),
+        ("side of the torque", Side(d.before.model.robot.transmission.measured).value),
+        *((f"log {k}", f"{i['path']} (SHA-256 {str(i['sha256'])[:12]}…)") for k, i in enumerate(d.before.inputs, 1)),
+    ]
+    return Table("Data", ("", ""), tuple(rows), left=2)
+
+
+def _warnings(d: Diagnosis) -> Sequence[Section]:
+    return [Text("Warnings", d.warnings)] if d.warnings else []

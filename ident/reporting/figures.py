@@ -1,0 +1,114 @@
+"""Figures of a report, drawn as SVG."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from .document import Figure, Kind, Layer, Panel, Role
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Colours that are told apart by everyone and in grey (Okabe & Ito).
+COLOURS = {
+    Role.BEFORE: "#D55E00",
+    Role.AFTER: "#0072B2",
+    Role.EFFECT: "#009E73",
+    Role.FLOOR: "#9a9a9a",
+    Role.MEASURED: "#333333",
+}
+_WIDTH_INCHES = 9.6
+_STYLE: Any = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.fontsize": 8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "ident",
+}
+
+
+def require_matplotlib() -> None:
+    """Raises ConfigurationError where the drawing library is not installed."""
+    try:
+        importlib.import_module("matplotlib")
+    except ImportError:
+        raise ConfigurationError("figures and reports need matplotlib; install it with: pip install 'ident[report]'") from None
+
+
+def draw(figure: Figure, form: str = "svg") -> bytes:
+    """A figure as a file's content; `form`: "svg", "png" or "pdf". Raises ConfigurationError without matplotlib."""
+    require_matplotlib()
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Canvas
+
+    rows = -(-len(figure.panels) // figure.columns)
+    height = (2.9 if figure.columns > 1 else 1.75) * rows + 0.45
+    with mpl.rc_context(_STYLE):
+        canvas = Canvas(figsize=(_WIDTH_INCHES, height), layout="constrained")
+        FigureCanvasAgg(canvas)
+        # Side by side, residuals are compared by eye: on one scale.
+        axes = canvas.subplots(rows, figure.columns, squeeze=False, sharey="row" if figure.columns > 1 else False)
+        for ax, panel in zip(axes.flat, figure.panels, strict=False):
+            _panel(ax, panel, first=ax is axes.flat[0])
+        for ax in axes.flat[len(figure.panels) :]:
+            ax.set_visible(False)
+        _legend(canvas, axes.flat[: len(figure.panels)])
+        file = io.BytesIO()
+        metadata = {"Date": None, "Title": figure.title} if form == "svg" else {"Title": figure.title}
+        canvas.savefig(file, format=form, dpi=150, metadata=metadata)
+    return file.getvalue()
+
+
+def _panel(ax: Axes, panel: Panel, first: bool) -> None:
+    for layer in panel.layers:
+        _layer(ax, layer)
+    ax.set_title("\n".join(textwrap.wrap(panel.title, 58)), loc="left")
+    ax.set_xlabel(panel.x_label)
+    ax.set_ylabel(panel.y_label)
+    ax.margins(x=0.01)
+
+
+def _layer(ax: Axes, layer: Layer) -> None:
+    colour = COLOURS[layer.role]
+    x, y = (np.array([np.nan if v is None else v for v in values]) for values in (layer.x, layer.y))
+    if layer.kind == Kind.SPAN:
+        ax.axvspan(x[0], x[1], color="#f0f0f0", zorder=0, label=layer.label or None, linewidth=0)
+    elif layer.kind == Kind.BAND:
+        upper = np.array([np.nan if v is None else v for v in layer.upper])
+        ax.fill_between(x, y, upper, color=colour, alpha=0.25 if layer.role == Role.FLOOR else 0.75, linewidth=0, label=layer.label or None)
+    elif layer.kind == Kind.POINTS:
+        ax.plot(x, y, ".", color=colour, markersize=1.8, alpha=0.35, rasterized=True, label=layer.label or None)
+    else:
+        style = {"linestyle": "--", "linewidth": 1.0} if layer.role == Role.FLOOR else {"linewidth": 1.5}
+        if layer.role == Role.MEASURED:
+            style = {"linewidth": 2.6, "alpha": 0.35}
+        ax.plot(x, y, color=colour, label=layer.label or None, **style)
+
+
+def _legend(canvas: Any, axes: Any) -> None:
+    """One legend for all panels, above them."""
+    shown: dict[str, Any] = {}
+    for ax in axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            shown.setdefault(label, handle)
+    if not shown:
+        return
+    legend = canvas.legend(shown.values(), shown.keys(), loc="outside upper right", ncols=len(shown), frameon=False, markerscale=5)
+    for handle in legend.legend_handles:
+        handle.set_alpha(0.9)
