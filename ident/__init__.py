@@ -36,6 +36,7 @@ _WHERE = {
     "validate": "validation",
     "Validation": "validation",
     "compare": "comparison",
+    "report": "reporting",
     "diagnose": "diagnosis",
     "Diagnosis": "diagnosis",
     "Comparison": "comparison",
@@ -90,6 +91,7 @@ __all__ = [
     "read_logs",
     "read_study",
     "regressor",
+    "report",
     "robot_names",
     "robots",
     "validate",
@@ -125,6 +127,7 @@ if TYPE_CHECKING:
     from .model import Model
     from .motion import Motion
     from .problem import Problem
+    from .reporting import report
     from .robot import Robot
     from .robots import load_robot, robot_names
     from .signals import CentralDifference, SavitzkyGolay, Signals, ZeroPhase

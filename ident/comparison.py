@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .errors import ConfigurationError
 from .torque_error import TorqueError, number
 
 if TYPE_CHECKING:
@@ -14,6 +17,8 @@ if TYPE_CHECKING:
     from .signals import Signals
 
 Array = np.ndarray
+#: Blocks of time of each run over which the standard error of a gain is taken.
+_BLOCKS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +40,10 @@ class Shift:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Errors of two estimates on data that neither fitted.
+    """Errors of two estimates on data that neither fitted, on the rows that both use.
 
     `floor` (n,): rms of the residual that the later estimate leaves on its own fit, per joint; `shifts`: common parameters,
-    the largest move first."""
+    the largest move first; `gain_std`: standard error of `gain` over blocks of time."""
 
     before: Estimate
     after: Estimate
@@ -46,6 +51,7 @@ class Comparison:
     error_after: TorqueError
     floor: Array
     shifts: tuple[Shift, ...]
+    gain_std: float = float("nan")
 
     @property
     def gain(self) -> float:
@@ -62,6 +68,7 @@ class Comparison:
             "after": {"fit": self.after.fit_error.to_dict(), "heldout": self.error_after.to_dict()},
             "noise_floor": [number(x) for x in self.floor],
             "gain": number(self.gain),
+            "gain_std": number(self.gain_std),
             "shifts": [
                 {"name": s.name, "unit": s.unit, "before": s.before, "std_before": s.std_before, "after": s.after, "std_after": s.std_after,
                  "sigmas": number(s.sigmas)}
@@ -73,7 +80,9 @@ class Comparison:
         from .summary import error_table
 
         lines = [error_table(self.after, {"before": self.error_before, "after": self.error_after})]
-        lines.append(f"error weighted by noise falls by {100 * self.gain:.1f} % (squares)")
+        doubt = f" ± {100 * self.gain_std:.1f}" if np.isfinite(self.gain_std) else ""
+        change = "falls" if self.gain >= 0 else "grows"
+        lines.append(f"squared error, weighted by noise, {change} by {100 * abs(self.gain):.1f}{doubt} %")
         moved = [s for s in self.shifts if abs(s.sigmas) > 2][:8]
         if moved:
             lines.append("parameters that moved by more than two of their former std:")
@@ -81,8 +90,10 @@ class Comparison:
         return "\n".join(lines)
 
 
-def compare(before: Estimate, after: Estimate, signals: Signals) -> Comparison:
-    """Compare two estimates on prepared signals that neither was fitted to."""
+def compare(before: Estimate, after: Estimate, signals: Signals, *, before_signals: Signals | None = None) -> Comparison:
+    """Compare two estimates on prepared signals that neither was fitted to.
+
+    `before_signals`: the same logs as the earlier estimate's robot sees them, where its transmission is another one."""
     old = {name: i for i, name in enumerate(before.names)}
     shifts = [
         Shift(
@@ -92,4 +103,28 @@ def compare(before: Estimate, after: Estimate, signals: Signals) -> Comparison:
         if p.name in old
     ]
     shifts.sort(key=lambda s: -abs(s.sigmas) if np.isfinite(s.sigmas) else 0.0)
-    return Comparison(before, after, before.torque_error(signals), after.torque_error(signals), after.fit_error.rms, tuple(shifts))
+    own = signals if before_signals is None else before_signals
+    if own.tau.shape != signals.tau.shape:
+        raise ConfigurationError("the two estimates' signals have different rows; prepare both from the same logs in the same way.")
+    residuals = [before.residual(own), after.residual(signals)]
+    # Joints that stick lose rows, and each estimate says for itself which do: only common rows compare like with like.
+    common = np.isfinite(residuals[0]) & np.isfinite(residuals[1])
+    first, second = (np.where(common, r, np.nan) for r in residuals)
+    floor = after.fit_error.rms
+    errors = TorqueError.of(first, own.tau), TorqueError.of(second, signals.tau)
+    return Comparison(before, after, *errors, floor, tuple(shifts), _gain_std(first, second, floor, signals.row_runs))
+
+
+def _gain_std(first: Array, second: Array, floor: Array, runs: Iterable[slice]) -> float:
+    """Standard error of the share of squared error that is removed: jackknife over blocks of time."""
+    weight = 1.0 / np.maximum(floor, 1e-300) ** 2
+    squares = [np.nansum(weight * r**2, axis=1) for r in (first, second)]
+    edges = [np.linspace(r.start, r.stop, _BLOCKS + 1).astype(int) for r in runs]
+    pieces = [slice(a, b) for e in edges for a, b in itertools.pairwise(e) if b > a]
+    sums = np.array([[s[p].sum() for p in pieces] for s in squares])
+    total = sums.sum(axis=1)
+    left = total[:, None] - sums
+    if len(pieces) < 3 or not (left[0] > 0).all():
+        return float("nan")
+    share = left[1] / left[0]
+    return float(np.sqrt((len(pieces) - 1) * np.mean((share - share.mean()) ** 2)))

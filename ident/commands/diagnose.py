@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         if folder is not None:
             _keep(folder, out, diagnosis, session)
     if out.folder is not None:
-        out.note(f"saved {out.folder}: diagnosis.json, diagnosis.txt, after.fit.json, extended.toml, report")
+        out.note(f"saved {out.folder}: diagnosis.json, diagnosis.txt, before.fit.json, after.fit.json, extended.toml, report")
     return 1 if args.strict and diagnosis.verdict != "clean" else 0
 
 
@@ -80,6 +80,7 @@ def _keep(folder: Path, out: Output, diagnosis: Diagnosis, session: Session) -> 
 
     write_atomic(folder / "diagnosis.json", json.dumps(diagnosis.to_dict(), indent=2) + "\n")
     write_atomic(folder / "diagnosis.txt", f"{diagnosis}\n")
+    diagnosis.before.save(folder / "before.fit.json")
     diagnosis.after.save(folder / "after.fit.json")
     assert out.folder is not None
     extended = session.study.with_effects(diagnosis.model.effects)

@@ -70,7 +70,11 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """The `ident.diagnosis/1` result (DESIGN.md 3.4), with the comparison and the warnings beside it."""
+        from ..comparison import compare
+
         sides = self.comparison.to_dict()
+        fitted = self.comparison if self.held is None else compare(self.before, self.after, self.signals)
+        sides["before"]["fit"], sides["after"]["fit"] = fitted.error_before.to_dict(), fitted.error_after.to_dict()
         if self.held is None:
             nothing = {"rms": None, "relative": None, "relative_all": None}
             sides["before"]["heldout"] = sides["after"]["heldout"] = nothing
@@ -82,6 +86,7 @@ class Diagnosis:
             "after": sides["after"],
             "noise_floor": [number(x) for x in self.noise_floor],
             "heldout_gain": sides["gain"] if self.held is not None else None,
+            "heldout_gain_std": sides["gain_std"] if self.held is not None else None,
             "shifts": sides["shifts"],
             "joints": list(self.before.model.robot.joint_names),
             "signals": self.signals.report.to_dict(),

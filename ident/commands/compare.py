@@ -1,0 +1,90 @@
+"""`ident compare`: two saved fits on logs that neither was fitted to, joint by joint."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from ..estimate import Estimate
+from ..results import result
+from .common import Output, add_output_arguments
+
+if TYPE_CHECKING:
+    from ..logs import LogSet
+    from ..transmission import Transmission
+
+HELP = "compare two saved fits (before, after) on held-out logs: torque error per joint, how the parameters moved"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("before", help="saved fit (fit.json), e.g. of the declared model")
+    parser.add_argument("after", help="saved fit, e.g. after.fit.json of `ident diagnose --out`")
+    parser.add_argument("--log", nargs="+", metavar="FILE", help="held-out logs (CSV, CSV.gz, MAT, Parquet; patterns allowed)")
+    parser.add_argument("--study", metavar="FILE", help="study file whose [logs] and [columns] are used: its validation logs without --log")
+    parser.add_argument(
+        "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
+    )
+    parser.add_argument("--strict", action="store_true", help="exit with 1 unless the later fit predicts better, beyond its standard error")
+    add_output_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from ..comparison import compare
+    from ..session import like
+
+    out = Output(args)
+    before, after = Estimate.load(args.before), Estimate.load(args.after)
+    here, there = before.model.robot, after.model.robot
+    if here.joint_names != there.joint_names:
+        raise ConfigurationError(
+            f"the fits are of different robots: {args.before} has the joints {', '.join(here.joint_names)};"
+            f" {args.after} has {', '.join(there.joint_names)}."
+        )
+    if here.transmission.measured != there.transmission.measured:
+        raise ConfigurationError(
+            f"the fits predict torque on different sides ({here.transmission.measured.value} and {there.transmission.measured.value});"
+            " fit both with the same [drive] measured."
+        )
+    preparation = like(after.signals_config)
+    signals = preparation(logs_for(args, after))
+    same = _same(here.transmission, there.transmission)
+    found = compare(before, after, signals, before_signals=None if same else preparation(logs_for(args, before)))
+    warnings = (
+        [] if same else ["the fits have different transmissions: each is compared with the torque as its own transmission carries it."]
+    )
+    out.say(found)
+    for warning in warnings:
+        out.say(f"warning: {warning}")
+    body = {"joints": list(there.joint_names), "methods": {"before": before.method, "after": after.method}, **found.to_dict()}
+    out.result(result("ident.comparison/1", body, inputs=signals.inputs, warnings=warnings), "comparison")
+    if args.strict and not found.gain > np.nan_to_num(found.gain_std):
+        out.note(f"gate: the later fit does not predict better (gain {found.gain:.4g} ± {found.gain_std:.2g})")
+        return 1
+    return 0
+
+
+def logs_for(args: argparse.Namespace, estimate: Estimate) -> LogSet:
+    """The logs named by `--log` or by the study, as an estimate's robot reads them. Raises ConfigurationError if there are none."""
+    from ..logs import read_logs
+    from ..study import Study, read_study
+
+    study = read_study(Path(args.study)) if args.study else Study()
+    if args.missing:
+        study = replace(study, logs=replace(study.logs, missing=args.missing))
+    if args.log:
+        study = study.with_flags(logs=args.log)
+        files = study.fit_files()
+    else:
+        files = study.validation_files()
+    if not files:
+        raise ConfigurationError("no log is given; name it with --log FILE (or --study FILE with [logs] validate).")
+    return read_logs([*map(str, files)], estimate.model.robot, study.columns or None, **study.logs.reading())
+
+
+def _same(a: Transmission, b: Transmission) -> bool:
+    return bool(np.array_equal(a.K, b.K) and np.array_equal(a.zero, b.zero))
