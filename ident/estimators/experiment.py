@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from ..trajectory import Trajectory
 
 Array = np.ndarray
+#: A torque-driven motion is repeated in pieces of this length, s.
+_OPEN_WINDOW_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +67,14 @@ class Experiment:
 
     `controller`: what tracked the desired motion; None where the recorded torque was commanded in open loop.
     `desired`: run name → trajectory or recorded motion, in the log's time; "*" stands for every run.
-    `control_rate`: Hz (default: the log's rate). The log is repeated in windows of `window_s`, side by side; a closed loop is
-    given `settle_s` to forget the start of each. `step`: longest integration step, s (default: one control period)."""
+    `control_rate`: Hz (default: the log's rate). The log is repeated in windows of `window_s`, side by side (default: 1 s in open
+    loop, where errors grow; whole runs under a controller). A closed loop starts `settle_s` before each window from the desired
+    state, to forget it: at least a few of its time constants. `step`: longest integration step, s (default: one control period)."""
 
     controller: Controller | None = None
     desired: Mapping[str, Trajectory | Desired] = field(default_factory=dict)
     control_rate: float | None = None
-    window_s: float = 1.0
+    window_s: float | None = None
     settle_s: float = 0.5
     step: float | None = None
 
@@ -80,7 +83,7 @@ class Experiment:
             raise ConfigurationError(
                 'an experiment with a controller needs the desired motion that it tracked: desired = {run: motion}, or {"*": motion}.'
             )
-        if not self.window_s > 0 or self.settle_s < 0:
+        if (self.window_s is not None and not self.window_s > 0) or self.settle_s < 0:
             raise ConfigurationError("an experiment's window_s must be positive, and settle_s not negative (seconds).")
 
     @property
@@ -99,29 +102,32 @@ class Experiment:
             raise unknown_name("run with a desired motion", run, self.desired)
         return found.sample(t)
 
-    def repeat(self, model: Model, values: Array, signals: Signals) -> Coordinates:
-        """The motion (N, n) that the model with all values (k,) makes in this experiment; NaN where it cannot be repeated."""
+    def repeat(self, model: Model, values: Array, signals: Signals) -> tuple[Coordinates, Array]:
+        """Motion and torque on the measured side, (N, n) each, that the model with all values (k,) makes in this experiment.
+
+        NaN where it cannot be repeated. Raises DataError where no run is as long as a window, or the motion diverges."""
         out = Coordinates(*(np.full(signals.q.shape, np.nan) for _ in range(3)))
+        torque = np.full(signals.q.shape, np.nan)
         windows = self._windows(signals)
         if not windows:
-            raise DataError(f"no run is as long as the window of {self.window_s:g} s in which the experiment is repeated.")
+            raise DataError("no run of the log holds two samples; the experiment cannot be repeated.")
         made = self._closed(model, values, signals, windows) if self.feedback else self._open(model, values, signals, windows)
-        for (start, stop), motion in zip(windows, made, strict=True):
-            for target, source in ((out.q, motion.q), (out.dq, motion.dq), (out.ddq, motion.ddq)):
+        for (start, stop), (motion, drive) in zip(windows, made, strict=True):
+            for target, source in ((out.q, motion.q), (out.dq, motion.dq), (out.ddq, motion.ddq), (torque, drive)):
                 target[start:stop] = source[: stop - start]
-        return out
+        return out, torque
 
     def _windows(self, signals: Signals) -> list[tuple[int, int]]:
         """First and last sample of windows that tile every run; a short rest joins the window before."""
-        size = max(2, round(self.window_s * signals.rate))
+        window = self.window_s or (np.inf if self.feedback else _OPEN_WINDOW_S)
         found = []
         for run in signals.runs:
-            count = max(1, (run.stop - run.start) // size)
+            count = max(1, int((run.stop - run.start) / max(2.0, window * signals.rate)))
             edges = np.linspace(run.start, run.stop, count + 1).astype(int).tolist()
             found += [(a, b) for a, b in pairwise(edges) if b - a >= 2]
         return found
 
-    def _closed(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[Coordinates]:
+    def _closed(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[tuple[Coordinates, Array]]:
         from ..simulate import Plant, simulate_batch
 
         every = max(1, round((self.control_rate or signals.rate) / signals.rate))
@@ -138,9 +144,9 @@ class Experiment:
             Plant(model, values), desired=lanes, controller=self.controller, rate=signals.rate, control_rate=control, step=step,
             start=(np.array([d.q[0] for d in lanes]), np.array([d.dq[0] for d in lanes])),
         )  # fmt: skip
-        return [Coordinates(r.q[settle:], r.dq[settle:], r.ddq[settle:]) for r in runs]
+        return [(Coordinates(r.q[settle:], r.dq[settle:], r.ddq[settle:]), r.tau[settle:]) for r in runs]
 
-    def _open(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[Coordinates]:
+    def _open(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[tuple[Coordinates, Array]]:
         from ..simulate import Hold, Plant, simulate_batch
 
         samples = max(b - a for a, b in windows)
@@ -161,8 +167,9 @@ class Experiment:
                 step=self.step or 1.0 / signals.rate,
             )
         )
-        unknown = Coordinates(*(np.full((samples, model.robot.n), np.nan) for _ in range(3)))
-        return [next(runs).link if good else unknown for good in sound]
+        missing = np.full((samples, model.robot.n), np.nan)
+        unknown = Coordinates(missing, missing, missing)
+        return [(next(runs).link, torque[:, i]) if good else (unknown, missing) for i, good in enumerate(sound)]
 
 
 def desired_from_logs(logs: Iterable[Log], columns: Sequence[str], cutoff_hz: float | None = None) -> dict[str, Desired]:

@@ -142,10 +142,17 @@ def _along_measured(problem: Problem, values: Array) -> Array:
 def _simulation(problem: Problem, values: Array, possible: Possible, experiment: Experiment | None) -> Coordinates:
     from .experiment import Experiment
 
-    made = experiment or Experiment()
+    return repeated(problem, values, experiment or Experiment())[0]
+
+
+def repeated(problem: Problem, values: Array, experiment: Experiment) -> tuple[Coordinates, Array]:
+    """Motion and torque (N, n), measured side, of the experiment repeated on the model with all values (k,).
+
+    Effects that follow more than the instant act as they did along the measured motion."""
     model, own = _instant_part(problem.model, values)
-    signals = replace(problem.signals, torque=problem.signals.torque - _along_measured(problem, values))
-    return made.repeat(model, own, signals)
+    follow = _along_measured(problem, values)
+    motion, torque = experiment.repeat(model, own, replace(problem.signals, torque=problem.signals.torque - follow))
+    return motion, torque + follow
 
 
 def _reference(problem: Problem, values: Array, possible: Possible, experiment: Experiment | None) -> Coordinates:

@@ -23,7 +23,8 @@ class CrossMoments:
     """Sums over the samples of each measured row j, for b columns.
 
     `cross` (n, b, b): Zⱼᵀ Φⱼ; `miss` (n, b): Zⱼᵀ (τ − Φ p) at some p; `gram` (n, b, b): Zⱼᵀ Zⱼ; `counts` (n,);
-    `scatter`, `energy` (n, b): sums of (Σ w z e)² over short windows w and of (w z)², for the noise that the instruments see."""
+    `scatter`, `energy` (n, b): sums of (Σ w z e)² over short windows w and of (w z)², for the noise that the instruments see;
+    `pending` (n, b): Σ w z e of the window number `window` that is not complete yet."""
 
     cross: Array
     miss: Array
@@ -31,43 +32,63 @@ class CrossMoments:
     counts: Array
     scatter: Array
     energy: Array
+    pending: Array
+    window: int = -1
 
     @classmethod
     def empty(cls, n: int, b: int) -> CrossMoments:
         """No samples yet."""
-        return cls(np.zeros((n, b, b)), np.zeros((n, b)), np.zeros((n, b, b)), np.zeros(n, np.int64), np.zeros((n, b)), np.zeros((n, b)))
+        square, line = np.zeros((n, b, b)), np.zeros((n, b))
+        return cls(square, line, square, np.zeros(n, np.int64), line, line, line)
 
-    def with_rows(self, instruments: Array, columns: Array, residual: Array, valid: Array, batch: int) -> CrossMoments:
-        """Add m samples: `instruments`, `columns` (m, n, b), `residual`, `valid` (m, n); batches of `batch` samples."""
-        place = np.arange(len(residual))
-        # Batches fade in and out: differenced noise has most of its sum at hard edges.
-        window = np.sin(np.pi * (place % batch + 1) / (batch + 1)) ** 2
-        found = []
-        for j in range(len(self.counts)):
-            use = valid[:, j]
-            found.append(_row_sums(instruments[use, j], columns[use, j], residual[use, j], place[use] // batch, window[use]))
-        cross, miss, gram, scatter, energy = (np.stack(parts) for parts in zip(*found, strict=True))
+    def with_rows(self, instruments: Array, columns: Array, residual: Array, valid: Array, place: Array, length: int) -> CrossMoments:
+        """Add m samples that follow the last ones: `instruments`, `columns` (m, n, b), `residual`, `valid` (m, n).
+
+        `place` (m,): the samples' numbers, rising; windows are `length` of them, so that blocks of any size give the same."""
+        n, b = self.miss.shape
+        # Windows fade in and out: differenced noise has most of its sum at hard edges.
+        fade = np.sin(np.pi * (place % length + 1) / (length + 1)) ** 2
+        number = place // length
+        firsts = np.flatnonzero(np.diff(number, prepend=-1))
+        cross, gram, miss, energy = np.zeros((n, b, b)), np.zeros((n, b, b)), np.zeros((n, b)), np.zeros((n, b))
+        sums = np.zeros((len(firsts), n, b))
+        for j in range(n):
+            Z = np.where(valid[:, j, None], instruments[:, j], 0.0)
+            e = np.where(valid[:, j], residual[:, j], 0.0)
+            faded = Z * fade[:, None]
+            cross[j], gram[j], miss[j], energy[j] = Z.T @ columns[:, j], Z.T @ Z, Z.T @ e, np.sum(faded**2, axis=0)
+            sums[:, j] = np.add.reduceat(faded * e[:, None], firsts, axis=0)
+        before = self if number[0] == self.window else self.closed()
+        sums[0] += before.pending
         return CrossMoments(
             self.cross + cross,
             self.miss + miss,
             self.gram + gram,
             self.counts + valid.sum(axis=0),
-            self.scatter + scatter,
+            before.scatter + np.sum(sums[:-1] ** 2, axis=0),
             self.energy + energy,
+            sums[-1],
+            int(number[-1]),
         )
+
+    def closed(self) -> CrossMoments:
+        """The same with the last window counted as complete."""
+        return replace(self, scatter=self.scatter + self.pending**2, pending=np.zeros_like(self.pending), window=-1)
 
     def __add__(self, other: CrossMoments) -> CrossMoments:
         """Merge the moments of two sets of samples."""
         if self.cross.shape != other.cross.shape:
             raise ConfigurationError("moments of different models cannot be merged.")
-        return CrossMoments(*(getattr(self, f) + getattr(other, f) for f in self.__dataclass_fields__))
+        one, two = self.closed(), other.closed()
+        summed = ("cross", "miss", "gram", "counts", "scatter", "energy")
+        return replace(one, **{f: getattr(one, f) + getattr(two, f) for f in summed})
 
     def selected(self, columns: Array) -> CrossMoments:
         """The moments of a subset of columns and their instruments."""
         square = np.ix_(np.arange(len(self.counts)), columns, columns)
         return replace(
             self, cross=self.cross[square], gram=self.gram[square], miss=self.miss[:, columns], scatter=self.scatter[:, columns],
-            energy=self.energy[:, columns],
+            energy=self.energy[:, columns], pending=self.pending[:, columns],
         )  # fmt: skip
 
     def noise(self) -> Array:
@@ -75,7 +96,7 @@ class CrossMoments:
 
         Differenced noise disturbs quick columns more than slow ones; the row weighs by its quick ones."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = self.scatter / self.energy
+            share = self.closed().scatter / self.energy
         share[~np.isfinite(share)] = np.nan
         out = np.ones(len(self.counts))
         for j, row in enumerate(share):
@@ -85,27 +106,20 @@ class CrossMoments:
         return out
 
 
-def _row_sums(Z: Array, columns: Array, residual: Array, batch: Array, window: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """The sums of one row over its m samples; `batch` (m,) rising: which batch each sample is in; `window` (m,): weights there."""
-    if not len(Z):
-        b = Z.shape[1]
-        return np.zeros((b, b)), np.zeros(b), np.zeros((b, b)), np.zeros(b), np.zeros(b)
-    windowed = Z * window[:, None]
-    sums = np.add.reduceat(windowed * residual[:, None], np.flatnonzero(np.diff(batch, prepend=-1)), axis=0)
-    return Z.T @ columns, Z.T @ residual, Z.T @ Z, np.sum(sums**2, axis=0), np.sum(windowed**2, axis=0)
-
-
 def cross_moments(problem: Problem, instruments: Problem, share: Array, values: Array) -> CrossMoments:
     """One pass over the samples: moments with the residual at base values (b,)."""
     n, b = problem.valid.shape[1], problem.base.count
     rows_total = max(1, len(problem.valid))
     # Long enough to see the noise at the motion's own frequencies, short enough for many batches.
-    batch = max(1, min(rows_total // 60, round(0.3 * rows_total / max(problem_seconds(problem), 1e-9))))
-    total = CrossMoments.empty(n, b)
+    length = max(1, min(rows_total // 60, round(0.3 * rows_total / max(problem_seconds(problem), 1e-9))))
+    total, run = CrossMoments.empty(n, b), 0
     for rows, Z in paired(problem, instruments, share):
         residual = np.where(rows.valid, rows.tau - rows.columns @ values, 0.0)
-        total = total.with_rows(Z, rows.columns, residual, rows.valid, batch)
-    return total
+        place = np.arange(rows.place.start, rows.place.stop) - problem.row_runs[rows.run].start
+        # Every run has windows of its own.
+        total, run = (total if rows.run == run else total.closed()), rows.run
+        total = total.with_rows(Z, rows.columns, residual, rows.valid, place, length)
+    return total.closed()
 
 
 def problem_seconds(problem: Problem) -> float:

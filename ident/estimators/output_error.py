@@ -11,13 +11,14 @@ from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..status import StatusCode
 from .base import Capability, Estimator, register
 from .experiment import Experiment
-from .instruments import Instruments, instrument_problem
+from .instruments import along, repeated
 from .least_squares import weighted_solution
 from .possible import possible_along
 from .solution import LinearSolution, finish, full_values, order_of, solve_triangle
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
+    from ..motion import Coordinates
     from ..problem import Problem
 
 Array = np.ndarray
@@ -25,6 +26,11 @@ Array = np.ndarray
 _SETTLED = 0.1
 #: Steps are cut this often before a start is given up.
 _CUTS = 3
+#: Least eigenvalue of the inertia matrix, in units of each joint's own inertia: only what cannot be simulated is changed, as
+#: the change stays in the estimate (coupled arms have true values of 0.01).
+_MARGIN = 1e-3
+#: Squares of torque error below this share of the torque's own are those of round-off and integration.
+_EXACT = 1e-12
 
 
 @register
@@ -32,10 +38,12 @@ _CUTS = 3
 class OutputError(Estimator):
     """Direct and inverse dynamic identification (Gautier, Janot & Vandanjon 2013): only torque is measured.
 
-    The experiment is simulated with its controller; under a tracking controller the simulated motion hardly depends on the
-    parameters, so the simulated torque's sensitivities are the columns along it. Gauss-Newton steps, cut until the torque
-    error falls. `experiment`: controller and desired motion. `starts`: weighted least squares on the measured motion, fit along
-    the desired motion, then random points around the best; the best end is kept. `iterations`: at most, each start."""
+    The experiment is simulated with its controller; the torque that the controller then gives is compared with the measured
+    one. Under a tracking controller the simulated motion hardly depends on the parameters, so the sensitivities of that torque
+    are the columns along the simulated motion. Gauss-Newton steps, cut until the torque error falls. `experiment`: controller
+    and desired motion. `starts`: weighted least squares on the measured motion, fit along the desired motion, then random
+    points around the best; the best end is kept, and followed once more with the weights of its own residual.
+    `iterations`: at most, each start."""
 
     name: ClassVar[str] = "didim"
     title: ClassVar[str] = "output error on simulated torque (DIDIM)"
@@ -50,6 +58,13 @@ class OutputError(Estimator):
             raise UnsupportedError(
                 "method 'didim' simulates the experiment and must know its controller and desired motion:"
                 " experiment = Experiment(controller=…, desired=…). For torque-driven logs use 'iv'; without either, 'wls'."
+            )
+        from ..problem import Problem
+
+        if type(problem) is not Problem:
+            raise UnsupportedError(
+                f"method 'didim' compares torque itself, not the rows of {type(problem).__name__}; give it the torque form (Problem),"
+                " or use 'wls'."
             )
         if self.starts < 1 or self.iterations < 1:
             raise ConfigurationError("method 'didim': starts and iterations must be at least 1.")
@@ -66,8 +81,8 @@ class OutputError(Estimator):
                 # A model too wrong to be simulated is no start; another one may do.
                 if attempt == self.starts - 1 and not ends:
                     raise
-        best = min(ends, key=lambda point: point.cost)
-        trace: dict[str, Any] = {"ends": [{"cost": end.cost, "steps": end.steps, "cuts": end.cuts} for end in ends]}
+        best = search.reweighted(min(ends, key=lambda point: point.cost))
+        trace: dict[str, Any] = {"ends": [{"cost": end.cost, "steps": end.steps, "cuts": end.cuts} for end in (*ends, best)]}
         code = StatusCode.OK if best.settled else StatusCode.NOT_CONVERGED
         solution = replace(best.solution, values=best.values[best.solution.columns])
         return finish(best.problem, solution, best.weights, self.name, code=code, trace=trace)
@@ -75,7 +90,10 @@ class OutputError(Estimator):
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Base values (b,), the problem along their simulated motion, and its torque error `cost` (weighted squares a row)."""
+    """Base values (b,), the torque error `cost` of their simulation (weighted squares a row), and the linearised problem.
+
+    `problem`: columns along the simulated motion; its torque is the measured one less what the simulated torque is beyond
+    columns times values, so that its residual at `values` is measured minus simulated torque. `solution`: its own."""
 
     values: Array
     problem: Problem
@@ -98,25 +116,38 @@ class _Search:
         gone = np.setdiff1d(np.arange(problem.base.count), self.measured.columns)
         root[gone, gone] = 1e3 * float(np.abs(np.diag(self.measured.root)).max(initial=1.0))
         self.root = root
+        self.rows = max(1, int(problem.valid.sum()))
+        self.energy = problem.information.torque_squares()
 
     def start(self, attempt: int, ends: list[_Point], rng: np.random.Generator) -> Array:
         """Base values (b,) of the start number `attempt`."""
         if attempt == 0:
-            possible = possible_along(self.problem, full_values(self.problem, self.measured), self.root)
-            desired, _ = instrument_problem(self.problem, possible, Instruments.REFERENCE, self.experiment, 0.0)
-            solution, self.weights = weighted_solution(desired)
-            return full_values(self.problem, solution)
-        if attempt == 1:
             return full_values(self.problem, self.measured)
+        if attempt == 1:
+            desired = self.experiment.desired_motion(self.problem.signals)
+            solution, _ = weighted_solution(self._along(desired))
+            return full_values(self.problem, solution)
         best = min(ends, key=lambda point: point.cost) if ends else None
         centre = best.values if best else full_values(self.problem, self.measured)
         return centre * (1.0 + 0.3 * rng.normal(size=len(centre)))
 
     def run(self, values: Array) -> _Point:
         """From base values to where the torque error no longer falls."""
-        point = self.at(values)
+        return self._descend(self.at(values))
+
+    def reweighted(self, point: _Point) -> _Point:
+        """On from a point with each row weighted by the variance of its own residual."""
+        squares = point.problem.information.residual_squares(point.values)
+        counts = point.problem.information.counts
+        least = _EXACT * self.energy
+        self.weights = np.where(counts > 0, counts / np.maximum(squares, np.where(least > 0, least, 1.0)), 0.0)
+        return self._descend(self._linearised(point.values, point.problem))
+
+    def _descend(self, point: _Point) -> _Point:
         steps: list[float] = []
         cuts = 0
+        # Below this a step changes the torque by less than round-off and integration do.
+        least = _EXACT * float(self.weights @ self.energy) / self.rows
         for _ in range(self.iterations):
             step = full_values(self.problem, point.solution) - point.values
             share = 1.0
@@ -132,7 +163,7 @@ class _Search:
                     break
                 share, cuts = share / 2, cuts + 1
             moved = float(np.max(np.abs(point.solution.root @ step[point.solution.columns]), initial=0.0))
-            length = float(moved / np.sqrt(max(point.cost, 1e-300)))
+            length = float(moved / np.sqrt(max(point.cost, least, 1e-300)))
             steps.append(length)
             if trial is None:
                 # No shorter step helps: the end, if the step asked for was within the noise.
@@ -145,12 +176,22 @@ class _Search:
 
     def at(self, values: Array) -> _Point:
         """Simulate the nearest possible model to base values (b,), and linearise along its motion."""
-        possible = possible_along(self.problem, values, self.root)
-        along, share = instrument_problem(self.problem, possible, Instruments.SIMULATION, self.experiment, 0.0)
-        if not np.array_equal(share > 0, self.problem.valid):
+        problem = self.problem
+        possible = possible_along(problem, values, self.root, _MARGIN).values
+        motion, torque = repeated(problem, problem.base.expand(possible), self.experiment)
+        sound = all(np.isfinite(x).all() for x in (motion.q, motion.dq, motion.ddq))
+        if not sound:
             raise DataError("the experiment could not be repeated over the whole log.")
-        information = along.information
-        rows = max(1, int(information.counts.sum()))
-        cost = float(self.weights @ information.residual_squares(possible.values)) / rows
+        beyond = problem.at_rows(torque) - self._along(motion).predict(possible)
+        return self._linearised(possible, self._along(motion, problem.tau - beyond))
+
+    def _along(self, motion: Coordinates, tau: Array | None = None) -> Problem:
+        """The problem along another motion, with another torque (M, n) at the rows if one is given."""
+        signals = replace(self.problem.signals, q=motion.q, dq=motion.dq, ddq=motion.ddq)
+        return along(self.problem, signals if tau is None else replace(signals, tau=tau))
+
+    def _linearised(self, values: Array, problem: Problem) -> _Point:
+        information = problem.information
+        cost = float(self.weights @ information.residual_squares(values)) / self.rows
         R, z, _ = information.combined(self.weights)
-        return _Point(possible.values, along, cost, solve_triangle(R, z, order_of(self.problem.base)), self.weights)
+        return _Point(values, problem, cost, solve_triangle(R, z, order_of(problem.base)), self.weights)

@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from ..problem import Problem
 
 Array = np.ndarray
-#: Length of a window in accelerated motion, s, and rows a window.
-_WINDOW_S, _ROWS_PER_WINDOW = 0.3, 3
+#: Length of a window in accelerated motion, s, and rows a window. A window holds at least so many samples: from there on its
+#: sums are integrals to 1e-10 (`integrated.smooth_window`).
+_WINDOW_S, _ROWS_PER_WINDOW, _WINDOW_SAMPLES = 0.3, 3, 40
+#: Fewest samples of a stretch that is used.
 _LEAST = 20
 
 
@@ -151,7 +153,7 @@ def _sliding(problem: Problem, samples: slice) -> tuple[Array, Array, Array, flo
     """Columns (m, n, b), torque (m, n), noise gain (m,) of overlapping windows, and the variance factor of the overlap."""
     rate = problem.signals.rate
     size = samples.stop - samples.start
-    length = min(max(_LEAST, round(_WINDOW_S * rate)), size)
+    length = min(max(_WINDOW_SAMPLES, round(_WINDOW_S * rate)), size)
     hop = max(1, length // _ROWS_PER_WINDOW)
     w, slope = smooth_window(length, rate)
     parts = model_parts(problem.model, problem.motion(samples))
