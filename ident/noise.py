@@ -14,6 +14,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from .problem import Rows
+    from .streaming.rows import StoredRows
 
 Array = np.ndarray
 #: Numbers of a run's columns that are held at a time.
@@ -182,6 +183,10 @@ def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array, residual
     With `residual` (M, n) the innovations' own squares stand for their variance, so that noise which is larger in some
     parts of the motion (reversals, quick motion) counts where it is (White, 1980, on prewhitened rows). Runs too long to
     be held, and innovations whose past is masked, take the stationary variance."""
+    from .streaming.rows import StoredRows
+
+    if isinstance(rows, StoredRows) and residual is not None:
+        return _gram_by_blocks(noise, rows, weights, residual)
     n = noise.ar.shape[0]
     root = _root(noise.innovation)
     gram: Array | None = None
@@ -205,6 +210,28 @@ def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array, residual
         mixed = np.einsum("ij,mik->mjk", root, shaped[~known]).reshape(-1, b)
         gram += score.T @ score + mixed.T @ mixed
     return np.zeros((0, 0)) if gram is None else gram
+
+
+def _gram_by_blocks(noise: NoiseModel, rows: StoredRows, weights: Array, residual: Array) -> Array:
+    """`noise_gram` with one block of rows in memory at a time, by the same rules."""
+    root, n, b = _root(noise.innovation), noise.ar.shape[0], rows.model.base.count
+    gram = np.zeros((b, b))
+    for number, run in enumerate(rows.signals.row_runs):
+        stationary = (run.stop - run.start) * n * b > _HELD_NUMBERS
+        innovation = _innovations(residual[run], noise.ar)
+        state = np.zeros((n, noise.order, b))
+        # Backwards in time where the innovations stand for themselves, for the reason given above.
+        order = 1 if stationary else -1
+        for block in rows.of_run(number, backwards=not stationary):
+            weighted = np.where(block.valid[:, :, None], block.columns, 0.0) * weights[:, None]
+            shaped, state = _shaped(noise, weighted[::order], state)
+            shaped = shaped[::order]
+            own = innovation[block.place.start - run.start : block.place.stop - run.start]
+            known = np.zeros(len(own), bool) if stationary else np.all(np.isfinite(own), axis=1)
+            score = np.einsum("mnk,mn->mk", shaped[known], own[known])
+            mixed = np.einsum("ij,mik->mjk", root, shaped[~known]).reshape(-1, b)
+            gram += score.T @ score + mixed.T @ mixed
+    return gram
 
 
 def _whole_runs(rows: Iterable[Rows]) -> Iterator[list[Rows]]:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .cutoff import HIGHEST, CutoffChoice, choose_cutoff
-from .errors import ConfigurationError, DataError, unknown_name
+from .errors import ConfigurationError, DataError, UnsupportedError, unknown_name
 from .filters import ACCURACIES, RowFilter, butterworth_transient, central_differences, savitzky_golay_window, zero_phase_lowpass
 from .logs import Log, LogSet
 from .masks import Standstill
@@ -131,6 +131,12 @@ class Preparation(ABC):
     def _margin(self, transient: float, rate: float) -> int:
         return math.ceil((transient if self.edge_s is None else self.edge_s) * rate)
 
+    def reach(self, cutoff: float, rate: float) -> int:
+        """Samples on either side beyond which a sample has no part in the derivatives (its weight is below rounding).
+
+        Pieces of a log that overlap by so much give what the whole log gives. Raises UnsupportedError where there is no such number."""
+        raise UnsupportedError(f"signals prepared by {self.method!r} cannot be streamed; read the log whole (--no-stream).")
+
     @abstractmethod
     def _derive(self, run: UniformRun, rate: float, cutoff: float, row_filter: RowFilter | None) -> Derived:
         """Positions and derivatives of a run, and the torque that goes with them where rows are samples."""
@@ -161,6 +167,10 @@ class ZeroPhase(Preparation):
         if self.velocity == Velocity.RECORDED and (recording.dq is None or np.isnan(recording.dq).all(axis=0).any()):
             raise DataError(f'log {recording.name}: velocity = "recorded" needs dq1, dq2, … for every joint. Use velocity = "position".')
 
+    def reach(self, cutoff: float, rate: float) -> int:
+        # Beyond rounding by far; and never less than what continues the signal at the ends of a run.
+        return math.ceil(butterworth_transient(cutoff, self.order, 1e-20) * rate) + math.ceil(3 * rate / cutoff) + self.accuracy
+
     def _derive(self, run: UniformRun, rate: float, cutoff: float, row_filter: RowFilter | None) -> Derived:
         def smooth(x: Array) -> Array:
             return zero_phase_lowpass(x, cutoff, rate, self.order)
@@ -188,10 +198,16 @@ class SavitzkyGolay(Preparation):
     degree: int = 4
     window_s: float | None = None
 
+    def _window(self, cutoff: float, rate: float) -> int:
+        return savitzky_golay_window(cutoff, rate, self.degree) if self.window_s is None else 2 * int(self.window_s * rate / 2) + 1
+
+    def reach(self, cutoff: float, rate: float) -> int:
+        return self._window(cutoff, rate)
+
     def _derive(self, run: UniformRun, rate: float, cutoff: float, row_filter: RowFilter | None) -> Derived:
         from scipy.signal import savgol_filter
 
-        window = savitzky_golay_window(cutoff, rate, self.degree) if self.window_s is None else 2 * int(self.window_s * rate / 2) + 1
+        window = self._window(cutoff, rate)
         if window <= self.degree:
             raise ConfigurationError(f"[signals] a window of {window} samples cannot hold a polynomial of degree {self.degree}.")
         if len(run) <= window:
@@ -221,6 +237,9 @@ class CentralDifference(Preparation):
     def filters_positions(self) -> bool:
         return False
 
+    def reach(self, cutoff: float, rate: float) -> int:
+        return self.accuracy
+
     def _derive(self, run: UniformRun, rate: float, cutoff: float, row_filter: RowFilter | None) -> Derived:
         p = self.accuracy // 2
         dq, ddq = central_differences(run.q, rate, self.accuracy)
@@ -246,6 +265,9 @@ class Recorded(Preparation):
                 raise DataError(
                     f"log {recording.name}: recorded derivatives need {label}1, {label}2, … for every joint and sample. Use zero_phase."
                 )
+
+    def reach(self, cutoff: float, rate: float) -> int:
+        return 0
 
     def _derive(self, run: UniformRun, rate: float, cutoff: float, row_filter: RowFilter | None) -> Derived:
         assert run.dq is not None

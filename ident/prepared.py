@@ -15,7 +15,9 @@ from .filters import RowFilter
 
 if TYPE_CHECKING:
     from .logs import LogSet
+    from .model import Model
     from .robot import Robot
+    from .streaming.rows import StoredRows
 
 Array = np.ndarray
 
@@ -180,6 +182,10 @@ class Signals:
                 yield Block(
                     slice(run.start + support.start, run.start + support.stop), slice(rows.start + first, rows.start + last), i, filter_
                 )
+
+    def stored_rows(self, model: Model) -> StoredRows | None:
+        """The rows of a model, where they were made before and are kept on disk (`ident.streaming`); None here."""
+        return None
 
     def filtered(self, signal: Array) -> Array:
         """Any signal at full rate (N, …) → at the rows (M, …), filtered like the torque."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .problem_check import ProblemCheck
     from .regressor.base import BaseReduction
     from .signals import Signals
+    from .streaming.rows import StoredRows
 
 Array = np.ndarray
 #: Full-rate samples held in memory at a time are limited so that their columns stay below this many numbers.
@@ -91,8 +92,17 @@ class Problem:
         row_filter = self.signals.row_filter
         return None if row_filter is None else row_shape(row_filter.taps, row_filter.factor)
 
-    def rows(self) -> Iterator[Rows]:
+    def rows(self) -> Iterable[Rows]:
         """All rows, block by block, columns over base parameters, filtered like the torque."""
+        stored = self._stored
+        return self._made_rows() if stored is None else stored
+
+    @property
+    def _stored(self) -> StoredRows | None:
+        """Rows made before and kept on disk, where the signals are streamed."""
+        return self.signals.stored_rows(self.model)
+
+    def _made_rows(self) -> Iterator[Rows]:
         signals, model = self.signals, self.model
         keep = self.base.independent
         size = max(64, _BLOCK_NUMBERS // (model.robot.n * len(model.parameters)))
@@ -128,7 +138,7 @@ class Problem:
         """Information on the base parameters, one triangular factor per measured row."""
         total = Information.empty(self.valid.shape[1], self.base.names)
         # Other formulations of the rows (`IntegratedProblem`) have columns of their own.
-        plain = type(self) is Problem and not self.model.needs
+        plain = type(self) is Problem and not self.model.needs and self._stored is None
         if plain and self.model.effects and isinstance(self.model.effects[0], RigidBody):
             blocks = self._instant_information()
         else:

@@ -49,7 +49,7 @@ def stamp_resolution(t: Array, step: float) -> float:
             break
         ticks = sample / unit
         # Stamps may be large numbers (seconds since 1970) with few digits left behind the point.
-        rounding = 1e-6 + 4 * np.spacing(np.abs(t).max()) / unit
+        rounding = 1e-6 + 4 * np.spacing(max(abs(float(t[0])), abs(float(t[-1])))) / unit
         if rounding < 0.1 and np.all(np.abs(ticks - np.round(ticks)) < rounding):
             return unit
     return 0.0

@@ -1,0 +1,223 @@
+"""What the whole log decides about its rows, from one pass over its motion: standstill, saturation, joints that never move.
+
+The rules are those of `ident.rows` and `ident.masks`; here the facts are gathered piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+
+import numpy as np
+
+from ..cutoff import CutoffChoice
+from ..masks import _MOST, Saturation, Standstill, _longest_usual
+from ..robot import Robot
+from ..rows import _speed_noise
+from ..transmission import Side
+from .disk import PASS
+from .motion import DerivedRun
+from .workers import Workers
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Part:
+    """Samples `a` … `b` - 1 of a derived run."""
+
+    run: DerivedRun
+    a: int
+    b: int
+
+
+@dataclass(frozen=True, eq=False)
+class Extremes:
+    """Over samples, (n,) each: `top`: largest speed on the measured side; `far`: largest distance of the position from zero; `least`,
+    `most`: extremes of the torque that is there; `finite`: samples with torque."""
+
+    top: Array
+    far: Array
+    least: Array
+    most: Array
+    finite: Array
+
+    def __add__(self, other: Extremes) -> Extremes:
+        return Extremes(
+            np.maximum(self.top, other.top),
+            np.maximum(self.far, other.far),
+            np.minimum(self.least, other.least),
+            np.maximum(self.most, other.most),
+            self.finite + other.finite,
+        )
+
+
+def extremes_of(part: Part) -> Extremes:
+    """Extremes over a part of a run."""
+    found, drive = part.run.at(part.a, part.b), part.run.run.robot.transmission
+    speed = found.dq if drive.measured == Side.JOINT else drive.motor_rate(found.dq)
+    low, high = (np.where(found.missing, other, found.torque) for other in (np.inf, -np.inf))
+    finite = len(found.missing) - found.missing.sum(axis=0)
+    return Extremes(np.abs(speed).max(axis=0), np.abs(found.q).max(axis=0), low.min(axis=0), high.max(axis=0), finite)
+
+
+@dataclass(frozen=True, eq=False)
+class Decisions:
+    """`still` (n,) bool: never moved; `top`, `threshold` (n,): speeds on the measured side; `cut` (n, 2): torque at which it is cut off
+    (NaN: nowhere), with the span `span` (n,) by which equality is judged; `saturation`: for reports."""
+
+    still: Array
+    top: Array
+    threshold: Array
+    cut: Array
+    span: Array
+    saturation: Saturation = field(repr=False)
+
+    def at_limit(self, torque: Array) -> Array:
+        """Samples (L, n) at which torque is cut off."""
+        flag = np.zeros(torque.shape, bool)
+        for j, limits in enumerate(self.cut):
+            for limit in limits[np.isfinite(limits)]:
+                flag[:, j] |= np.abs(torque[:, j] - limit) <= 1e-9 * self.span[j]
+        return flag
+
+
+def decide(
+    robot: Robot, runs: Sequence[DerivedRun], parts: Sequence[Part], rule: Standstill | None, choice: CutoffChoice, cutoff: float, workers: Workers
+) -> Decisions:
+    """One pass over the motion of all runs (`parts`: they, cut), and one over their torque."""
+    rate = runs[0].derivation.rate
+    found = reduce(Extremes.__add__, workers.map(extremes_of, parts))
+    noise = _speed_noise(robot, choice, cutoff)
+    # Differences of a constant leave only rounding.
+    rounding = 100 * np.spacing(found.far) * rate
+    if robot.transmission.measured == Side.MOTOR:
+        rounding = np.abs(robot.transmission.K_inverse) @ rounding
+    still = found.top <= np.maximum(6 * noise, rounding)
+    threshold = np.zeros(robot.n) if rule is None else np.where(still, np.inf, rule.thresholds(found.top, noise))
+    moving = np.where(still, np.inf, np.maximum(threshold, 0.01 * found.top))
+    span = np.where(found.finite > 0, found.most - found.least, 0.0)
+    cut, counts = _limits(runs, parts, found, moving, workers)
+    return Decisions(still, found.top, threshold, cut, span, Saturation(counts[None], cut))
+
+
+@dataclass(frozen=True, eq=False)
+class _Plateau:
+    """Torque at its extremes in a part, for each joint and side: `at`, `near` (n, 2) samples, and the lengths of the runs of samples
+    at the extreme: `longest` within, `head` and `tail` at the ends; `full`: all of the part."""
+
+    at: Array
+    near: Array
+    longest: Array
+    head: Array
+    tail: Array
+    full: Array
+
+    def __add__(self, other: _Plateau) -> _Plateau:
+        """The next part of the same sequence."""
+        across = self.tail + other.head
+        return _Plateau(
+            self.at + other.at,
+            self.near + other.near,
+            np.maximum(np.maximum(self.longest, other.longest), across),
+            np.where(self.full, self.head + other.head, self.head),
+            np.where(other.full, other.tail + self.tail, other.tail),
+            self.full & other.full,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _PlateauOf:
+    """Counts torque at given extremes: `levels` (n, 2), `span` and `nearby` (n,)."""
+
+    levels: Array
+    span: Array
+    nearby: Array
+
+    def __call__(self, part: Part) -> _Plateau:
+        run = part.run
+        torque = run.run.read(run.start + part.a, run.start + part.b).torque
+        shape = self.levels.shape
+        at, near, longest, head, tail, full = (np.zeros(shape, int) for _ in range(6))
+        for j, levels in enumerate(self.levels):
+            for s, level in enumerate(levels):
+                off = np.abs(torque[:, j] - level)
+                flag = off <= 1e-9 * self.span[j]
+                at[j, s] = flag.sum()
+                near[j, s] = np.count_nonzero((off <= self.nearby[j]) & ~flag)
+                if at[j, s]:
+                    edges = np.flatnonzero(np.diff(np.r_[False, flag, False]))
+                    starts, stops = edges[::2], edges[1::2]
+                    longest[j, s] = (stops - starts).max()
+                    head[j, s] = stops[0] if starts[0] == 0 else 0
+                    tail[j, s] = len(flag) - starts[-1] if stops[-1] == len(flag) else 0
+                    full[j, s] = at[j, s] == len(flag)
+        return _Plateau(at, near, longest, head, tail, full.astype(bool))
+
+
+def _limits(
+    runs: Sequence[DerivedRun], parts: Sequence[Part], found: Extremes, moving: Array, workers: Workers
+) -> tuple[Array, Array]:
+    """Limits (n, 2) at which torque is cut off, NaN where none is, and how many samples of each joint lie there (n,)."""
+    n = len(moving)
+    limits, counts = np.full((n, 2), np.nan), np.zeros(n, int)
+    lead = _leading_torque(runs)
+    span = np.where(found.finite > 0, found.most - found.least, 0.0)
+    step, held = np.zeros(n), np.ones(n)
+    for j, x in enumerate(lead):
+        if found.finite[j] < 50 or span[j] == 0:
+            continue
+        changes = np.abs(np.diff(x))
+        distinct = changes[changes > 1e-9 * span[j]]
+        if len(distinct):
+            step[j] = float(np.percentile(distinct, 1))
+            held[j] = _longest_usual(x)
+    judged = step > 0
+    if not judged.any():
+        return limits, counts
+    levels = np.where(judged[:, None], np.stack([found.least, found.most], axis=1), np.nan)
+    largest = np.maximum(np.abs(found.least), np.abs(found.most))
+    # A motor that is off, or torque of one sign: no limit of a drive.
+    levels[np.abs(levels) < 0.3 * largest[:, None]] = np.nan
+    facts = reduce(_Plateau.__add__, workers.map(_PlateauOf(levels, span, np.maximum(3.5 * step, 0.01 * span)), parts))
+    for j in range(n):
+        for s in range(2):
+            if not facts.at[j, s] or facts.longest[j, s] < max(5, 4 * held[j]) or facts.at[j, s] < 3 * facts.near[j, s]:
+                continue
+            if _moving_share(parts, j, float(levels[j, s]), float(span[j]), float(moving[j])) >= 0.5:
+                limits[j, s] = levels[j, s]
+                counts[j] += facts.at[j, s]
+    return limits, counts
+
+
+def _moving_share(parts: Sequence[Part], j: int, level: float, span: float, moving: float) -> float:
+    """Share of the samples at a torque level in which the joint moves."""
+    at = moved = 0
+    for part in parts:
+        run, drive = part.run, part.run.run.robot.transmission
+        torque = run.run.read(run.start + part.a, run.start + part.b).torque[:, j]
+        flag = np.abs(torque - level) <= 1e-9 * span
+        if flag.any():
+            dq = run.at(part.a, part.b).dq
+            speed = dq if drive.measured == Side.JOINT else drive.motor_rate(dq)
+            at += int(flag.sum())
+            moved += int((np.abs(speed[flag, j]) > moving).sum())
+    return moved / max(1, at)
+
+
+def _leading_torque(runs: Sequence[DerivedRun]) -> list[Array]:
+    """The first torques that are there, as many of each joint as tell its steps."""
+    n = runs[0].run.robot.n
+    held: list[list[Array]] = [[] for _ in range(n)]
+    for run in runs:
+        for a in range(0, len(run), PASS):
+            torque = run.run.read(run.start + a, run.start + min(a + PASS, len(run))).torque
+            for j in range(n):
+                if sum(map(len, held[j])) < _MOST:
+                    held[j].append(torque[np.isfinite(torque[:, j]), j])
+            if all(sum(map(len, h)) >= _MOST for h in held):
+                break
+        else:
+            continue
+        break
+    return [np.concatenate(h)[:_MOST] if h else np.zeros(0) for h in held]

@@ -1,0 +1,220 @@
+"""From a log file to runs on disk: one pass over the text, resumable, in constant memory.
+
+The columns, units and repairs are those of `ident.read_logs`; only where the rows are kept differs."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import DataError, UnsupportedError
+from ..files import sha256, write_atomic
+from ..log_columns import ColumnPlan, JointNames, resolve_columns
+from ..log_files import read_header
+from ..log_repair import Holes, missing_rows, rising_runs
+from ..log_ros import joint_state_columns
+from ..robot import Robot
+from .disk import DiskArray, DiskWriter
+from .stored import StoredLog, log_of, survey_of
+from .survey import Survey, Surveyed
+from .tables import Place, pieces
+from .unwrapping import joined_positions
+
+Array = np.ndarray
+#: Seconds between two records of how far reading has come.
+_RECORD_S = 2.0
+
+
+@dataclass
+class _State:
+    """How far a file has been read, and what was seen on the way."""
+
+    place: Place = field(default_factory=Place)
+    kept: int = 0
+    unstamped: Holes = field(default_factory=Holes)
+    holes: dict[str, Holes] = field(default_factory=dict)
+    blocks: list[Surveyed] = field(default_factory=list)
+    rising: bool = True
+    last_t: float = -np.inf
+    last_q: list[float] | None = None
+    done: bool = False
+
+    def to_json(self) -> str:
+        return json.dumps(
+            {
+                "place": asdict(self.place),
+                "kept": self.kept,
+                "unstamped": self.unstamped.blocks,
+                "holes": {k: v.blocks for k, v in self.holes.items()},
+                "blocks": [[b.first, b.survey.to_dict()] for b in self.blocks],
+                "rising": self.rising,
+                "last_t": self.last_t,
+                "last_q": self.last_q,
+                "done": self.done,
+            }
+        )
+
+    @classmethod
+    def from_json(cls, text: str) -> _State:
+        data = json.loads(text)
+        return cls(
+            Place(**data["place"]),
+            data["kept"],
+            Holes(data["unstamped"]),
+            {k: Holes(v) for k, v in data["holes"].items()},
+            [Surveyed(first, Survey.from_dict(found)) for first, found in data["blocks"]],
+            data["rising"],
+            data["last_t"],
+            data["last_q"],
+            data["done"],
+        )
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How log files are read (see `read_logs`): `columns`, the study's table; `missing`: "refuse" or "gap"; `jobs`: threads that parse."""
+
+    robot: Robot
+    columns: Mapping[str, Any] | None = None
+    missing: str = "refuse"
+    jobs: int = 1
+
+    def plan(self, path: Path) -> tuple[Any, ColumnPlan]:
+        """Header and columns of a file. Raises DataError and ConfigurationError; UnsupportedError for what cannot be streamed."""
+        header = read_header(path)
+        if not self.columns and joint_state_columns(header) is not None:
+            raise UnsupportedError(f"log {path}: JointState messages with a name array cannot be streamed; read it whole (--no-stream).")
+        joints = JointNames(self.robot.joint_names, tuple(j.prismatic for j in self.robot.joints))
+        return header, resolve_columns(header.names, joints, self.columns, where=f"log {path}")
+
+
+def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[float], None] | None = None) -> tuple[StoredLog, ...]:
+    """The runs of a file, their rows in files in `folder` (which is made, and taken up where it was left).
+
+    Raises DataError naming file, column and row."""
+    where = f"log {path}"
+    header, plan = reading.plan(path)
+    folder.mkdir(parents=True, exist_ok=True)
+    record = folder / "read.json"
+    state = _State.from_json(record.read_text()) if record.exists() else _State()
+    # The rows of this file are read once for its numbers and once for its digest; the second reader follows in the page cache.
+    with ThreadPoolExecutor(1) as beside:
+        digest = beside.submit(sha256, path)
+        arrays = _read(path, folder, header, plan, reading, state, record, progress)
+        sums = digest.result()
+    notes = missing_rows(state.unstamped, state.holes, state.place.rows, where, missing=reading.missing)
+    if state.place.rows < 2:
+        what = "one row of data; a log needs many." if state.place.rows else "there is a header, but no row of data."
+        raise DataError(f"{where}: {what}")
+    stem = path.name.split(".")[0]
+    log = StoredLog(stem, arrays, str(path), sums, (), tuple(state.blocks))
+    runs = [log] if state.rising and state.kept >= 2 else _runs(log, state, where, notes)
+    noted = (*plan.notes, *notes)
+    named = [
+        replace(r, notes=noted, origin=None, name=stem if len(runs) == 1 else f"{stem} run {i + 1}") for i, r in enumerate(runs)
+    ]
+    if "q" not in arrays:
+        named = [joined_positions(r, reading.robot, folder / f"joined-{i}") for i, r in enumerate(named)]
+    return tuple(named)
+
+
+def _read(
+    path: Path,
+    folder: Path,
+    header: Any,
+    plan: ColumnPlan,
+    reading: Reading,
+    state: _State,
+    record: Path,
+    progress: Callable[[float], None] | None,
+) -> dict[str, DiskArray]:
+    """Append the rows that are left to the files of the folder."""
+    present = {c.quantity for c in plan.columns}
+    quantities = [q for q in ("t", "q", "q_motor", "dq", "ddq", "dq_motor", "tau_joint", "tau_motor", "tau_current") if q in present]
+    side = "q" if "q" in quantities else "q_motor"
+    sources = {c.joint: c.source for c in plan.quantity(side)}
+    writers = {q: DiskWriter(folder / f"{q}.f64", 0 if q == "t" else plan.n, state.kept) for q in quantities}
+    if not state.done:
+        state.holes = state.holes or {sources[j]: Holes() for j in sorted(sources)}
+        transmission, stem = reading.robot.transmission, path.name.split(".")[0]
+        told = time.monotonic()
+        for piece in pieces(path, header, plan.sources, state.place, reading.jobs):
+            table = plan.arrays(piece.columns)
+            rows = _present(table, side, sources, state)
+            if len(rows["t"]):
+                before = None if state.last_q is None else np.array(state.last_q)
+                state.rising &= bool(np.all(np.diff(rows["t"], prepend=state.last_t) > 0))
+                state.blocks.append(Surveyed(state.kept, survey_of(log_of(stem, rows), transmission, before)))
+                for q in quantities:
+                    writers[q].append(rows[q])
+                state.kept += len(rows["t"])
+                state.last_t, state.last_q = float(rows["t"][-1]), rows[side][-1].tolist()
+            state.place = piece.after
+            if progress is not None:
+                progress(piece.share)
+            if time.monotonic() - told > _RECORD_S:
+                _record(writers, state, record)
+                told = time.monotonic()
+        state.done = True
+        _record(writers, state, record)
+    return {q: writer.close() for q, writer in writers.items()}
+
+
+def _record(writers: Mapping[str, DiskWriter], state: _State, record: Path) -> None:
+    """First the rows, then how many there are: what is recorded is there, whenever the process dies."""
+    for writer in writers.values():
+        writer.flush()
+    write_atomic(record, state.to_json(), force=True)
+
+
+def _present(table: dict[str, Array], side: str, sources: Mapping[int, str], state: _State) -> dict[str, Array]:
+    """The rows with a time stamp and every position; the others are noted."""
+    first = state.place.rows
+    good = np.isfinite(table["t"])
+    positions = np.isfinite(table[side])
+    if good.all() and positions.all():
+        return table
+    state.unstamped.add(~good, first)
+    for j, name in sources.items():
+        state.holes[name].add(~positions[:, j], first)
+    good &= positions.all(axis=1)
+    return {k: v[good] for k, v in table.items()}
+
+
+def _runs(log: StoredLog, state: _State, where: str, notes: list[str]) -> list[StoredLog]:
+    """A file in which time starts again or repeats: its runs, copied where rows are dropped. Holds the time stamps in memory."""
+    gone = state.unstamped.flag(state.place.rows)
+    for hole in state.holes.values():
+        gone |= hole.flag(state.place.rows)
+    index = np.flatnonzero(~gone)
+    t = np.full(state.place.rows, np.nan)
+    t[index] = log.t[:]
+    found = rising_runs(t, index, where, notes)
+    # Places among the rows that were stored.
+    stored = np.cumsum(~gone) - 1
+    out = []
+    for i, rows in enumerate(found.rows):
+        at = stored[rows]
+        whole = log.part(int(at[0]), int(at[-1]) + 1)
+        out.append(whole if len(whole) == len(at) else _thinned(whole, at - at[0], i))
+    return out
+
+
+def _thinned(log: StoredLog, rows: Array, number: int) -> StoredLog:
+    """Some rows of a run, copied."""
+    arrays = {}
+    for name, array in log.arrays.items():
+        writer = DiskWriter(array.path.with_name(f"run-{number}-{array.path.name}"), array.width)
+        for start in range(0, len(log), 1 << 16):
+            stop = min(start + (1 << 16), len(log))
+            mine = rows[np.searchsorted(rows, start) : np.searchsorted(rows, stop)]
+            writer.append(array[start:stop][mine - start])
+        arrays[name] = writer.close()
+    return replace(log, arrays=arrays, blocks=())

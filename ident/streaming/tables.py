@@ -1,0 +1,165 @@
+"""Log files read piece by piece: CSV (plain or compressed) and Parquet, columns as in `ident.log_files`."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from ..errors import DataError, UnsupportedError
+from ..log_files import Header, arrow_columns, bad_text, numeric, open_binary, pandas_columns, parquet_file
+
+Array = np.ndarray
+#: Bytes of text that are parsed as one piece, and the part of them that Arrow takes at a time (what stays in the cache is fastest).
+TEXT_PIECE = 4 << 20
+_ARROW_BLOCK = 1 << 20
+#: Rows of Parquet that are read as one piece.
+_PARQUET_PIECE = 1 << 16
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where reading stands: `offset` bytes of the (uncompressed) text after the header, or 0; `lines` and data `rows` before it."""
+
+    offset: int = 0
+    lines: int = 0
+    rows: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Columns of some rows, the place after them, and the share of the file that is done."""
+
+    columns: dict[str, Array]
+    after: Place
+    share: float
+
+
+def is_streamable(path: Path) -> bool:
+    """Whether a file is of a kind that can be read piece by piece."""
+    return path.suffix.lower() != ".mat"
+
+
+def pieces(path: Path, header: Header, names: Sequence[str], start: Place, jobs: int = 1) -> Iterator[Piece]:
+    """The named columns as float64 from `start` on, in order. `jobs`: threads that parse. Raises DataError (file, column, row)."""
+    if path.suffix.lower() in (".parquet", ".pq"):
+        return _parquet_pieces(path, names, start)
+    if not is_streamable(path):
+        raise UnsupportedError(f"log {path}: MAT files cannot be streamed. Save it as CSV or Parquet, or read it whole (--no-stream).")
+    return _text_pieces(path, header, names, start, jobs)
+
+
+def _parquet_pieces(path: Path, names: Sequence[str], start: Place) -> Iterator[Piece]:
+    import pyarrow as pa
+
+    file = parquet_file(path)
+    total = max(1, file.metadata.num_rows)
+    group, before = 0, 0
+    while group < file.num_row_groups and before + file.metadata.row_group(group).num_rows <= start.rows:
+        before += file.metadata.row_group(group).num_rows
+        group += 1
+    row = before
+    try:
+        for batch in file.iter_batches(_PARQUET_PIECE, row_groups=range(group, file.num_row_groups), columns=list(names), use_threads=False):
+            skip = min(max(0, start.rows - row), batch.num_rows)
+            table = pa.Table.from_batches([batch.slice(skip)])
+            row += batch.num_rows
+            if not table.num_rows:
+                continue
+            first = row - table.num_rows + 1
+            columns = {name: numeric(np.asarray(table.column(name)), path, name, first) for name in names}
+            yield Piece(columns, Place(0, 0, row), row / total)
+    except (pa.ArrowException, OSError) as error:
+        raise DataError(f"log {path}: the file is damaged after data row {row} ({str(error).splitlines()[0]}).") from None
+
+
+def _text_pieces(path: Path, header: Header, names: Sequence[str], start: Place, jobs: int) -> Iterator[Piece]:
+    parse = _Parser(path, header, names)
+    size = max(1, path.stat().st_size)
+    place = start
+    with open_binary(path) as stream, ThreadPoolExecutor(max(1, jobs)) as pool:
+        waiting: deque[tuple[Future[dict[str, Array]], bytes, float]] = deque()
+        source = _whole_lines(stream, path, header, start.offset, size)
+        more = True
+        while more or waiting:
+            # A piece ahead of each thread, no more: memory stays the same however long the file is.
+            while more and len(waiting) <= max(1, jobs):
+                found = next(source, None)
+                if found is None:
+                    more = False
+                else:
+                    waiting.append((pool.submit(parse, found[0]), *found))
+            if not waiting:
+                break
+            future, text, share = waiting.popleft()
+            try:
+                columns = future.result()
+            except ValueError as error:
+                raise _blame(path, header, names, str(error), text, place) from None
+            rows = len(next(iter(columns.values())))
+            place = Place(place.offset + len(text), place.lines + text.count(b"\n"), place.rows + rows)
+            if rows:
+                yield Piece(columns, place, share)
+
+
+def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, size: int) -> Iterator[tuple[bytes, float]]:
+    """Blocks of whole lines after the header, from `offset` bytes behind it on, and the share of the file read."""
+    raw = getattr(stream, "fileobj", None) or getattr(stream, "_fp", None) or stream
+    position: Callable[[], int] = raw.tell
+    try:
+        for _ in range(header.line):
+            stream.readline()
+        if offset:
+            stream.seek(offset, io.SEEK_CUR)
+        rest = b""
+        while block := stream.read(TEXT_PIECE):
+            text = rest + block
+            cut = text.rfind(b"\n") + 1
+            if not cut and b"\r" in text:
+                raise DataError(f"log {path}: lines end with a carriage return alone, which cannot be streamed. Convert the line ends.")
+            rest = text[cut:]
+            if cut:
+                yield text[:cut], min(1.0, position() / size)
+        if rest.strip():
+            yield rest, 1.0
+    except (EOFError, OSError) as error:
+        raise DataError(f"log {path}: the file is damaged ({error}).") from None
+
+
+@dataclass(frozen=True)
+class _Parser:
+    """Text of whole lines → columns. Raises ValueError where a field is no number."""
+
+    path: Path
+    header: Header
+    names: Sequence[str]
+
+    def __call__(self, text: bytes) -> dict[str, Array]:
+        if not text.strip():
+            return {name: np.zeros(0) for name in self.names}
+        if find_spec("pyarrow") is not None:
+            import pyarrow as pa
+
+            try:
+                return arrow_columns(pa.BufferReader(text), self.header, self.names, 0, block=_ARROW_BLOCK, threads=False)
+            except (pa.ArrowException, ValueError):
+                pass  # the slower reader says why, or is more lenient
+        try:
+            return pandas_columns(io.BytesIO(text), self.header, self.names, 0)
+        except OverflowError as error:
+            raise ValueError(str(error)) from None
+
+
+def _blame(path: Path, header: Header, names: Sequence[str], reason: str, text: bytes, before: Place) -> DataError:
+    """The error for a piece of text that cannot be read, with line and data row counted from the beginning of the file."""
+    reader = csv.reader(io.StringIO(text.decode("utf-8", errors="replace"), newline=""), delimiter=header.delimiter)
+    rows = ((header.line + before.lines + reader.line_num, fields) for fields in reader if any(f.strip() for f in fields))
+    return bad_text(path, header, names, reason, rows, before.rows + 1)

@@ -1,0 +1,42 @@
+"""Positions on disk without jumps of a full turn, and carried from the motors to the joints; as `ident.logs.unwrapped` does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..robot import Robot
+from .disk import DiskArray, DiskWriter
+from .stored import StoredLog
+
+Array = np.ndarray
+
+
+def joined_positions(log: StoredLog, robot: Robot, path: Path) -> StoredLog:
+    """A run of which only motor positions were logged, with joint positions beside them."""
+    drive = robot.transmission
+    joined = unwrapped(log.arrays["q_motor"], np.flatnonzero(log.survey(drive).wrapped), path.with_suffix(".motor"))
+    writer = DiskWriter(path.with_suffix(".f64"), log.n)
+    for piece in joined.pieces():
+        writer.append(drive.joint_position(piece))
+    return replace(log, arrays={**log.arrays, "q": writer.close()}, blocks=())
+
+
+def unwrapped(positions: DiskArray, columns: Array, path: Path) -> DiskArray:
+    """Positions (N, n) whose `columns` count on through full turns, in a file of their own; the same array where there are none."""
+    if not len(columns):
+        return positions
+    writer = DiskWriter(path, positions.width)
+    last: Array | None = None
+    turns = np.zeros(len(columns))
+    for piece in positions.pieces():
+        raw = piece[:, columns]
+        step = np.diff(raw, axis=0, prepend=raw[:1] if last is None else last)
+        back = np.where(np.abs(step) > np.pi, -np.round(step / (2 * np.pi)), 0.0)
+        counted = turns + np.cumsum(back, axis=0)
+        piece[:, columns] = raw + 2 * np.pi * counted
+        turns, last = counted[-1], raw[-1:]
+        writer.append(piece)
+    return writer.close()
