@@ -26,9 +26,9 @@ Array = np.ndarray
 _SETTLED = 0.1
 #: Steps are cut this often before a start is given up.
 _CUTS = 3
-#: Least eigenvalue of the inertia matrix, in units of each joint's own inertia: only what cannot be simulated is changed, as
-#: the change stays in the estimate (coupled arms have true values of 0.01).
-_MARGIN = 1e-3
+#: Least eigenvalue of the inertia matrix, in units of each joint's own inertia. First only what cannot be simulated is changed, as
+#: the change stays in the estimate (coupled arms have true values of 0.01); a start that then diverges all the same is moved further.
+_MARGINS = (1e-3, 1e-2, 1e-1)
 #: Squares of torque error below this share of the torque's own are those of round-off and integration.
 _EXACT = 1e-12
 
@@ -132,8 +132,13 @@ class _Search:
         return centre * (1.0 + 0.3 * rng.normal(size=len(centre)))
 
     def run(self, values: Array) -> _Point:
-        """From base values to where the torque error no longer falls."""
-        return self._descend(self.at(values))
+        """From base values to where the torque error no longer falls. Raises DataError where no model near them can be simulated."""
+        for margin in _MARGINS[:-1]:
+            try:
+                return self._descend(self.at(values, margin))
+            except DataError:
+                continue
+        return self._descend(self.at(values, _MARGINS[-1]))
 
     def reweighted(self, point: _Point) -> _Point:
         """On from a point with each row weighted by the variance of its own residual."""
@@ -174,10 +179,10 @@ class _Search:
                 return replace(point, steps=tuple(steps), cuts=cuts, settled=True)
         return replace(point, steps=tuple(steps), cuts=cuts, settled=steps[-1] < 1.0)
 
-    def at(self, values: Array) -> _Point:
+    def at(self, values: Array, margin: float = _MARGINS[0]) -> _Point:
         """Simulate the nearest possible model to base values (b,), and linearise along its motion."""
         problem = self.problem
-        possible = possible_along(problem, values, self.root, _MARGIN).values
+        possible = possible_along(problem, values, self.root, margin).values
         motion, torque = repeated(problem, problem.base.expand(possible), self.experiment)
         sound = all(np.isfinite(x).all() for x in (motion.q, motion.dq, motion.ddq))
         if not sound:
