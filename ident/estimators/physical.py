@@ -15,6 +15,7 @@ from .solution import LinearSolution, finish, order_of, solve_triangle
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
+    from ..physical.binding import Binding
     from ..physical.bounds import Bounds, Prior
     from ..physical.structure import InertiaStructure
     from ..problem import Problem
@@ -28,8 +29,9 @@ class PhysicalLeastSquares(Estimator):
     """Weighted least squares subject to linear matrix inequalities (Sousa & Cortesão 2014; Wensing, Kim & Slotine 2018), solved
 
     from the information block. `total_mass`: (least, most) of all moving links in kg, None for open. `spread`: relative standard deviation
-    about the URDF's own links, None for no prior; `metric` of that prior: "quadratic", "entropic" or "geometric". `solver`: "auto",
-    "lmi" (needs the extra `sdp`) or "log_cholesky". The covariance is that without the constraints."""
+    about the URDF's own links; None for no prior, and then what the data hardly see is settled on the URDF's links (the lightest,
+    where it has none) within one standard deviation of the best fit. `metric` of the prior: "quadratic", "entropic" or "geometric".
+    `solver`: "auto", "lmi" (needs the extra `sdp`) or "log_cholesky". The covariance is that without the constraints."""
 
     name: ClassVar[str] = "physical"
     title: ClassVar[str] = "weighted least squares over physically consistent robots"
@@ -60,12 +62,15 @@ class PhysicalLeastSquares(Estimator):
             )
 
     def _solve(self, problem: Problem) -> Estimate:
-        from ..physical.constrained import ConsistentFit, Target
+        from ..physical.bounds import reference_prior
+        from ..physical.constrained import ConsistentFit, Settling
         from ..physical.repairs import consistent_fit
         from ..physical.structure import InertiaStructure
+        from ..physical.target import Target
 
         structure = InertiaStructure.from_model(problem.model, problem.base)
-        bounds, prior = self._knowledge(structure, problem)
+        bounds, prior = self._knowledge(problem)
+        near, notes = reference_prior(problem.model.robot, structure) if prior is None else (None, ())
         free, weights = weighted_solution(problem)
         if bounds is None and prior is None and _already(structure, free):
             return finish(problem, free, weights, self.name)
@@ -73,7 +78,8 @@ class PhysicalLeastSquares(Estimator):
 
         def constrained(weights: Array) -> ConsistentFit:
             R, z, _ = problem.information.combined(weights)
-            return consistent_fit(structure, Target.from_information(R, z), bounds=bounds, prior=prior, method=self.solver)
+            target = Target.from_information(R, z)
+            return consistent_fit(structure, target, bounds=bounds, prior=prior, method=self.solver, settling=Settling(near))
 
         fit = constrained(weights)
         for _ in range(2):
@@ -85,9 +91,12 @@ class PhysicalLeastSquares(Estimator):
             free = solve_triangle(*problem.information.combined(weights)[:2], order)
             fit = constrained(weights)
         solution = replace(free, values=free.regroup @ fit.values)
-        estimate = finish(problem, solution, weights, self.name, warnings=fit.notes)
+        estimate = finish(problem, solution, weights, self.name, warnings=(*fit.notes, *notes))
         moved = np.abs(solution.values - free.values) / np.where(estimate.std > 0, estimate.std, np.inf)
         trace = {"cost": fit.cost, "method": fit.method, "unconstrained": dict(zip(estimate.names, free.values.tolist(), strict=True))}
+        binding = _binding(structure, free, estimate, bounds)
+        if binding is not None:
+            trace["binding"] = binding.to_dict()
         estimate = replace(estimate, trace=trace)
         if not np.any(moved > 0.1):
             return estimate
@@ -99,17 +108,36 @@ class PhysicalLeastSquares(Estimator):
                 for i in most
                 if moved[i] > 0.1
             ),
+            *(binding.sentences() if binding is not None else ()),
         )
         code = StatusCode.AT_BOUND if estimate.status.code == StatusCode.OK else estimate.status.code
         return replace(estimate, status=replace(estimate.status, code=code, details=(*estimate.status.details, *details)))
 
-    def _knowledge(self, structure: InertiaStructure, problem: Problem) -> tuple[Bounds | None, Prior | None]:
+    def _knowledge(self, problem: Problem) -> tuple[Bounds | None, Prior | None]:
         from ..physical.bounds import Bounds, Metric, nominal_prior
 
         bounds = None if self.total_mass == (None, None) else Bounds(total_mass=self.total_mass)
         if self.spread is None:
             return bounds, None
         return bounds, nominal_prior(problem.model.robot, Metric(self.metric), self.spread)[0]
+
+
+def _binding(structure: InertiaStructure, free: LinearSolution, estimate: Estimate, bounds: Bounds | None) -> Binding | None:
+    """Which links and signs hold the fit back, in standard deviations of the estimate; None without the solver."""
+    from ..physical.binding import binding_constraints
+    from ..physical.conic import SolverError, solver_available
+    from ..physical.target import Target
+
+    if not solver_available():
+        return None
+    values, covariance = np.zeros(structure.b), np.zeros((structure.b, structure.b))
+    values[free.columns], covariance[np.ix_(free.columns, free.columns)] = free.values, estimate.covariance
+    # What the data see of the base parameters; the rest of their space is free.
+    unseen = np.linalg.svd(free.regroup)[2][len(free.regroup) :].T
+    try:
+        return binding_constraints(structure, Target.from_covariance(values, covariance, unseen), bounds=bounds)
+    except SolverError:
+        return None
 
 
 def _already(structure: InertiaStructure, free: LinearSolution) -> bool:

@@ -2,10 +2,11 @@
 
 Everything works on an `InertiaStructure` (plain arrays) and base values; `judge`, `repair_estimate` and `payload_of` take estimates."""
 
-from .bounds import Bounds, LinkBounds, Metric, Prior, nominal_prior
+from .binding import Binding, binding_constraints
+from .bounds import Bounds, LinkBounds, Metric, Prior, nominal_prior, reference_prior
 from .conic import InfeasibleError, SolverError, solver_available
 from .consistent import Consistent, judge_consistent
-from .constrained import Target, binding_constraints
+from .constrained import Settling
 from .estimates import payload_of, repair_estimate, with_repair
 from .grid import GridJudgement, GridTest, judge_on_grid
 from .judgement import Judgement, Subject, judge, published_subject, subject_of
@@ -14,8 +15,10 @@ from .possible import Possible, judge_possible
 from .repairs import Repair, RepairMethod, consistent_fit, repair, torque_errors
 from .standard import StandardParameters, standard_parameters
 from .structure import InertiaStructure
+from .target import Target
 
 __all__ = [
+    "Binding",
     "Bounds",
     "Consistent",
     "GridJudgement",
@@ -30,6 +33,7 @@ __all__ = [
     "Prior",
     "Repair",
     "RepairMethod",
+    "Settling",
     "SolverError",
     "StandardParameters",
     "Subject",
@@ -46,6 +50,7 @@ __all__ = [
     "payload_from_logs",
     "payload_of",
     "published_subject",
+    "reference_prior",
     "repair",
     "repair_estimate",
     "solver_available",

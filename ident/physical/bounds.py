@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
-from .pseudo_inertia import pseudo_inertia, smallest_eigenvalues
+from .pseudo_inertia import from_centre_of_mass, pseudo_inertia, smallest_eigenvalues
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -154,6 +154,31 @@ def nominal_prior(robot: Robot, metric: Metric | str = Metric.QUADRATIC, spread:
         (f"the URDF's own inertials of {', '.join(names[i] for i in unreal)} are no real bodies and were not used.",) if len(unreal) else ()
     )
     return (Prior(nominal.reshape(-1), Metric(metric), spread) if nominal.any() else None), notes
+
+
+def reference_prior(
+    robot: Robot, structure: InertiaStructure, metric: Metric | str = Metric.ENTROPIC
+) -> tuple[Prior | None, tuple[str, ...]]:
+    """The URDF's own links to choose among links that no torque tells apart, every one real, and notes; None where the URDF has none.
+
+    A link that is no real body keeps its mass and centre of mass and becomes compact; one without mass becomes light."""
+    prior, _ = nominal_prior(robot, metric)
+    if prior is None or robot.nominal is None:
+        return None, ()
+    links = prior.nominal.reshape(-1, 10).copy()
+    given = robot.nominal.reshape(-1, 10)
+    distance = np.linalg.norm(structure.tree.translation, axis=1)
+    length = 0.1 * float(distance[distance > 1e-6].mean()) if np.any(distance > 1e-6) else 0.05
+    light = 0.01 * float(np.median(links[links[:, 0] > 0, 0]))
+    changed = np.flatnonzero(~links.any(axis=1))
+    for body in changed:
+        mass = given[body, 0]
+        com = given[body, 1:4] / mass if mass > 0 else np.zeros(3)
+        mass = mass if mass > 0 else light
+        links[body] = from_centre_of_mass(mass, com, 2.0 * mass * length**2 * np.eye(3))
+    names = ", ".join(structure.body_names[i] for i in changed)
+    notes = (f"the URDF's inertias of {names} are no real bodies: compact bodies of the same mass stand for them.",) if names else ()
+    return Prior(links.reshape(-1), Metric(metric)), notes
 
 
 def _body(structure: InertiaStructure, link: str) -> Array:

@@ -6,17 +6,17 @@ covariance, never as samples."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import ConfigurationError
 from .bounds import Bounds, Metric, Prior
 from .conic import ConicProgram, InfeasibleError, Solution, SolverError, require_solver, triangle_indices
 from .consistent import _deepest, _drive_scale, _free_scale, _holds, judge_consistent, link_scales, scaled_units, wrong_signs
 from .interior import InteriorProblem, Matrices
 from .pseudo_inertia import UNITS
 from .structure import InertiaStructure
+from .target import Target
 
 Array = np.ndarray
 
@@ -30,45 +30,6 @@ _UNITS = (1.0, 30.0, 1e3, 0.03)
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
-    """What is to be fitted: base values = offset + root @ w at the cost sum over `costed` of (w - target)^2."""
-
-    offset: Array
-    root: Array
-    target: Array
-    costed: Array
-
-    @classmethod
-    def from_information(cls, R: Array, z: Array) -> Target:
-        """Least squares |R p - z|^2, R (m, b) of any rank; directions it does not see are free."""
-        R, z = np.atleast_2d(np.asarray(R, float)), np.asarray(z, float)
-        size = np.linalg.norm(R, axis=0)
-        D = 1.0 / np.where(size > 0, size, 1.0)
-        U, S, Vt = np.linalg.svd(R * D, full_matrices=False)
-        # Economic form has min(m, b) directions; the rest are unseen.
-        full = np.linalg.svd(Vt, full_matrices=True)[2] if len(Vt) < R.shape[1] else Vt
-        seen = S > 1e-12 * max(float(S.max(initial=0.0)), 1e-300)
-        root = np.concatenate([(D[:, None] * Vt[seen].T) / S[seen], D[:, None] * np.concatenate([Vt[~seen], full[len(Vt) :]]).T], axis=1)
-        # Counted from the unconstrained solution, so that the cost is what the constraints add.
-        offset = root[:, : seen.sum()] @ (U[:, seen].T @ z)
-        return cls(offset, root, np.zeros(root.shape[1]), np.arange(root.shape[1]) < seen.sum())
-
-    @classmethod
-    def from_covariance(cls, values: Array, covariance: Array, unseen: Array | None = None) -> Target:
-        """Mahalanobis distance from `values`; directions without variance stay fixed, but for the `unseen` ones (b, u), which are free."""
-        root = covariance_root(covariance)
-        free = np.zeros((len(root), 0)) if unseen is None else np.asarray(unseen, float)
-        both = np.concatenate([root, free], axis=1)
-        return cls(np.asarray(values, float), both, np.zeros(both.shape[1]), np.arange(both.shape[1]) < root.shape[1])
-
-    @classmethod
-    def fixed(cls, values: Array) -> Target:
-        """Exactly these base values."""
-        values = np.asarray(values, float)
-        return cls(values, np.zeros((len(values), 0)), np.zeros(0), np.zeros(0, bool))
-
-
-@dataclass(frozen=True, eq=False)
 class ConsistentFit:
     """`values` (b,) and the consistent parameters (k,) `standard` that give them; `cost`: the data's part of the objective."""
 
@@ -79,45 +40,36 @@ class ConsistentFit:
     notes: tuple[str, ...] = ()
 
 
-def covariance_root(covariance: Array) -> Array:
-    """Root L (b, r) with L L' = covariance, scaled before the rank is decided. Raises ConfigurationError if it is no covariance."""
-    C = np.asarray(covariance, float)
-    C = 0.5 * (C + C.T)
-    if not np.all(np.isfinite(C)) or np.any(np.diagonal(C) < 0):
-        raise ConfigurationError("the covariance holds a negative variance or a value that is not finite, so it gives no metric.")
-    std = np.sqrt(np.diagonal(C))
-    D = np.where(std > 0, std, 1.0)
-    eigenvalues, vectors = np.linalg.eigh(C / np.outer(D, D))
-    if len(eigenvalues) and eigenvalues[0] < -1e-6 * max(eigenvalues[-1], 1e-300):
-        raise ConfigurationError("the covariance is not positive semidefinite, so it gives no metric.")
-    keep = eigenvalues > 1e-14 * max(float(eigenvalues.max(initial=0.0)), 1e-300)
-    return (D[:, None] * vectors[:, keep]) * np.sqrt(eigenvalues[keep])
+@dataclass(frozen=True, eq=False)
+class Settling:
+    """How a fit without a prior settles what the data hardly see: links that are exactly the best may be absurd (hundreds of kilograms
 
+    that save a hundredth of a standard deviation). Among all fits that cost the data at most `most` squared standard deviations more
+    (and at most `share` of the best fit's own cost), those links are taken that are nearest to `near`, or the lightest and most compact.
+    By convexity no direction then moves by more than sqrt(most) standard deviations."""
 
-def mahalanobis(root: Array, change: Array, unseen: Array | None = None) -> float:
-    """Length of a change of base values in the metric of a covariance root (b, r); infinite where it leaves its range.
+    near: Prior | None = None
+    most: float = 1.0
+    share: float = np.inf
 
-    Changes along `unseen` directions (b, u) cost nothing."""
-    free = np.zeros((len(root), 0)) if unseen is None else unseen
-    both = np.concatenate([root, free], axis=1)
-    size = np.linalg.norm(both, axis=1)
-    D = 1.0 / np.where(size > 0, size, 1.0)
-    # Without what is free first, so that it does not count.
-    Q, _ = np.linalg.qr(D[:, None] * free)
-    A, y = D[:, None] * root, D * change
-    A, y = A - Q @ (Q.T @ A), y - Q @ (Q.T @ y)
-    x, *_ = np.linalg.lstsq(A, y, rcond=1e-13)
-    left = A @ x - y
-    return float(np.linalg.norm(x)) if np.linalg.norm(left) <= 1e-6 * max(float(np.linalg.norm(y)), 1e-300) else np.inf
+    def allowance(self, cost: float) -> float:
+        """Squared standard deviations that may be given away."""
+        return min(self.most, self.share * cost)
 
 
 def fit_consistent(
-    structure: InertiaStructure, target: Target, *, bounds: Bounds | None = None, prior: Prior | None = None, margin: float = MARGIN
+    structure: InertiaStructure,
+    target: Target,
+    *,
+    bounds: Bounds | None = None,
+    prior: Prior | None = None,
+    margin: float = MARGIN,
+    settling: Settling | None = None,
 ) -> ConsistentFit:
     """Best base values with real links (pseudo-inertias >= margin), rotor inertia and friction of the right sign, bounds and prior.
 
-    Raises InfeasibleError where nothing satisfies all of it, SolverError where the solver fails or what it returns does not hold,
-    ConfigurationError without the solver. What is returned has been checked."""
+    `settling` (without a prior): see there. Raises InfeasibleError where nothing satisfies all of it, SolverError where the solver fails
+    or what it returns does not hold, ConfigurationError without the solver. What is returned has been checked."""
     require_solver("the physically consistent fit")
     bounds, wanted = bounds or Bounds(), margin
     scale = link_scales(structure) if prior is None else _nominal_scale(structure, prior)
@@ -131,7 +83,8 @@ def fit_consistent(
         values, standard, cost, solution = problem.solve(inside)
         if _holds(structure, standard) and not wrong_signs(structure, structure.lift @ values, structure.null_space):
             notes = () if solution.accurate else (f"the solver stopped with {solution.status}; the result was checked and holds.",)
-            return ConsistentFit(values, standard, cost, "linear matrix inequalities (Clarabel)", notes)
+            found = ConsistentFit(values, standard, cost, "linear matrix inequalities (Clarabel)", notes)
+            return found if settling is None or prior is not None else _settled(structure, target, bounds, wanted, found, settling)
         # Rounding of the solver ate the margin: measure each link by what was found, and keep further away from the border.
         scale = link_scales(structure, standard)
         wanted = wanted if not target.root.shape[1] else max(10.0 * wanted, 1e-9)
@@ -139,6 +92,30 @@ def fit_consistent(
         "the physically consistent fit: what the solver returned is not consistent when checked."
         " Check the scale of the data and bounds, or use method='log_cholesky'."
     )
+
+
+def _settled(
+    structure: InertiaStructure, target: Target, bounds: Bounds, margin: float, best: ConsistentFit, settling: Settling
+) -> ConsistentFit:
+    """The best fit with its links settled; the best fit itself where that cannot be had."""
+    limit = best.cost + settling.allowance(best.cost)
+    near = settling.near
+    scale = link_scales(structure) if near is None else _nominal_scale(structure, near)
+    for metric in ("",) if near is None else (Metric.ENTROPIC, Metric.QUADRATIC):
+        prior = None if near is None else replace(near, metric=Metric(metric), spread=1.0)
+        try:
+            # The margin is counted in other units now; a tenth leaves room for the best fit itself.
+            problem = _Problem(structure, target, bounds, prior, 0.1 * margin, scale)
+            values, standard, cost, _ = problem.solve(limit=limit)
+        except (SolverError, InfeasibleError):
+            continue
+        holds = _holds(structure, standard) and not wrong_signs(structure, structure.lift @ values, structure.null_space)
+        if holds and cost <= limit * (1 + 1e-4) + 1e-6:
+            towards = "lightest and most compact links" if prior is None else f"links nearest to the URDF's ({metric} metric)"
+            given = np.sqrt(max(limit - best.cost, 0.0))
+            note = f"what the data hardly see is settled on the {towards}, within {given:.2g} standard deviations of the best fit."
+            return replace(best, values=values, standard=standard, cost=cost, notes=(*best.notes, note))
+    return best
 
 
 def _room(structure: InertiaStructure, values: Array) -> tuple[Array, float, Array]:
@@ -191,16 +168,16 @@ class _Problem:
         self.rows, self.constants = self.rows[moved], self.constants[moved]
         self.cones = [(cone @ self.sensitivity, cone @ self.constant) for cone in bounds.cones(structure)]
 
-    def solve(self, inside: Array | None = None) -> tuple[Array, Array, float, Solution]:
-        """(values, standard, cost of the data, solution). `inside` (k,): parameters that satisfy everything strictly, if known."""
-        solution = self._conic(0.0)
+    def solve(self, inside: Array | None = None, limit: float | None = None) -> tuple[Array, Array, float, Solution]:
+        """(values, standard, cost of the data, solution). `inside` (k,): parameters that satisfy everything strictly, if known.
+
+        `limit`: the data may cost that much (squared standard deviations), and the links alone are minimised."""
+        solution = self._conic(0.0, limit)
         x = solution.x[: self.sensitivity.shape[1]]
-        if self.prior is not None and self.prior.metric != Metric.QUADRATIC:
-            interior = self._interior(self.prior)
-            starts = [self._conic(1e-7).x[: len(x)]]
-            if inside is not None:
-                starts.insert(0, np.linalg.lstsq(self.sensitivity, inside - self.constant, rcond=None)[0])
-            x = interior.solve(next((s for s in starts if interior.is_inside(s)), starts[-1]))
+        if self.prior is not None and self.prior.metric == Metric.GEOMETRIC:
+            x = self._geometric(self.prior, x, inside)
+        elif self.prior is not None and self.prior.metric == Metric.ENTROPIC and limit is None:
+            x = self._polished(self.prior, x)
         structure, target = self.structure, self.target
         standard = self.constant + self.sensitivity @ x
         # Rounding may leave a rotor inertia or friction a hair below zero: put it on the border, where it is meant to be. A hair is a
@@ -225,14 +202,14 @@ class _Problem:
         inverse = np.linalg.inv(root)
         return self._link(body, np.einsum("ai,kij,bj->kab", inverse, UNITS, inverse))
 
-    def _conic(self, inside: float) -> Solution:
-        """The program with the quadratic metric (or none); `inside` keeps all inequalities that far from their borders.
+    def _conic(self, inside: float, limit: float | None = None) -> Solution:
+        """The program with the quadratic or entropic metric, or none; `inside` keeps all inequalities that far from their borders.
 
         How far the constraints move the estimate is not known beforehand: where the solver does not get through, distances are
         counted in larger units."""
         for unit in _UNITS:
             try:
-                found = self._conic_in(inside, unit)
+                found = self._conic_in(inside, unit, limit)
                 found.x[: len(self.target.target)] *= unit
                 return found
             except SolverError:
@@ -240,7 +217,7 @@ class _Problem:
                     raise
         raise AssertionError
 
-    def _conic_in(self, inside: float, unit: float) -> Solution:
+    def _conic_in(self, inside: float, unit: float, limit: float | None) -> Solution:
         """The same with base directions counted in `unit` standard deviations."""
         program = ConicProgram()
         p, moves = self.sensitivity.shape[1], len(self.target.target)
@@ -249,7 +226,16 @@ class _Problem:
         step[:moves] = unit
         share = 1.0 / unit**2
         costed = self.target.costed
-        program.distance(x[:moves][costed], self.target.target[costed] / unit)
+        settle = SETTLE
+        if limit is None:
+            program.distance(x[:moves][costed], self.target.target[costed] / unit)
+        else:
+            # Only the links are minimised: their terms need not be small beside the data's.
+            share, settle = 1.0, 1e-2
+            place = np.flatnonzero(costed)
+            rows = np.concatenate([np.zeros((1, len(place))), np.eye(len(place))])
+            radius = np.concatenate([[np.sqrt(limit) / unit], -self.target.target[place] / unit])
+            program.second_order(radius, [(x[:moves][place], rows.T)])
         # What the data do not see stays near zero, as far as nothing else asks for it.
         program.distance(x[:moves][~costed], np.zeros(int(np.sum(~costed))), SETTLE)
         default = link_scales(self.structure)
@@ -260,13 +246,9 @@ class _Problem:
                 if root is None:
                     # Among links that no torque tells apart, the light and compact ones.
                     trace = np.trace(self._link(body, scaled_units(default[body]))[1], axis1=1, axis2=2)
-                    program.linear(x, SETTLE * share * trace * step)
+                    program.linear(x, settle * share * trace * step)
             if root is not None:
-                assert self.prior is not None
-                constant, slope = self._relative(body, root)
-                i, j, size = triangle_indices(4)
-                size = np.sqrt(0.5 * share) / self.prior.spread * size
-                program.squares(x, (slope[:, i, j] * size).T * step, (np.eye(4) - constant)[i, j] * size)
+                self._distance(program, x, body, root, share, step)
         if len(self.constants):
             program.nonnegative(self.constants - inside, [(x, (self.rows * step).T)])
         for cone, offset in self.cones:
@@ -274,6 +256,37 @@ class _Problem:
             lowered[0] -= inside
             program.second_order(lowered, [(x, (cone * step).T)])
         return program.solve("the physically consistent fit")
+
+    def _distance(self, program: ConicProgram, x: Array, body: int, root: Array, share: float, step: Array) -> None:
+        """Add a link's distance from its nominal body to the objective; the geometric metric is begun with the entropic one."""
+        assert self.prior is not None
+        constant, slope = self._relative(body, root)
+        if self.prior.metric != Metric.QUADRATIC:
+            _log_det(program, x, constant, slope * step[:, None, None], share / self.prior.spread**2)
+            return
+        i, j, size = triangle_indices(4)
+        size = np.sqrt(0.5 * share) / self.prior.spread * size
+        program.squares(x, (slope[:, i, j] * size).T * step, (np.eye(4) - constant)[i, j] * size)
+
+    def _polished(self, prior: Prior, x: Array) -> Array:
+        """A conic solution (p,) with the entropic metric, made exact by a few Newton steps where these converge."""
+        interior = self._interior(prior)
+        try:
+            return interior.solve(x, 30) if interior.is_inside(x) else x
+        except SolverError:
+            return x
+
+    def _geometric(self, prior: Prior, x: Array, inside: Array | None) -> Array:
+        """The geometric metric's minimiser by Newton's method, from the entropic one (p,), or from what is strictly inside."""
+        interior = self._interior(prior)
+        starts = [] if inside is None else [np.linalg.lstsq(self.sensitivity, inside - self.constant, rcond=None)[0]]
+        for start in (x, *starts):
+            if interior.is_inside(start):
+                return interior.solve(start)
+        try:
+            return interior.solve(self._conic(1e-7).x[: len(x)])
+        except InfeasibleError:
+            raise SolverError("the fit with a prior: the bounds leave no room inside; use the entropic or the quadratic metric.") from None
 
     def _interior(self, prior: Prior) -> InteriorProblem:
         p = self.sensitivity.shape[1]
@@ -303,23 +316,30 @@ class _Problem:
         )
 
 
-def binding_constraints(
-    structure: InertiaStructure, target: Target, *, bounds: Bounds | None = None, prior: Prior | None = None, least: float = 1.0
-) -> dict[str, float]:
-    """What holds a consistent fit back: link or parameter -> cost (squared standard deviations) that its constraint alone adds.
+def _log_det(program: ConicProgram, x: Array, constant: Array, slope: Array, weight: float) -> None:
+    """Add weight (tr A - log det A) of A = constant + slope x (4, 4) to the objective.
 
-    Each is left out in turn; those that add less than `least` are not named. Largest first. The rest of the cost is shared among them."""
-    bounds = bounds or Bounds()
-    scale = link_scales(structure) if prior is None else _nominal_scale(structure, prior)
-    fit = _Problem(structure, target, bounds, prior, MARGIN, scale).solve()
-    guess = structure.lift @ (target.offset + target.root @ target.target)
-    signed = [structure.names[i] for i in (*structure.drive, *structure.nonnegative) if guess[i] < 0 or fit[1][i] <= 1e-6 * abs(guess[i])]
-    found = {}
-    for name in (*structure.body_names, *signed):
-        cost = _Problem(structure, target, bounds, prior, MARGIN, scale, name).solve()[2]
-        if fit[2] - cost >= least:
-            found[name] = fit[2] - cost
-    return dict(sorted(found.items(), key=lambda item: -item[1]))
+    log det A is the largest sum of log z_ii over lower triangular Z with [[A, Z], [Z', diag Z]] >= 0 (Nesterov and Nemirovski)."""
+    size = len(constant)
+    rows, columns = np.tril_indices(size)
+    z, logs = program.variables(len(rows)), program.variables(size)
+    whole = np.zeros((2 * size, 2 * size))
+    whole[:size, :size] = constant
+    large = np.zeros((len(slope), 2 * size, 2 * size))
+    large[:, :size, :size] = slope
+    part = np.zeros((len(rows), 2 * size, 2 * size))
+    part[np.arange(len(rows)), rows, size + columns] = 1.0
+    part[np.arange(len(rows)), size + columns, rows] = 1.0
+    on = rows == columns
+    part[np.flatnonzero(on), size + rows[on], size + rows[on]] = 1.0
+    program.semidefinite(whole, [(x, large), (z, part)])
+    for i, at in enumerate(np.flatnonzero(on)):
+        # (log, 1, z_ii) in the exponential cone: exp(log) <= z_ii.
+        program.exponential(
+            np.array([0.0, 1.0, 0.0]), [(logs[i : i + 1], np.array([[1.0, 0, 0]])), (z[at : at + 1], np.array([[0.0, 0, 1.0]]))]
+        )
+    program.linear(x, weight * np.trace(slope, axis1=1, axis2=2))
+    program.linear(logs, -weight * np.ones(size))
 
 
 def _nominal_scale(structure: InertiaStructure, prior: Prior) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import ConfigurationError
 from ..torque_error import TorqueError
-from .bounds import Bounds, Prior
+from .bounds import Bounds, Prior, reference_prior
 from .judgement import subject_of
 from .payload import PayloadEstimate, payload_from_fit, payload_from_logs
 from .repairs import Repair, RepairMethod, repair
@@ -49,12 +49,16 @@ def repair_estimate(
 
     subject = subject_of(estimate)
     triangle = triangle_of(estimate)
+    near, notes = reference_prior(estimate.model.robot, subject.structure)
     data = {}
     if triangle is not None and estimate.information is not None:
         data["fitted"] = estimate.information
+    unseen = None
     if held is not None:
-        data["held out"] = Problem(estimate.model, held, reference=estimate.all_values).information
-    return repair(
+        # Rows that the estimate leaves out count neither before nor after.
+        unseen = Problem(estimate.model, held.without_turning(estimate.sticking), reference=estimate.all_values)
+        data["held out"] = unseen.information
+    found = repair(
         subject.structure,
         subject.values,
         subject.covariance,
@@ -63,11 +67,31 @@ def repair_estimate(
         triangle=triangle,
         bounds=bounds,
         prior=prior,
+        near=near,
         margin=margin,
         limits=limits,
         data=data,
         time_limit=time_limit,
     )
+    if found.standard is not None and prior is None:
+        found = replace(found, notes=(*found.notes, *notes))
+    if unseen is None:
+        return found
+    change, std = error_change(unseen.residual(subject.values), unseen.residual(found.values))
+    errors = {**found.errors, "held out": {**found.errors["held out"], "change": change, "change_std": std}}
+    return replace(found, errors=errors)
+
+
+def error_change(before: Array, after: Array, blocks: int = 20) -> tuple[float, float]:
+    """Relative change of the squared torque error from residuals `before` to `after` (M, n), and its standard deviation.
+
+    The deviation is that of the mean over `blocks` stretches of equal length, each longer than the residual's correlation."""
+    squares = [np.where(np.isfinite(before) & np.isfinite(after), r, 0.0) ** 2 for r in (before, after)]
+    total = float(squares[0].sum())
+    if total == 0.0 or len(before) < 2 * blocks:
+        return 0.0, 0.0
+    parts = np.array([part.sum() for part in np.array_split((squares[1] - squares[0]).sum(axis=1), blocks)]) / total
+    return float(parts.sum()), float(np.sqrt(blocks * parts.var(ddof=1)))
 
 
 def with_repair(estimate: Estimate, found: Repair) -> Estimate:

@@ -47,22 +47,24 @@ class InteriorProblem:
         """Whether x (p,) satisfies everything strictly."""
         return bool(np.isfinite(self._value(x, 1.0)))
 
-    def solve(self, x: Array) -> Array:
-        """The minimiser, from a strictly feasible `x` (p,). Raises SolverError where Newton's method stalls or the start is not inside."""
+    def solve(self, x: Array, steps: int = 1000) -> Array:
+        """The minimiser, from a strictly feasible `x` (p,), by at most so many Newton `steps` for each weight of the barrier.
+
+        Raises SolverError where Newton's method stalls or does not get there, or the start is not inside."""
         if not self.is_inside(x):
             raise SolverError(
                 "the fit with a prior: the start is not strictly inside the bounds; leave room between least and most values."
             )
         if self.metric == Metric.GEOMETRIC:
             # Not convex and flat far from the nominal body: the entropic solution is the place to start from.
-            x = replace(self, metric=Metric.ENTROPIC).solve(x)
+            x = replace(self, metric=Metric.ENTROPIC).solve(x, steps)
         barriers = len(self.blocks.base) + len(self.constants) + len(self.cones)
         for mu in (1e-2, 1e-4, 1e-6, 1e-8) if barriers else (0.0,):
-            x = self._newton(x, mu)
+            x = self._newton(x, mu, steps)
         return x
 
-    def _newton(self, x: Array, mu: float) -> Array:
-        for _ in range(1000):
+    def _newton(self, x: Array, mu: float, steps: int) -> Array:
+        for _ in range(steps):
             gradient, hessian = self._slopes(x, mu)
             size = np.sqrt(np.maximum(np.diagonal(hessian), 1e-300))
             scaled = hessian / np.outer(size, size)
@@ -83,7 +85,7 @@ class InteriorProblem:
                     return x
                 raise SolverError("the fit with a prior: Newton's method stalled. Check the nominal model, or use the quadratic metric.")
             x = x + length * step
-        raise SolverError("the fit with a prior: Newton's method did not converge in 1000 steps. Use the quadratic metric.")
+        raise SolverError(f"the fit with a prior: Newton's method did not converge in {steps} steps. Use the quadratic metric.")
 
     def _value(self, x: Array, mu: float) -> float:
         value = float(np.sum((x - self.target)[self.costed] ** 2))

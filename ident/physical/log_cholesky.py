@@ -13,9 +13,10 @@ from ..errors import UnsupportedError
 from .bounds import Bounds, Metric, Prior
 from .conic import SolverError
 from .consistent import _drive_scale, _holds, link_scales, wrong_signs
-from .constrained import ConsistentFit, Target
+from .constrained import ConsistentFit
 from .pseudo_inertia import UNITS, from_pseudo_inertia, pseudo_inertia
 from .structure import InertiaStructure
+from .target import Target
 
 Array = np.ndarray
 

@@ -16,9 +16,9 @@ import numpy as np
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..parameters import LINK_SYMBOLS, LINK_UNITS
 from .conic import ConicProgram, solver_available
-from .constrained import covariance_root
 from .pseudo_inertia import UNITS, centre_of_mass, from_pseudo_inertia, pseudo_inertia
 from .structure import InertiaStructure
+from .target import covariance_root
 
 Array = np.ndarray
 

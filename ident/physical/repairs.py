@@ -6,7 +6,6 @@ what cannot be; it does not remove an estimator's bias."""
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -14,16 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
+from .binding import Binding, binding_constraints
 from .bounds import Bounds, Prior
 from .conic import SolverError, solver_available
 from .consistent import Consistent, judge_consistent
-from .constrained import ConsistentFit, Target, covariance_root, fit_consistent, mahalanobis
+from .constrained import ConsistentFit, Settling, fit_consistent
 from .cuts import nearest_by_cuts
 from .log_cholesky import fit_log_cholesky
 from .possible import Possible, judge_possible
 from .search import typical_diagonal
 from .stepwise import repair_stepwise
 from .structure import InertiaStructure
+from .target import Target, covariance_root, mahalanobis
 
 if TYPE_CHECKING:
     from ..information import Information
@@ -48,7 +49,8 @@ class Repair:
     """A repaired set. `values` (b,) and, for consistent ones, `standard` (k,) parameters that give them.
 
     `distance`: change in standard deviations (Mahalanobis) of the estimate's covariance; `changes`: base name -> (before, after, change
-    in own standard deviations). `possible`, `consistent`: its own judgement. `errors`: data set -> torque error before and after."""
+    in own standard deviations). `possible`, `consistent`: its own judgement. `binding`: which links and signs cost what (methods that
+    make links). `errors`: data set -> torque error before and after, and on held-out data the relative change of its square ± std."""
 
     method: RepairMethod
     values: Array
@@ -57,6 +59,7 @@ class Repair:
     changes: dict[str, tuple[float, float, float]]
     possible: Possible
     consistent: Consistent | None
+    binding: Binding | None
     how: str
     seconds: float
     errors: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -74,7 +77,9 @@ class Repair:
         lines += [f"  {name}: {before:.4g} -> {after:.4g} ({change:+.1f} std)" for name, (before, after, change) in most if change]
         for name, error in self.errors.items():
             before, after = error["before"]["relative_all"], error["after"]["relative_all"]
-            lines.append(f"torque error on {name} data: {100 * before:.3g} % before, {100 * after:.3g} % after")
+            lines.append(f"torque error on {name} data: {100 * before:.4g} % before, {100 * after:.4g} % after{_chance(error)}")
+        if self.binding is not None:
+            lines += self.binding.sentences()
         return "\n".join([*lines, *self.notes])
 
     def to_dict(self) -> dict[str, Any]:
@@ -87,6 +92,7 @@ class Repair:
             "changes": {name: {"before": b, "after": a, "std": c} for name, (b, a, c) in self.changes.items()},
             "possible": self.possible.to_dict(),
             "consistent": None if self.consistent is None else self.consistent.to_dict(),
+            "binding": None if self.binding is None else self.binding.to_dict(),
             "how": self.how,
             "seconds": self.seconds,
             "torque_error": self.errors,
@@ -104,6 +110,7 @@ def repair(
     triangle: tuple[Array, Array] | None = None,
     bounds: Bounds | None = None,
     prior: Prior | None = None,
+    near: Prior | None = None,
     margin: float = 1e-2,
     limits: bool = False,
     data: dict[str, Information] | None = None,
@@ -112,9 +119,11 @@ def repair(
     """Repair base values (b,) with their covariance (b, b). `unseen` (b, u): directions that the data did not see, and that cost nothing.
 
     `triangle` (R, z): the whitened information block for method "fit" (`Information.combined` with weights 1/variance). `bounds`,
-    `prior`: what else is known of the links (consistent and fit). `margin`: least eigenvalue of H, relative to its typical diagonal,
-    for stepwise and possible. `limits`: possible within the joint limits only. `data`: name -> information block on which the torque
-    error before and after is reported ("fitted", "held out"). Raises InfeasibleError, SolverError, ConfigurationError."""
+    `prior`: what else is known of the links (consistent and fit). `near`: links on which what the data hardly see is settled without a
+    prior (`Settling`; fit: within one standard deviation, consistent: one hundredth of the squared distance). `margin`: least
+    eigenvalue of H, relative to its typical diagonal, for stepwise and possible. `limits`: possible within the joint limits only.
+    `data`: name -> information block on which the torque error before and after is reported ("fitted", "held out").
+    Raises InfeasibleError, SolverError, ConfigurationError."""
     start = time.perf_counter()
     if method not in list(RepairMethod):
         raise unknown_name("repair method", str(method), [m.value for m in RepairMethod])
@@ -129,6 +138,7 @@ def repair(
         raise ConfigurationError(f"the covariance has shape {covariance.shape}, but there are {structure.b} base parameters.")
     root = covariance_root(covariance)
     standard: Array | None = None
+    binding: Binding | None = None
     if method in (RepairMethod.STEPWISE, RepairMethod.POSSIBLE):
         if bounds is not None or prior is not None:
             raise UnsupportedError(
@@ -139,11 +149,13 @@ def repair(
         if method == RepairMethod.FIT:
             if triangle is None:
                 raise ConfigurationError("repair method 'fit' works from the information block: give triangle=(R, z), or use 'consistent'.")
-            target = Target.from_information(*triangle)
+            target, settling = Target.from_information(*triangle), Settling(near)
         else:
-            target = Target.from_covariance(values, covariance, unseen)
-        fit = consistent_fit(structure, target, bounds=bounds, prior=prior)
+            target, settling = Target.from_covariance(values, covariance, unseen), Settling(near, share=0.01)
+        fit = consistent_fit(structure, target, bounds=bounds, prior=prior, settling=settling)
         repaired, standard, how, notes = fit.values, fit.standard, fit.method, notes + fit.notes
+        if solver_available():
+            binding = binding_constraints(structure, Target.from_covariance(values, covariance, unseen), bounds=bounds, prior=prior)
     possible = judge_possible(structure, repaired, covariance=covariance, limits=limits, time_limit=min(time_limit, 20.0))
     consistent = judge_consistent(structure, repaired) if solver_available() else None
     if not possible.possible:
@@ -159,23 +171,43 @@ def repair(
         name: {"before": torque_errors(block, values), "after": torque_errors(block, repaired)} for name, block in (data or {}).items()
     }
     return Repair(
-        method, repaired, standard, mahalanobis(root, repaired - values, unseen), changes, possible, consistent, how,
+        method, repaired, standard, mahalanobis(root, repaired - values, unseen), changes, possible, consistent, binding, how,
         time.perf_counter() - start, errors, notes,
     )  # fmt: skip
 
 
 def consistent_fit(
-    structure: InertiaStructure, target: Target, *, bounds: Bounds | None = None, prior: Prior | None = None, method: str = "auto"
+    structure: InertiaStructure,
+    target: Target,
+    *,
+    bounds: Bounds | None = None,
+    prior: Prior | None = None,
+    method: str = "auto",
+    settling: Settling | None = None,
 ) -> ConsistentFit:
     """Best consistent base values for a target: by linear matrix inequalities, or by log-Cholesky factors where the solver is missing.
 
-    `method`: "auto", "lmi" or "log_cholesky"; the result says which one it was."""
-    known: dict[str, Callable[..., ConsistentFit]] = {"lmi": fit_consistent, "log_cholesky": fit_log_cholesky}
+    `method`: "auto", "lmi" or "log_cholesky"; the result says which one it was. `settling`: see there (factors start from its links)."""
     if method == "auto":
         method = "lmi" if solver_available() else "log_cholesky"
-    if method not in known:
-        raise unknown_name("method of the consistent fit", method, ["auto", *known])
-    return known[method](structure, target, bounds=bounds, prior=prior)
+    if method == "lmi":
+        return fit_consistent(structure, target, bounds=bounds, prior=prior, settling=settling)
+    if method != "log_cholesky":
+        raise unknown_name("method of the consistent fit", method, ["auto", "lmi", "log_cholesky"])
+    start = None
+    if prior is None and settling is not None and settling.near is not None:
+        start = np.zeros(structure.k)
+        start[structure.inertial] = settling.near.nominal
+    return fit_log_cholesky(structure, target, bounds=bounds, prior=prior, start=start)
+
+
+def _chance(error: dict[str, Any]) -> str:
+    """Whether a change of the error on held-out data is more than chance, in words."""
+    if "change" not in error or not error["change_std"] > 0:
+        return ""
+    t = error["change"] / error["change_std"]
+    verdict = "no more than chance" if abs(t) < 2 else "more than chance"
+    return f" ({verdict}: the squared error changes by {100 * error['change']:+.2g} ± {100 * error['change_std']:.2g} %)"
 
 
 def torque_errors(information: Information, values: Array) -> dict[str, Any]:

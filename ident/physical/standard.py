@@ -11,10 +11,11 @@ import numpy as np
 from ..parameters import LINK_SYMBOLS
 from .bounds import Bounds, Metric, Prior
 from .conic import SolverError, solver_available
-from .constrained import ConsistentFit, Target, fit_consistent, prior_distance
+from .constrained import ConsistentFit, fit_consistent, prior_distance
 from .log_cholesky import fit_log_cholesky
 from .pseudo_inertia import smallest_eigenvalues
 from .structure import InertiaStructure
+from .target import Target
 
 Array = np.ndarray
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from ident.physical import (
     LinkBounds,
     Metric,
     Prior,
+    Settling,
     SolverError,
     Target,
     binding_constraints,
@@ -24,9 +26,10 @@ from ident.physical import (
     standard_parameters,
 )
 from ident.physical.conic import ConicProgram, require_solver
-from ident.physical.constrained import covariance_root, fit_consistent, mahalanobis, prior_distance
+from ident.physical.constrained import fit_consistent, prior_distance
 from ident.physical.log_cholesky import _Factors, fit_log_cholesky
 from ident.physical.pseudo_inertia import from_centre_of_mass, pseudo_inertia, smallest_eigenvalues
+from ident.physical.target import covariance_root, mahalanobis
 from ident.robots import load_robot
 
 Array = np.ndarray
@@ -253,10 +256,59 @@ def test_binding_constraints_name_what_costs() -> None:
     bad[structure.base_names.index("Ixy_joint6")] = 0.06
     bad[structure.base_names.index("Fv_joint2")] *= -1
     found = binding_constraints(structure, Target.from_covariance(bad, ten_percent(bad)))
-    assert {"link6", "Fv_joint2"} <= set(found)
-    assert "Fv_joint3" not in found
-    assert found["Fv_joint2"] == pytest.approx(100, rel=0.01)
-    assert found["link6"] > 10
+    assert {"link6", "Fv_joint2"} <= set(found.costs)
+    assert "Fv_joint3" not in found.costs
+    assert found.costs["Fv_joint2"] == pytest.approx(100, rel=0.01)
+    assert found.costs["link6"] > 10
+    # The sign does not touch the links: what it does not cost, they do.
+    assert found.distance**2 > 100 + found.costs["link6"] - 0.1
+    assert found.significant
+    assert "ident diagnose" in found.sentences()[0]
+    assert json.dumps(found.to_dict())
+
+
+def test_binding_within_noise() -> None:
+    """Estimates of a robot on the border: the distance is what noise gives, and is called that."""
+    subject = puma_table("2")
+    structure = subject.structure
+    C = ten_percent(subject.values)
+    border = fit_consistent(structure, Target.from_covariance(subject.values, C)).values
+    rng = np.random.default_rng(5)
+    chances = []
+    for _ in range(6):
+        noisy = border + covariance_root(C) @ rng.standard_normal(structure.b)
+        found = binding_constraints(structure, Target.from_covariance(noisy, C))
+        chances.append(found.chance)
+        assert not found.significant
+    assert min(chances) > 0.005
+    assert max(chances) > 0.2
+    inside = binding_constraints(structure, Target.from_covariance(puma_truth()[1], C))
+    assert inside.distance < 0.05
+    assert not inside.costs
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_what_the_data_hardly_see_is_settled(known: bool) -> None:
+    """Links near the nominal ones, or light ones, at most one standard deviation from the best fit; the best fit's own may be absurd."""
+    structure, values, links = puma_truth()
+    rng = np.random.default_rng(2)
+    C = ten_percent(values)
+    target = Target.from_covariance(values + 2.0 * covariance_root(C) @ rng.standard_normal(structure.b), C)
+    best = fit_consistent(structure, target)
+    near = Prior(links) if known else None
+    found = fit_consistent(structure, target, settling=Settling(near))
+    assert found.cost <= best.cost + 1.0 + 1e-3
+    assert mahalanobis(covariance_root(C), found.values - best.values) <= 1.0 + 1e-2
+    assert judge_consistent(structure, found.values).consistent
+    assert "settled" in found.notes[-1]
+    if near is not None:
+        far, close = (prior_distance(structure, replace(near, metric=Metric.ENTROPIC), f.standard) for f in (best, found))
+        assert close < 0.2 * far
+    else:
+        total = [f.standard[structure.inertial[::10]].sum() for f in (best, found)]
+        assert total[1] < total[0]
+    tight = fit_consistent(structure, target, settling=Settling(near, share=0.01))
+    assert tight.cost <= 1.01 * best.cost + 1e-3
 
 
 def test_fallback_without_the_solver(monkeypatch: pytest.MonkeyPatch) -> None:

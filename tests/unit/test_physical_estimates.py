@@ -67,6 +67,10 @@ def test_physical_estimator(fitted: tuple[ident.Estimate, Problem, Signals]) -> 
     assert found.status.code == StatusCode.AT_BOUND
     assert "No real robot" in found.status.text
     assert found.trace["cost"] > 1
+    assert "Constraints that bind" in found.summary()
+    assert found.trace["binding"]["costs"]
+    total = float(problem.model.robot.nominal[::10].sum())  # type: ignore[index]
+    assert 0.2 * total < Identified.of(found).inertial[::10].sum() < 2 * total
     assert set(found.trace["unconstrained"]) == set(found.names)
     assert found.torque_error(held).relative_all <= 1.01 * plain.torque_error(held).relative_all
     truth = found.base.base_values(nominal_values(puma_model()))
@@ -84,7 +88,8 @@ def test_physical_estimator_with_knowledge(fitted: tuple[ident.Estimate, Problem
     assert np.all(smallest_eigenvalues(standard.inertial) > 0)
     other = make_estimator("physical", solver="log_cholesky").solve(problem)
     assert any("fallback" in text for text in other.warnings)
-    assert other.trace["cost"] >= plain.trace["cost"] * 0.99
+    # The exact fit gives away one squared standard deviation for links that make sense.
+    assert other.trace["cost"] >= plain.trace["cost"] - 1.01
 
 
 def test_consistent_solution_is_least_squares() -> None:
