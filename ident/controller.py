@@ -31,6 +31,21 @@ def _gains(name: str, values: object, n: int) -> Array:
     return array
 
 
+@dataclass(frozen=True, eq=False)
+class Script:
+    """Torque at K control instants of B runs: `forward` + kp (q − measured position) + kd (dq − measured speed), within ±limit.
+
+    Arrays (K, B, n) on `side`; `kp`, `kd`, `limit` (n,). Without gains it is `forward` alone, whatever the state."""
+
+    side: Side
+    forward: Array
+    q: Array | None = None
+    dq: Array | None = None
+    kp: Array | None = None
+    kd: Array | None = None
+    limit: Array | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class Controller(ABC):
     """A tracking controller. `side`: the side on which it measures and acts; `limit` (n,): its torque saturates there, if given."""
@@ -41,6 +56,10 @@ class Controller(ABC):
     @abstractmethod
     def law(self, robot: Robot, desired: Coordinates, period: float) -> Law:
         """The running controller for a desired motion (K, B, n) on the joint side, sampled every `period` seconds."""
+
+    def script(self, robot: Robot, desired: Coordinates) -> Script | None:
+        """The law as gains and numbers, where it is no more than that: compiled simulation then needs no call an instant."""
+        return None
 
     def saturated(self, torque: Array) -> Array:
         """Torque (B, n) within the limit."""
@@ -97,13 +116,21 @@ class PDFeedforward(Controller):
         kp, kd = tuple((w**2 * inertia).tolist()), tuple((2.0 * damping * w * inertia).tolist())
         return cls(side=side, kp=kp, kd=kd, model=model if feedforward else None, values=values if feedforward else None)
 
-    def law(self, robot: Robot, desired: Coordinates, period: float) -> Law:
+    def script(self, robot: Robot, desired: Coordinates) -> Script:
         kp, kd = _gains("kp", self.kp, robot.n), _gains("kd", self.kd, robot.n)
         own = on_side(robot, desired, self.side)
         forward = feedforward(robot, desired, self.model, self.values, self.side)
+        limit = None if self.limit is None else np.broadcast_to(np.asarray(self.limit, float), (robot.n,)).copy()
+        return Script(self.side, forward, own.q, own.dq, kp, kd, limit)
+
+    def law(self, robot: Robot, desired: Coordinates, period: float) -> Law:
+        told = PDFeedforward.script(self, robot, desired)
+        q_wanted, dq_wanted, kp, kd = told.q, told.dq, told.kp, told.kd
+        assert q_wanted is not None
+        assert dq_wanted is not None
 
         def torque(k: int, q: Array, dq: Array) -> Array:
-            return self.saturated(forward[k] + kp * (own.q[k] - q) + kd * (own.dq[k] - dq))
+            return self.saturated(told.forward[k] + kp * (q_wanted[k] - q) + kd * (dq_wanted[k] - dq))
 
         return torque
 

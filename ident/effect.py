@@ -70,6 +70,16 @@ class Nature(StrEnum):
     SENSOR = "sensor"
 
 
+class Factor(StrEnum):
+    """What a column of a joint effect can be, where it is nothing but one coordinate of the joint's own motion, on the effect's side."""
+
+    ONE = "one"
+    POSITION = "position"
+    SPEED = "speed"
+    DIRECTION = "direction"
+    ACCELERATION = "acceleration"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect(ABC):
     """One additive term of the torque equation, linear in its parameters.
@@ -187,6 +197,8 @@ class JointEffect(Effect):
     #: For each column: symbol, unit of the parameter, lower bound. In units, `{tau}`, `{q}`, `{inertia}` stand for the units
     #: of torque, position and inertia, and the names of shape parameters for their values.
     symbols: ClassVar[tuple[tuple[str, str, float], ...]]
+    #: For each column what it is; empty where one is something else. What is declared here is simulated by compiled code.
+    factors: ClassVar[tuple[Factor, ...]] = ()
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         found = []

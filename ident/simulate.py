@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -15,19 +14,19 @@ from .controller import Controller, PDFeedforward
 from .errors import ConfigurationError
 from .motion import Coordinates
 from .simulation.actuators import Actuator, CurrentLoop, Gain, Saturation
+from .simulation.command import Command, Feedback, GivenTorque, Tracking
 from .simulation.flexible import FlexibleJoints
 from .simulation.forces import ForceModel
 from .simulation.plant import Plant, Schedule
 from .simulation.replay import Replay, replay
 from .simulation.result import Simulation
 from .simulation.sensors import Sensors
-from .transmission import Side
 
 if TYPE_CHECKING:
-    from .simulation.dynamics import Dynamics, State
     from .trajectory import Trajectory
 
 Array = np.ndarray
+_EXACT = Feedback()
 
 __all__ = [
     "Actuator", "CurrentLoop", "Feedback", "FlexibleJoints", "ForceModel", "Gain", "Hold", "Plant", "Replay", "Saturation", "Schedule",
@@ -42,15 +41,6 @@ class Hold(StrEnum):
     FIRST_ORDER = "first_order"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Feedback:
-    """What a controller sees: drive positions rounded to `counts` a motor turn (None: exact) and, with `counts`, speeds as
-    their difference quotient through a low-pass of `speed_lag` seconds."""
-
-    counts: float | None = None
-    speed_lag: float = 0.002
-
-
 def simulate(
     plant: Plant,
     *,
@@ -63,7 +53,7 @@ def simulate(
     rate: float = 500.0,
     control_rate: float | None = None,
     step: float = 1e-3,
-    feedback: Feedback = Feedback(),
+    feedback: Feedback = _EXACT,
     actuators: Sequence[Actuator] = (),
     sensors: Sensors | None = None,
     seed: int = 0,
@@ -110,7 +100,7 @@ def simulate_batch(
     rate: float = 500.0,
     control_rate: float | None = None,
     step: float = 1e-3,
-    feedback: Feedback = Feedback(),
+    feedback: Feedback = _EXACT,
     actuators: Sequence[Actuator] = (),
     sensors: Sensors | None = None,
     seeds: Sequence[int] | None = None,
@@ -133,7 +123,7 @@ def simulate_batch(
             raise ConfigurationError(f"torque must have {n} columns, one a joint of {plant.robot.name!r}, not shape {given.shape}.")
         if duration is not None:
             given = given[: round(duration * control_rate) + 1]
-        command = _given_torque(given)
+        command: Command = GivenTorque(given, plant.robot.transmission.measured)
         count, lanes = given.shape[:2]
         q0, dq0 = np.broadcast_to(start[0], (lanes, n)), np.broadcast_to(start[1], (lanes, n))
     else:
@@ -147,7 +137,7 @@ def simulate_batch(
         q0, dq0 = np.broadcast_to(start[0], (lanes, n)), np.broadcast_to(start[1], (lanes, n))
         if controller is None:
             controller = _default_controller(plant)
-        command = _Tracking(plant, controller, motion, feedback, 1.0 / control_rate)
+        command = Tracking(plant, controller, motion, feedback, 1.0 / control_rate)
     if count < 2:
         raise ConfigurationError("there is nothing to simulate: fewer than two control samples.")
     seeds = list(range(lanes)) if seeds is None else list(seeds)
@@ -188,34 +178,3 @@ def _default_controller(plant: Plant) -> Controller:
     part = Model(model.robot, tuple(e for e, _ in keep))
     values = plant.schedule.values[0]
     return PDFeedforward.tuned(part, np.concatenate([values[s] for _, s in keep]))
-
-
-def _given_torque(torque: Array) -> Callable[[int, State, Dynamics], Array]:
-    return lambda k, state, dynamics: torque[k]
-
-
-class _Tracking:
-    """A controller in the loop: from the drive's state to torque on the measured side at control instant k."""
-
-    def __init__(self, plant: Plant, controller: Controller, motion: Coordinates, feedback: Feedback, period: float) -> None:
-        self.law = controller.law(plant.robot, motion, period)
-        self.side, self.transmission = controller.side, plant.robot.transmission
-        self.feedback, self.period = feedback, period
-        self._last: Array | None = None
-        self._speed: Array | None = None
-
-    def __call__(self, k: int, state: State, dynamics: Dynamics) -> Array:
-        motor = dynamics.motion(state).motor
-        q, dq = motor.q, motor.dq
-        if self.feedback.counts is not None:
-            size = 2.0 * np.pi / self.feedback.counts
-            q = np.round(q / size) * size
-            if self._last is None or self._speed is None:
-                self._speed = dq
-            else:
-                weight = 1.0 - np.exp(-self.period / max(self.feedback.speed_lag, 1e-9))
-                self._speed = self._speed + weight * ((q - self._last) / self.period - self._speed)
-            self._last, dq = q, self._speed
-        if self.side == Side.JOINT:
-            q, dq = self.transmission.joint_position(q), self.transmission.joint_rate(dq)
-        return self.transmission.torque(self.law(k, q, dq), self.side, self.transmission.measured)

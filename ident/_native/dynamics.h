@@ -95,50 +95,54 @@ template <class V> static inline void scatter(V x, double* array, int64_t sample
     for (int i = 0; i < Width<V>::value; ++i) array[(sample + i) * width + column] = lane(x, i);
 }
 
-template <class V> static void pose(const Tree& t, const V* q, Link<V>* links) {
-    for (int i = 0; i < t.nb; ++i) {
-        const Body& body = t.bodies[i];
-        Link<V>& k = links[i];
-        const V zero = V();
-        if (!body.sparse) k.p = {{zero + body.p[0], zero + body.p[1], zero + body.p[2]}};
-        const V* at = q + body.position;
-        if (body.kind == REVOLUTE) {
-            V s, c;
-            sine_cosine(body.sparse ? at[0] * body.turn : at[0], s, c);
-            if (body.sparse) {
-                k.R[0] = c * body.sign[0], k.R[1] = s * body.sign[1];
-                k.R[2] = s * -body.sign[0], k.R[3] = c * body.sign[1];
-            } else {
-                for (int e = 0; e < 9; ++e) k.R[e] = body.fixed[e] + c * body.cosine[e] + s * body.sine[e];
-            }
-        } else if (body.kind == PRISMATIC) {
-            for (int e = 0; e < 9; ++e) k.R[e] = zero + body.R0[e];
-            for (int r = 0; r < 3; ++r)
-                k.p[r] += at[0] * (body.R0[3 * r] * body.u[0] + body.R0[3 * r + 1] * body.u[1] + body.R0[3 * r + 2] * body.u[2]);
+// Placement of a body's frame in its parent's, from its position coordinates and, of a revolute joint, their sine and cosine.
+template <class V> static inline void place(const Body& body, const V* at, V s, V c, Link<V>& k) {
+    const V zero = V();
+    if (!body.sparse) k.p = {{zero + body.p[0], zero + body.p[1], zero + body.p[2]}};
+    if (body.kind == REVOLUTE) {
+        if (body.sparse) {
+            k.R[0] = c * body.sign[0], k.R[1] = s * body.sign[1];
+            k.R[2] = s * -body.sign[0], k.R[3] = c * body.sign[1];
         } else {
-            const V norm = 1.0 / square_root(at[3] * at[3] + at[4] * at[4] + at[5] * at[5] + at[6] * at[6]);
-            const V x = at[3] * norm, y = at[4] * norm, z = at[5] * norm, w = at[6] * norm;
-            const V Q[9] = {1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w),       2.0 * (x * z + y * w),
-                            2.0 * (x * y + z * w),       1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
-                            2.0 * (x * z - y * w),       2.0 * (y * z + x * w),       1.0 - 2.0 * (x * x + y * y)};
-            for (int r = 0; r < 3; ++r) {
-                for (int c = 0; c < 3; ++c)
-                    k.R[3 * r + c] = body.R0[3 * r] * Q[c] + body.R0[3 * r + 1] * Q[3 + c] + body.R0[3 * r + 2] * Q[6 + c];
-                k.p[r] += body.R0[3 * r] * at[0] + body.R0[3 * r + 1] * at[1] + body.R0[3 * r + 2] * at[2];
-            }
+            for (int e = 0; e < 9; ++e) k.R[e] = body.fixed[e] + c * body.cosine[e] + s * body.sine[e];
+        }
+    } else if (body.kind == PRISMATIC) {
+        for (int e = 0; e < 9; ++e) k.R[e] = zero + body.R0[e];
+        for (int r = 0; r < 3; ++r)
+            k.p[r] += at[0] * (body.R0[3 * r] * body.u[0] + body.R0[3 * r + 1] * body.u[1] + body.R0[3 * r + 2] * body.u[2]);
+    } else {
+        const V norm = 1.0 / square_root(at[3] * at[3] + at[4] * at[4] + at[5] * at[5] + at[6] * at[6]);
+        const V x = at[3] * norm, y = at[4] * norm, z = at[5] * norm, w = at[6] * norm;
+        const V Q[9] = {1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w),       2.0 * (x * z + y * w),
+                        2.0 * (x * y + z * w),       1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
+                        2.0 * (x * z - y * w),       2.0 * (y * z + x * w),       1.0 - 2.0 * (x * x + y * y)};
+        for (int r = 0; r < 3; ++r) {
+            for (int e = 0; e < 3; ++e)
+                k.R[3 * r + e] = body.R0[3 * r] * Q[e] + body.R0[3 * r + 1] * Q[3 + e] + body.R0[3 * r + 2] * Q[6 + e];
+            k.p[r] += body.R0[3 * r] * at[0] + body.R0[3 * r + 1] * at[1] + body.R0[3 * r + 2] * at[2];
         }
     }
 }
 
-// Motion of all bodies, base first. ddq may be null: no acceleration.
-template <class V> static void motion(const Tree& t, const V* dq, const V* ddq, Link<V>* links) {
+template <class V> static void pose(const Tree& t, const V* q, Link<V>* links) {
+    for (int i = 0; i < t.nb; ++i) {
+        const Body& body = t.bodies[i];
+        const V* at = q + body.position;
+        V s = V(), c = V();
+        if (body.kind == REVOLUTE) sine_cosine(body.sparse ? at[0] * body.turn : at[0], s, c);
+        place(body, at, s, c, links[i]);
+    }
+}
+
+// Motion of all bodies, base first. ddq may be null: no acceleration. lift: acceleration of the base less gravity.
+template <class V> static void motion(const Tree& t, const Vec<V>& lift, const V* dq, const V* ddq, Link<V>* links) {
     const V zero = V();
     for (int i = 0; i < t.nb; ++i) {
         const Body& body = t.bodies[i];
         Link<V>& k = links[i];
         Vec<V> w{{zero, zero, zero}}, a = w, b;
         if (body.parent < 0) {
-            b = into(body, k, Vec<V>{{zero - t.gravity[0], zero - t.gravity[1], zero - t.gravity[2]}});
+            b = into(body, k, lift);
         } else {
             const Link<V>& up = links[body.parent];
             w = into(body, k, up.w);
@@ -174,6 +178,11 @@ template <class V> static void motion(const Tree& t, const V* dq, const V* ddq, 
         k.P[0] = yz, k.P[1] = xz, k.P[2] = xy;
         k.Q[0] = -(yy + zz), k.Q[1] = -(xx + zz), k.Q[2] = -(xx + yy);
     }
+}
+
+template <class V> static void motion(const Tree& t, const V* dq, const V* ddq, Link<V>* links) {
+    const V zero = V();
+    motion(t, Vec<V>{{zero - t.gravity[0], zero - t.gravity[1], zero - t.gravity[2]}}, dq, ddq, links);
 }
 
 // Component d of a wrench along joint d of a body.
@@ -270,6 +279,46 @@ template <class V> static void masses(const Tree& t, const double* inertia, cons
         U[9] += z[2] + trace - (r[2] * p[2] + g[2] * p[2]);
     }
 }
+
+#if LANES > 2
+// Mass matrix (lower triangle of M, n x n) and bias torque of a single state: a lane a column. The torque of a unit acceleration, at rest
+// and without gravity, is a column of M; one more lane has the speeds, gravity and no acceleration. 2 n + nq of scratch in x.
+static void terms_of_one(const Tree& t, const double* inertia, const double* q, const double* dq, Link<Lanes>* links, Vec<Lanes>* wrench, Lanes* x,
+                         double* M, double* bias) {
+    const int n = t.nv;
+    Lanes *rate = x, *torque = x + n, *at = x + 2 * n;
+    for (int i = 0; i < t.nq; ++i) at[i] = Lanes() + q[i];
+    for (int first = 0; first < t.nb; first += LANES) {   // sines of several joints at once
+        const int count = t.nb - first < LANES ? t.nb - first : LANES;
+        Lanes angle = Lanes(), s, c;
+        for (int i = 0; i < count; ++i) {
+            const Body& body = t.bodies[first + i];
+            if (body.kind == REVOLUTE) angle[i] = body.sparse ? q[body.position] * body.turn : q[body.position];
+        }
+        sine_cosine(angle, s, c);
+        for (int i = 0; i < count; ++i) {
+            const Body& body = t.bodies[first + i];
+            place(body, at + body.position, Lanes() + s[i], Lanes() + c[i], links[first + i]);
+        }
+    }
+    for (int first = 0; first <= n; first += LANES) {
+        Lanes moving = Lanes();   // the lane of the bias
+        if (n - first < LANES) moving[n - first] = 1.0;
+        for (int i = 0; i < n; ++i) {
+            rate[i] = moving * dq[i];
+            torque[i] = Lanes();
+            if (i >= first && i < first + LANES) torque[i][i - first] = 1.0;   // accelerations first, torques then
+        }
+        motion(t, Vec<Lanes>{{moving * -t.gravity[0], moving * -t.gravity[1], moving * -t.gravity[2]}}, rate, torque, links);
+        torques(t, inertia, links, wrench, torque);
+        for (int r = 0; r < n; ++r)
+            for (int l = 0; l < LANES; ++l) {
+                if (first + l <= r) M[r * n + first + l] = torque[r][l];
+                else if (first + l == n) bias[r] = torque[r][l];
+            }
+    }
+}
+#endif
 
 static inline bool none(Lanes x) {
     bool all = true;

@@ -40,6 +40,7 @@ struct Tiles {
 static size_t workspace(const Tree& t, const Plan* plan) {
     size_t numbers = t.nq + 6 * (size_t)t.nv + 2 * (size_t)t.nv * t.nv;
     numbers += t.nb * (sizeof(Link<Lanes>) / sizeof(Lanes) + 12 + PARAMETERS);
+    if (!plan) numbers *= 2;   // of a group and of a single sample
     size_t largest = 0;
     if (plan) {
         const Tiles tiles(*plan);

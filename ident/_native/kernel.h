@@ -16,7 +16,8 @@ template <class V> struct Scratch {
     Vec<V>* wrench;
     V *composite, *M, *diagonal, *twists;
     double* lu;
-    Lanes* tile;
+    Lanes* tile;                        // what is left of the memory
+    Scratch<Lanes>* lanes = nullptr;    // of a single sample: where the lanes help
 
     Scratch(const Tree& t, char* memory) {
         char* at = aligned(memory);
@@ -63,16 +64,35 @@ template <class V> struct Regressor {
     }
 };
 
+// Mass matrix (lower triangle) and bias torque of links that have their pose and motion. A single sample's come from lanes where they are
+// wide enough to be worth it.
+template <class V> static inline void terms(const Tree& t, const double* inertia, Scratch<V>& m) {
+    pose(t, m.q, m.links);
+    motion(t, m.dq, (V*)nullptr, m.links);
+    torques(t, inertia, m.links, m.wrench, m.tau);
+    masses(t, inertia, m.links, m.composite, m.M);
+}
+#if LANES > 2
+template <> inline void terms<double>(const Tree& t, const double* inertia, Scratch<double>& m) {
+    Scratch<Lanes>& lanes = *m.lanes;
+    terms_of_one(t, inertia, m.q, m.dq, lanes.links, lanes.wrench, lanes.q, m.M, m.tau);
+}
+#endif
+
 // Inverse dynamics, mass matrix, both (bias and mass matrix), or forward dynamics.
 template <class V, bool with_torque, bool with_mass, bool solved> static inline int dynamics(const Tree& t, const Arrays& x, int64_t s, Scratch<V>& m) {
     int stop = -1;
     m.load(t, x, s);
-    pose(t, m.q, m.links);
-    if (with_torque) {
-        motion(t, m.dq, x.ddq ? m.ddq : (V*)nullptr, m.links);
-        torques(t, x.inertia, m.links, m.wrench, m.tau);
+    if (with_torque && with_mass) {
+        terms(t, x.inertia, m);
+    } else {
+        pose(t, m.q, m.links);
+        if (with_torque) {
+            motion(t, m.dq, x.ddq ? m.ddq : (V*)nullptr, m.links);
+            torques(t, x.inertia, m.links, m.wrench, m.tau);
+        }
+        if (with_mass) masses(t, x.inertia, m.links, m.composite, m.M);
     }
-    if (with_mass) masses(t, x.inertia, m.links, m.composite, m.M);
     for (int r = 0; solved && r < t.nv; ++r) {
         m.tau[r] = gather<V>(x.tau, s, t.nv, r) - m.tau[r];
         for (int c = 0; x.added && c <= r; ++c) m.M[r * t.nv + c] += x.added[r * t.nv + c];
@@ -110,13 +130,15 @@ static int64_t by_groups(const Tree& t, const Plan* plan, const Arrays& x, int64
         const int stop = Work<Lanes>::run(t, plan, x, s, lanes);
         if (stop >= 0) return s + stop;
     }
-    Scratch<double> one(t, memory);
+    Scratch<double> one(t, (char*)lanes.tile);
+    one.lanes = &lanes;
     for (; s < hi; ++s)
         if (Work<double>::run(t, plan, x, s, one) >= 0) return s;
     return -1;
 }
 
 #include "information.h"
+#include "integrator.h"
 }  // namespace INSTRUCTIONS
 
 #define TABLE_NAME(name) kernel_##name
@@ -130,5 +152,7 @@ extern const Kernel TABLE(INSTRUCTIONS) = {
     {INSTRUCTIONS::by_groups<INSTRUCTIONS::Regressor>, INSTRUCTIONS::by_groups<INSTRUCTIONS::Inverse>, INSTRUCTIONS::by_groups<INSTRUCTIONS::Mass>,
      INSTRUCTIONS::by_groups<INSTRUCTIONS::Terms>, INSTRUCTIONS::by_groups<INSTRUCTIONS::Forward>},
     INSTRUCTIONS::information,
-    INSTRUCTIONS::merge};
+    INSTRUCTIONS::merge,
+    INSTRUCTIONS::simulation_memory,
+    INSTRUCTIONS::simulate};
 }  // namespace ident

@@ -106,15 +106,16 @@ struct Memory {
     }
 };
 
-// work(thread, lo, hi, memory) over `count` samples cut evenly into multiples of `block` (fewer are not worth a thread), the same way for the same number of threads. The GIL is released
-// unless there is next to nothing to do.
-template <class Work> void over_samples(int64_t count, int64_t threads, size_t memory, Work work, int64_t block = 2048) {
+// work(thread, lo, hi, memory) over `count` samples cut evenly into multiples of `block` (fewer are not worth a thread), the same way for
+// the same number of threads. The GIL is released unless there is next to nothing to do; `long_ones`: a sample is much.
+template <class Work>
+void over_samples(int64_t count, int64_t threads, size_t memory, Work work, int64_t block = 2048, bool long_ones = false) {
     static thread_local Memory own;
     const int64_t blocks = (count + block - 1) / block;
     if (threads > blocks) threads = blocks;
     if (threads <= 1) {
         char* at = own.get(memory);
-        if (count < 32) return work(0, 0, count, at);
+        if (count < 32 && !long_ones) return work(0, 0, count, at);
         Py_BEGIN_ALLOW_THREADS
         work(0, 0, count, at);
         Py_END_ALLOW_THREADS
@@ -275,6 +276,65 @@ PyObject* information(PyObject* const* a) {
     Py_RETURN_NONE;
 }
 
+// simulate(tree, lanes, periods, substeps, every, h, linear, ends, fresh, complete, threads, (inertia, added, offset, direction, level, zero),
+// (entries, ratios), (kp, kd, limit), (forward, desired q, desired dq), (q, dq, modes), (q, dq, ddq, friction, modes, torque) to keep):
+// -1, or 4 periods + Failure. Records of Entry as bytes, all else float64; what is not used is None.
+PyObject* simulate(PyObject* const* a) {
+    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
+    const int n = t.nv;
+    require(t.nq == n, "simulate: the tree floats");
+    Buffer held[23];
+    int used = 0;
+    const auto item = [](PyObject* tuple, int i) {
+        PyObject* found = PyTuple_GetItem(tuple, i);
+        if (!found) PyErr_Clear();
+        require(found != nullptr, "simulate: expected a longer tuple");
+        return found;
+    };
+    Runs x{};
+    x.lanes = integer(a[1]), x.periods = integer(a[2]), x.substeps = integer(a[3]), x.every = integer(a[4]), x.h = PyFloat_AsDouble(a[5]);
+    x.linear = integer(a[6]) != 0, x.ends = integer(a[7]) != 0, x.fresh = integer(a[8]) != 0;
+    require(x.lanes >= 0 && x.periods >= 0 && x.substeps >= 1 && x.every >= 1 && x.h > 0, "simulate: out of range");
+    Drive d{};
+    d.complete = integer(a[9]) != 0;
+    const auto numbers = [&](PyObject* tuple, int i, int64_t count, const char* what) { return held[used++].numbers(item(tuple, i), count, what); };
+    d.inertia = numbers(a[11], 0, PARAMETERS * t.nb, "inertia"), d.added = numbers(a[11], 1, (int64_t)n * n, "added"), d.offset = numbers(a[11], 2, n, "offset");
+    d.direction = numbers(a[11], 3, -1, "direction");
+    require(d.inertia && d.added && d.offset && d.direction, "simulate: an array is missing");
+    d.contacts = n ? (int)(held[3].view.len / 8 / n) : 0;
+    const int64_t c = d.contacts;
+    require(held[3].view.len == 8 * c * n, "direction: not rows of n");
+    d.level = numbers(a[11], 4, c * n, "level"), d.zero = numbers(a[11], 5, n, "zero");
+    const auto entries = [&](int i, int& count) {
+        Buffer& buffer = held[used++];
+        const Entry* found = (const Entry*)buffer.take(item(a[12], i), -1, 0, "entries");
+        count = found ? (int)(buffer.view.len / (int64_t)sizeof(Entry)) : 0;
+        for (int e = 0; e < count; ++e)
+            require(found[e].row >= 0 && found[e].row < n && found[e].column >= 0 && found[e].column < n, "simulate: an entry is out of range");
+        return found;
+    };
+    d.entry = entries(0, d.entries), d.ratio = entries(1, d.ratios);
+    d.kp = numbers(a[13], 0, n, "kp"), d.kd = numbers(a[13], 1, n, "kd"), d.limit = numbers(a[13], 2, n, "limit");
+    const int64_t given = x.periods * x.lanes * n, logged = (x.periods + x.every - 1) / x.every * x.lanes;
+    x.forward = numbers(a[14], 0, given, "forward"), x.desired_q = numbers(a[14], 1, given, "desired q"), x.desired_dq = numbers(a[14], 2, given, "desired dq");
+    const auto room = [&](PyObject* tuple, int i, int64_t count, const char* what) { return held[used++].room(item(tuple, i), count, what); };
+    x.q = room(a[15], 0, x.lanes * n, "q"), x.dq = room(a[15], 1, x.lanes * n, "dq"), x.modes = room(a[15], 2, x.lanes * c, "modes");
+    double** kept[] = {&x.kept_q, &x.kept_dq, &x.kept_ddq, &x.kept_friction};
+    for (int i = 0; i < 4; ++i) *kept[i] = room(a[16], i, logged * n, "kept");
+    x.kept_modes = room(a[16], 4, logged * c, "kept modes"), x.torque = room(a[16], 5, given, "torque");
+    require(d.level && d.zero && x.forward && x.q && x.dq && x.modes && x.kept_q && x.kept_dq && x.kept_ddq && x.kept_friction && x.kept_modes && x.torque &&
+                (d.kp == nullptr) == (d.kd == nullptr) && (!d.kp || (x.desired_q && x.desired_dq)),
+            "simulate: an array is missing");
+    const int64_t threads = integer(a[10]);
+    std::vector<int64_t> stops(threads > 1 ? (size_t)threads : 1, -1);
+    const auto work = [&](int i, int64_t lo, int64_t hi, char* memory) { stops[(size_t)i] = active->simulate(t, d, x, lo, hi, memory); };
+    over_samples(x.lanes, threads, active->simulation_memory(t, d), work, active->lanes, x.periods * x.substeps >= 4);
+    int64_t worst = -1;   // the first to stop; one that does not fit concerns all
+    for (int64_t stop : stops)
+        if (stop >= 0 && (worst < 0 || stop % 4 == UNFIT || (worst % 4 != UNFIT && stop < worst))) worst = stop;
+    return PyLong_FromLongLong(worst);
+}
+
 PyObject* instruction_sets(PyObject* const*) {
     std::string names;
     for (const Kernel* kernel : supported()) names += std::string(names.empty() ? "" : " ") + kernel->name;
@@ -305,7 +365,7 @@ template <PyObject* (*function)(PyObject* const*), int count> PyObject* call(PyO
 
 #define METHOD(name, count) {#name, (PyCFunction)(void (*)())call<name, count>, METH_FASTCALL, nullptr}
 PyMethodDef methods[] = {METHOD(make_tree, 4),    METHOD(make_plan, 7),        METHOD(compute, 13), METHOD(information, 15),
-                         METHOD(instruction_sets, 0), METHOD(use, 1), {nullptr, nullptr, 0, nullptr}};
+                         METHOD(simulate, 17),    METHOD(instruction_sets, 0), METHOD(use, 1), {nullptr, nullptr, 0, nullptr}};
 PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", "Compiled rigid-body kernels.", -1, methods, nullptr, nullptr, nullptr, nullptr};
 
 }  // namespace

@@ -80,6 +80,36 @@ struct Arrays {
 // What can be had of each sample. TERMS: mass matrix and bias together.
 enum Task { REGRESSOR, INVERSE, MASS, TERMS, FORWARD, TASKS };
 
+// A coefficient of a sparse matrix: on positions, and on speeds.
+struct Entry {
+    int64_t row, column;
+    double position, speed;
+};
+
+// A plant to integrate, n coordinates: a tree with constant inertia `added`, forces `offset` + entries (linear in position and speed), and
+// dry friction: contact c slides with direction[c] . v and takes level[c] (a generalised force) of a run that slides forwards.
+// `ratio` (positions only): from coordinates less `zero` to the side on which torque is given and a controller acts, if there is one.
+struct Drive {
+    int contacts, entries, ratios;
+    bool complete;                       // holding all contacts holds everything
+    const Entry *entry, *ratio;
+    const double *inertia, *added, *offset, *direction, *level, *zero;
+    const double *kp, *kd, *limit;       // (n); null: no feedback, no limit
+};
+
+// Runs of a plant: `forward` torque at each instant, and the desired motion on the controller's side, (periods, lanes, n); states (lanes, n)
+// and modes (lanes, contacts), updated in place; what is kept of every `every`-th instant, and torque of all.
+struct Runs {
+    int64_t lanes, periods, substeps, every;
+    double h;
+    bool linear, ends, fresh;            // torque runs straight to the next; nothing follows the last instant; modes are not known yet
+    const double *forward, *desired_q, *desired_dq;
+    double *q, *dq, *modes, *kept_q, *kept_dq, *kept_ddq, *kept_friction, *kept_modes, *torque;
+};
+
+// Why a simulation stops. UNFIT: not for this integrator (friction that feeds power in).
+enum Failure { NONE, SINGULAR, DIVERGED, UNFIT };
+
 // What one instruction set offers. Every function handles the samples lo ... hi-1 with memory that the caller owns.
 struct Kernel {
     const char* name;
@@ -89,6 +119,8 @@ struct Kernel {
     // factors: per row `padded` x `padded`, updated in place
     void (*information)(const Tree&, const Plan&, const Arrays&, int64_t lo, int64_t hi, char* memory, double* const* factors);
     void (*merge)(const Plan&, char* memory, double* const* into, const double* const* from);
+    size_t (*simulation_memory)(const Tree&, const Drive&);
+    int64_t (*simulate)(const Tree&, const Drive&, const Runs&, int64_t lo, int64_t hi, char* memory);   // -1, or 4 periods + Failure
 };
 
 extern const Kernel kernel_baseline;

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..effect import Axis, JointEffect, register
+from ..effect import Axis, Factor, JointEffect, register
 from ..motion import Coordinates, Motion
 
 Array = np.ndarray
@@ -23,6 +23,7 @@ class Offset(JointEffect):
     title: ClassVar[str] = "torque offset"
     axis: ClassVar[Axis] = Axis.TIME
     symbols = (("offset", "{tau}", -np.inf),)
+    factors = (Factor.ONE,)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         yield np.ones_like(own.q)

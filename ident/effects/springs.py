@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effect import Axis, JointEffect, Nature, register
+from ..effect import Axis, Factor, JointEffect, Nature, register
 from ..errors import ConfigurationError
 from ..motion import Coordinates, Motion
 from ..parameters import ShapeParameter
@@ -30,6 +30,7 @@ class LinearSpring(JointEffect):
     axis: ClassVar[Axis] = Axis.POSITION
     nature: ClassVar[Nature] = Nature.LINK
     symbols = (("ks", "{tau}/{q}", 0.0), ("ks0", "{tau}", -np.inf))
+    factors = (Factor.POSITION, Factor.ONE)
 
     side: Side = Side.JOINT
 

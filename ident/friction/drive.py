@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..effect import Axis, JointEffect, Nature, register
+from ..effect import Axis, Factor, JointEffect, Nature, register
 from ..motion import Coordinates, Motion
 
 Array = np.ndarray
@@ -23,6 +23,7 @@ class RotorInertia(JointEffect):
     title: ClassVar[str] = "rotor inertia"
     axis: ClassVar[Axis] = Axis.ACCELERATION
     symbols = (("Ia", "{inertia}", 0.0),)
+    factors = (Factor.ACCELERATION,)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         yield own.ddq
@@ -38,6 +39,7 @@ class Viscous(JointEffect):
     axis: ClassVar[Axis] = Axis.VELOCITY
     nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("Fv", "{tau} s/{q}", 0.0),)
+    factors = (Factor.SPEED,)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         yield own.dq
@@ -53,6 +55,7 @@ class Coulomb(JointEffect):
     axis: ClassVar[Axis] = Axis.VELOCITY
     nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("Fc", "{tau}", 0.0),)
+    factors = (Factor.DIRECTION,)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         yield own.direction

@@ -293,6 +293,14 @@ def information(
     return out
 
 
+def simulate(tree: RigidBodyTree, work: tuple[Any, ...], plant: tuple[Array, ...], *arrays: Any) -> int:
+    """Integrate runs of a plant; arguments as `simulate` of ident/_native/module.cpp has them, but for the inertial parameters,
+    which come in Pinocchio's order. For `ident.simulation.compiled` alone."""
+    own = compiled(tree)
+    moved = (own.inertia(np.ascontiguousarray(plant[0], float)), *plant[1:])
+    return int(_kernel.simulate(own.handle, *work, thread_count(), moved, *arrays))
+
+
 class FixedDynamics:
     """Dynamics of one tree with fixed parameters (see `rigid.dynamics`): arguments are only checked where the kernel refuses."""
 

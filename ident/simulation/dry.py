@@ -19,7 +19,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class _Surface:
+class Surface:
     """The coordinates of one side at whose zero speed something jumps: `own` indices, their `contact`, its `sense` (±1)."""
 
     own: Array
@@ -56,7 +56,7 @@ class DryFriction:
     def __init__(self, robot: Robot, terms: Sequence[Term], rates: Mapping[Side, Array]) -> None:
         self._robot, self._rates = robot, rates
         directions: list[Array] = []
-        self._surfaces: dict[Side, _Surface] = {}
+        self._surfaces: dict[Side, Surface] = {}
         n, m = rates[Side.JOINT].shape
         for side in (Side.MOTOR, Side.JOINT):
             touched = np.zeros(n, bool)
@@ -73,12 +73,16 @@ class DryFriction:
                     directions.append(g)
                 contact.append(same[0] if same else len(directions) - 1)
                 sense.append(np.sign(cosines[same[0]]) if same else 1.0)
-            self._surfaces[side] = _Surface(own, np.array(contact, dtype=int), np.array(sense), len(own) == n)
+            self._surfaces[side] = Surface(own, np.array(contact, dtype=int), np.array(sense), len(own) == n)
         self.contacts = np.array(directions).reshape(-1, m)
         rank = int(np.linalg.matrix_rank(self.contacts)) if directions else 0
         #: Whether more contacts may be held than there are coordinates, and whether holding all of them stops everything.
         self.redundant, self.complete = rank < len(directions), rank == m
         self._still: dict[bytes, Array] = {}
+
+    def surface(self, side: Side) -> Surface:
+        """The coordinates of a side that jump."""
+        return self._surfaces[side]
 
     @property
     def count(self) -> int:

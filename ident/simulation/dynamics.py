@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ from .rigid import RigidDynamics
 
 if TYPE_CHECKING:
     from ..robot import Robot
+    from .compiled import CompiledPlant
 
 Array = np.ndarray
 
@@ -99,6 +101,13 @@ class Dynamics:
         self._links = [(i, t) for i, t in live if t.link]
         #: The friction contacts.
         self.dry = DryFriction(robot, self.terms, self.rates)
+
+    @cached_property
+    def compiled(self) -> CompiledPlant | None:
+        """The same for compiled integration, where it can do all of it."""
+        from .compiled import CompiledPlant
+
+        return CompiledPlant.of(self)
 
     # --- set-up -------------------------------------------------------------------------------------------------------
 
@@ -199,10 +208,7 @@ class Dynamics:
                 return self._solve_breaking(M, free, D, held, sticking, s)
             return self._solve_held(M, free, D, held, sticking, s)
         except np.linalg.LinAlgError:
-            raise DataError(
-                "the inertia matrix is singular: some joint moves no inertia with these parameters."
-                " Add rotor inertia, or take parameters from a possible model."
-            ) from None
+            raise singular_inertia() from None
 
     def _solve_held(self, M: Array, free: Array, D: Array, held: Array, sticking: Array, s: Array) -> tuple[Array, Array]:
         """Held contacts do not accelerate, whatever level that takes: one bordered system for all runs."""
@@ -311,3 +317,11 @@ class Dynamics:
             return modes
         level = self.respond(state, drive, modes, guess, breaking=True).s
         return np.where((modes == 0) & (np.abs(level) == 2.0), np.sign(level), modes).astype(np.int8)
+
+
+def singular_inertia() -> DataError:
+    """The error for an inertia matrix that cannot be inverted."""
+    return DataError(
+        "the inertia matrix is singular: some joint moves no inertia with these parameters."
+        " Add rotor inertia, or take parameters from a possible model."
+    )

@@ -6,12 +6,13 @@ by asking it, so that simulation treats every effect alike."""
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ..effect import Effect, JointEffect, Nature, Need
+from ..effect import Effect, Factor, JointEffect, Nature, Need
 from ..errors import ConfigurationError, UnsupportedError
 from ..motion import Motion
 from ..transmission import Side
@@ -72,7 +73,8 @@ class Term:
     `inertia` (n, n): the constant part of its dependence on acceleration, on its side; `implicit`: its dependence on
     acceleration is of another kind; `jumps` (n,) bool: coordinates of its side at whose zero speed it jumps, `own_rows`: each in
     its own row alone; `needs_load`: it asks for the torque of the links; `link`: it is part of that torque; `idle`: it is
-    nothing but `inertia`; `states`: number of its own states; `follows_path`: they go through `ForceModel.carried`."""
+    nothing but `inertia`; `states`: number of its own states; `follows_path`: they go through `ForceModel.carried`; `parts`: for an
+    effect that says so, all it is: per factor the coefficients (n,) of its joints."""
 
     force: ForceModel
     side: Side
@@ -85,6 +87,7 @@ class Term:
     idle: bool
     states: int
     follows_path: bool
+    parts: Mapping[Factor, Array] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +151,8 @@ def model_terms(model: Model, values: Array, extra: tuple[ForceModel, ...]) -> t
                 " leave it out of the simulated model, or give its force through `extra`."
             )
         elif own.any():
-            found.append(_examine(effect.name, _effect_force(effect, own, robot), robot, effect.needs, effect.nature == Nature.LINK))
+            term = _examine(effect.name, _effect_force(effect, own, robot), robot, effect.needs, effect.nature == Nature.LINK)
+            found.append(replace(term, parts=_declared(effect, own, robot)))
     found += [_examine(type(force).__name__, force, robot) for force in extra]
     return robot, tuple(found), inertial
 
@@ -162,6 +166,22 @@ def _made_permanent(effect: Effect, values: Array, robot: Robot) -> Robot:
             f"effect {effect.name!r} corrects the model's prediction and cannot be simulated; leave it out of the simulated model."
         )
     return changed
+
+
+def _declared(effect: Effect, values: Array, robot: Robot) -> Mapping[Factor, Array] | None:
+    """Coefficients (n,) of an effect's columns by what they are, where the effect declares it.
+
+    A subclass with columns of its own does not inherit what its base declared."""
+    if not isinstance(effect, JointEffect) or type(effect).torque is not JointEffect.torque or effect.needs:
+        return None
+    says, does = (next(kind for kind in type(effect).__mro__ if name in vars(kind)) for name in ("factors", "basis"))
+    if not effect.factors or says is not does:
+        return None
+    found = {factor: np.zeros(robot.n) for factor in Factor}
+    at = effect.at(robot)
+    for factor, each in zip(effect.factors, values.reshape(len(at), -1).T, strict=True):
+        found[factor][at] += each
+    return found
 
 
 def _effect_force(effect: Effect, values: Array, robot: Robot) -> ForceModel:

@@ -167,9 +167,9 @@ def _locate(dynamics: Dynamics, phase: Phase, first: Input, last: Input, length:
     at_low = _margin(dynamics, phase, phase.state, first)
     state, at_high = reach(length)
     scale = abs(at_low) + abs(at_high)
-    if at_low <= 0.0:
-        # A contact that has just let go stands at zero: step off before looking for its return.
-        step = length
+    if at_low <= 1e-13 * scale:
+        # A contact that has just let go stands at zero but for rounding: step off before looking for its return.
+        step, at_low = length, min(at_low, 0.0)
         while at_low <= 0.0:
             step *= 0.1
             if step < 1e-12 * length:
@@ -201,10 +201,15 @@ def _held_still(dynamics: Dynamics, state: State, modes: Array) -> State:
     return state if modes.all() else State(state.t, state.y, dynamics.dry.held_still(state.v, modes), state.x)
 
 
+def diverged(when: float) -> DataError:
+    """The error for a run that has left every bound."""
+    return DataError(
+        f"the simulated motion grows without bound at t = {when:.3f} s:"
+        " the controller is unstable, the step too long or the model not physical."
+    )
+
+
 def require_finite(state: State, when: float) -> None:
     """Raise DataError where a run has left every bound."""
     if not np.all(np.isfinite(state.v)):
-        raise DataError(
-            f"the simulated motion grows without bound at t = {when:.3f} s:"
-            " the controller is unstable, the step too long or the model not physical."
-        )
+        raise diverged(when)

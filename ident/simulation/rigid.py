@@ -32,7 +32,8 @@ class RigidDynamics:
         self._robot = robot
         self._trivial = robot.loop.is_trivial
         self._W = robot.loop.W
-        inertia = np.asarray(inertia, float)
+        #: Linear parameters (10 nb,) of all bodies.
+        self.inertia = inertia = np.asarray(inertia, float)
         # One state in NumPy costs a thousand calls of it; without the compiled kernel Pinocchio is the faster way.
         slow = rigid.kernel() is numpy_kernel
         self._tree: _Terms = PinocchioTerms(robot, inertia) if slow else rigid.dynamics(robot.tree, inertia)

@@ -10,12 +10,15 @@ import numpy as np
 
 from ..errors import ConfigurationError
 from ..motion import Coordinates
+from ..transmission import Side
 from .actuators import Actuator
+from .compiled import Kept, UnfitError
 from .dynamics import Dynamics, Input, State
 from .integrator import Phase, advance, begin, require_finite
 from .result import Simulation
 
 if TYPE_CHECKING:
+    from .command import Command
     from .plant import Plant
     from .sensors import Sensors
 
@@ -66,7 +69,7 @@ def run(
     plant: Plant,
     q: Array,
     dq: Array,
-    command: Callable[[int, State, Dynamics], Array],
+    command: Command,
     linear: bool,
     count: int,
     period: float,
@@ -75,7 +78,9 @@ def run(
     every: int,
     progress: Callable[[float], None] | None,
 ) -> Record:
-    """Integrate B runs from q, dq (B, n) over `count` control instants. `linear`: torque runs straight to its next value."""
+    """Integrate B runs from q, dq (B, n) over `count` control instants. `linear`: torque runs straight to its next value.
+
+    What compiled code can do, it does: all of it, or else the periods between calls of the controller."""
     if not step > 0:
         raise ConfigurationError(f"the integration step must be positive, not {step}.")
     if linear and actuators:
@@ -85,6 +90,10 @@ def run(
     h = period / substeps
     dynamics = plant.dynamics(0.0)
     state = dynamics.start(np.zeros(lanes), q, dq)
+    if not actuators and len(plant.schedule.values) == 1:
+        whole = _all_compiled(dynamics, command, state, linear, period, substeps, every, progress)
+        if whole is not None:
+            return whole
     keep = [np.empty(((count - 1) // every + 1, lanes, n)) for _ in range(7)]
     held = np.empty(keep[0].shape, bool)
     states = np.empty((len(held), lanes, state.x.shape[1]))
@@ -104,6 +113,15 @@ def run(
         if loaded is None:
             loaded = _started(actuators, now)
         reported[k] = now
+        begun = None if actuators or linear else _compiled_period(dynamics, state, modes, now, period, substeps, k == count - 1)
+        if begun is not None:
+            phase, state, modes = begun
+            applied[k], guess = now, phase.response.a
+            if k % every == 0:
+                _keep(keep, held, states, k // every, dynamics, phase)
+                if progress is not None:
+                    progress(k / (count - 1))
+            continue
         for i in range(substeps):
             first, loaded = _acted(actuators, now if not linear else now + i / substeps * (following - now), dynamics, state, loaded, h)
             last = first if not linear else Input(*(2 * [now + (i + 1) / substeps * (following - now)]))
@@ -138,6 +156,53 @@ def _acted(
         torque, new = actuator.apply(torque, motion, own, h)
         after.append(new)
     return Input(command, torque), after
+
+
+def _all_compiled(
+    dynamics: Dynamics,
+    command: Command,
+    state: State,
+    linear: bool,
+    period: float,
+    substeps: int,
+    every: int,
+    progress: Callable[[float], None] | None,
+) -> Record | None:
+    """All of it by compiled code, where it knows the plant and the command; else None."""
+    script = None if dynamics.compiled is None else command.script()
+    if dynamics.compiled is None or script is None:
+        return None
+    try:
+        kept, _, _ = dynamics.compiled.run(
+            script, state, None, period=period, substeps=substeps, every=every, linear=linear, progress=progress
+        )
+    except UnfitError:
+        return None
+    return _record(dynamics, kept, script.side, every, period, linear)
+
+
+def _compiled_period(
+    dynamics: Dynamics, state: State, modes: Array | None, torque: Array, period: float, substeps: int, ends: bool
+) -> tuple[Phase, State, Array] | None:
+    """The phase at the start of a control period, state and modes at its end, where compiled code knows the plant; else None."""
+    try:
+        return None if dynamics.compiled is None else dynamics.compiled.period(state, modes, torque, period, substeps, ends)
+    except UnfitError:
+        return None
+
+
+def _record(dynamics: Dynamics, kept: Kept, side: Side, every: int, period: float, linear: bool) -> Record:
+    """What compiled code kept, with all that follows from it."""
+    transmission = dynamics.robot.transmission
+    rates = dynamics.rates[Side.MOTOR].T
+    motor = Coordinates(transmission.motor_position(kept.q), kept.dq @ rates, kept.ddq @ rates)
+    torque = transmission.torque(kept.torque, side, transmission.measured)
+    friction = transmission.torque(kept.friction, Side.JOINT, transmission.measured)
+    instants = kept.q.shape[0] * kept.q.shape[1]
+    held = dynamics.dry.at_rest(kept.modes.reshape(instants, dynamics.dry.count), kept.dq.reshape(instants, -1)).reshape(kept.q.shape)
+    states = np.empty((*kept.q.shape[:2], 0))
+    t = np.arange(len(held)) * every * period
+    return Record(t, Coordinates(kept.q, kept.dq, kept.ddq), motor, friction, held, states, torque, torque, every, period, linear)
 
 
 def _keep(keep: list[Array], held: Array, states: Array, row: int, dynamics: Dynamics, phase: Phase) -> None:
