@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+
 import numpy as np
 
 from .audit import Finding, Severity
@@ -9,64 +12,93 @@ from .logs import Log
 from .resample import Clock, is_even
 
 Array = np.ndarray
+#: A step longer than this multiple of the usual one is a gap.
+GAP = 3.5
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """What is known of rising time stamps: `samples`, `duration` (s), `clock`; `gaps`: steps beyond `GAP` usual ones, the `longest` (s)
+    of them beginning `at` (s); `even`: they lie on a uniform grid."""
+
+    samples: int
+    duration: float
+    clock: Clock
+    gaps: int
+    longest: float
+    at: float
+    even: bool
+
+    @classmethod
+    def of(cls, t: Array) -> Stamps:
+        """From stamps (N,) in memory."""
+        steps, clock = np.diff(t), Clock.of(t)
+        gaps = np.flatnonzero(steps > GAP * clock.step)
+        longest = int(gaps[np.argmax(steps[gaps])]) if len(gaps) else 0
+        even = not len(gaps) and is_even(t, 1 / clock.step, clock.resolution)
+        return cls(len(t), float(t[-1] - t[0]), clock, len(gaps), float(steps[longest]), float(t[longest]), even)
 
 
 def check_time(log: Log) -> list[Finding]:
     """Sample rate, jitter, gaps, stamps that repeat or run backwards."""
+    if len(log) < 3:
+        return [*repairs(log.name, log.notes), _short(log.name, len(log))]
+    steps = np.diff(log.t)
+    back, equal = int((steps < 0).sum()), int((steps == 0).sum())
+    out = repairs(log.name, log.notes)
+
+    def add(code: str, text: str, value: float) -> list[Finding]:
+        return [*out, Finding(code, Severity.ERROR, text, "", log.name, value)]
+
+    if back or not np.all(np.isfinite(log.t)):
+        at = int(np.flatnonzero((steps < 0) | ~np.isfinite(steps))[0]) + 2
+        text = f"Time runs backwards or is missing in {max(back, 1)} places, first at row {at}. Sort or cut the log."
+        return add("time_backwards", text, back)
+    if equal:
+        text = f"{equal} rows repeat the time stamp before them. Read the log with read_logs, which drops them."
+        return add("time_repeated", text, equal)
+    return [*out, *stamp_findings(log.name, Stamps.of(log.t))]
+
+
+def repairs(name: str, notes: Iterable[str]) -> list[Finding]:
+    """What reading a run had to repair."""
+    return [Finding("repaired", Severity.WARNING, f"When reading: {note}", "", name) for note in notes]
+
+
+def _short(name: str, samples: int) -> Finding:
+    return Finding("too_short", Severity.ERROR, f"{samples} samples; nothing can be estimated from them.", "", name, samples)
+
+
+def stamp_findings(name: str, stamps: Stamps) -> list[Finding]:
+    """What a run's rising time stamps tell."""
     out: list[Finding] = []
 
     def add(code: str, severity: Severity, text: str, value: float = float("nan")) -> None:
-        out.append(Finding(code, severity, text, "", log.name, value))
+        out.append(Finding(code, severity, text, "", name, value))
 
-    for note in log.notes:
-        add("repaired", Severity.WARNING, f"When reading: {note}")
-    if len(log) < 3:
-        add("too_short", Severity.ERROR, f"{len(log)} samples; nothing can be estimated from them.", len(log))
-        return out
-    steps = np.diff(log.t)
-    back, equal = int((steps < 0).sum()), int((steps == 0).sum())
-    if back or not np.all(np.isfinite(log.t)):
-        at = int(np.flatnonzero((steps < 0) | ~np.isfinite(steps))[0]) + 2
-        add(
-            "time_backwards",
-            Severity.ERROR,
-            f"Time runs backwards or is missing in {max(back, 1)} places, first at row {at}. Sort or cut the log.",
-            back,
-        )
-        return out
-    if equal:
-        add(
-            "time_repeated",
-            Severity.ERROR,
-            f"{equal} rows repeat the time stamp before them. Read the log with read_logs, which drops them.",
-            equal,
-        )
-        return out
-    clock = Clock.of(log.t)
+    if stamps.samples < 3:
+        return [_short(name, stamps.samples)]
+    clock = stamps.clock
     rate = 1 / clock.step
-    add("sample_rate", Severity.INFO, f"{len(log)} samples in {log.duration:.4g} s, {rate:.5g} Hz.", rate)
-    if log.duration * rate < 200:
+    add("sample_rate", Severity.INFO, f"{stamps.samples} samples in {stamps.duration:.4g} s, {rate:.5g} Hz.", rate)
+    if stamps.duration * rate < 200:
         add(
             "too_short",
             Severity.WARNING,
-            f"Only {len(log)} samples: filters lose a good part of them, and few parameters can be told from the rest.",
+            f"Only {stamps.samples} samples: filters lose a good part of them, and few parameters can be told from the rest.",
         )
-    gaps = np.flatnonzero(steps > 3.5 * clock.step)
-    if len(gaps):
-        longest = gaps[np.argmax(steps[gaps])]
+    if stamps.gaps:
         add(
             "gaps",
             Severity.WARNING,
-            f"{len(gaps)} gap{'s' * (len(gaps) > 1)} in time, the longest {steps[longest] * 1e3:.4g} ms at {log.t[longest]:.6g} s."
+            f"{stamps.gaps} gap{'s' * (stamps.gaps > 1)} in time, the longest {stamps.longest * 1e3:.4g} ms at {stamps.at:.6g} s."
             " Short ones are bridged where the motion is slow enough; longer ones cut the run, and the filters lose"
             " their transient on either side."
             " Log with a real-time buffer if they are many.",
-            float(steps[longest]),
+            stamps.longest,
         )
     uneven = clock.jitter / clock.step
-    if not len(gaps) and is_even(log.t, rate, clock.resolution):
-        return out
-    if uneven > 0.005:
+    if not stamps.even and uneven > 0.005:
         add(
             "jitter",
             Severity.WARNING if uneven > 0.05 else Severity.INFO,

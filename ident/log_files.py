@@ -192,7 +192,9 @@ def _arrow_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str
         return None
 
 
-def arrow_columns(source: Any, header: Header, names: Sequence[str], skip: int, *, block: int = 1 << 22, threads: bool = True) -> dict[str, Array]:
+def arrow_columns(
+    source: Any, header: Header, names: Sequence[str], skip: int, *, block: int = 1 << 22, threads: bool = True
+) -> dict[str, Array]:
     """Columns of a text that follow `skip` lines, by Arrow's reader from a file of its own. Raises ArrowException where it refuses."""
     import pyarrow as pa
     from pyarrow import csv as arrow

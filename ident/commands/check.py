@@ -7,6 +7,7 @@ import argparse
 from ..results import result
 from ..session import Session
 from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .streaming import add_streaming_arguments, session_from
 
 HELP = "audit the logs and check what they can reveal of the declared model"
 
@@ -14,12 +15,17 @@ HELP = "audit the logs and check what they can reveal of the declared model"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)
     add_output_arguments(parser)
+    add_streaming_arguments(parser)
     parser.add_argument("--strict", action="store_true", help="exit with 1 if the audit has warnings or a parameter cannot be determined")
 
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
-    session = Session(study_from(args), out.progress("reading"))
+    with session_from(args, study_from(args), out, "reading") as session:
+        return _checked(session, args, out)
+
+
+def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
     robot = session.robot
     out.say(f"robot {robot.name}: {robot.n} joints in the order of the log: {', '.join(robot.joint_names)}")
     for note in robot.notes:

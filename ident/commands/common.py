@@ -85,13 +85,20 @@ class Output:
         self.quiet = bool(args.quiet)
         self.force = bool(args.force)
         self.folder = Path(args.out) if args.out else None
+        self.resume = bool(getattr(args, "resume", False))
         if self.folder is not None:
             self._claim(self.folder)
 
     def _claim(self, folder: Path) -> None:
         if folder.exists() and not folder.is_dir():
             raise ConfigurationError(f"--out {folder} is a file; give a folder.")
-        if folder.exists() and any(folder.iterdir()) and not self.force:
+        held = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
+        unfinished = held == ["checkpoint"]
+        if unfinished and not (self.resume or self.force):
+            raise ConfigurationError(
+                f"--out {folder} holds unfinished work of a command that was cut off; go on with it (--resume), or throw it away (--force)."
+            )
+        if held and not unfinished and not self.force:
             raise ConfigurationError(f"--out {folder} exists and is not empty; nothing was written. Choose another folder, or add --force.")
         # Made here only to see whether it can be: a command that fails leaves no empty folder.
         new = [p for p in (folder, *folder.parents) if not p.exists()]

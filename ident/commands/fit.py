@@ -10,6 +10,7 @@ from ..session import HELD_SHARE, Session
 from ..status import StatusCode
 from ..summary import wrapped
 from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .streaming import add_streaming_arguments, session_from
 
 HELP = "estimate base and drive parameters from logs, with uncertainty and held-out error"
 
@@ -17,6 +18,7 @@ HELP = "estimate base and drive parameters from logs, with uncertainty and held-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)
     add_output_arguments(parser)
+    add_streaming_arguments(parser)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = f"methods (--method, or [estimator] method in a study file):\n{_methods()}\n\neffects: {_effects()}"
     parser.add_argument(
@@ -26,7 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
-    session = Session(study_from(args), out.progress("fitting"))
+    with session_from(args, study_from(args), out, "fitting") as session:
+        return _fitted(session, args, out)
+
+
+def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
     # First, so that it is read even where the data cannot be used.
     for finding in session.audit.warnings:
         out.say(wrapped(f"audit: {finding}"))

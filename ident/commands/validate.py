@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..errors import ConfigurationError
 from ..estimate import Estimate
 from ..results import result
-from ..session import Session, like
 from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .streaming import add_streaming_arguments, session_from, signals_from
+
+if TYPE_CHECKING:
+    from ..validation import Validation
 
 HELP = "predict held-out logs with a fit: torque error per joint, replayed motion"
 
@@ -18,6 +23,7 @@ HELP = "predict held-out logs with a fit: torque error per joint, replayed motio
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)
     add_output_arguments(parser)
+    add_streaming_arguments(parser)
     parser.add_argument(
         "--fit", metavar="FILE", help="saved fit (fit.json); its robot and model are used. Without it, the study is fitted first"
     )
@@ -30,10 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
     if args.fit:
-        validation, inputs = _of_saved(args, out)
-    else:
-        session = Session(study_from(args), out.progress("fitting"))
-        validation, inputs = session.validation(simulate=not args.no_replay), session.inputs
+        return _of_saved(args, out)
+    with session_from(args, study_from(args), out, "fitting") as session:
+        return _told(session.validation(simulate=not args.no_replay), session.inputs, args, out)
+
+
+def _told(validation: Validation, inputs: Iterable[Mapping[str, Any]], args: argparse.Namespace, out: Output) -> int:
     out.say(validation)
     out.result(result("ident.validation/1", validation.to_dict(), inputs=inputs, warnings=validation.estimate.warnings), "validation")
     if args.max_error is not None and not validation.error.relative_all <= args.max_error:
@@ -42,8 +50,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _of_saved(args: argparse.Namespace, out: Output):  # type: ignore[no-untyped-def]
-    from ..logs import read_logs
+def _of_saved(args: argparse.Namespace, out: Output) -> int:
     from ..study import Study, read_study
     from ..validation import validate
 
@@ -55,6 +62,7 @@ def _of_saved(args: argparse.Namespace, out: Output):  # type: ignore[no-untyped
         raise ConfigurationError("no log to validate on; name it with --validate FILE or --log FILE, or in a study file.")
     if args.missing:
         study = replace(study, logs=replace(study.logs, missing=args.missing))
-    logs = read_logs(files, estimate.model.robot, study.columns or None, **study.logs.reading())
-    signals = like(estimate.signals_config)(logs)
-    return validate(estimate, signals, simulate=not args.no_replay), (*estimate.inputs, *logs.inputs)
+    study = replace(study, logs=replace(study.logs, fit=tuple(files), validate=()))
+    with signals_from(args, study, out, estimate) as signals:
+        validation = validate(estimate, signals, simulate=not args.no_replay)
+        return _told(validation, (*estimate.inputs, *signals.inputs), args, out)

@@ -16,7 +16,6 @@ from ..effects.rigid_body import RigidBody
 from ..filters import RowFilter
 from ..model import Model
 from ..motion import Motion
-from ..transmission import Side
 
 Array = np.ndarray
 #: Samples whose regressor is in memory at a time: what stays in the cache is fastest.
@@ -156,5 +155,3 @@ def _shown(effect: Effect, model: Model, mine: Array) -> Array:
     else:
         shown[:] = True
     return shown
-
-

@@ -83,7 +83,13 @@ class Decisions:
 
 
 def decide(
-    robot: Robot, runs: Sequence[DerivedRun], parts: Sequence[Part], rule: Standstill | None, choice: CutoffChoice, cutoff: float, workers: Workers
+    robot: Robot,
+    runs: Sequence[DerivedRun],
+    parts: Sequence[Part],
+    rule: Standstill | None,
+    choice: CutoffChoice,
+    cutoff: float,
+    workers: Workers,
 ) -> Decisions:
     """One pass over the motion of all runs (`parts`: they, cut), and one over their torque."""
     rate = runs[0].derivation.rate
@@ -155,9 +161,7 @@ class _PlateauOf:
         return _Plateau(at, near, longest, head, tail, full.astype(bool))
 
 
-def _limits(
-    runs: Sequence[DerivedRun], parts: Sequence[Part], found: Extremes, moving: Array, workers: Workers
-) -> tuple[Array, Array]:
+def _limits(runs: Sequence[DerivedRun], parts: Sequence[Part], found: Extremes, moving: Array, workers: Workers) -> tuple[Array, Array]:
     """Limits (n, 2) at which torque is cut off, NaN where none is, and how many samples of each joint lie there (n,)."""
     n = len(moving)
     limits, counts = np.full((n, 2), np.nan), np.zeros(n, int)

@@ -117,9 +117,7 @@ def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[f
     log = StoredLog(stem, arrays, str(path), sums, (), tuple(state.blocks))
     runs = [log] if state.rising and state.kept >= 2 else _runs(log, state, where, notes)
     noted = (*plan.notes, *notes)
-    named = [
-        replace(r, notes=noted, origin=None, name=stem if len(runs) == 1 else f"{stem} run {i + 1}") for i, r in enumerate(runs)
-    ]
+    named = [replace(r, notes=noted, origin=None, name=stem if len(runs) == 1 else f"{stem} run {i + 1}") for i, r in enumerate(runs)]
     if "q" not in arrays:
         named = [joined_positions(r, reading.robot, folder / f"joined-{i}") for i, r in enumerate(named)]
     return tuple(named)
@@ -137,7 +135,9 @@ def _read(
 ) -> dict[str, DiskArray]:
     """Append the rows that are left to the files of the folder."""
     present = {c.quantity for c in plan.columns}
-    quantities = [q for q in ("t", "q", "q_motor", "dq", "ddq", "dq_motor", "tau_joint", "tau_motor", "tau_current") if q in present]
+    quantities: list[str] = [
+        q for q in ("t", "q", "q_motor", "dq", "ddq", "dq_motor", "tau_joint", "tau_motor", "tau_current") if q in present
+    ]
     side = "q" if "q" in quantities else "q_motor"
     sources = {c.joint: c.source for c in plan.quantity(side)}
     writers = {q: DiskWriter(folder / f"{q}.f64", 0 if q == "t" else plan.n, state.kept) for q in quantities}

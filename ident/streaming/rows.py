@@ -83,9 +83,7 @@ class MakeRows:
         )
         kept = {k: getattr(facts, k) for k in RowFacts.__dataclass_fields__}
         if self.model is not None and row_filter is not None:
-            motion = Motion.of(
-                run.robot, found.q, found.dq, found.ddq, found.t, rate=run.rate, torque=found.torque, start=run.origin
-            )
+            motion = Motion.of(run.robot, found.q, found.dq, found.ddq, found.t, rate=run.rate, torque=found.torque, start=run.origin)
             columns = RowColumns(self.model, row_filter)(motion)
             kept["columns"] = columns[:, live_columns(self.model)]
             _save(part.path, kept)
@@ -96,7 +94,7 @@ def _save(path: Path, arrays: dict[str, Array]) -> None:
     """A file that is there completely or not at all."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     with temporary.open("wb") as file:
-        np.savez(file, **arrays)
+        np.savez(file, allow_pickle=False, **arrays)
     temporary.replace(path)
 
 

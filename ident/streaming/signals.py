@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,15 +13,14 @@ import numpy as np
 
 from ..cutoff import HIGHEST, CutoffChoice
 from ..errors import ConfigurationError, DataError, UnsupportedError
-from ..filters import RowFilter
 from ..model import Model
 from ..preparation import Preparation, Recorded, Velocity
 from ..prepared import JointReport, PreparationReport, Signals
 from ..robot import Robot
 from ..rows import _half_gain, _warnings
 from .columns import can_filter
-from .decisions import Decisions, Part, decide
-from .motion import DerivedRun, Derivation, Stretch
+from .decisions import Part, decide
+from .motion import Derivation, DerivedRun, Stretch
 from .rows import MakeRows, RowFacts, RowPart, StoredRows, packed_bytes, rows_in
 from .runs import StoredRecording, StoredResampling, stored_runs
 from .stored import StoredLog
@@ -171,7 +171,9 @@ class Streaming:
             RowPart(kept[b.run], _within(signals, b.samples, b.run), b.rows, b.run, self.folder / f"rows-{k}.npz")
             for k, b in enumerate(signals.blocks(size))
         )
-        keeps = model is not None and row_filter is not None and can_filter(model) and packed_bytes(model, len(signals.tau)) <= self.most_bytes
+        keeps = (
+            model is not None and row_filter is not None and can_filter(model) and packed_bytes(model, len(signals.tau)) <= self.most_bytes
+        )
         work = MakeRows(decisions, rule is not None, prep.saturated == "mask", model if keeps else None)
         facts = _gathered(work, parts, signals.tau.shape, self.workers, self.progress)
         allowed = rule.allowed(facts.rest) if rule is not None else np.ones(robot.n)
@@ -195,7 +197,9 @@ class Streaming:
         )  # fmt: skip
         report = replace(
             signals.report,
-            cutoff_reason=choice.reason if prep.cutoff_hz is None else f"as asked; from the data {choice.cutoff_hz:.3g} Hz: {choice.reason}",
+            cutoff_reason=choice.reason
+            if prep.cutoff_hz is None
+            else f"as asked; from the data {choice.cutoff_hz:.3g} Hz: {choice.reason}",
             joints=joints,
             warnings=tuple(dict.fromkeys(warnings)),
         )
@@ -237,7 +241,7 @@ class Streaming:
             **arrays,
             tau=np.empty((rows, robot.n)),
             valid=np.zeros((rows, robot.n), bool),
-            runs=tuple(slice(a, b) for a, b in zip(edges, edges[1:], strict=False)),
+            runs=tuple(slice(a, b) for a, b in itertools.pairwise(edges)),
             run_names=tuple(d.run.name for d in kept),
             rate=even.rate,
             row_filter=row_filter,
@@ -269,7 +273,8 @@ def _within(signals: Signals, samples: slice, run: int) -> slice:
 
 def _gathered(work: MakeRows, parts: Sequence[RowPart], shape: tuple[int, ...], workers: Workers, progress: Progress | None) -> RowFacts:
     """The facts of all rows, part by part into place."""
-    whole = RowFacts(np.empty(shape), *(np.zeros(shape, bool) for _ in range(2)), np.empty(shape), np.zeros(shape, bool))
+    flags = [np.zeros(shape, bool) for _ in range(3)]
+    whole = RowFacts(np.empty(shape), flags[0], flags[1], np.empty(shape), flags[2])
     for part, facts in zip(parts, workers.map(work, parts), strict=True):
         for name in RowFacts.__dataclass_fields__:
             getattr(whole, name)[part.place] = getattr(facts, name)
@@ -282,8 +287,9 @@ def _raised(robot: Robot, share: float, allowed: Array, looked: bool) -> list[st
     raised = [f"{robot.joint_names[j]} {allowed[j]:.0%}" for j in range(robot.n) if looked and allowed[j] > share]
     if not raised:
         return []
-    return [
+    text = (
         "reversals follow each other closely for this cut-off; to keep enough rows, some that rest on standstill in part are used"
         f" ({', '.join(raised)} of their weight at most). Coulomb friction may be off by a few per cent;"
         " a higher cut-off shortens the rows."
-    ]
+    )
+    return [text]

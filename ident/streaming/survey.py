@@ -42,7 +42,7 @@ class Survey:
             odd = np.where(jump, np.abs(steps - 2 * np.pi), 0.0).max(axis=0)
         absent = np.isnan(torque)
         if absent.any() or not len(q):
-            least, most = (fill(np.where(absent, other, torque)) for fill, other in ((_least, np.inf), (_most, -np.inf)))
+            least, most = _least(np.where(absent, np.inf, torque)), _most(np.where(absent, -np.inf, torque))
         else:
             least, most = torque.min(axis=0), torque.max(axis=0)
         return cls(len(q), _least(q), _most(q), step, jump.sum(axis=0), odd, absent.sum(axis=0), least, most)
@@ -74,7 +74,8 @@ class Survey:
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Survey:
         """What `to_dict` wrote."""
-        return cls(**{k: v if k == "rows" else np.array(v) for k, v in data.items()})
+        arrays = {k: np.array(v) for k, v in data.items() if k != "rows"}
+        return cls(rows=int(data["rows"]), **arrays)
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,7 +68,9 @@ def _parquet_pieces(path: Path, names: Sequence[str], start: Place) -> Iterator[
         group += 1
     row = before
     try:
-        for batch in file.iter_batches(_PARQUET_PIECE, row_groups=range(group, file.num_row_groups), columns=list(names), use_threads=False):
+        for batch in file.iter_batches(
+            _PARQUET_PIECE, row_groups=range(group, file.num_row_groups), columns=list(names), use_threads=False
+        ):
             skip = min(max(0, start.rows - row), batch.num_rows)
             table = pa.Table.from_batches([batch.slice(skip)])
             row += batch.num_rows
