@@ -18,7 +18,7 @@ from .export_mjcf import mjcf_text
 from .export_urdf import Attached, BodyExport, patch_urdf, source_text
 from .files import write_atomic
 from .parameters import LINK_SYMBOLS
-from .physical.bounds import Bounds, Metric, nominal_prior
+from .physical.bounds import Bounds, Metric, reference_prior
 from .physical.conic import InfeasibleError
 from .physical.pseudo_inertia import centre_of_mass, smallest_eigenvalues
 from .results import jsonable
@@ -66,11 +66,14 @@ class Identified:
                 raise ConfigurationError("standard parameters are exported with their model: give model=.")
             return cls(model, source.values, source.notes)
         structure = InertiaStructure.from_model(source.model, source.base)
-        prior, notes = nominal_prior(source.model.robot, Metric(metric))
+        prior, notes = reference_prior(source.model.robot, structure, metric)
         try:
-            found = standard_parameters(structure, source.values, prior=prior, bounds=bounds)
+            found = standard_parameters(structure, source.values, prior=prior, bounds=bounds, covariance=source.covariance)
         except InfeasibleError as error:
-            raise ConfigurationError(f"nothing was exported: {error} A fit with method='physical' is consistent from the start.") from None
+            raise ConfigurationError(
+                f"nothing was exported: {error} A fit with method='physical' is consistent from the start;"
+                " `ident judge FIT --repair fit --out DIR` makes a saved one so."
+            ) from None
         return cls(source.model, found.values, notes + found.notes)
 
     @property

@@ -1,19 +1,20 @@
-"""`ident judge`: is an estimate physically possible, is it consistent? And the least repair where it is not."""
+"""`ident judge`: is an estimate physically possible, is it consistent? And the least repair where it is not, as a fit of its own."""
 
 from __future__ import annotations
 
 import argparse
+import json
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
 from ..estimate import Estimate
 from ..results import result
+from ..summary import wrapped
 from .common import Output, add_output_arguments
 
 if TYPE_CHECKING:
-    from ..physical import Repair, Subject
+    from ..physical import Bounds, Prior, Repair, Subject
+    from ..signals import Signals
 
 HELP = "judge whether an estimate is physically possible and consistent; repair it"
 
@@ -23,7 +24,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", help="built-in robot whose published parameters are judged")
     parser.add_argument("--table", metavar="NUMBER", help="which of its published tables")
     parser.add_argument("--limits", action="store_true", help="only within the joint limits")
-    parser.add_argument("--repair", metavar="METHOD", help="repair it too: fit (constrained fit), consistent, possible or stepwise")
+    parser.add_argument(
+        "--repair",
+        metavar="METHOD",
+        help="repair it too: fit (constrained fit), consistent, possible or stepwise; of a saved fit, --out keeps the repaired one as fit.json",
+    )
+    parser.add_argument("--validate", nargs="+", metavar="FILE", help="held-out logs on which the repair is compared with the fit")
+    parser.add_argument("--study", metavar="FILE", help="study file whose [columns] and validation logs are used for that")
+    parser.add_argument("--missing", choices=("refuse", "gap"), help="blocks of missing positions in those logs")
+    parser.add_argument(
+        "--total-mass", nargs=2, type=float, metavar=("LEAST", "MOST"), help="kg of all moving links, known for repair fit or consistent"
+    )
+    parser.add_argument("--spread", type=float, help="relative standard deviation about the URDF's links (repair fit or consistent)")
     parser.add_argument("--strict", action="store_true", help="exit with 1 if the set is not possible")
     add_output_arguments(parser)
 
@@ -33,16 +45,39 @@ def run(args: argparse.Namespace) -> int:
 
     out = Output(args)
     estimate, subject = _subject(args)
+    if not args.repair and (args.validate or args.study or args.total_mass or args.spread):
+        raise ConfigurationError("--validate, --study, --total-mass and --spread are for a repair: add --repair METHOD.")
+    held = _held(args, estimate)
+    # A request that cannot be met is refused before anything is computed.
+    bounds, prior = _knowledge(args, estimate)
     judgement = judge(subject, limits=args.limits)
     out.say(judgement.text())
     body = judgement.to_dict()
-    if args.repair:
-        repaired = _repair(args, estimate, subject)
-        out.say()
-        out.say(repaired.text())
-        body["repair"] = repaired.to_dict()
     inputs = estimate.inputs if estimate is not None else ()
-    out.result(result("ident.judgement/1", body, inputs=inputs, warnings=body["notes"]), "judgement")
+    if held is not None:
+        inputs = (*inputs, *held.inputs)
+    repaired: Estimate | None = None
+    if args.repair:
+        from ..physical import with_repair
+
+        found = _repair(args, estimate, subject, held, bounds, prior)
+        out.say()
+        for line in found.text().splitlines():
+            out.say(wrapped(line))
+        body["repair"] = found.to_dict()
+        if estimate is not None:
+            repaired = with_repair(estimate, found)
+            if held is not None:
+                repaired = repaired.with_heldout(repaired.torque_error(held))
+    data = result("ident.judgement/1", body, inputs=inputs, warnings=body["notes"])
+    out.result(data)
+    with out.together() as folder:
+        if folder is not None:
+            (folder / "judgement.json").write_text(json.dumps(data, indent=2) + "\n")
+            if repaired is not None:
+                repaired.save(folder / "fit.json")
+    if repaired is not None and out.folder is not None:
+        out.note(f"saved the repaired fit as {out.folder / 'fit.json'}")
     return 1 if args.strict and not judgement.possible.possible else 0
 
 
@@ -62,20 +97,36 @@ def _subject(args: argparse.Namespace) -> tuple[Estimate | None, Subject]:
     return None, published_subject(load_robot(args.robot), table.values, f"{args.robot}, table {table.id}: {table.title}")
 
 
-def _repair(args: argparse.Namespace, estimate: Estimate | None, subject: Subject) -> Repair:
-    from ..physical import repair
+def _held(args: argparse.Namespace, estimate: Estimate | None) -> Signals | None:
+    """Held-out logs, prepared as those of the fit were."""
+    from ..session import like
+    from .compare import logs_for
 
-    triangle, data = None, None
-    if estimate is not None and estimate.information is not None and len(estimate.values) == estimate.information.k:
-        R, z, _ = estimate.information.combined(np.asarray(estimate.weights))
-        triangle, data = (R, z), {"fitted": estimate.information}
-    return repair(
-        subject.structure,
-        subject.values,
-        subject.covariance,
-        args.repair,
-        unseen=subject.unseen,
-        triangle=triangle,
-        limits=args.limits,
-        data=data,
-    )
+    if not (args.validate or args.study):
+        return None
+    if estimate is None:
+        raise ConfigurationError("a published table has no logs; --validate and --study go with a saved fit.")
+    wanted = argparse.Namespace(log=args.validate, study=args.study, missing=args.missing)
+    return like(estimate.signals_config)(logs_for(wanted, estimate))
+
+
+def _knowledge(args: argparse.Namespace, estimate: Estimate | None) -> tuple[Bounds | None, Prior | None]:
+    from ..physical import Bounds, nominal_prior
+
+    bounds = Bounds(total_mass=(args.total_mass[0], args.total_mass[1])) if args.total_mass else None
+    if args.spread is None:
+        return bounds, None
+    prior = None if estimate is None else nominal_prior(estimate.model.robot, spread=args.spread)[0]
+    if prior is None:
+        raise ConfigurationError("--spread: the robot has no nominal inertials to stay near to; leave it out.")
+    return bounds, prior
+
+
+def _repair(
+    args: argparse.Namespace, estimate: Estimate | None, subject: Subject, held: Signals | None, bounds: Bounds | None, prior: Prior | None
+) -> Repair:
+    from ..physical import repair, repair_estimate
+
+    if estimate is None:
+        return repair(subject.structure, subject.values, subject.covariance, args.repair, bounds=bounds, prior=prior, limits=args.limits)
+    return repair_estimate(estimate, args.repair, held=held, bounds=bounds, prior=prior, limits=args.limits)

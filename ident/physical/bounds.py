@@ -162,15 +162,15 @@ def reference_prior(
     """The URDF's own links to choose among links that no torque tells apart, every one real, and notes; None where the URDF has none.
 
     A link that is no real body keeps its mass and centre of mass and becomes compact; one without mass becomes light."""
-    prior, _ = nominal_prior(robot, metric)
-    if prior is None or robot.nominal is None:
+    if robot.nominal is None or not np.any(robot.nominal[0::10] > 0):
         return None, ()
-    links = prior.nominal.reshape(-1, 10).copy()
     given = robot.nominal.reshape(-1, 10)
+    real = given.any(axis=1) & (smallest_eigenvalues(given) > 1e-9)
+    links = np.where(real[:, None], given, 0.0)
     distance = np.linalg.norm(structure.tree.translation, axis=1)
     length = 0.1 * float(distance[distance > 1e-6].mean()) if np.any(distance > 1e-6) else 0.05
-    light = 0.01 * float(np.median(links[links[:, 0] > 0, 0]))
-    changed = np.flatnonzero(~links.any(axis=1))
+    light = 0.01 * float(np.median(given[given[:, 0] > 0, 0]))
+    changed = np.flatnonzero(~real)
     for body in changed:
         mass = given[body, 0]
         com = given[body, 1:4] / mass if mass > 0 else np.zeros(3)

@@ -39,7 +39,8 @@ class Consistent:
     def text(self) -> str:
         """A few lines for people."""
         if self.consistent:
-            return "physically consistent: links with positive mass and positive definite pseudo-inertia give these base parameters"
+            lines = ["physically consistent: links with positive mass and positive definite pseudo-inertia give these base parameters"]
+            return "\n".join([*lines, *self.notes])
         lines = ["not physically consistent"]
         if self.violated_links:
             lines.append(
@@ -87,9 +88,12 @@ def scaled_units(scale: Array) -> Array:
     return scale[:, None] * UNITS * scale[None, :]
 
 
-def judge_consistent(structure: InertiaStructure, values: Array, *, unseen: Array | None = None) -> Consistent:
+def judge_consistent(
+    structure: InertiaStructure, values: Array, *, unseen: Array | None = None, covariance: Array | None = None
+) -> Consistent:
     """Judge base values (b,). `unseen` (b, u): changes of them that the data could not see, and that may be chosen.
 
+    `covariance` (b, b): friction below zero by less than two of its standard deviations is no wrong sign; a note says so.
     Raises ConfigurationError without the solver, SolverError where it fails."""
     start = time.perf_counter()
     require_solver("the judgement of physical consistency")
@@ -97,7 +101,8 @@ def judge_consistent(structure: InertiaStructure, values: Array, *, unseen: Arra
     constant, free = structure.lift @ values, structure.null_space
     if unseen is not None and unseen.shape[1]:
         free = np.concatenate([free, structure.lift @ unseen], axis=1)
-    wrong = wrong_signs(structure, constant, free)
+    zero = consistent_with_zero(structure, values, free, covariance)
+    wrong = tuple(name for name in wrong_signs(structure, constant, free) if name not in zero)
     scale = link_scales(structure)
     drive = _drive_scale(structure, constant)
     margin, standard = -np.inf, constant
@@ -111,9 +116,9 @@ def judge_consistent(structure: InertiaStructure, values: Array, *, unseen: Arra
     shortfall: dict[str, float] = {}
     if not _holds(structure, standard):
         shortfall = _shortfall(structure, constant, free, scale, drive, wrong)
-    notes: tuple[str, ...] = ()
+    notes = zero_notes(zero)
     if not holds and not wrong and abs(margin) < 1e-7:
-        notes = ("the set lies on the border: bodies without extent in some direction would do.",)
+        notes += ("the set lies on the border: bodies without extent in some direction would do.",)
     return Consistent(
         consistent=holds,
         violated_links=tuple(shortfall),
@@ -132,6 +137,33 @@ def wrong_signs(structure: InertiaStructure, constant: Array, free: Array) -> tu
     found = [i for i in structure.drive if fixed[i] and constant[i] <= 0.0]
     found += [i for i in structure.nonnegative if fixed[i] and constant[i] < 0.0]
     return tuple(structure.names[i] for i in found)
+
+
+#: Standard deviations below zero up to which a friction coefficient is consistent with zero.
+SIGN_STD = 2.0
+
+
+def consistent_with_zero(
+    structure: InertiaStructure, values: Array, free: Array, covariance: Array | None
+) -> dict[str, tuple[float, float]]:
+    """Friction of its own base parameter below zero by less than two standard deviations: name -> (value, standard deviation)."""
+    if covariance is None:
+        return {}
+    found = {}
+    for i in structure.nonnegative:
+        row = structure.lift[i]
+        value, std = float(row @ values), float(np.sqrt(max(row @ covariance @ row, 0.0)))
+        if -SIGN_STD * std < value < 0.0 and not np.any(np.abs(free[i]) > 1e-12):
+            found[structure.names[i]] = (value, std)
+    return found
+
+
+def zero_notes(zero: dict[str, tuple[float, float]]) -> tuple[str, ...]:
+    """A sentence on friction that is consistent with zero."""
+    if not zero:
+        return ()
+    listed = ", ".join(f"{name} {value:.3g} ± {std:.2g}" for name, (value, std) in zero.items())
+    return (f"below zero by less than {SIGN_STD:g} standard deviations, so consistent with zero: {listed}.",)
 
 
 def _drive_scale(structure: InertiaStructure, parameters: Array) -> Array:

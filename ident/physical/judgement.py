@@ -95,7 +95,9 @@ def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: floa
     if not isinstance(subject, Subject):
         subject = subject_of(subject)
     possible = judge_possible(subject.structure, subject.values, covariance=subject.covariance, limits=limits, time_limit=time_limit)
-    consistent = judge_consistent(subject.structure, subject.values, unseen=subject.unseen) if solver_available() else None
+    consistent = None
+    if solver_available():
+        consistent = judge_consistent(subject.structure, subject.values, unseen=subject.unseen, covariance=subject.covariance)
     return Judgement(subject.name, possible, consistent, subject.notes)
 
 

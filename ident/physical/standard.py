@@ -11,6 +11,7 @@ import numpy as np
 from ..parameters import LINK_SYMBOLS
 from .bounds import Bounds, Metric, Prior
 from .conic import SolverError, solver_available
+from .consistent import consistent_with_zero, zero_notes
 from .constrained import ConsistentFit, fit_consistent, prior_distance
 from .log_cholesky import fit_log_cholesky
 from .pseudo_inertia import smallest_eigenvalues
@@ -73,15 +74,26 @@ class StandardParameters:
 
 
 def standard_parameters(
-    structure: InertiaStructure, values: Array, *, prior: Prior | None = None, bounds: Bounds | None = None
+    structure: InertiaStructure,
+    values: Array,
+    *,
+    prior: Prior | None = None,
+    bounds: Bounds | None = None,
+    covariance: Array | None = None,
 ) -> StandardParameters:
     """Real links that give base values (b,), nearest to the nominal ones.
 
-    `prior` holds those (its spread does not matter); without it light and compact links are taken.
+    `prior` holds those (its spread does not matter); without it light and compact links are taken. `covariance` (b, b) of the base
+    values: friction below zero by less than two of its standard deviations becomes zero, and a note says so.
 
     Raises InfeasibleError where the base values are not consistent (repair them first) or the bounds leave nothing."""
     start = time.perf_counter()
     values = structure.check_values(values)
+    zero = consistent_with_zero(structure, values, structure.null_space, covariance)
+    if zero:
+        # Such a coefficient is a base parameter of its own: nothing else depends on it.
+        at = [structure.names.index(name) for name in zero]
+        values = values - structure.regroup[:, at] @ (structure.lift[at] @ values)
     target = Target.fixed(values)
     metric = None if prior is None else prior.metric
     if not solver_available():
@@ -89,10 +101,14 @@ def standard_parameters(
     else:
         fit, metric = _nearest(structure, target, bounds, prior)
     notes = fit.notes
+    if zero:
+        notes += (*zero_notes(zero), "those coefficients were set to zero: a negative one would drive the motion.")
     if prior is not None and metric != prior.metric:
         instead = "the quadratic metric was used" if metric else "they are consistent, but not the nearest to the nominal ones"
         notes += (f"these links lie so near to the border that the {prior.metric.value} metric could not be minimised: {instead}.",)
-    if prior is not None:
+    if prior is None:
+        notes += ("nothing nominal is known of the links: among those that give the same torque, light and compact ones were chosen.",)
+    else:
         unknown = [structure.body_names[i] for i, root in enumerate(prior.roots(structure)) if root is None]
         if unknown:
             notes += (f"nothing nominal is known of {', '.join(unknown)}: light and compact bodies were chosen.",)
