@@ -1,0 +1,160 @@
+"""The verdict: statements about the methods, each decided by the numbers of the trials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from .data import Data
+from .monte_carlo import Trials
+from .trajectories import Forward
+
+Array = np.ndarray
+#: What issue 5 asks of instrumental variables.
+BIAS_SHARE, BOUND_SHARE = 0.2, 1.15
+#: A difference counts from so many standard errors on.
+_SURE = 2.0
+
+
+class Outcome(StrEnum):
+    """What the numbers say of a statement."""
+
+    HOLDS = "holds"
+    EVEN = "even"
+    FAILS = "does not hold"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement, what the numbers say of it, and the numbers."""
+
+    text: str
+    outcome: Outcome
+    numbers: str
+
+    def __str__(self) -> str:
+        return f"{self.outcome.value:<14} {self.text}: {self.numbers}"
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """The requirements on instrumental variables for one group of parameters; biases and errors in units of the bound."""
+
+    group: str
+    bias: float
+    bias_least_squares: float
+    in_interval: float
+    error: float
+    uncertainty: float
+
+    @property
+    def bias_passes(self) -> bool:
+        return self.bias <= BIAS_SHARE * self.bias_least_squares
+
+    @property
+    def interval_passes(self) -> bool:
+        return self.in_interval <= 1.0
+
+    @property
+    def error_passes(self) -> bool:
+        return self.error <= BOUND_SHARE
+
+    @property
+    def passes(self) -> bool:
+        return self.bias_passes and self.interval_passes and self.error_passes
+
+    def row(self) -> list[str]:
+        """For a table."""
+        return [
+            self.group, f"{self.bias:.2f}", f"{self.bias_least_squares:.0f}", _told(self.bias_passes), f"{self.in_interval:.2f}",
+            _told(self.interval_passes), f"{self.error:.2f} ± {self.uncertainty:.2f}", _told(self.error_passes),
+        ]  # fmt: skip
+
+
+CRITERION_HEAD = ["IV against LS on the same raw data", "bias IV", "bias LS", "≤ 1/5", "bias / interval", "≤ 1", "error / bound", "≤ 1.15"]
+
+
+def _told(passes: bool) -> str:
+    return "pass" if passes else "FAIL"
+
+
+def criteria(iv: Trials, ls: Trials, groups: Mapping[str, Sequence[int]]) -> list[Criterion]:
+    """The requirements, group by group."""
+    return [
+        Criterion(name, iv.bias(g), ls.bias(g), iv.bias_in_intervals(g), iv.error(g), iv.error_uncertainty(g)) for name, g in groups.items()
+    ]
+
+
+#: (statement, method that should be better, method that should be worse)
+_RANKING = (
+    ("step by step beats simultaneous LS on raw second differences", "steps", "ls_raw"),
+    ("advanced simultaneous (IV, simulated motion) beats simultaneous LS on the same raw data", "iv", "ls_raw"),
+    ("advanced simultaneous (IV, simulated motion) beats step by step", "iv", "steps"),
+    ("IV with the dissertation's instruments (model accelerations at the measured state) beats step by step", "iv_dynamics", "steps"),
+    ("simultaneous fitting ranks last even where signals are filtered (WLS behind step by step)", "steps", "wls"),
+    ("IV beats simultaneous WLS on filtered signals", "iv", "wls"),
+)
+
+
+def ranking(data: Data, title: str, trials: Mapping[str, Trials], forward: Mapping[str, Forward]) -> list[Claim]:
+    """The dissertation's ranking in accuracy: advanced simultaneous, step by step, simultaneous; and what filtering changes in it."""
+    errors = {k: np.array([data.torque_measure(e) for e in t.values - t.truth]) for k, t in trials.items() if t.usable}
+    found = []
+    for text, better, worse in _RANKING:
+        if better in errors and worse in errors:
+            a, b = errors[better], errors[worse]
+            told = f"torque error {100 * np.median(a):.3g} % against {100 * np.median(b):.3g} %"
+            if better in forward and worse in forward:
+                told += f", motion error {forward[better].degrees:.3g} against {forward[worse].degrees:.3g} deg"
+            found.append(Claim(f"{title}: {text}", _compared(a, b), told))
+    return found
+
+
+def _compared(better: Array, worse: Array) -> Outcome:
+    """Whether one method's torque errors (S,) are smaller than another's, by their logarithms over the seeds."""
+    a, b = np.log(better), np.log(worse)
+    gap = float(b.mean() - a.mean())
+    spread = float(np.sqrt(a.var(ddof=1) / len(a) + b.var(ddof=1) / len(b))) if min(len(a), len(b)) > 1 else abs(gap)
+    if abs(gap) <= _SURE * spread:
+        return Outcome.EVEN
+    return Outcome.HOLDS if gap > 0 else Outcome.FAILS
+
+
+def costs(trials: Mapping[str, Trials], data: Data) -> list[Claim]:
+    """Labour and computing time."""
+    seconds = {k: float(np.median(t.seconds)) for k, t in trials.items() if t.usable}
+    if not {"steps", "iv", "ls_raw"} <= seconds.keys():
+        return []
+    plan = data.tests["safe"].plan
+    motion = data.scale.lanes * data.scale.seconds
+
+    def outcome(holds: bool) -> Outcome:
+        return Outcome.HOLDS if holds else Outcome.FAILS
+
+    return [
+        Claim(
+            "step by step asks for the most labour",
+            outcome(len(plan.tests) > 1 and plan.duration > motion),
+            f"{len(plan.tests)} tests and {plan.duration:.0f} s against one motion and {motion:.0f} s",
+        ),
+        Claim(
+            "IV asks for more computing than simultaneous LS",
+            outcome(seconds["iv"] > seconds["ls_raw"]),
+            f"{seconds['iv']:.2g} s against {seconds['ls_raw']:.2g} s (step by step {seconds['steps']:.2g} s)",
+        ),
+    ]
+
+
+def conclusion(claims: Sequence[Claim], asked: Sequence[Criterion]) -> str:
+    """In plain words."""
+    lines = [f"The ranking holds in {sum(c.outcome == Outcome.HOLDS for c in claims)} of {len(claims)} statements."]
+    for outcome, begin in ((Outcome.FAILS, "It does not hold: "), (Outcome.EVEN, "Even within what the seeds can tell: ")):
+        found = [c.text for c in claims if c.outcome == outcome]
+        if found:
+            lines.append(begin + "; ".join(found) + ".")
+    failed = [c.group for c in asked if not c.passes]
+    lines.append(f"The requirements on IV fail for {', '.join(failed)}." if failed else "The requirements on IV are met in every group.")
+    return " ".join(lines)
