@@ -22,6 +22,7 @@ COMMANDS = (
     "diagnose",
     "compare",
     "judge",
+    "payload",
     "simulate",
     "excite",
     "plan",

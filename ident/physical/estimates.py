@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..status import StatusCode
 from ..torque_error import TorqueError
 from .bounds import Bounds, Prior, reference_prior
 from .judgement import subject_of
-from .payload import PayloadEstimate, payload_from_fit, payload_from_logs
+from .payload import PayloadEstimate, payload_from_logs
 from .repairs import Repair, RepairMethod, repair
 from .structure import InertiaStructure
 
@@ -120,17 +121,33 @@ def with_repair(estimate: Estimate, found: Repair) -> Estimate:
 def payload_of(without: Estimate, with_load: Estimate, *, link: str | None = None) -> PayloadEstimate:
     """The load on `link` (the last one by default) from two estimates of the same model: before, and with the load.
 
-    Information blocks are used where both estimates carry them, else the earlier one's covariance. Raises ConfigurationError."""
-    if with_load.model.names != without.model.names:
+    Each enters as its values with their covariance, which knows the colour of the noise; what its log did not show is left open.
+    Raises ConfigurationError where the models differ."""
+    here, there = without.model, with_load.model
+    if here.names != there.names or not np.array_equal(here.robot.transmission.K, there.robot.transmission.K):
         raise ConfigurationError("the two fits are of different models; fit the log with the load with the same robot and effects.")
     base = without.model.base
     structure = InertiaStructure.from_model(without.model, base)
-    after = triangle_of(with_load)
-    if after is None:
-        raise ConfigurationError("the fit with the load carries no information block; fit that log again, or save the fit with it.")
-    before = triangle_of(without)
-    if before is not None:
-        return payload_from_logs(structure, before, after, link=link)
-    subject = subject_of(without)
-    assert subject.covariance is not None
-    return payload_from_fit(structure, subject.values, subject.covariance, after, link=link)
+    found = payload_from_logs(structure, known_rows(without, structure), known_rows(with_load, structure), link=link)
+    notes = [
+        f"the fit {which} the load is {fit.status.code.value}: {', '.join(fit.dropped) or 'see its status'}."
+        for which, fit in (("without", without), ("with", with_load))
+        if fit.status.code in (StatusCode.FEW_SAMPLES, StatusCode.NOT_CONVERGED) or fit.dropped
+    ]
+    return replace(found, notes=(*found.notes, *notes))
+
+
+def known_rows(estimate: Estimate, structure: InertiaStructure) -> tuple[Array, Array]:
+    """What an estimate knows of the model's base parameters p as rows (R (m, b), z (m,)): R p = z up to noise of unit variance."""
+    # The estimate's own parameters (grouped further where its data could not tell them apart) from the model's.
+    mine = estimate.base.regroup @ structure.lift
+    covariance = np.asarray(estimate.covariance, float)
+    std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    # A parameter without variance (noise-free data) is known to a millionth.
+    floor = np.maximum(1e-6 * np.abs(estimate.values), 1e-12)
+    D = np.where(std > floor, std, floor)
+    correlation = covariance / np.outer(D, D)
+    np.fill_diagonal(correlation, 1.0)
+    lam, vectors = np.linalg.eigh(correlation)
+    whiten = (vectors / np.sqrt(np.maximum(lam, 1e-14 * max(float(lam.max(initial=0.0)), 1e-300)))).T / D
+    return whiten @ mine, whiten @ estimate.values

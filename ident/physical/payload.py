@@ -47,6 +47,17 @@ class PayloadEstimate:
     seconds: float
     notes: tuple[str, ...] = ()
 
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Of the ten, those that no torque in these logs shows on their own."""
+        return tuple(s for s, std in zip(LINK_SYMBOLS, self.std, strict=True) if np.isnan(std))
+
+    @property
+    def unclear(self) -> tuple[str, ...]:
+        """Of the ten, those that cannot be told from zero: what the logs say is below two standard deviations."""
+        pairs = zip(LINK_SYMBOLS, self.unconstrained, self.std, strict=True)
+        return tuple(s for s, value, std in pairs if not np.isnan(std) and abs(value) < 2.0 * std)
+
     def text(self) -> str:
         """A few lines for people."""
         head = "payload" if self.significant else "no payload beyond chance"
@@ -58,6 +69,11 @@ class PayloadEstimate:
             lines.append(
                 f"the motion shows {self.identifiable} of its 10 directions; the rest are chosen so that the body is real and compact"
             )
+        lines.append(f"{'parameter':<10}{'value':>13}{'std':>11}  {'unit':<7}{'the logs alone':>15}")
+        for symbol, unit, value, std, free in zip(LINK_SYMBOLS, LINK_UNITS, self.values, self.std, self.unconstrained, strict=True):
+            alone = f"{'cannot be told':>15}" if np.isnan(std) else f"{free:>15.5g}"
+            remark = "  not told from zero" if symbol in self.unclear else ""
+            lines.append(f"{symbol:<10}{value:>13.5g}{'' if np.isnan(std) else format(std, '.2g'):>11}  {unit:<7}{alone}{remark}")
         return "\n".join([*lines, *self.notes])
 
     def to_dict(self) -> dict[str, Any]:
@@ -65,9 +81,17 @@ class PayloadEstimate:
         return {
             "link": self.link,
             "parameters": [
-                {"name": f"{symbol}_payload", "value": float(v), "std": None if np.isnan(s) else float(s), "unit": unit}
-                for symbol, unit, v, s in zip(LINK_SYMBOLS, LINK_UNITS, self.values, self.std, strict=True)
+                {
+                    "name": f"{symbol}_payload",
+                    "value": float(v),
+                    "std": None if np.isnan(s) else float(s),
+                    "unit": unit,
+                    "unconstrained": None if np.isnan(u) else float(u),
+                }
+                for symbol, unit, v, s, u in zip(LINK_SYMBOLS, LINK_UNITS, self.values, self.std, self.unconstrained, strict=True)
             ],
+            "unknown": list(self.unknown),
+            "unclear": list(self.unclear),
             "mass": self.mass,
             "mass_std": None if np.isnan(self.mass_std) else self.mass_std,
             "centre_of_mass": self.centre_of_mass.tolist(),

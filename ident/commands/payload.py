@@ -1,0 +1,101 @@
+"""`ident payload`: the ten parameters of a load, from logs without and with it, or from logs with it on top of a saved fit."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from ..errors import ConfigurationError, DataError
+from ..estimate import Estimate
+from ..results import result
+from ..session import like
+from .common import Output, add_output_arguments, add_study_arguments, study_from
+
+if TYPE_CHECKING:
+    from ..logs import LogSet
+    from ..model import Model
+    from ..robot import Robot
+    from ..signals import Signals
+    from ..study import Study
+
+HELP = "identify a payload: ten parameters of a real body, with uncertainty, from logs without and with it"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_study_arguments(parser, logs=False)
+    parser.add_argument("--log", nargs="+", metavar="FILE", help="logs with the load")
+    parser.add_argument("--without", nargs="+", metavar="FILE", help="logs without it (with a study file: its own logs, if not named)")
+    parser.add_argument("--fit", metavar="FILE", help="saved fit without the load, instead of logs without it")
+    parser.add_argument("--link", help="link that carries the load; the last moving one by default")
+    parser.add_argument("--method", help="estimator of both fits; default: the study's, else wls")
+    parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="declared model beside the rigid body")
+    parser.add_argument(
+        "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
+    )
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off; without it, it is chosen from the data")
+    parser.add_argument("--strict", action="store_true", help="exit with 1 if there is no load beyond chance")
+    add_output_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from ..physical import payload_of
+
+    out = Output(args)
+    if not args.log:
+        raise ConfigurationError("no log with the load is given; name it with --log FILE.")
+    before, after = _of_saved(args) if args.fit else _of_logs(args)
+    found = payload_of(before, after, link=args.link)
+    out.say(found.text())
+    body: dict[str, Any] = {
+        **found.to_dict(),
+        "torque_error": {"without": before.fit_error.to_dict(), "with": after.fit_error.to_dict()},
+    }
+    inputs = (*before.inputs, *after.inputs)
+    out.result(result("ident.payload/1", body, inputs=inputs, warnings=found.notes), "payload")
+    return 1 if args.strict and not found.significant else 0
+
+
+def _of_logs(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
+    """Both fits, prepared alike, from logs without and with the load."""
+    study = study_from(argparse.Namespace(**{**vars(args), "log": args.without}))
+    if not study.logs.fit:
+        raise ConfigurationError("nothing is known of the robot without the load: name logs without it (--without) or a saved fit (--fit).")
+    robot = study.robot()
+    model = study.model(robot)
+    first = study.make_preparation()(_read(study, robot, "without"))
+    before = _solved(study, model, first)
+    loaded = like(first.report.to_dict())(_read(study.with_flags(logs=args.log), robot, "with"))
+    return before, _solved(study, model, loaded)
+
+
+def _of_saved(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
+    """A saved fit, and the fit of the same model to the logs with the load."""
+    from ..study import Study, read_study
+
+    if args.without or args.robot or args.urdf or args.drive or args.effects or args.cutoff:
+        raise ConfigurationError(
+            "--fit brings its own robot, model and cut-off; leave out --without, --robot, --urdf, --drive, --effects and --cutoff."
+        )
+    before = Estimate.load(args.fit)
+    study = (read_study(args.study) if args.study else Study()).with_flags(logs=args.log, method=args.method)
+    if args.missing:
+        study = replace(study, logs=replace(study.logs, missing=args.missing))
+    loaded = like(before.signals_config)(_read(study, before.model.robot, "with"))
+    return before, _solved(study, before.model, loaded)
+
+
+def _read(study: Study, robot: Robot, which: str) -> LogSet:
+    from ..logs import read_logs
+
+    try:
+        return read_logs([*map(str, study.fit_files())], robot, study.columns or None, **study.logs.reading())
+    except DataError as error:
+        raise DataError(f"logs {which} the load: {error}") from None
+
+
+def _solved(study: Study, model: Model, signals: Signals) -> Estimate:
+    from ..problem import Problem
+
+    found = study.make_estimator().solve(Problem(model, signals))
+    return replace(found, inputs=signals.inputs, signals_config=signals.report.to_dict())
