@@ -6,7 +6,7 @@ what cannot be; it does not remove an estimator's bias."""
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .binding import Binding, binding_constraints
-from .bounds import Bounds, Prior
+from .bounds import Bounds, Metric, Prior
 from .conic import SolverError, solver_available
 from .consistent import Consistent, judge_consistent
 from .constrained import ConsistentFit, Settling, fit_consistent
@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from ..information import Information
 
 Array = np.ndarray
+
+
+#: Spread of the prior that keeps the factors of the fallback from running away: changes of thirty times a link's own inertia count.
+_WEAK = 30.0
 
 
 class RepairMethod(StrEnum):
@@ -187,18 +191,17 @@ def consistent_fit(
 ) -> ConsistentFit:
     """Best consistent base values for a target: by linear matrix inequalities, or by log-Cholesky factors where the solver is missing.
 
-    `method`: "auto", "lmi" or "log_cholesky"; the result says which one it was. `settling`: see there (factors start from its links)."""
+    `method`: "auto", "lmi" or "log_cholesky"; the result says which one it was. `settling`: see there (its links are a weak prior
+    of the factors)."""
     if method == "auto":
         method = "lmi" if solver_available() else "log_cholesky"
     if method == "lmi":
         return fit_consistent(structure, target, bounds=bounds, prior=prior, settling=settling)
     if method != "log_cholesky":
         raise unknown_name("method of the consistent fit", method, ["auto", "lmi", "log_cholesky"])
-    start = None
     if prior is None and settling is not None and settling.near is not None:
-        start = np.zeros(structure.k)
-        start[structure.inertial] = settling.near.nominal
-    return fit_log_cholesky(structure, target, bounds=bounds, prior=prior, start=start)
+        prior = replace(settling.near, metric=Metric.QUADRATIC, spread=_WEAK)
+    return fit_log_cholesky(structure, target, bounds=bounds, prior=prior)
 
 
 def _chance(error: dict[str, Any]) -> str:
