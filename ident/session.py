@@ -46,13 +46,17 @@ class Session:
     @cached_property
     def recorded(self) -> LogSet:
         """The logs named for fitting, whole."""
+        self.study.make_estimator().check_robot(self.robot)
         return self._read(self.study.fit_files())
 
     @cached_property
-    def _parts(self) -> tuple[LogSet, LogSet]:
+    def _parts(self) -> tuple[LogSet, LogSet | None]:
+        """What is fitted and what is held out; None where nothing of the logs can be."""
         files = self.study.validation_files()
         if files:
             return self.recorded, self._read(files)
+        if self.study.make_estimator().whole_logs:
+            return self.recorded, None
         return self.recorded.split(by="fraction", held=HELD_SHARE)
 
     def _read(self, files: Iterable[Path]) -> LogSet:
@@ -78,8 +82,12 @@ class Session:
     @cached_property
     def held_signals(self) -> Signals:
         """The signals that no fit sees, prepared like the fitted ones (the same cut-off). Raises DataError where they are too short."""
+        held = self._parts[1]
+        if held is None:
+            method = self.study.make_estimator().name
+            raise DataError(f"method {method!r} needs its logs whole; name logs to validate on with --validate, or in [logs] validate.")
         try:
-            return like(self.fit_signals.report.to_dict())(self._parts[1])
+            return like(self.fit_signals.report.to_dict())(held)
         except DataError as error:
             what = f"the last {HELD_SHARE:.0%} of the logs" if self.held_by_split else ", ".join(map(str, self.study.validation_files()))
             raise DataError(f"held-out data ({what}): {error}") from None
@@ -106,8 +114,8 @@ class Session:
     @property
     def inputs(self) -> tuple[dict[str, Any], ...]:
         """Paths and SHA-256 of every log used."""
-        parts = self._parts
-        return (*parts[0].inputs, *(() if self.held_by_split else parts[1].inputs))
+        fit, held = self._parts
+        return (*fit.inputs, *(() if self.held_by_split or held is None else held.inputs))
 
     def validation(self, *, simulate: bool) -> Validation:
         """The estimate on held-out data."""

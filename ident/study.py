@@ -133,7 +133,11 @@ class Study:
         kind = estimator_types().get(name)
         if kind is not None:
             check_options(kind, self.estimator.options, "[estimator]", {"method"})
-        return make_estimator(name, **self.estimator.options)
+        options = dict(self.estimator.options)
+        for key in options.keys() & (frozenset() if kind is None or self.path is None else kind.files):
+            if isinstance(options[key], str) and self.path is not None:
+                options[key] = _from_folder(self.path.parent, options[key])
+        return make_estimator(name, **options)
 
     def make_preparation(self) -> Preparation:
         """The strategy that turns logs into signals, as `[signals]` asks for; zero-phase filtering if it names none."""
@@ -146,7 +150,12 @@ class Study:
         return make_preparation(name, **options)
 
     def fit_files(self) -> tuple[Path, ...]:
-        """The logs to fit, patterns expanded. Raises ConfigurationError if there are none, DataError for a pattern without a match."""
+        """The logs to fit, patterns expanded; where none are named, those that the estimator's own plan names.
+
+        Raises ConfigurationError if there are none, DataError for a pattern without a match."""
+        own = () if self.logs.fit else self.make_estimator().own_logs()
+        if own:
+            return own
         if not self.logs.fit:
             raise ConfigurationError("no log to fit is given; name it in [logs] fit, or with --log.")
         return _expand(self.logs.fit, "[logs] fit")

@@ -44,6 +44,8 @@ def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
         "",
         error_table(estimate, {"fit": estimate.fit_error} | ({"held out": estimate.heldout_error} if estimate.heldout_error else {})),
     ]
+    if estimate.trace.get("text"):
+        lines += ["", str(estimate.trace["text"])]
     strongest = _strongest(estimate.correlation, names, correlations)
     if strongest:
         lines += ["", wrapped("strongest correlations: " + "; ".join(strongest))]

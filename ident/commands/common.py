@@ -33,6 +33,12 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
         )
         parser.add_argument("--method", help="estimator, e.g. wls, irls, physical (all: ident fit --help); default: wls")
         parser.add_argument(
+            "--plan",
+            dest="followed",
+            metavar="FILE",
+            help="manifest of a step-by-step plan that the logs follow (method sequential); without --log, its logs beside it are read",
+        )
+        parser.add_argument(
             "--effects", nargs="+", metavar="EFFECT", help="declared model beside the rigid body, e.g. rotor_inertia viscous coulomb"
         )
         parser.add_argument(
@@ -69,6 +75,10 @@ def study_from(args: argparse.Namespace) -> Study:
         method=getattr(args, "method", None),
         effects=getattr(args, "effects", None),
     )
+    followed = getattr(args, "followed", None)
+    if followed is not None:
+        options = {**study.estimator.options, "plan": os.path.abspath(followed)}
+        study = replace(study, estimator=replace(study.estimator, method=study.estimator.method or "sequential", options=options))
     if getattr(args, "missing", None):
         study = replace(study, logs=replace(study.logs, missing=args.missing))
     cutoff = getattr(args, "cutoff", None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from .common import Output, add_output_arguments, add_study_arguments, study_fro
 if TYPE_CHECKING:
     from ..model import Model
     from ..motion import Coordinates
+    from ..plan import Plan
     from ..simulation.sensors import Sensors
     from ..trajectory import FourierTrajectory
 
@@ -32,6 +34,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--log", metavar="FILE", default="simulated.csv", help="log to write, .csv or .csv.gz (default: %(default)s)")
     parser.add_argument(
         "--trajectory", metavar="FILE", help="CSV with t, q1 … qn to follow; without it, a random Fourier motion within the limits"
+    )
+    parser.add_argument(
+        "--plan", metavar="FILE", help="manifest of a step-by-step plan (ident plan): its tests are simulated, and their logs go to --out"
+    )
+    parser.add_argument("--tests", nargs="+", metavar="TEST", help="with --plan: only these tests, by name")
+    parser.add_argument(
+        "--tracking",
+        choices=("controller", "exact"),
+        default="controller",
+        help="with --plan: a controller follows the motion, or it is followed exactly (default: %(default)s)",
     )
     parser.add_argument("--seconds", type=float, default=20.0, help="length of the random motion (default: %(default)s)")
     parser.add_argument("--rate", type=float, default=200.0, help="samples per second (default: %(default)s)")
@@ -51,6 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from ..simulate import Plant, simulate
 
+    if args.plan:
+        return _planned(args)
+    if args.tests:
+        raise ConfigurationError("--tests chooses tests of a plan; give the plan's manifest with --plan.")
     out = Output(args)
     target = Path(args.log)
     if target.exists() and not args.force:
@@ -71,9 +87,65 @@ def run(args: argparse.Namespace) -> int:
     path = made.to_csv(target, force=args.force)
     out.say(f"wrote {path}: {len(made.t)} samples at {args.rate:g} Hz of {model.robot.name} ({', '.join(model.robot.joint_names)})")
     data = {"log": str(path), "samples": len(made.t), "rate": args.rate, "joints": list(model.robot.joint_names), "seed": args.seed}
-    truth = {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
-    out.result(result("ident.simulation/1", {**data, "parameters": truth}), "simulation")
+    out.result(result("ident.simulation/1", {**data, "parameters": _named(model, values)}), "simulation")
     return 0
+
+
+def _planned(args: argparse.Namespace) -> int:
+    """The tests of a plan: one log each, and the manifest beside them."""
+    from ..plan import read_plan, simulate_plan
+    from ..simulate import Plant
+    from ..simulation.sensors import TorqueWindow
+
+    if args.trajectory:
+        raise ConfigurationError("--plan and --trajectory are different motions; give one of them.")
+    if args.out is None:
+        raise ConfigurationError("--plan needs --out DIR, the folder for the tests' logs.")
+    plan = read_plan(args.plan)
+    if not (args.study or args.robot or args.urdf or args.fit):
+        args.robot = plan.robot
+    model, values = _plant(args)
+    if model.robot.joint_names != plan.joints:
+        names = ", ".join(model.robot.joint_names)
+        raise ConfigurationError(
+            f"plan {args.plan} is for joints {', '.join(plan.joints)} (robot {plan.robot!r}), but robot {model.robot.name!r} has {names}."
+        )
+    tests = plan.tests if args.tests is None else tuple(plan.test(name) for name in args.tests)
+    out = Output(args)
+    assert out.folder is not None
+    sensors = _sensors(model, args.counts, args.noise * _typical(plan, model, values), args.colour)
+    # A controller holds its torque between instants: averaged over a sample it is recorded as it acts.
+    sensors = replace(sensors, distortions=(TorqueWindow(1.0 / args.rate), *sensors.distortions))
+    settings = {"rate": args.rate, "sensors": sensors, "progress": out.progress("simulating")}
+    if args.tracking == "controller":
+        settings["control_rate"] = _control_rate(args.rate)
+    manifest = simulate_plan(
+        plan, Plant(model, values), out.folder, tests=[t.name for t in tests], tracking=args.tracking, seed=args.seed, force=out.force,
+        **settings,
+    )  # fmt: skip
+    seconds = sum(plan.trajectory(t)[0].duration for t in tests)
+    out.say(f"wrote {len(tests)} logs ({seconds:.0f} s at {args.rate:g} Hz) of {model.robot.name} and {manifest}")
+    data = {
+        "plan": str(manifest), "logs": [str(out.folder / t.log) for t in tests], "seconds": seconds, "rate": args.rate,
+        "joints": list(plan.joints), "seed": args.seed, "parameters": _named(model, values),
+    }  # fmt: skip
+    out.result(result("ident.simulation/1", data), "simulation")
+    return 0
+
+
+def _typical(plan: Plan, model: Model, values: Array) -> Array:
+    """Root mean square torque (n,) over the motion of all tests, measured side."""
+    squares, count = np.zeros(model.robot.n), 0
+    for test in plan.tests:
+        way = plan.trajectory(test)[0]
+        motion = way.sample(np.arange(0.0, way.duration, 0.05))
+        squares = squares + np.sum(model.inverse_dynamics(motion.q, motion.dq, motion.ddq, values) ** 2, axis=0)
+        count += len(motion.q)
+    return np.sqrt(squares / max(count, 1))
+
+
+def _named(model: Model, values: Array) -> dict[str, float]:
+    return {p.name: float(v) for p, v in zip(model.parameters, values, strict=True)}
 
 
 def _sensors(model: Model, counts: float | None, noise: Array, colour: float) -> Sensors:

@@ -17,9 +17,12 @@ from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .turning import without_sticking
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ..estimate import Estimate
     from ..model import Model
     from ..problem import Problem
+    from ..robot import Robot
     from .recursive import RecursiveState
 
 #: Passes of the fixed point between parameters and the load they predict; it contracts fast (friction is the smaller part).
@@ -50,6 +53,10 @@ class Estimator(ABC):
     name: ClassVar[str]
     title: ClassVar[str]
     capabilities: ClassVar[frozenset[Capability]] = frozenset()
+    #: Keys of the configuration that name files; in a study file they start at its folder.
+    files: ClassVar[frozenset[str]] = frozenset()
+    #: Whether a log must be whole: then no part of it can be held out.
+    whole_logs: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         # Lists come from study files; a configuration is hashable and cannot change under its owner.
@@ -80,6 +87,13 @@ class Estimator(ABC):
         raise UnsupportedError(
             f"method {self.name!r} fits whole logs and cannot take samples one by one; methods that can: {_able(Capability.RECURSIVE)}."
         )
+
+    def own_logs(self) -> tuple[Path, ...]:
+        """Logs that the configuration itself names, where a study names none. Raises DataError for one that is not there."""
+        return ()
+
+    def check_robot(self, robot: Robot) -> None:  # noqa: B027 - most estimators take any robot
+        """Refuse a robot that the configuration is not for (ConfigurationError), before logs are read."""
 
     def check(self, problem: Problem) -> None:  # noqa: B027 - most estimators refuse nothing
         """Refuse, before any work, what this estimator cannot do (UnsupportedError that names one that can)."""

@@ -44,6 +44,8 @@ class RecursiveLeastSquares(Estimator):
         {Capability.STREAMING, Capability.WEIGHTS, Capability.RECURSIVE, Capability.PRIOR, Capability.DRIFT}
     )
 
+    files: ClassVar[frozenset[str]] = frozenset({"prior"})
+
     noise_std: tuple[float, ...] | None = None
     forgetting: float = 1.0
     prior: Estimate | str | None = None

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..errors import ConfigurationError, DataError, unknown_name
+from ..errors import ConfigurationError, DataError, UnsupportedError, unknown_name
 from ..information import triangle
 from .base import Capability, Estimator, register
 from .solution import LinearSolution, finish, order_of, solve_triangle
-from .step_rows import StepRows, check_plan, planned_rows, unplanned_rows
+from .step_report import steps_text, told
+from .step_rows import StepRows, check_joints, check_plan, planned_rows, unplanned_rows
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
     from ..plan import Plan
     from ..problem import Problem
+    from ..robot import Robot
 
 Array = np.ndarray
 _CARRY = ("update", "hold")
@@ -38,6 +41,8 @@ class StepByStep(Estimator):
     name: ClassVar[str] = "sequential"
     title: ClassVar[str] = "step by step"
     capabilities: ClassVar[frozenset[Capability]] = frozenset({Capability.WEIGHTS})
+    files: ClassVar[frozenset[str]] = frozenset({"plan"})
+    whole_logs: ClassVar[bool] = True
 
     plan: Plan | str | None = None
     carry: str = "update"
@@ -57,7 +62,33 @@ class StepByStep(Estimator):
             return read_plan(self.plan)
         return self.plan
 
+    def own_logs(self) -> tuple[Path, ...]:
+        """The logs that the manifest names, in its folder. Raises DataError for tests whose log is not there."""
+        plan = self._read()
+        if plan is None or not isinstance(self.plan, str):
+            return ()
+        files = {test.name: Path(self.plan).parent / test.log for test in plan.tests}
+        missing = [f"{name} ({path.name})" for name, path in files.items() if not path.is_file()]
+        if missing:
+            some = ", ".join(missing[:6]) + (" …" if len(missing) > 6 else "")
+            raise DataError(
+                f"plan {self.plan}: no log of test {some} in {Path(self.plan).parent}; record it under that name, or name the logs (--log)."
+            )
+        return tuple(files.values())
+
+    def check_robot(self, robot: Robot) -> None:
+        plan = self._read()
+        if plan is not None:
+            check_joints(robot, plan)
+
     def check(self, problem: Problem) -> None:
+        from ..problem import Problem as Plain
+
+        if type(problem) is not Plain:
+            raise UnsupportedError(
+                f"method 'sequential' makes windowed rows itself, not from those of {type(problem).__name__}; give it the torque form"
+                " (Problem), or use 'wls'."
+            )
         plan = self._read()
         if plan is not None:
             check_plan(problem, plan)
@@ -75,26 +106,18 @@ class StepByStep(Estimator):
         weights = 1.0 / variance
         found = solution.linear
         trace: dict[str, Any] = {"carry": self.carry, "steps": report, "noise_std": np.sqrt(variance).tolist()}
+        trace["text"] = steps_text(report, {p.name: p.unit for p in problem.base.parameters})
         return finish(problem, found, weights, self.name, covariance=solution.covariance, trace=trace)
 
     def _update(self, problem: Problem, steps: list[StepRows], variance: Array) -> tuple[_Solution, list[dict[str, Any]]]:
-        names, b = problem.base.names, problem.base.count
-        R = np.zeros((b + 1, b + 1))
-        before = np.zeros(b, bool)
-        report = []
+        R = np.zeros((problem.base.count + 1,) * 2)
+        factors = []
         for step in steps:
             R = triangle(np.concatenate([R, _weighted(step, variance)]))
-            solution = solve_triangle(R[:-1, :-1], R[:-1, -1], order_of(problem.base))
-            alone = np.zeros(b, bool)
-            alone[solution.columns[np.count_nonzero(solution.regroup, axis=1) == 1]] = True
-            covariance = _covariance(solution)
-            std = np.full(b, np.nan)
-            std[solution.columns] = np.sqrt(np.diag(covariance))
-            values = _spread(solution, b)
-            report.append(_told(step, names, np.flatnonzero(alone & ~before), values, std, len(solution.columns)))
-            before |= alone
+            factors.append(R)
         solution = solve_triangle(R[:-1, :-1], R[:-1, -1], order_of(problem.base))
-        return _Solution(solution, _covariance(solution), _spread(solution, b)), report
+        found = _Solution(solution, _covariance(solution), _spread(solution, problem.base.count))
+        return found, _growth(steps, factors, found, problem.base.names)
 
     def _hold(self, problem: Problem, steps: list[StepRows], variance: Array) -> tuple[_Solution, list[dict[str, Any]]]:
         names, b = problem.base.names, problem.base.count
@@ -109,7 +132,7 @@ class StepByStep(Estimator):
             before = held.determined()
             held.learn(_weighted(step, variance), self.defer)
             values, std = held.parameters()
-            report.append(_told(step, names, np.flatnonzero(held.determined() & ~before), values, std, held.rank))
+            report.append(told(step, names, np.flatnonzero(held.determined() & ~before), values, std, held.rank))
             if i == len(steps) - 1 and held.rank < b:
                 # What was deferred to the end is found from all tests together.
                 held.learn(rows, 0.0)
@@ -177,6 +200,41 @@ class _Held:
         return part @ self.spread @ part.T
 
 
+def _growth(steps: list[StepRows], factors: list[Array], found: _Solution, names: tuple[str, ...]) -> list[dict[str, Any]]:
+    """What each step added on the way to the solution: `factors` (b+1, b+1) hold all rows up to each step.
+
+    Rank means nothing here, for what a pair of sweeps should cancel leaves a trace. In coordinates in which the whole has the
+    information matrix 1, a combination is known from a hundredth of its final precision on; a parameter is found once its
+    standard deviation is near the final one, or below half its value."""
+    from scipy.linalg import solve_triangular
+
+    linear = found.linear
+    columns = linear.columns
+    alone = np.count_nonzero(linear.regroup, axis=1) == 1
+    final = np.sqrt(np.diag(found.covariance))
+    before = np.zeros(len(columns), bool)
+    report = []
+    for step, R in zip(steps, factors, strict=True):
+        share, axes = np.linalg.eigh(_gram_of(solve_triangular(linear.root, R[:-1, columns].T, trans="T")))
+        # What no step has told yet stays where the whole leaves it, 10,000 times less certain.
+        precision = np.maximum(share, 0.0) + 1e-8
+        shape = solve_triangular(linear.root, axes)
+        std = np.sqrt(np.sum(shape**2 / precision, axis=1))
+        miss = R[:-1, -1] - R[:-1, columns] @ linear.values
+        pull = axes.T @ solve_triangular(linear.root, R[:-1, columns].T @ miss, trans="T")
+        values = linear.values + shape @ (pull / precision)
+        now = alone & ((std <= 3 * final) | ((std <= 0.5 * np.abs(linear.values)) & (std <= 1e3 * final)))
+        everywhere, spread = np.full((2, len(names)), np.nan)
+        everywhere[columns], spread[columns] = values, std
+        report.append(told(step, names, columns[now & ~before], everywhere, spread, int(np.sum(share > 1e-4))))
+        before |= now
+    return report
+
+
+def _gram_of(A: Array) -> Array:
+    return A @ A.T
+
+
 def _weighted(step: StepRows, variance: Array) -> Array:
     """Rows (m, b+1) of unit variance, for noise `variance` (n,) of the measured torques."""
     return step.white / np.sqrt(step.sensors**2 @ variance * step.overlap)
@@ -229,9 +287,3 @@ def _spread(solution: LinearSolution, count: int) -> Array:
     out = np.zeros(count)
     out[solution.columns] = solution.values
     return out
-
-
-def _told(step: StepRows, names: tuple[str, ...], new: Array, values: Array, std: Array, rank: int) -> dict[str, Any]:
-    """What one step brought, for the report."""
-    found = {names[i]: {"value": float(values[i]), "std": float(std[i])} for i in new}
-    return {"test": step.name, "kind": step.kind, "row": step.row, "rows": len(step.torque), "revealed": found, "known": rank}

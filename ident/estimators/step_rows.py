@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..plan.trials import PlannedTest
     from ..problem import Problem
+    from ..robot import Robot
 
 Array = np.ndarray
 #: Length of a window in accelerated motion, s, and rows a window. A window holds at least so many samples: from there on its
@@ -167,11 +168,18 @@ def _sliding(problem: Problem, samples: slice) -> tuple[Array, Array, Array, flo
     return columns, means, np.full(len(means), np.sqrt(own[0])), float((own[0] + 2 * own[1:].sum()) / own[0])
 
 
+def check_joints(robot: Robot, plan: Plan) -> None:
+    """Refuse a plan that was made for other joints."""
+    if tuple(plan.joints) != tuple(robot.joint_names):
+        raise ConfigurationError(
+            f"the plan is for joints {', '.join(plan.joints)} (robot {plan.robot!r}), but robot {robot.name!r} has"
+            f" {', '.join(robot.joint_names)}."
+        )
+
+
 def check_plan(problem: Problem, plan: Plan) -> None:
     """Refuse a plan that was made for other joints, or signals that lack the logs of its tests."""
-    robot = problem.model.robot
-    if tuple(plan.joints) != tuple(robot.joint_names):
-        raise ConfigurationError(f"the plan is for joints {', '.join(plan.joints)}, but the robot has {', '.join(robot.joint_names)}.")
+    check_joints(problem.model.robot, plan)
     there = {log_name(name) for name in problem.signals.run_names}
     missing = [test.name for test in plan.tests if log_name(test.log) not in there]
     if missing:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
 from .choice import Separation
+from .logs import Tracking
 from .trials import Kind, PlannedTest, Segment, Sweep, Swing
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ __all__ = [
     "Separation",
     "Sweep",
     "Swing",
+    "Tracking",
     "default_model",
     "make_plan",
     "read_plan",
@@ -108,7 +110,7 @@ def make_plan(
     *,
     limits: Limits | None = None,
     postures: int = 3,
-    separation: Separation = Separation.COUPLED,
+    separation: Separation | str = Separation.COUPLED,
     seed: int = 0,
 ) -> Plan:
     """The step-by-step plan of a model, or of a robot with rotor inertia, viscous and Coulomb friction on every joint.
@@ -165,14 +167,16 @@ def simulate_plan(
     folder: str | Path,
     *,
     tests: Sequence[str] | None = None,
+    tracking: str = Tracking.CONTROLLER,
     seed: int = 0,
     force: bool = False,
     **settings: Any,
 ) -> Path:
     """Simulate the tests of a plan, write a log of each and the manifest `plan.toml` into `folder`; returns the manifest's path.
 
-    `plant`: what is tested; `tests`: names, by default all; `settings` go to `simulate_batch` (sensors,
-    controller, rate, feedback …). Test number i takes the seed `seed` + i."""
+    `plant`: what is tested; `tests`: names, by default all; `tracking`: see `Tracking`. `settings` go to `simulate_batch`
+    (sensors, controller, rate, feedback …); with exact tracking only rate (Hz), sensors and progress mean something. Test
+    number i takes the seed `seed` + i. Raises ConfigurationError for other joints or existing files."""
     from .logs import simulate_logs
 
-    return simulate_logs(plan, plant, Path(folder), tests, seed, force, settings)
+    return simulate_logs(plan, plant, Path(folder), tests, tracking, seed, force, settings)

@@ -2,31 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import ConfigurationError
+import numpy as np
+
+from ..errors import ConfigurationError, UnsupportedError, unknown_name
 
 if TYPE_CHECKING:
+    from ..controller import Controller
     from ..simulation.plant import Plant
+    from ..simulation.result import Simulation
+    from ..trajectory import Chained
     from . import Plan
 
-#: Tests are slow; so many of them need not be integrated finely.
-_DEFAULTS: dict[str, Any] = {"rate": 250.0, "control_rate": 500.0, "step": 2e-3}
+_DEFAULTS: dict[str, Any] = {"rate": 250.0, "control_rate": 1000.0, "step": 1e-3}
+
+
+class Tracking(StrEnum):
+    """How a simulated test follows its planned motion.
+
+    CONTROLLER: a discrete controller tracks it, as on a test bench; joints stick for moments where they reverse.
+    EXACT: the motion is the planned one, and the torque that of inverse dynamics; dry friction of what stands still is zero."""
+
+    CONTROLLER = "controller"
+    EXACT = "exact"
 
 
 def simulate_logs(
-    plan: Plan, plant: Plant, folder: Path, names: Sequence[str] | None, seed: int, force: bool, settings: Mapping[str, Any]
+    plan: Plan,
+    plant: Plant,
+    folder: Path,
+    names: Sequence[str] | None,
+    tracking: str,
+    seed: int,
+    force: bool,
+    settings: Mapping[str, Any],
 ) -> Path:
     """Simulate, write logs and manifest; the manifest's path."""
-    from ..simulate import simulate_batch
     from .manifest import write_manifest
 
     if plant.robot.joint_names != plan.joints:
         raise ConfigurationError(
             f"the plan is for joints {', '.join(plan.joints)}, but the robot has {', '.join(plant.robot.joint_names)}."
         )
+    if tracking not in list(Tracking):
+        raise unknown_name("way to track a plan", tracking, [t.value for t in Tracking])
     tests = plan.tests if names is None else tuple(plan.test(name) for name in names)
     if not tests:
         raise ConfigurationError("the plan holds no test.")
@@ -34,9 +57,66 @@ def simulate_logs(
     taken = [folder / name for name in ("plan.toml", *(t.log for t in tests)) if (folder / name).exists()]
     if taken and not force:
         raise ConfigurationError(f"{taken[0]} exists; nothing was written. Choose another folder, or allow overwriting (--force).")
-    desired = [plan.trajectory(test)[0] for test in tests]
-    places = [plan.tests.index(test) for test in tests]
-    runs = simulate_batch(plant, desired=desired, seeds=[seed + i for i in places], **{**_DEFAULTS, **settings})
-    for test, way, run in zip(tests, desired, runs, strict=True):
+    ways = [plan.trajectory(test)[0] for test in tests]
+    seeds = [seed + plan.tests.index(test) for test in tests]
+    runs = _RUNS[Tracking(tracking)](plant, ways, seeds, {**_DEFAULTS, **settings})
+    for test, way, run in zip(tests, ways, runs, strict=True):
         run.until(way.duration).to_csv(folder / test.log, force=force)
     return write_manifest(plan, folder / "plan.toml", force=force)
+
+
+def _tracked(plant: Plant, ways: list[Chained], seeds: list[int], settings: dict[str, Any]) -> Sequence[Simulation]:
+    from ..simulate import simulate_batch
+
+    settings.setdefault("controller", servo(plant))
+    return simulate_batch(plant, desired=ways, seeds=seeds, **settings)
+
+
+def servo(plant: Plant) -> Controller | None:
+    """A controller that feeds the whole model forward, friction included: without it a weak loop sticks at creeping speed.
+
+    None, for the simulation's own, where the model depends on more than the instant."""
+    from ..controller import PDFeedforward
+
+    if plant.model.needs:
+        return None
+    return PDFeedforward.tuned(plant.model, plant.schedule.values[0])
+
+
+def _exact(plant: Plant, ways: list[Chained], seeds: list[int], settings: dict[str, Any]) -> Sequence[Simulation]:
+    from ..simulate import Sensors
+
+    if plant.extra or plant.flexible is not None or len(plant.schedule.values) > 1:
+        raise UnsupportedError("exact tracking knows a model with constant values alone; use tracking = 'controller' for this plant.")
+    settings = {k: v for k, v in settings.items() if k not in ("control_rate", "step")}
+    rate, sensors, progress = settings.pop("rate"), settings.pop("sensors", None) or Sensors(), settings.pop("progress", None)
+    if settings:
+        raise ConfigurationError(f"exact tracking has no controller: {min(settings)!r} means nothing to it.")
+    found = []
+    for done, (way, seed) in enumerate(zip(ways, seeds, strict=True), start=1):
+        found.append(_followed(plant, way, rate, sensors, seed))
+        if progress is not None:
+            progress(done / len(ways))
+    return found
+
+
+def _followed(plant: Plant, way: Chained, rate: float, sensors: Any, seed: int) -> Simulation:
+    """One run along its motion, read at `rate` Hz."""
+    from ..motion import Coordinates, Motion
+    from ..simulate import Simulation
+
+    robot, model, values = plant.robot, plant.model, plant.schedule.values[0]
+    t = np.arange(int(way.duration * rate + 1e-9) + 1) / rate
+    link = way.sample(t)
+    K = robot.transmission
+    motor = Coordinates(K.motor_position(link.q), K.motor_rate(link.dq), K.motor_rate(link.ddq))
+    tau = model.torque(Motion.of(robot, link.q, link.dq, link.ddq, t, rate=rate), values)
+    still = np.zeros(tau.shape)
+    states = np.zeros((len(t), 0))
+    return Simulation.of(robot, t, link, motor, tau, tau, still, still.astype(bool), states, 1, True, sensors, seed)
+
+
+_RUNS: dict[Tracking, Callable[[Plant, list[Chained], list[int], dict[str, Any]], Sequence[Simulation]]] = {
+    Tracking.CONTROLLER: _tracked,
+    Tracking.EXACT: _exact,
+}

@@ -1,0 +1,81 @@
+"""`ident plan`: the tests of a step-by-step identification, as a manifest for programs and a text for people."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from ..results import result
+from .common import Output, add_output_arguments, add_study_arguments, study_from
+
+if TYPE_CHECKING:
+    from ..plan import Plan
+
+HELP = "plan a step-by-step identification: every test, what moves where, and what it reveals"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_study_arguments(parser, logs=False)
+    parser.add_argument(
+        "--effects", nargs="+", metavar="EFFECT", help="effects beside the rigid body (default: rotor_inertia viscous coulomb)"
+    )
+    parser.add_argument("--postures", type=int, default=3, help="postures of an accelerated test, at least (default: %(default)s)")
+    parser.add_argument(
+        "--separation",
+        choices=("coupled", "safe"),
+        default="coupled",
+        help="how rotor inertia is told from link inertia: by coupled gears where they can (fewest tests), or safe, as if every motor"
+        " moved its joint alone (more tests, less sensitive to noise) (default: %(default)s)",
+    )
+    parser.add_argument("--share", type=float, default=0.9, help="share of the joints' ranges and speeds to use (default: %(default)s)")
+    parser.add_argument("--motion", type=float, metavar="HZ", help="with --out: also write the motion of every test as CSV at this rate")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the postures (default: %(default)s)")
+    add_output_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from ..excitation.limits import Limits
+    from ..plan import make_plan, write_plan
+    from ..plan.text import plan_text
+
+    if args.motion is not None and (args.out is None or not args.motion > 0):
+        raise ConfigurationError("--motion HZ needs a positive rate, and --out DIR for the files.")
+    if not 0 < args.share <= 1:
+        raise ConfigurationError(f"--share must lie in (0, 1], not {args.share:g}.")
+    out = Output(args)
+    study = study_from(args)
+    robot = study.robot()
+    plan = make_plan(
+        study.model(robot),
+        limits=Limits.of(robot, share=args.share),
+        postures=args.postures,
+        separation=args.separation,
+        seed=args.seed,
+    )
+    out.say(plan_text(plan, robot))
+    manifest = out.path("plan.toml")
+    if manifest is not None:
+        write_plan(plan, manifest, force=out.force)
+        out.keep("plan.txt", plan_text(plan, robot) + "\n")
+        if args.motion is not None:
+            _write_motion(plan, out, args.motion)
+        out.note(f"wrote {manifest}")
+    data = {"manifest": None if manifest is None else str(manifest), "duration": plan.duration, **plan.to_dict()}
+    data.pop("schema")
+    out.result(result("ident.plan/1", data), "plan")
+    return 0 if plan.rank == len(plan.base) else 1
+
+
+def _write_motion(plan: Plan, out: Output, rate: float) -> None:
+    from ..simulation.result import write_log_csv
+
+    for test in plan.tests:
+        way = plan.trajectory(test)[0]
+        t = np.arange(int(way.duration * rate + 1e-9) + 1) / rate
+        motion = way.sample(t)
+        path = out.path("motion_" + test.log.removesuffix(".gz"))
+        assert path is not None
+        write_log_csv(path, t, {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}, force=out.force)
