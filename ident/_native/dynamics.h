@@ -236,16 +236,17 @@ template <class V> static void masses(const Tree& t, const double* inertia, cons
         const Vec<V> h{{C[1], C[2], C[3]}};
         for (int d = 0; d < freedoms(body); ++d) {
             // Wrench that moves everything from this body on with unit acceleration of its joint.
-            const bool linear = body.kind == PRISMATIC || (body.kind == FREE && d < 3);
-            Vec<double> s = constant(body.u);
-            if (body.kind == FREE) s = {{double(d % 3 == 0), double(d % 3 == 1), double(d % 3 == 2)}};
             Vec<V> force, moment;
-            if (linear) {
-                force = {{C[0] * s[0], C[0] * s[1], C[0] * s[2]}};
-                moment = cross(h, s);
+            if (body.sparse) {
+                force = {{-body.turn * h[1], body.turn * h[0], zero}};
+                moment = {{body.turn * C[7], body.turn * C[8], body.turn * C[9]}};
             } else {
-                force = cross(s, h);
-                moment = inertia_times(C + 4, Vec<V>{{zero + s[0], zero + s[1], zero + s[2]}});
+                const bool linear = body.kind == PRISMATIC || (body.kind == FREE && d < 3);
+                Vec<double> s = constant(body.u);
+                if (body.kind == FREE) s = {{double(d % 3 == 0), double(d % 3 == 1), double(d % 3 == 2)}};
+                const Vec<V> unit{{zero + s[0], zero + s[1], zero + s[2]}};
+                force = linear ? Vec<V>{{C[0] * s[0], C[0] * s[1], C[0] * s[2]}} : cross(s, h);
+                moment = linear ? cross(h, s) : inertia_times(C + 4, unit);
             }
             for (int j = i;; j = t.bodies[j].parent) {
                 const Body& other = t.bodies[j];
@@ -281,41 +282,44 @@ template <class V> static void masses(const Tree& t, const double* inertia, cons
 }
 
 #if LANES > 2
-// Mass matrix (lower triangle of M, n x n) and bias torque of a single state: a lane a column. The torque of a unit acceleration, at rest
-// and without gravity, is a column of M; one more lane has the speeds, gravity and no acceleration. 2 n + nq of scratch in x.
+static inline Lanes unit(int64_t place) {   // zeros, and a one in that lane if there is one
+    Bits number;
+    for (int l = 0; l < LANES; ++l) number[l] = l;
+    return number == place ? Lanes() + 1.0 : Lanes();
+}
+
+// Mass matrix (lower triangle of M, n x n) and bias torque of a single state, a lane a column. The torque of a unit acceleration, at rest
+// and without gravity, is a column of the matrix; one more lane has the speeds, gravity and no acceleration. x: 3 n + nq of scratch.
 static void terms_of_one(const Tree& t, const double* inertia, const double* q, const double* dq, Link<Lanes>* links, Vec<Lanes>* wrench, Lanes* x,
                          double* M, double* bias) {
     const int n = t.nv;
-    Lanes *rate = x, *torque = x + n, *at = x + 2 * n;
+    Lanes *rate = x, *acceleration = x + n, *torque = x + 2 * n, *at = x + 3 * n;
     for (int i = 0; i < t.nq; ++i) at[i] = Lanes() + q[i];
     for (int first = 0; first < t.nb; first += LANES) {   // sines of several joints at once
         const int count = t.nb - first < LANES ? t.nb - first : LANES;
-        Lanes angle = Lanes(), s, c;
+        double angles[LANES] = {}, sines[LANES], cosines[LANES];
         for (int i = 0; i < count; ++i) {
             const Body& body = t.bodies[first + i];
-            if (body.kind == REVOLUTE) angle[i] = body.sparse ? q[body.position] * body.turn : q[body.position];
+            if (body.kind == REVOLUTE) angles[i] = body.sparse ? q[body.position] * body.turn : q[body.position];
         }
+        Lanes angle, s, c;
+        memcpy(&angle, angles, sizeof angle);
         sine_cosine(angle, s, c);
+        memcpy(sines, &s, sizeof s), memcpy(cosines, &c, sizeof c);
         for (int i = 0; i < count; ++i) {
             const Body& body = t.bodies[first + i];
-            place(body, at + body.position, Lanes() + s[i], Lanes() + c[i], links[first + i]);
+            place(body, at + body.position, Lanes() + sines[i], Lanes() + cosines[i], links[first + i]);
         }
     }
     for (int first = 0; first <= n; first += LANES) {
-        Lanes moving = Lanes();   // the lane of the bias
-        if (n - first < LANES) moving[n - first] = 1.0;
-        for (int i = 0; i < n; ++i) {
-            rate[i] = moving * dq[i];
-            torque[i] = Lanes();
-            if (i >= first && i < first + LANES) torque[i][i - first] = 1.0;   // accelerations first, torques then
-        }
-        motion(t, Vec<Lanes>{{moving * -t.gravity[0], moving * -t.gravity[1], moving * -t.gravity[2]}}, rate, torque, links);
+        const Lanes moving = unit(n - first);
+        for (int i = 0; i < n; ++i) rate[i] = moving * dq[i], acceleration[i] = unit(i - first);
+        motion(t, Vec<Lanes>{{moving * -t.gravity[0], moving * -t.gravity[1], moving * -t.gravity[2]}}, rate, acceleration, links);
         torques(t, inertia, links, wrench, torque);
-        for (int r = 0; r < n; ++r)
-            for (int l = 0; l < LANES; ++l) {
-                if (first + l <= r) M[r * n + first + l] = torque[r][l];
-                else if (first + l == n) bias[r] = torque[r][l];
-            }
+        const double* found = (const double*)torque;
+        for (int r = first; r < n; ++r)
+            for (int c = first; c <= r && c < first + LANES; ++c) M[r * n + c] = found[r * LANES + c - first];
+        for (int r = 0; n - first < LANES && r < n; ++r) bias[r] = found[r * LANES + n - first];
     }
 }
 #endif

@@ -36,6 +36,10 @@ struct One {
 
     static size_t numbers(size_t n, size_t c) { return 15 * (n + c) + (c + 1) * n + n * n + 2 * c * c + 4 * c; }
 
+    void speeds(const double* v, double* out) const {
+        for (int i = 0; i < c; ++i) out[i] = 0.0;
+        for (int e = 0; e < d.touches; ++e) out[d.touch[e].contact] += d.touch[e].direction * v[d.touch[e].coordinate];
+    }
     double speed(const double* v, int i) const { return dot(n, d.direction + (size_t)i * n, v); }
     bool locked(const double* modes) const {
         for (int i = 0; i < c; ++i)
@@ -56,20 +60,17 @@ struct One {
 
     // Levels that keep `held` contacts from accelerating, or, `breaking`, levels within what they can hold (2 and -2: breaks loose).
     void respond(const double* y, const double* v, const double* drive, const double* modes, bool breaking, double* a, double* level, double* friction) {
-        copy(n, y, m.q), copy(n, v, m.dq);
-        terms(t, d.inertia, m);
-        for (int r = 0; r < n; ++r) {
-            free[r] = drive[r] - d.offset[r] - m.tau[r], friction[r] = 0.0;
-            for (int e = 0; e <= r; ++e) m.M[r * n + e] += d.added[r * n + e];
+        terms(t, d.inertia, y, v, m);
+        for (int r = 0; r < n; ++r) free[r] = drive[r] - d.offset[r] - m.tau[r], friction[r] = 0.0;
+        for (int e = 0; e < d.entries; ++e) {
+            const Entry& entry = d.entry[e];
+            free[entry.row] -= entry.position * y[entry.column] + entry.speed * v[entry.column];
+            if (entry.column <= entry.row) m.M[entry.row * n + entry.column] += entry.acceleration;
         }
-        for (int e = 0; e < d.entries; ++e) free[d.entry[e].row] -= d.entry[e].position * y[d.entry[e].column] + d.entry[e].speed * v[d.entry[e].column];
-        int p = 0;
-        for (int i = 0; i < c; ++i) {
-            level[i] = 0.0;
-            p += modes[i] == 0.0;
-            for (int e = 0; e < n; ++e) friction[e] += modes[i] * d.level[i * n + e];
-        }
+        for (int e = 0; e < d.touches; ++e) friction[d.touch[e].coordinate] += modes[d.touch[e].contact] * d.touch[e].level;
         for (int e = 0; e < n; ++e) free[e] -= friction[e];
+        int p = 0;
+        for (int i = 0; i < c; ++i) level[i] = 0.0, p += modes[i] == 0.0;
         if (p == 0) {   // the usual case, without a copy
             copy(n, free, a);
             if (solve(n, m.M, a, m.diagonal, m.lu) >= 0) failure = all_finite(m.M, (int64_t)n * n) ? SINGULAR : DIVERGED;
@@ -204,9 +205,11 @@ struct One {
     double margin(const Phase& p, const double* y, const double* v, const double* drive) {
         double least = HUGE_VAL;
         bool still = false;
+        speeds(v, s);
         for (int i = 0; i < c; ++i) {
-            if (p.modes[i] == 0.0) still = true;
-            else least = std::fmin(least, speed(v, i) * p.modes[i]);
+            const double own = s[i] * p.modes[i];
+            still |= p.modes[i] == 0.0;
+            if (p.modes[i] != 0.0 && own < least) least = own;
         }
         if (!still) return least;
         respond(y, v, drive, p.modes, false, a2, unused + n, unused);
@@ -238,15 +241,20 @@ struct One {
         }
     }
 
-    // A step with its events; the phase has its response, which is not that of the end.
-    void advance(const Phase& p, const double* first, const double* last, double h) {
+    // A step with its events; the phase has its response at the start. `tried`: trial_y, trial_v have the step as if there were none, its
+    // margin is `end_margin`.
+    void advance(const Phase& p, const double* first, const double* last, double h, bool tried = false, double end_margin = 0.0) {
         double done = 0.0;
         for (int event = 0; event < 24 && !failure; ++event) {
             const double* from = between(first, last, done / h, here);
             const double rest = h - done;
-            step(p, from, last, rest, rest, trial_y, trial_v);
-            if (!(margin(p, trial_y, trial_v, last) < 0.0)) return accept(p);
-            done += locate(p, from, last, rest);
+            if (!tried) {
+                step(p, from, last, rest, rest, trial_y, trial_v);
+                end_margin = margin(p, trial_y, trial_v, last);
+            }
+            tried = false;
+            if (!(end_margin < 0.0)) return accept(p);
+            done += locate(p, from, last, rest, end_margin);
             if (done > h) done = h;
             const double* now = between(first, last, done / h, at);
             for (int i = 0; i < c; ++i) {   // every contact that is at rest there
@@ -272,13 +280,14 @@ struct One {
         hold_still(p.v, p.modes);
     }
 
-    // Time until the first event, and the state there in trial_y, trial_v: Illinois rule on the margin.
-    double locate(const Phase& p, const double* first, const double* last, double length) {
+    // Time until the first event, and the state there in trial_y, trial_v: Chandrupatla's method on the margin (inverse quadratic
+    // interpolation where it is safe, bisection elsewhere), which is `at_high` after the whole length.
+    double locate(const Phase& p, const double* first, const double* last, double length, double at_high) {
         const auto reach = [&](double step_length) {
             step(p, first, last, length, step_length, trial_y, trial_v);
             return margin(p, trial_y, trial_v, between(first, last, step_length / length, at));
         };
-        double low = 0.0, high = length, at_low = margin(p, p.y, p.v, first), at_high = reach(length);
+        double low = 0.0, high = length, at_low = margin(p, p.y, p.v, first);
         const double scale = std::fabs(at_low) + std::fabs(at_high);
         if (at_low <= 1e-13 * scale) {   // a contact that has just let go stands at zero: step off before looking for its return
             double off = length;
@@ -294,17 +303,21 @@ struct One {
                 else low = off;
             }
         }
-        int side = 0;
+        double share = at_low / (at_low - at_high);   // of the way from low to high, of opposite signs
         for (int round = 0; round < 60; ++round) {
-            double next = (low * at_high - high * at_low) / (at_high - at_low);
-            if (!(low < next && next < high)) next = 0.5 * (low + high);
-            const double value = reach(next);
-            if (value < 0) at_low *= side < 0 ? 0.5 : 1.0, high = next, at_high = value, side = -1;
-            else at_high *= side > 0 ? 0.5 : 1.0, low = next, at_low = value, side = 1;
-            if (std::fabs(value) <= 1e-13 * scale || high - low <= 1e-14 * length) return next;
+            const double next = low + share * (high - low), value = reach(next);
+            if (std::fabs(value) <= 1e-13 * scale || std::fabs(high - low) <= 1e-14 * length) return next;
+            double third = low, at_third = at_low;
+            if ((value > 0.0) != (at_low > 0.0)) third = high, at_third = at_high, high = low, at_high = at_low;
+            low = next, at_low = value;
+            const double x = (low - high) / (third - high), f = (at_low - at_high) / (at_third - at_high);
+            share = 0.5;
+            if (f * f < x && (1.0 - f) * (1.0 - f) < 1.0 - x)
+                share = at_low / (at_high - at_low) * at_third / (at_high - at_third) +
+                        (third - low) / (high - low) * at_low / (at_third - at_low) * at_high / (at_third - at_high);
+            share = std::fmin(std::fmax(share, 1e-15), 1.0 - 1e-15);
         }
-        reach(high);
-        return high;
+        return low;
     }
 };
 
@@ -317,77 +330,82 @@ struct Team {
     One& one;
     const int n, c;
     const size_t stride;
-    Lanes *y, *v, *a1, *a2, *a3, *a4, *y2, *v2, *v3, *v4;
+    Lanes *a1, *a2, *a3, *a4, *y, *v, *y2, *v2, *v3, *v4, *dry;
+    Lanes least;
     double* runs;   // of each run: y v a friction, forces now and next, at the step's start and end, modes, levels
 
     Team(const Tree& tree, const Drive& drive, const Runs& work, Scratch<Lanes>& scratch, One& single, Carve memory)
         : t(tree), d(drive), x(work), m(scratch), one(single), n(tree.nv), c(drive.contacts), stride(8 * (size_t)n + 2 * c) {
         Lanes* at = (Lanes*)aligned((char*)memory.at);
-        Lanes** const parts[] = {&y, &v, &a1, &a2, &a3, &a4, &y2, &v2, &v3, &v4};
+        Lanes** const parts[] = {&a1, &a2, &a3, &a4, &y, &v, &y2, &v2, &v3, &v4, &dry};
         for (Lanes** part : parts) *part = at, at += n;
         runs = (double*)at;
     }
-    static size_t numbers(int n, int c) { return (size_t)LANES * (18 * n + 2 * c + 8); }
+    static size_t numbers(int n, int c) { return (size_t)LANES * (19 * n + 2 * c + 8); }
 
     Phase run(int l) const {
         double* r = runs + l * stride;
         return Phase{r, r + n, r + 8 * n, r + 2 * n, r + 8 * n + c, r + 3 * n};
     }
     double* force(int l, int part) const { return runs + l * stride + (4 + part) * n; }
-    Lanes across(int part, int e) const {
-        const double* at = runs + (size_t)part * n + e;
-        return strided<Lanes>(at, stride);
+    // Number e of a part of all runs (of the first one), and back.
+    template <class V> V across(int part, int64_t e) const { return strided<V>(runs + (size_t)part * n + e, (int64_t)stride); }
+    template <class V> void spread(V value, int part, int64_t e) const {
+        for (int l = 0; l < Width<V>::value; ++l) runs[l * stride + (size_t)part * n + e] = lane(value, l);
     }
 
-    // Torque on the controller's side at instant k, and the force on the coordinates that it is.
-    void command(int64_t k, int64_t lane, const Phase& p, double* out) {
-        const int64_t place = (k * x.lanes + lane) * n;
-        double *u = x.torque + place, *position = one.y2, *rate = one.v2;
-        for (int e = 0; e < n; ++e) u[e] = x.forward[place + e], out[e] = position[e] = rate[e] = 0.0;
+    // Torque on the controller's side at instant k, and the force on the coordinates that it is, as that part of the runs' forces.
+    template <class V> void command(int64_t k, int64_t from, int width, V* scratch, int part) {
+        V *u = scratch, *position = u + n, *rate = position + n, *out = rate + n;
+        const int64_t place = k * x.lanes + from;
+        for (int e = 0; e < n; ++e) u[e] = gather<V>(x.forward, place, n, e, width), out[e] = position[e] = rate[e] = V();
         if (d.kp) {
             for (int e = 0; e < d.ratios; ++e) {
                 const Entry& ratio = d.ratio[e];
-                position[ratio.row] += ratio.position * (p.y[ratio.column] - d.zero[ratio.column]);
-                rate[ratio.row] += ratio.position * p.v[ratio.column];
+                position[ratio.row] += ratio.position * (across<V>(0, ratio.column) - d.zero[ratio.column]);
+                rate[ratio.row] += ratio.position * across<V>(1, ratio.column);
             }
-            for (int e = 0; e < n; ++e) u[e] += d.kp[e] * (x.desired_q[place + e] - position[e]) + d.kd[e] * (x.desired_dq[place + e] - rate[e]);
+            for (int e = 0; e < n; ++e)
+                u[e] += d.kp[e] * (gather<V>(x.desired_q, place, n, e, width) - position[e]) +
+                        d.kd[e] * (gather<V>(x.desired_dq, place, n, e, width) - rate[e]);
         }
-        if (d.limit)
-            for (int e = 0; e < n; ++e) u[e] = u[e] > d.limit[e] ? d.limit[e] : u[e] < -d.limit[e] ? -d.limit[e] : u[e];
+        for (int e = 0; d.limit && e < n; ++e)
+            u[e] = u[e] > d.limit[e] ? V() + d.limit[e] : u[e] < -d.limit[e] ? V() - d.limit[e] : u[e];
         for (int e = 0; e < d.ratios; ++e) out[d.ratio[e].column] += d.ratio[e].position * u[d.ratio[e].row];
+        for (int e = 0; e < n; ++e) {
+            for (int l = 0; l < width; ++l) x.torque[(place + l) * n + e] = lane(u[e], l);
+            spread(out[e], 4 + part, e);
+        }
+    }
+    void command(int64_t k, int64_t from, int width, int part) {
+        if (width == 1) command<double>(k, from, 1, one.y2, part);
+        else command<Lanes>(k, from, width, a1, part);
     }
 
     // Accelerations in `a`, which comes with the forces that do not depend on the state.
     int slide(const Lanes* at, const Lanes* rate, Lanes* a) {
-        memcpy(m.q, at, n * sizeof *at), memcpy(m.dq, rate, n * sizeof *rate);
-        terms(t, d.inertia, m);
-        for (int r = 0; r < n; ++r) {
-            a[r] -= m.tau[r];
-            for (int e = 0; e <= r; ++e) m.M[r * n + e] += d.added[r * n + e];
-        }
+        terms(t, d.inertia, at, rate, m);
+        for (int r = 0; r < n; ++r) a[r] -= m.tau[r];
         for (int e = 0; e < d.entries; ++e) {
             const Entry& entry = d.entry[e];
             a[entry.row] -= entry.position * at[entry.column] + entry.speed * rate[entry.column];
+            if (entry.column <= entry.row) m.M[entry.row * n + entry.column] += entry.acceleration;
         }
         if (solve(n, m.M, a, m.diagonal, m.lu) < 0) return NONE;
         return all_finite((const double*)m.M, (int64_t)n * n * LANES) ? SINGULAR : DIVERGED;
     }
     int slide_first() {
+        for (int e = 0; e < n; ++e) y[e] = across<Lanes>(0, e), v[e] = across<Lanes>(1, e), dry[e] = Lanes();
+        for (int e = 0; e < d.touches; ++e) dry[d.touch[e].coordinate] += across<Lanes>(8, d.touch[e].contact) * d.touch[e].level;
         for (int e = 0; e < n; ++e) {
-            y[e] = across(0, e), v[e] = across(1, e);
-            a1[e] = across(6, e) - d.offset[e], a4[e] = across(7, e) - d.offset[e];
+            const Lanes taken = dry[e] + d.offset[e];
+            a1[e] = across<Lanes>(6, e) - taken, a4[e] = across<Lanes>(7, e) - taken;
+            a2[e] = a3[e] = x.linear ? 0.5 * (a1[e] + a4[e]) : a1[e];
         }
-        for (int i = 0; i < c; ++i) {
-            const Lanes mode = strided<Lanes>(runs + 8 * n + i, stride);
-            for (int e = 0; e < n; ++e) {
-                const Lanes dry = mode * d.level[i * n + e];
-                a1[e] -= dry, a4[e] -= dry;
-            }
-        }
-        for (int e = 0; e < n; ++e) a2[e] = a3[e] = x.linear ? 0.5 * (a1[e] + a4[e]) : a1[e];
         return slide(y, v, a1);
     }
-    int slide_on() {   // leaves the state after the step in y2, v2
+    // The rest of the step: leaves the state after it in y2, v2, and the least speed of a contact in its direction in `least`.
+    int slide_on() {
         const double h = x.h, half = 0.5 * h, sixth = h / 6.0;
         for (int e = 0; e < n; ++e) y2[e] = y[e] + half * v[e], v2[e] = v[e] + half * a1[e];
         if (const int failure = slide(y2, v2, a2)) return failure;
@@ -399,14 +417,27 @@ struct Team {
             y2[e] = y[e] + sixth * (v[e] + 2.0 * (v2[e] + v3[e]) + v4[e]);
             v2[e] = v[e] + sixth * (a1[e] + 2.0 * (a2[e] + a3[e]) + a4[e]);
         }
+        least = Lanes() + HUGE_VAL;
+        Lanes* speed = a1;   // not needed any more; there are at most as many contacts as joints
+        for (int i = 0; i < c; ++i) speed[i] = Lanes();
+        for (int e = 0; e < d.touches; ++e) speed[d.touch[e].contact] += d.touch[e].direction * v2[d.touch[e].coordinate];
+        for (int i = 0; i < c; ++i) {
+            const Lanes own = speed[i] * across<Lanes>(8, i);
+            least = own < least ? own : least;
+        }
         return NONE;
     }
 
     int keep(int64_t k, int64_t lane, const Phase& p) {
         const int64_t row = k / x.every * x.lanes + lane;
-        copy(n, p.y, x.kept_q + row * n), copy(n, p.v, x.kept_dq + row * n), copy(n, p.a, x.kept_ddq + row * n);
-        copy(n, p.friction, x.kept_friction + row * n), copy(c, p.modes, x.kept_modes + row * c);
-        return all_finite(p.v, n) && all_finite(p.a, n) ? NONE : DIVERGED;
+        bool finite = true;
+        for (int e = 0; e < n; ++e) {
+            const int64_t at = row * n + e;
+            x.kept_q[at] = p.y[e], x.kept_dq[at] = p.v[e], x.kept_ddq[at] = p.a[e], x.kept_friction[at] = p.friction[e];
+            finite &= std::fabs(p.v[e]) <= 1.7e308;
+        }
+        for (int i = 0; i < c; ++i) x.kept_modes[row * c + i] = p.modes[i];
+        return finite ? NONE : DIVERGED;
     }
 
     // `width` runs from `from` on, all periods; lanes beyond are copies of the first. `period`: the one in which it stopped.
@@ -418,12 +449,11 @@ struct Team {
         }
         for (int64_t k = 0; k < x.periods; ++k) {
             period = k;
-            for (int l = 0; l < width; ++l) {
-                if (!x.linear || k == 0) command(k, from + l, run(l), force(l, 0));
-                else copy(n, force(l, 1), force(l, 0));
-                if (x.linear) command(k + 1 < x.periods ? k + 1 : k, from + l, run(l), force(l, 1));
-                if (k == 0 && x.fresh) one.start(run(l), force(l, 0));
-            }
+            if (!x.linear || k == 0) command(k, from, width, 0);
+            else
+                for (int l = 0; l < width; ++l) copy(n, force(l, 1), force(l, 0));
+            if (x.linear) command(k + 1 < x.periods ? k + 1 : k, from, width, 1);
+            for (int l = 0; k == 0 && x.fresh && l < width; ++l) one.start(run(l), force(l, 0));
             for (int64_t i = 0; i < x.substeps; ++i) {
                 if (const int failure = advance(k, i, from, width)) return failure;
                 if (k + 1 == x.periods && x.ends) break;
@@ -441,38 +471,34 @@ struct Team {
         bool alone[LANES], together = false;
         for (int l = 0; l < width; ++l) {
             const double *now = force(l, 0), *next = force(l, 1);
+            double *first = force(l, 2), *last = force(l, 3);
             for (int e = 0; e < n; ++e) {
-                force(l, 2)[e] = x.linear ? now[e] + (double)i / x.substeps * (next[e] - now[e]) : now[e];
-                force(l, 3)[e] = x.linear ? now[e] + (double)(i + 1) / x.substeps * (next[e] - now[e]) : now[e];
+                first[e] = x.linear ? now[e] + (double)i / x.substeps * (next[e] - now[e]) : now[e];
+                last[e] = x.linear ? now[e] + (double)(i + 1) / x.substeps * (next[e] - now[e]) : now[e];
             }
             alone[l] = width == 1;
             for (int e = 0; e < c && !alone[l]; ++e) alone[l] = run(l).modes[e] == 0.0;
             together |= !alone[l];
         }
         if (const int failure = together ? slide_first() : NONE) return failure;
-        const bool logged = i == 0 && k % x.every == 0, last = k + 1 == x.periods && x.ends;
+        for (int e = 0; together && e < n; ++e) spread(a1[e], 2, e), spread(dry[e], 3, e);
+        const bool logged = i == 0 && k % x.every == 0;
         for (int l = 0; l < width; ++l) {
-            const Phase p = run(l);
-            if (alone[l]) {
-                one.begin(p, force(l, 2));
-            } else {
-                for (int e = 0; e < n; ++e) p.a[e] = a1[e][l], p.friction[e] = 0.0;
-                for (int q = 0; logged && q < c; ++q)
-                    for (int e = 0; e < n; ++e) p.friction[e] += p.modes[q] * d.level[q * n + e];
-            }
+            if (alone[l]) one.begin(run(l), force(l, 2));
             if (one.failure) return one.failure;
-            if (logged && keep(k, from + l, p)) return DIVERGED;
+            if (logged && keep(k, from + l, run(l))) return DIVERGED;
         }
-        if (last) return NONE;
+        if (k + 1 == x.periods && x.ends) return NONE;
         if (const int failure = together ? slide_on() : NONE) return failure;
         for (int l = 0; l < width; ++l) {
             const Phase p = run(l);
+            const double* last = x.linear ? force(l, 3) : force(l, 2);
+            const bool event = !alone[l] && least[l] < 0.0;
             if (!alone[l]) {
-                for (int e = 0; e < n; ++e) one.trial_y[e] = y2[e][l], one.trial_v[e] = v2[e][l];
-                for (int q = 0; q < c && !alone[l]; ++q) alone[l] = one.speed(one.trial_v, q) * p.modes[q] < 0.0;
+                double *y_to = event ? one.trial_y : p.y, *v_to = event ? one.trial_v : p.v;
+                for (int e = 0; e < n; ++e) y_to[e] = y2[e][l], v_to[e] = v2[e][l];
             }
-            if (alone[l]) one.advance(p, force(l, 2), x.linear ? force(l, 3) : force(l, 2), x.h);
-            else one.accept(p);
+            if (alone[l] || event) one.advance(p, force(l, 2), last, x.h, event, least[l]);
             if (one.failure) return one.failure;
         }
         return NONE;

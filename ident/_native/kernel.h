@@ -26,7 +26,7 @@ template <class V> struct Scratch {
             at += numbers * sizeof(V);
             return part;
         };
-        q = take(t.nq), dq = take(t.nv), ddq = take(t.nv), tau = take(t.nv);
+        q = take(t.nq), dq = take(t.nv), ddq = take(t.nv), tau = take(t.nv);   // in this order: `terms` takes them as one
         links = (Link<V>*)take(t.nb * (sizeof(Link<V>) / sizeof(V)));
         wrench = (Vec<V>*)take(6 * t.nb);
         composite = take(PARAMETERS * t.nb), M = take((size_t)t.nv * t.nv), diagonal = take(2 * t.nv), twists = take(6 * t.nb);
@@ -64,18 +64,17 @@ template <class V> struct Regressor {
     }
 };
 
-// Mass matrix (lower triangle) and bias torque of links that have their pose and motion. A single sample's come from lanes where they are
-// wide enough to be worth it.
-template <class V> static inline void terms(const Tree& t, const double* inertia, Scratch<V>& m) {
-    pose(t, m.q, m.links);
-    motion(t, m.dq, (V*)nullptr, m.links);
+// Mass matrix (lower triangle of m.M) and bias torque (m.tau) at q, dq. A single sample's come from lanes where they are wide enough to
+// be worth it.
+template <class V> static inline void terms(const Tree& t, const double* inertia, const V* q, const V* dq, Scratch<V>& m) {
+    pose(t, q, m.links);
+    motion(t, dq, (V*)nullptr, m.links);
     torques(t, inertia, m.links, m.wrench, m.tau);
     masses(t, inertia, m.links, m.composite, m.M);
 }
 #if LANES > 2
-template <> inline void terms<double>(const Tree& t, const double* inertia, Scratch<double>& m) {
-    Scratch<Lanes>& lanes = *m.lanes;
-    terms_of_one(t, inertia, m.q, m.dq, lanes.links, lanes.wrench, lanes.q, m.M, m.tau);
+template <> inline void terms<double>(const Tree& t, const double* inertia, const double* q, const double* dq, Scratch<double>& m) {
+    terms_of_one(t, inertia, q, dq, m.lanes->links, m.lanes->wrench, m.lanes->q, m.M, m.tau);
 }
 #endif
 
@@ -84,7 +83,7 @@ template <class V, bool with_torque, bool with_mass, bool solved> static inline 
     int stop = -1;
     m.load(t, x, s);
     if (with_torque && with_mass) {
-        terms(t, x.inertia, m);
+        terms(t, x.inertia, m.q, m.dq, m);
     } else {
         pose(t, m.q, m.links);
         if (with_torque) {

@@ -276,8 +276,8 @@ PyObject* information(PyObject* const* a) {
     Py_RETURN_NONE;
 }
 
-// simulate(tree, lanes, periods, substeps, every, h, linear, ends, fresh, complete, threads, (inertia, added, offset, direction, level, zero),
-// (entries, ratios), (kp, kd, limit), (forward, desired q, desired dq), (q, dq, modes), (q, dq, ddq, friction, modes, torque) to keep):
+// simulate(tree, lanes, periods, substeps, every, h, linear, ends, fresh, complete, threads, (inertia, offset, direction, level, zero),
+// (entries, ratios, touches), (kp, kd, limit), (forward, desired q, desired dq), (q, dq, modes), (q, dq, ddq, friction, modes, torque) to keep):
 // -1, or 4 periods + Failure. Records of Entry as bytes, all else float64; what is not used is None.
 PyObject* simulate(PyObject* const* a) {
     const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
@@ -298,22 +298,28 @@ PyObject* simulate(PyObject* const* a) {
     Drive d{};
     d.complete = integer(a[9]) != 0;
     const auto numbers = [&](PyObject* tuple, int i, int64_t count, const char* what) { return held[used++].numbers(item(tuple, i), count, what); };
-    d.inertia = numbers(a[11], 0, PARAMETERS * t.nb, "inertia"), d.added = numbers(a[11], 1, (int64_t)n * n, "added"), d.offset = numbers(a[11], 2, n, "offset");
-    d.direction = numbers(a[11], 3, -1, "direction");
-    require(d.inertia && d.added && d.offset && d.direction, "simulate: an array is missing");
-    d.contacts = n ? (int)(held[3].view.len / 8 / n) : 0;
-    const int64_t c = d.contacts;
-    require(held[3].view.len == 8 * c * n, "direction: not rows of n");
-    d.level = numbers(a[11], 4, c * n, "level"), d.zero = numbers(a[11], 5, n, "zero");
-    const auto entries = [&](int i, int& count) {
+    d.inertia = numbers(a[11], 0, PARAMETERS * t.nb, "inertia"), d.offset = numbers(a[11], 1, n, "offset");
+    d.level = numbers(a[11], 3, -1, "level");
+    require(d.inertia && d.offset && d.level && n, "simulate: an array is missing");
+    const int64_t c = held[2].view.len / 8 / n;
+    require(c <= n, "simulate: more contacts than coordinates");
+    d.contacts = (int)c;
+    d.direction = numbers(a[11], 2, c * n, "direction"), d.zero = numbers(a[11], 4, n, "zero");
+    require(held[2].view.len == 8 * c * n, "level: not rows of n");
+    const auto records = [&](int i, size_t size, int& count) {
         Buffer& buffer = held[used++];
-        const Entry* found = (const Entry*)buffer.take(item(a[12], i), -1, 0, "entries");
-        count = found ? (int)(buffer.view.len / (int64_t)sizeof(Entry)) : 0;
-        for (int e = 0; e < count; ++e)
-            require(found[e].row >= 0 && found[e].row < n && found[e].column >= 0 && found[e].column < n, "simulate: an entry is out of range");
+        const void* found = buffer.take(item(a[12], i), -1, 0, "records");
+        count = found ? (int)(buffer.view.len / (int64_t)size) : 0;
         return found;
     };
-    d.entry = entries(0, d.entries), d.ratio = entries(1, d.ratios);
+    const auto within = [&](int64_t row, int64_t rows, int64_t column) {
+        require(row >= 0 && row < rows && column >= 0 && column < n, "simulate: a record is out of range");
+    };
+    d.entry = (const Entry*)records(0, sizeof(Entry), d.entries), d.ratio = (const Entry*)records(1, sizeof(Entry), d.ratios);
+    d.touch = (const Touch*)records(2, sizeof(Touch), d.touches);
+    for (int e = 0; e < d.entries; ++e) within(d.entry[e].row, n, d.entry[e].column);
+    for (int e = 0; e < d.ratios; ++e) within(d.ratio[e].row, n, d.ratio[e].column);
+    for (int e = 0; e < d.touches; ++e) within(d.touch[e].contact, c, d.touch[e].coordinate);
     d.kp = numbers(a[13], 0, n, "kp"), d.kd = numbers(a[13], 1, n, "kd"), d.limit = numbers(a[13], 2, n, "limit");
     const int64_t given = x.periods * x.lanes * n, logged = (x.periods + x.every - 1) / x.every * x.lanes;
     x.forward = numbers(a[14], 0, given, "forward"), x.desired_q = numbers(a[14], 1, given, "desired q"), x.desired_dq = numbers(a[14], 2, given, "desired dq");
@@ -322,7 +328,7 @@ PyObject* simulate(PyObject* const* a) {
     double** kept[] = {&x.kept_q, &x.kept_dq, &x.kept_ddq, &x.kept_friction};
     for (int i = 0; i < 4; ++i) *kept[i] = room(a[16], i, logged * n, "kept");
     x.kept_modes = room(a[16], 4, logged * c, "kept modes"), x.torque = room(a[16], 5, given, "torque");
-    require(d.level && d.zero && x.forward && x.q && x.dq && x.modes && x.kept_q && x.kept_dq && x.kept_ddq && x.kept_friction && x.kept_modes && x.torque &&
+    require(d.direction && d.zero && x.forward && x.q && x.dq && x.modes && x.kept_q && x.kept_dq && x.kept_ddq && x.kept_friction && x.kept_modes && x.torque &&
                 (d.kp == nullptr) == (d.kd == nullptr) && (!d.kp || (x.desired_q && x.desired_dq)),
             "simulate: an array is missing");
     const int64_t threads = integer(a[10]);

@@ -80,20 +80,27 @@ struct Arrays {
 // What can be had of each sample. TERMS: mass matrix and bias together.
 enum Task { REGRESSOR, INVERSE, MASS, TERMS, FORWARD, TASKS };
 
-// A coefficient of a sparse matrix: on positions, and on speeds.
+// How a force depends on a coordinate, its speed and its acceleration.
 struct Entry {
     int64_t row, column;
-    double position, speed;
+    double position, speed, acceleration;
 };
 
-// A plant to integrate, n coordinates: a tree with constant inertia `added`, forces `offset` + entries (linear in position and speed), and
-// dry friction: contact c slides with direction[c] . v and takes level[c] (a generalised force) of a run that slides forwards.
-// `ratio` (positions only): from coordinates less `zero` to the side on which torque is given and a controller acts, if there is one.
+// A part of a friction contact: its speed is the sum of direction times that of the coordinate; sliding forwards it takes `level` there.
+struct Touch {
+    int64_t contact, coordinate;
+    double direction, level;
+};
+
+// A plant to integrate, n coordinates: a tree with forces `offset` + entries, and dry friction on contacts (`touch`, and the same as
+// matrices `direction` and `level`, contacts x n). `ratio` (positions only): from coordinates less `zero` to the side on which torque is
+// given and a controller acts, if there is one.
 struct Drive {
-    int contacts, entries, ratios;
+    int contacts, entries, ratios, touches;
     bool complete;                       // holding all contacts holds everything
     const Entry *entry, *ratio;
-    const double *inertia, *added, *offset, *direction, *level, *zero;
+    const Touch* touch;
+    const double *inertia, *offset, *direction, *level, *zero;
     const double *kp, *kd, *limit;       // (n); null: no feedback, no limit
 };
 

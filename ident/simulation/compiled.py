@@ -56,8 +56,9 @@ class CompiledPlant:
 
     native: Any
     dynamics: Dynamics
-    plant: tuple[Array, ...]  # inertia, added, offset, direction, level
+    plant: tuple[Array, ...]  # inertia, offset, direction, level
     entries: bytes
+    touches: bytes
 
     @classmethod
     def of(cls, dynamics: Dynamics) -> CompiledPlant | None:
@@ -87,8 +88,9 @@ class CompiledPlant:
                 level[contact] += sense * held[j] * rates[j]
         if np.any(np.sum(level * dry.contacts, axis=1) <= 0):
             return None
-        plant = (dynamics.rigid.inertia, dynamics.inertia, offset, dry.contacts, level)
-        return cls(kernel, dynamics, tuple(np.ascontiguousarray(x, float) for x in plant), _entries(stiffness, damping))
+        plant = tuple(np.ascontiguousarray(x, float) for x in (dynamics.rigid.inertia, offset, dry.contacts, level))
+        forces = _records(("row", "column"), position=stiffness, speed=damping, acceleration=dynamics.inertia)
+        return cls(kernel, dynamics, plant, forces, _records(("contact", "coordinate"), direction=dry.contacts, level=level))
 
     def run(
         self,
@@ -114,7 +116,8 @@ class CompiledPlant:
         q, dq = (np.ascontiguousarray(x, float).copy() for x in (state.y, state.v))
         now = np.zeros((lanes, contacts)) if modes is None else modes.astype(float)
         rates = self.dynamics.rates[script.side]
-        ratio = _entries(rates, np.zeros_like(rates))
+        none = np.zeros_like(rates)
+        ratio = _records(("row", "column"), position=rates, speed=none, acceleration=none)
         zero = self.dynamics.robot.transmission.zero if script.side == Side.MOTOR else np.zeros(n)
         at_a_time = count if linear else max(1, _AT_A_TIME // (every * max(lanes, 1))) * every
         for start in range(0, count, at_a_time):
@@ -126,7 +129,7 @@ class CompiledPlant:
                 self.dynamics.robot.tree,
                 (lanes, stop - start, substeps, every, period / substeps, linear, ends and last, fresh, self.dynamics.dry.complete),
                 (*self.plant, zero),
-                (self.entries, ratio),
+                (self.entries, ratio, self.touches),
                 (script.kp, script.kd, script.limit),
                 (script.forward[part], *desired),
                 (q, dq, now),
@@ -156,10 +159,12 @@ def _failure(kind: int, when: float) -> Exception:
     return {_SINGULAR: singular_inertia(), _DIVERGED: diverged(when), _UNFIT: UnfitError()}[kind]
 
 
-def _entries(position: Array, speed: Array) -> bytes:
-    """The entries that are not zero, as records of ident/_native/tree.h."""
-    rows, columns = np.nonzero((position != 0) | (speed != 0))
-    records = np.zeros(len(rows), [("row", "i8"), ("column", "i8"), ("position", "f8"), ("speed", "f8")])
-    records["row"], records["column"] = rows, columns
-    records["position"], records["speed"] = position[rows, columns], speed[rows, columns]
+def _records(index: tuple[str, str], **matrices: Array) -> bytes:
+    """The places where any of the matrices is not zero, as records of ident/_native/tree.h."""
+    places = np.nonzero(np.any([x != 0 for x in matrices.values()], axis=0))
+    records = np.zeros(len(places[0]), [(name, "i8") for name in index] + [(name, "f8") for name in matrices])
+    for name, values in zip(index, places, strict=True):
+        records[name] = values
+    for name, matrix in matrices.items():
+        records[name] = matrix[places]
     return records.tobytes()

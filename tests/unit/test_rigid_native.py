@@ -141,8 +141,8 @@ def test_sanitizers_are_clean(tmp_path):
     compiler = shutil.which("g++")
     if compiler is None:
         pytest.skip("no g++")
-    names = ("libasan.so", "libubsan.so", "libstdc++.so.6")
-    runtime = [_output(compiler, f"-print-file-name={name}") for name in names]
+    libraries = ("libasan.so", "libubsan.so", "libstdc++.so.6")
+    runtime = [_output(compiler, f"-print-file-name={name}") for name in libraries]
     if not all(Path(path).is_absolute() for path in runtime):
         pytest.skip("the compiler has no sanitizers")
     shutil.copytree(ROOT / "ident", tmp_path / "ident", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
@@ -159,7 +159,8 @@ def test_sanitizers_are_clean(tmp_path):
         "OPENBLAS_NUM_THREADS": "1",
         "PYTHONPATH": str(tmp_path),
     }
-    tests = [str(tmp_path / "tests" / "unit" / f"test_rigid_{name}.py") for name in ("dynamics", "information", "native")]
+    names = ("rigid_dynamics", "rigid_information", "rigid_native", "simulate_compiled")
+    tests = [str(tmp_path / "tests" / "unit" / f"test_{name}.py") for name in names]
     options = ["-q", "-x", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "-o", "addopts=", "-m", "not slow"]
     command = [sys.executable, "-m", "pytest", *options, *tests]
     run = subprocess.run(command, check=False, cwd=tmp_path, env=environment, capture_output=True, text=True)
