@@ -38,6 +38,9 @@ def mjcf_text(robot: Robot, inertial: Array, drive: Mapping[str, Array]) -> tupl
     etree.SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="false")
     etree.SubElement(root, "option", gravity=_words(tree.gravity))
     world = etree.SubElement(root, "worldbody")
+    if np.count_nonzero(tree.parent < 0) > 1 and not tree.floating:
+        # Several trees on one base: a body that stands still holds them, for readers that know one root only.
+        world = etree.SubElement(world, "body", name=_base_name(names))
     nodes: list[etree._Element] = []
     diagonal = robot.transmission.is_diagonal
     K = robot.transmission.K
@@ -117,6 +120,13 @@ def _body_names(robot: Robot) -> tuple[str, ...]:
     from .physical.structure import link_names
 
     return link_names(robot.model)
+
+
+def _base_name(taken: tuple[str, ...]) -> str:
+    name = "base"
+    while name in taken:
+        name += "_0"
+    return name
 
 
 def _words(values: object) -> str:

@@ -82,7 +82,7 @@ class XmlPatch:
         (self._last if last else self._first).setdefault(parent, []).append(child)
 
     def remove(self, element: Element) -> None:
-        """Take an element out, with the white space before it."""
+        """Take an element out, with the white space before it; comments inside it stay where it was."""
         self._removed.append(element)
 
     def result(self) -> bytes:
@@ -105,7 +105,8 @@ class XmlPatch:
                 cuts.append((place, place, self._bytes(last)))
         for element in self._removed:
             start = element.start - (len(self.data[: element.start]) - len(self.data[: element.start].rstrip()))
-            cuts.append((start, element.end, b""))
+            comments = re.findall(rb"<!--.*?-->", self.data[element.start : element.end], re.DOTALL)
+            cuts.append((start, element.end, b"".join(self.data[start : element.start] + comment for comment in comments)))
         out = self.data
         for start, end, text in sorted(cuts, key=lambda cut: cut[:2], reverse=True):
             out = out[:start] + text + out[end:]

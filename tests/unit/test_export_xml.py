@@ -54,6 +54,11 @@ def test_removal() -> None:
     assert patched(text, lambda p: p.remove(p.root.find("b"))) == "<a>\n  <!-- kept -->\n  <c/>\n</a>"
 
 
+def test_comments_in_what_is_removed_stay() -> None:
+    text = "<a>\n  <b>\n    <c/><!-- one -->\n    <!-- two\n lines -->\n  </b>\n</a>"
+    assert patched(text, lambda p: p.remove(p.root.find("b"))) == "<a>\n  <!-- one -->\n  <!-- two\n lines -->\n</a>"
+
+
 def test_what_surrounds_the_root_stays() -> None:
     text = '<?xml version="1.0"?>\n<!-- <robot> -->\n<a  q="1">é</a>\n<!-- after -->\n'
     assert patched(text, lambda p: p.set(p.root, q="2")) == text.replace('"1">é', '"2">é')
