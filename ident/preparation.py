@@ -169,7 +169,8 @@ class ZeroPhase(Preparation):
 
     def reach(self, cutoff: float, rate: float) -> int:
         # Beyond rounding by far; and never less than what continues the signal at the ends of a run.
-        return math.ceil(butterworth_transient(cutoff, self.order, 1e-20) * rate) + math.ceil(3 * rate / cutoff) + self.accuracy
+        decay = math.ceil(butterworth_transient(cutoff, self.order, 1e-18) * rate)
+        return max(decay, math.ceil(3 * rate / cutoff) + 1) + self.accuracy
 
     def _derive(self, run: UniformRun, rate: float, cutoff: float, row_filter: RowFilter | None) -> Derived:
         def smooth(x: Array) -> Array:

@@ -18,7 +18,7 @@ from .stored import StoredLog
 
 Array = np.ndarray
 #: Samples of the excerpt.
-EXCERPT = 200_000
+EXCERPT = 1 << 16
 #: Stretches among which the excerpt is chosen.
 _CANDIDATES = 12
 #: A joint moves in a stretch if it covers this share of its whole range there.
@@ -82,7 +82,7 @@ def _of_content(log: StoredLog, robot: Robot) -> list[Finding]:
     add(
         "excerpt",
         Severity.INFO,
-        f"The log is streamed: time stamps, ranges and missing torque were looked at throughout, units, noise, spikes, velocities and delay in"
+        f"The log is streamed: time stamps, ranges and missing torque were looked at throughout, the rest in"
         f" {len(excerpt)} samples from {excerpt.start / rate:.4g} s on.",
         value=len(excerpt),
     )

@@ -15,7 +15,7 @@ from ..masks import _MOST, Saturation, Standstill, _longest_usual
 from ..robot import Robot
 from ..rows import _speed_noise
 from ..transmission import Side
-from .disk import PASS
+from .disk import PASS, over_rows
 from .motion import DerivedRun
 from .workers import Workers
 
@@ -56,9 +56,12 @@ def extremes_of(part: Part) -> Extremes:
     """Extremes over a part of a run."""
     found, drive = part.run.at(part.a, part.b), part.run.run.robot.transmission
     speed = found.dq if drive.measured == Side.JOINT else drive.motor_rate(found.dq)
-    low, high = (np.where(found.missing, other, found.torque) for other in (np.inf, -np.inf))
-    finite = len(found.missing) - found.missing.sum(axis=0)
-    return Extremes(np.abs(speed).max(axis=0), np.abs(found.q).max(axis=0), low.min(axis=0), high.max(axis=0), finite)
+    least, most, finite = found.torque, found.torque, np.full(speed.shape[1], len(speed))
+    if found.missing.any():
+        least, most = (np.where(found.missing, other, found.torque) for other in (np.inf, -np.inf))
+        finite = finite - found.missing.sum(axis=0)
+    top, far = (over_rows(np.maximum, np.abs(x)) for x in (speed, found.q))
+    return Extremes(top, far, over_rows(np.minimum, least), over_rows(np.maximum, most), finite)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,22 @@ from ..errors import UnsupportedError
 Array = np.ndarray
 #: Samples that are read at a time in a pass over a whole array.
 PASS = 1 << 17
+
+
+def give_back_memory() -> None:
+    """Hand memory that is free, but still held by the C library, back to the system (where it can): a peak then stays what is in use."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+def over_rows(reduction: np.ufunc, x: Array) -> Array:
+    """`reduction.reduce(x, axis=0)` of (N, n), n small: many rows at once, so that the inner loop is long."""
+    width, lanes = x.shape[1], 64
+    whole = len(x) // lanes * lanes
+    if not whole or not x.flags.c_contiguous:
+        return np.asarray(reduction.reduce(x, axis=0))
+    head = reduction.reduce(x[:whole].reshape(-1, lanes * width), axis=0).reshape(lanes, width)
+    return np.asarray(reduction.reduce(np.concatenate([head, x[whole:]]), axis=0))
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,8 @@ from .unwrapping import joined_positions
 Array = np.ndarray
 #: Seconds between two records of how far reading has come.
 _RECORD_S = 2.0
+#: Rows whose survey is kept as one, at least.
+_BLOCK = 1 << 16
 
 
 @dataclass
@@ -151,7 +153,11 @@ def _read(
             if len(rows["t"]):
                 before = None if state.last_q is None else np.array(state.last_q)
                 state.rising &= bool(np.all(np.diff(rows["t"], prepend=state.last_t) > 0))
-                state.blocks.append(Surveyed(state.kept, survey_of(log_of(stem, rows), transmission, before)))
+                found = survey_of(log_of(stem, rows), transmission, before)
+                if state.blocks and state.blocks[-1].survey.rows < _BLOCK:
+                    state.blocks[-1] = Surveyed(state.blocks[-1].first, state.blocks[-1].survey + found)
+                else:
+                    state.blocks.append(Surveyed(state.kept, found))
                 for q in quantities:
                     writers[q].append(rows[q])
                 state.kept += len(rows["t"])

@@ -14,7 +14,7 @@ from .runs import StoredRun
 
 Array = np.ndarray
 #: Samples that are derived at a time.
-PIECE = 1 << 16
+PIECE = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from ..session import HELD_SHARE, Session, like
 from .audit import audit_stored
 from .checkpoint import Checkpoint, key_of
 from .clock import first_at_or_after
+from .disk import give_back_memory
 from .ingest import Reading, store_logs
 from .signals import StreamedSignals, Streaming
 from .stored import StoredLog
@@ -144,7 +145,9 @@ class StreamedSession(Session):
     @cached_property
     def audit(self) -> Audit:
         """Audit of the logs named for fitting."""
-        return audit_stored(self.stored, self.robot)
+        found = audit_stored(self.stored, self.robot)
+        give_back_memory()
+        return found
 
     def _streaming(self, name: str) -> Streaming:
         return Streaming(self.checkpoint.part(name), self._workers, progress=self._phase(name))
@@ -206,6 +209,7 @@ def store_files(
             logs += found
         if progress is not None and not alone:
             progress((i + 1) / len(tasks))
+    give_back_memory()
     if not logs:
         raise DataError(f"none of the {len(files)} logs can be read; the first: {skipped[0]}")
     return tuple(_named_apart(logs)), tuple(skipped)

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from .disk import over_rows
+
 Array = np.ndarray
 
 
@@ -37,15 +39,17 @@ class Survey:
         jump = steps > np.pi
         step, odd = np.zeros(n), np.zeros(n)
         if len(steps):
-            step = steps.max(axis=0) if not jump.any() else np.where(jump, 0.0, steps).max(axis=0)
+            step = over_rows(np.maximum, steps if not jump.any() else np.where(jump, 0.0, steps))
         if jump.any():
             odd = np.where(jump, np.abs(steps - 2 * np.pi), 0.0).max(axis=0)
         absent = np.isnan(torque)
         if absent.any() or not len(q):
             least, most = _least(np.where(absent, np.inf, torque)), _most(np.where(absent, -np.inf, torque))
         else:
-            least, most = torque.min(axis=0), torque.max(axis=0)
-        return cls(len(q), _least(q), _most(q), step, jump.sum(axis=0), odd, absent.sum(axis=0), least, most)
+            least, most = over_rows(np.minimum, torque), over_rows(np.maximum, torque)
+        jumps = jump.sum(axis=0) if jump.any() else np.zeros(n, int)
+        missing = absent.sum(axis=0) if absent.any() else np.zeros(n, int)
+        return cls(len(q), _least(q), _most(q), step, jumps, odd, missing, least, most)
 
     def __add__(self, other: Survey) -> Survey:
         """Of both, one after the other."""
@@ -94,8 +98,8 @@ class Surveyed:
 
 
 def _least(x: Array) -> Array:
-    return x.min(axis=0) if len(x) else np.full(x.shape[1], np.inf)
+    return over_rows(np.minimum, x) if len(x) else np.full(x.shape[1], np.inf)
 
 
 def _most(x: Array) -> Array:
-    return x.max(axis=0) if len(x) else np.full(x.shape[1], -np.inf)
+    return over_rows(np.maximum, x) if len(x) else np.full(x.shape[1], -np.inf)

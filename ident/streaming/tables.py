@@ -15,22 +15,20 @@ from typing import IO
 import numpy as np
 
 from ..errors import DataError, UnsupportedError
-from ..log_files import Header, arrow_columns, bad_text, numeric, open_binary, pandas_columns, parquet_file
+from ..log_files import Header, arrow_columns, arrow_values, bad_text, numeric, open_binary, pandas_columns, parquet_file
 
 Array = np.ndarray
-#: Bytes of text that are parsed as one piece, and the part of them that Arrow takes at a time (what stays in the cache is fastest).
-TEXT_PIECE = 4 << 20
-_ARROW_BLOCK = 1 << 20
+#: Bytes of text that are parsed as one piece: what stays in the cache is fastest.
+TEXT_PIECE = 1 << 20
 #: Rows of Parquet that are read as one piece.
 _PARQUET_PIECE = 1 << 16
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where reading stands: `offset` bytes of the (uncompressed) text after the header, or 0; `lines` and data `rows` before it."""
+    """Where reading stands: `offset` bytes of the (uncompressed) text after the header, or 0; data `rows` before it."""
 
     offset: int = 0
-    lines: int = 0
     rows: int = 0
 
 
@@ -77,8 +75,8 @@ def _parquet_pieces(path: Path, names: Sequence[str], start: Place) -> Iterator[
             if not table.num_rows:
                 continue
             first = row - table.num_rows + 1
-            columns = {name: numeric(np.asarray(table.column(name)), path, name, first) for name in names}
-            yield Piece(columns, Place(0, 0, row), row / total)
+            columns = {name: numeric(arrow_values(table.column(name)), path, name, first) for name in names}
+            yield Piece(columns, Place(0, row), row / total)
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"log {path}: the file is damaged after data row {row} ({str(error).splitlines()[0]}).") from None
 
@@ -88,7 +86,7 @@ def _text_pieces(path: Path, header: Header, names: Sequence[str], start: Place,
     size = max(1, path.stat().st_size)
     place = start
     with open_binary(path) as stream, ThreadPoolExecutor(max(1, jobs)) as pool:
-        waiting: deque[tuple[Future[dict[str, Array]], bytes, float]] = deque()
+        waiting: deque[tuple[Future[dict[str, Array]], memoryview, float]] = deque()
         source = _whole_lines(stream, path, header, start.offset, size)
         more = True
         while more or waiting:
@@ -107,12 +105,12 @@ def _text_pieces(path: Path, header: Header, names: Sequence[str], start: Place,
             except ValueError as error:
                 raise _blame(path, header, names, str(error), text, place) from None
             rows = len(next(iter(columns.values())))
-            place = Place(place.offset + len(text), place.lines + text.count(b"\n"), place.rows + rows)
+            place = Place(place.offset + len(text), place.rows + rows)
             if rows:
                 yield Piece(columns, place, share)
 
 
-def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, size: int) -> Iterator[tuple[bytes, float]]:
+def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, size: int) -> Iterator[tuple[memoryview, float]]:
     """Blocks of whole lines after the header, from `offset` bytes behind it on, and the share of the file read."""
     raw = getattr(stream, "fileobj", None) or getattr(stream, "_fp", None) or stream
     position: Callable[[], int] = raw.tell
@@ -122,16 +120,22 @@ def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, siz
         if offset:
             stream.seek(offset, io.SEEK_CUR)
         rest = b""
-        while block := stream.read(TEXT_PIECE):
-            text = rest + block
-            cut = text.rfind(b"\n") + 1
-            if not cut and b"\r" in text:
+        while True:
+            # One buffer a piece, so that nothing is copied: what begins a line that ends in the next piece moves there.
+            text = bytearray(len(rest) + TEXT_PIECE)
+            text[: len(rest)] = rest
+            end = len(rest)
+            while end < len(text) and (count := stream.readinto(memoryview(text)[end:])):  # type: ignore[attr-defined]
+                end += count
+            whole = end < len(text)
+            cut = end if whole else text.rfind(b"\n", 0, end) + 1
+            if not cut and not whole and b"\r" in text:
                 raise DataError(f"log {path}: lines end with a carriage return alone, which cannot be streamed. Convert the line ends.")
-            rest = text[cut:]
             if cut:
-                yield text[:cut], min(1.0, position() / size)
-        if rest.strip():
-            yield rest, 1.0
+                yield memoryview(text)[:cut], min(1.0, position() / size)
+            if whole:
+                return
+            rest = bytes(memoryview(text)[cut:end])
     except (EOFError, OSError) as error:
         raise DataError(f"log {path}: the file is damaged ({error}).") from None
 
@@ -144,14 +148,22 @@ class _Parser:
     header: Header
     names: Sequence[str]
 
-    def __call__(self, text: bytes) -> dict[str, Array]:
-        if not text.strip():
+    def __call__(self, text: memoryview) -> dict[str, Array]:
+        if len(text) < 4096 and not bytes(text).strip():
             return {name: np.zeros(0) for name in self.names}
         if find_spec("pyarrow") is not None:
             import pyarrow as pa
 
             try:
-                return arrow_columns(pa.BufferReader(text), self.header, self.names, 0, block=_ARROW_BLOCK, threads=False)
+                return arrow_columns(
+                    pa.BufferReader(pa.py_buffer(text)),
+                    self.header,
+                    self.names,
+                    0,
+                    block=len(text) + 1,
+                    threads=False,
+                    pool=pa.system_memory_pool(),
+                )
             except (pa.ArrowException, ValueError):
                 pass  # the slower reader says why, or is more lenient
         try:
@@ -160,8 +172,16 @@ class _Parser:
             raise ValueError(str(error)) from None
 
 
-def _blame(path: Path, header: Header, names: Sequence[str], reason: str, text: bytes, before: Place) -> DataError:
+def _blame(path: Path, header: Header, names: Sequence[str], reason: str, text: memoryview, before: Place) -> DataError:
     """The error for a piece of text that cannot be read, with line and data row counted from the beginning of the file."""
-    reader = csv.reader(io.StringIO(text.decode("utf-8", errors="replace"), newline=""), delimiter=header.delimiter)
-    rows = ((header.line + before.lines + reader.line_num, fields) for fields in reader if any(f.strip() for f in fields))
+    lines = header.line
+    with open_binary(path) as stream:
+        for _ in range(header.line):
+            stream.readline()
+        left = before.offset
+        while left and (block := stream.read(min(left, TEXT_PIECE))):
+            lines += block.count(b"\n")
+            left -= len(block)
+    reader = csv.reader(io.StringIO(bytes(text).decode("utf-8", errors="replace"), newline=""), delimiter=header.delimiter)
+    rows = ((lines + reader.line_num, fields) for fields in reader if any(f.strip() for f in fields))
     return bad_text(path, header, names, reason, rows, before.rows + 1)
