@@ -74,6 +74,7 @@ class PhysicalLeastSquares(Estimator):
         free, weights = weighted_solution(problem)
         if bounds is None and prior is None and _already(structure, free):
             return finish(problem, free, weights, self.name)
+        unconstrained = finish(problem, free, weights, self.name)
         order = order_of(problem.base)
 
         def constrained(weights: Array) -> ConsistentFit:
@@ -94,7 +95,7 @@ class PhysicalLeastSquares(Estimator):
         estimate = finish(problem, solution, weights, self.name, warnings=(*fit.notes, *notes))
         moved = np.abs(solution.values - free.values) / np.where(estimate.std > 0, estimate.std, np.inf)
         trace = {"cost": fit.cost, "method": fit.method, "unconstrained": dict(zip(estimate.names, free.values.tolist(), strict=True))}
-        binding = _binding(structure, free, estimate, bounds)
+        binding = _binding(unconstrained, bounds)
         if binding is not None:
             trace["binding"] = binding.to_dict()
         estimate = replace(estimate, trace=trace)
@@ -122,20 +123,21 @@ class PhysicalLeastSquares(Estimator):
         return bounds, nominal_prior(problem.model.robot, Metric(self.metric), self.spread)[0]
 
 
-def _binding(structure: InertiaStructure, free: LinearSolution, estimate: Estimate, bounds: Bounds | None) -> Binding | None:
-    """Which links and signs hold the fit back, in standard deviations of the estimate; None without the solver."""
+def _binding(unconstrained: Estimate, bounds: Bounds | None) -> Binding | None:
+    """Which links and signs hold the fit back, in standard deviations of the unconstrained estimate; None without the solver."""
     from ..physical.binding import binding_constraints
     from ..physical.conic import SolverError, solver_available
+    from ..physical.judgement import subject_of
     from ..physical.target import Target
 
     if not solver_available():
         return None
-    values, covariance = np.zeros(structure.b), np.zeros((structure.b, structure.b))
-    values[free.columns], covariance[np.ix_(free.columns, free.columns)] = free.values, estimate.covariance
-    # What the data see of the base parameters; the rest of their space is free.
-    unseen = np.linalg.svd(free.regroup)[2][len(free.regroup) :].T
+    subject = subject_of(unconstrained)
+    assert subject.covariance is not None
     try:
-        return binding_constraints(structure, Target.from_covariance(values, covariance, unseen), bounds=bounds)
+        return binding_constraints(
+            subject.structure, Target.from_covariance(subject.values, subject.covariance, subject.unseen), bounds=bounds
+        )
     except SolverError:
         return None
 
