@@ -23,13 +23,22 @@ setup(
         Extension(
             "ident._native._kernel",
             sources=[f"{FOLDER}/{name}.cpp" for name in ("module", "baseline", "avx2", "avx512")],
-            depends=[f"{FOLDER}/{name}.h" for name in ("tree", "lanes", "dynamics", "rows", "information", "kernel")],
+            depends=[f"{FOLDER}/{name}.h" for name in ("tree", "lanes", "dynamics", "rows", "information", "integrator", "kernel")],
             language="c++",
             extra_compile_args=compile_args,
             extra_link_args=link_args,
             py_limited_api=True,
             optional=True,
-        )
+        ),
+        Extension(
+            "ident._native._recursions",
+            sources=[f"{FOLDER}/recursions.cpp"],
+            language="c++",
+            extra_compile_args=compile_args,
+            extra_link_args=link_args,
+            py_limited_api=True,
+            optional=True,
+        ),
     ],
     options={"bdist_wheel": {"py_limited_api": "cp311"}},  # one wheel for every Python from 3.11 on
 )

@@ -10,12 +10,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from arms import Arm
-from laws import Bristle, Dry, Law, Play, Slosh, Smooth, Soft, Whole, ramp
 
 from ident.motion import Coordinates
 from ident.simulation.sensors import Distortion, Readings, TorqueScale
 from ident.transmission import Side
+
+from .arms import Arm
+from .laws import Bristle, Dry, Law, Play, Slosh, Smooth, Soft, Whole, ramp
 
 Array = np.ndarray
 

@@ -1,6 +1,6 @@
 """Logs with an undeclared effect in them, by forward simulation under closed-loop control.
 
-    python benchmarks/diagnosis/generate.py FOLDER --suite development
+    python -m benchmarks.diagnosis.generate FOLDER --suite development
 
 Each case becomes FOLDER/<id>.npz (t, q, tau: one log) and a line of FOLDER/cases.jsonl (what is in it). Cases of one arm are
 simulated side by side."""
@@ -17,13 +17,14 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from arms import Arm, arm
-from faults import FAULTS, OUTSIDE, Fault, Setting
-from world import Lane, simulate
 
 from ident.motion import Coordinates, Motion
 from ident.simulation.sensors import Quantisation, Readings, TorqueNoise
 from ident.transmission import Side
+
+from .arms import Arm, arm
+from .faults import FAULTS, OUTSIDE, Fault, Setting
+from .world import Lane, simulate
 
 Array = np.ndarray
 

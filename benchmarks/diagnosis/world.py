@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from arms import Arm
-from laws import Law, Soft
 
 from ident.motion import Coordinates
 from ident.trajectory import Trajectory
+
+from .arms import Arm
+from .laws import Law, Soft
 
 Array = np.ndarray
 

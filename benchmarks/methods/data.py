@@ -29,7 +29,8 @@ CUTOFF = 20.0
 class Scale:
     """How much is done. `lanes` runs of `seconds` make one data set; `seeds` of the torque-driven, slow and closed-loop one;
     `recursion`: runs of the recursion; `validation` runs; `sizes`: runs for the data that a method needs; `points`: values of every
-    quantity along which degradation is followed; `control_rate` Hz of the torque-driven motion; `everything`: all methods, and each of
+    quantity along which degradation is followed; `postures` of every test of the plans; `control_rate` Hz of the torque-driven
+    motion; `everything`: all methods, and each of
     them simulated forward; else one of each kind."""
 
     seeds: int
@@ -41,16 +42,18 @@ class Scale:
     validation: int
     sizes: tuple[int, ...]
     points: int
+    postures: int
     control_rate: float
     everything: bool
 
 
 FULL = Scale(
     seeds=12, slow_seeds=4, loop_seeds=6, lanes=12, seconds=5.0, recursion=126, validation=16, sizes=(1, 2, 4, 8, 16, 32), points=4,
-    control_rate=400.0, everything=True,
+    postures=3, control_rate=400.0, everything=True,
 )  # fmt: skip
 SHORT = Scale(
-    seeds=2, slow_seeds=0, loop_seeds=1, lanes=3, seconds=4.0, recursion=4, validation=2, sizes=(1, 3), points=2, control_rate=400.0,
+    seeds=2, slow_seeds=0, loop_seeds=1, lanes=2, seconds=4.0, recursion=3, validation=2, sizes=(1, 2), points=2, postures=2,
+    control_rate=400.0,
     everything=False,
 )  # fmt: skip
 #: Rate of the validation motion: its torque is replayed straight between samples.
@@ -84,7 +87,7 @@ class Data:
             runs.part(slice(first, second)),
             runs.part(slice(second, third)),
             torque_driven(world, unseen, _VALIDATION_RATE),
-            {name: planned(world, make_plan(world.model, separation=kind)) for name, kind in kinds.items()},
+            {name: planned(world, make_plan(world.model, postures=scale.postures, separation=kind)) for name, kind in kinds.items()},
         )
 
     @cached_property

@@ -97,7 +97,12 @@ def scatter(found: Excitation, seeds: int) -> Array:
     values = nominal_values(model)
     sensors = Sensors((TorqueWindow(1.0 / found.rate),), Side.MOTOR, columns=("q", "dq", "ddq", "tau"))
     run = simulate(
-        Plant(model, values), desired=found.trajectory, rate=found.rate, control_rate=2 * found.rate, step=0.5 / found.rate, sensors=sensors
+        Plant(model, values),
+        desired=found.trajectory,
+        rate=found.rate,
+        control_rate=10 * found.rate,
+        step=0.1 / found.rate,
+        sensors=sensors,
     )
     problem = Problem(model, recorded()([run.log("run0")], model.robot))
     parts = [(rows.columns / found.noise[:, None])[rows.valid] for rows in problem.rows()]

@@ -26,8 +26,10 @@ from .methods import METHODS, Method
 from .monte_carlo import Trials, run_trials
 from .trajectories import Forward, forward_errors
 
-#: Without these the short run is short.
-_LONG = ("steps_few", "steps_few_update", "steps_update", "tls_raw", "irls")
+#: The short run has one or two of each kind.
+_SHORT = ("steps", "ls_raw", "wls", "momentum", "iv_dynamics", "iv")
+_SHORT_LOOP = ("ls_raw", "wls", "iv", "didim")
+_SHORT_SWEPT = ("ls_raw", "wls")
 #: On slow motion and in closed loop the two ends of every family are compared.
 _FEW = ("steps", "ls_raw", "ls", "wls", "momentum", "iv_dynamics", "iv_desired", "iv", "didim")
 _LOOP = ("ls_raw", "ls", "wls", "irls", "momentum", "energy", "physical", "iv_desired", "iv", "didim")
@@ -44,10 +46,10 @@ def main(short: bool, folder: Path) -> int:
     print(tables.world_text(data.world))
     results: dict[str, Any] = {"versions": versions(), "short": short, "scale": asdict(scale)}
 
-    chosen = [m for key, m in METHODS.items() if scale.everything or key not in _LONG]
-    main_trials = _torque_driven(data, data.main, scale.seeds, chosen)
+    chosen = METHODS if scale.everything else _SHORT
+    main_trials = _torque_driven(data, data.main, scale.seeds, [METHODS[k] for k in chosen])
     forward = forward_errors(data, main_trials, METHODS if scale.everything else figures.SHOWN.values())
-    growths = growth(data)
+    growths = growth(data) if scale.everything else growth(data, _SHORT_SWEPT)
     _heading(f"torque-driven, quick motion: {scale.seeds} seeds of {scale.lanes * scale.seconds:g} s, error over the Cramér-Rao bound")
     print(tables.error_table(main_trials, groups))
     print()
@@ -67,7 +69,7 @@ def main(short: bool, folder: Path) -> int:
         print(tables.summary_table(data, slow_trials, slow_forward, {}))
         results["slow"] = _told(data, slow_trials, groups, slow_forward)
 
-    loop_trials = _closed_loop(data, scale.loop_seeds, [METHODS[k] for k in _LOOP])
+    loop_trials = _closed_loop(data, scale.loop_seeds, [METHODS[k] for k in (_LOOP if scale.everything else _SHORT_LOOP)])
     _heading(f"closed loop on the rounded encoders: {scale.loop_seeds} seeds, a motion each")
     print(tables.error_table(loop_trials, groups))
     print()
@@ -79,7 +81,7 @@ def main(short: bool, folder: Path) -> int:
     print(tables.recursion_table(made))
     results["recursion"] = {k: _plain(r) for k, r in made.items()}
     results["data_needed"] = {k: {**_plain(g), "converged_at": g.converged_at} for k, g in growths.items()}
-    swept = sweeps(data)
+    swept = sweeps(data) if scale.everything else sweeps(data, methods=_SHORT_SWEPT)
     _heading("degradation: torque error on unseen motion")
     for sweep in swept.values():
         print(tables.sweep_table(sweep))
@@ -136,7 +138,7 @@ def _closed_loop(data: Data, seeds: int, methods: Sequence[Method]) -> dict[str,
 
 def _excitation(short: bool) -> list[excitation.Design]:
     if short:
-        designs = [excitation.design("puma560", random=20, starts=1, iterations=15, seeds=200, seconds=6.0)]
+        designs = [excitation.design("puma560", random=10, starts=1, iterations=12, seeds=200, seconds=5.0)]
     else:
         designs = [excitation.design(name) for name in excitation.ROBOTS]
     random = designs[0].random

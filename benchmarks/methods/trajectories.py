@@ -44,7 +44,7 @@ def forward_errors(data: Data, trials: Mapping[str, Trials], methods: Container[
     rate = 1.0 / float(data.validation.simulations[0].t[1])
     signals = recorded()(exact_logs(data, data.validation, rate), data.world.model.robot)
     model, measure = data.world.model, data.torque_measure
-    window = min(WINDOW_S, 0.5 * data.scale.seconds)
+    window = min(WINDOW_S, 0.25 * data.scale.seconds)
 
     def run(title: str, base_values: Array) -> Forward:
         made = replay(model, model.base.expand(base_values), signals, window=window, windows=data.scale.validation)

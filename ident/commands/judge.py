@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repair",
         metavar="METHOD",
-        help="repair it too: fit (constrained fit), consistent, possible or stepwise; of a saved fit, --out keeps the repaired one as fit.json",
+        help="repair it too: fit (constrained fit), consistent, possible or stepwise; of a saved fit, --out keeps the repaired one",
     )
     parser.add_argument("--validate", nargs="+", metavar="FILE", help="held-out logs on which the repair is compared with the fit")
     parser.add_argument("--study", metavar="FILE", help="study file whose [columns] and validation logs are used for that")

@@ -14,7 +14,7 @@ import numpy as np
 
 from .frame import Frame, Motions, raw_columns
 from .spectral import promising_orders
-from .whitening import Whitener, whitener
+from .whitening import Whitener, plain_whitener, whitener
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -30,6 +30,8 @@ _PER_COLUMN = 2.0
 _SHARE = 0.12
 _ROUNDS = 3
 _STEPS = 40
+#: Columns that gain less than this share of what is asked for in one round are not looked at in the next.
+_HOPELESS = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,23 +48,24 @@ def noise_floor(problem: Problem, motions: Motions, candidates: tuple[Candidate,
     raw = raw_columns(problem)
     bank.prepare(motions, candidates)
     blocks = [columns for c in candidates for columns in bank.columns(motions, c.variants)] + generic
-    white = _plain(problem, signals.tau)
+    white = plain_whitener(problem, signals.tau)
     chosen: list[Array] = []
     used = np.zeros(signals.tau.shape[1])
     for attempt in range(_ROUNDS):
         frame = Frame.build(problem, white, raw)
         if attempt == 0:
-            white = _plain(problem, _unwhitened(frame, frame.residual))
+            white = plain_whitener(problem, _unwhitened(frame, frame.residual))
             frame = Frame.build(problem, white, raw)
         extra = _peaks(frame, motions, candidates, bank, chosen)
-        residual, chosen, used = _saturated(frame, chosen + extra + blocks)
+        residual, chosen, used, blocks = _saturated(frame, chosen + extra + blocks)
         freed = residual / np.sqrt(np.maximum(1.0 - used / np.maximum(signals.valid.sum(axis=0), 1), 0.5))
-        white = _plain(problem, freed) if attempt == 0 else whitener(freed, signals.valid, signals.row_runs)
+        white = plain_whitener(problem, freed) if attempt == 0 else whitener(freed, signals.valid, signals.row_runs)
     return Floor(white, used)
 
 
-def _saturated(frame: Frame, blocks: list[Array]) -> tuple[Array, list[Array], Array]:
-    """Residual (M, n), not whitened, with the blocks (M, n, k) that gain most added one after the other; those blocks; columns used."""
+def _saturated(frame: Frame, blocks: list[Array]) -> tuple[Array, list[Array], Array, list[Array]]:
+    """Residual (M, n), not whitened, with the blocks (M, n, k) that gain most added one after the other; those blocks; columns
+    used; the other blocks that gained anything worth a look at any time."""
     n, M, b = frame.columns.shape
     rows = frame.problem.signals.valid.sum(axis=0)
     Q, _ = np.linalg.qr(frame.columns.reshape(-1, b))
@@ -73,9 +76,11 @@ def _saturated(frame: Frame, blocks: list[Array]) -> tuple[Array, list[Array], A
     ]
     r = frame.residual.reshape(-1).copy()
     kept, chosen, used = [Q], [], np.zeros(n)
+    most, taken = np.zeros(len(live)), set()
     for _ in range(_STEPS):
         scale = _spread(r.reshape(n, M), rows)
         gains = np.array([_gain(q, r, scale, M) - _PER_COLUMN * q.shape[1] if q.shape[1] else 0.0 for q in live])
+        most = np.maximum(most, gains)
         i = int(np.argmax(gains))
         if gains[i] < _LEAST:
             break
@@ -93,7 +98,9 @@ def _saturated(frame: Frame, blocks: list[Array]) -> tuple[Array, list[Array], A
         r = r - q @ (q.T @ r)
         kept.append(q)
         chosen.append(blocks[i])
-    return _unwhitened(frame, r.reshape(n, M)), chosen, used
+        taken.add(i)
+    others = [blocks[i] for i in np.flatnonzero(most > _HOPELESS * _LEAST) if i not in taken]
+    return _unwhitened(frame, r.reshape(n, M)), chosen, used, others
 
 
 def _spread(r: Array, rows: Array) -> Array:
@@ -156,21 +163,6 @@ def _orthogonal(Z: Array, Q: Array) -> Array:
     values, vectors = np.linalg.eigh(Z.T @ Z)
     keep = values > 1e-6
     return (Z @ vectors[:, keep]) / np.sqrt(values[keep])
-
-
-def _plain(problem: Problem, rows: Array) -> Whitener:
-    """No colour: each joint's rows over their spread."""
-    from scipy.sparse import diags_array
-
-    valid = problem.signals.valid
-    std = np.ones(rows.shape[1])
-    found = []
-    for j in range(rows.shape[1]):
-        use = valid[:, j]
-        spread = float(np.sqrt(np.mean(rows[use, j] ** 2))) if use.any() else 1.0
-        std[j] = spread if spread > 0 else 1.0
-        found.append(diags_array(np.where(use, 1.0 / std[j], 0.0)).tocsr())
-    return Whitener(tuple(found), std)
 
 
 def _unwhitened(frame: Frame, residual: Array) -> Array:

@@ -30,6 +30,8 @@ _BLOCKS = 40
 _FOLDS = 8
 #: Directions of the model that the data show less than this (relative) are left out of every refit.
 _RANK = 1e-8
+#: Predictions that differ by less than this share (rms, every joint) make the same columns.
+_ALIKE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +230,14 @@ class Motions:
         self.parts: list[tuple[Block, Motion]] = [(block, problem.motion(block.samples, needs)) for block in problem.signals.blocks(None)]
         self._kept: dict[Effect, Array] = {}
 
+    def sharing(self, other: Motions) -> Motions:
+        """These motions with what the others have made already, if their prediction is the same but for little."""
+        if self.problem.signals is other.problem.signals and all(
+            _alike(mine, theirs) for (_, mine), (_, theirs) in zip(self.parts, other.parts, strict=True)
+        ):
+            self._kept = other._kept
+        return self
+
     def columns(self, effect: Effect) -> Array:
         """Columns (M, n, k) of an effect on the measured side, filtered like the torque."""
         return self.columns_of([effect])[0]
@@ -257,6 +267,14 @@ class Motions:
         if new:
             self._kept.update(zip(new, self.columns_of(new), strict=True))
         return [self._kept[e] for e in effects]
+
+
+def _alike(one: Motion, other: Motion) -> bool:
+    """Whether two predictions on the same motion differ by so little that columns made from either serve for both."""
+    if one.load is None or other.load is None or one.reference is None or other.reference is None:
+        return one.load is other.load
+    pairs = ((one.load, other.load), (one.predicted, other.predicted))
+    return all(bool(np.all(np.sum((a - b) ** 2, axis=0) <= _ALIKE**2 * np.sum(b**2, axis=0))) for a, b in pairs)
 
 
 def live_joints(Z: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..problem import Problem
 from .candidates import Candidate, candidates
 from .floor import noise_floor
 from .frame import Frame, Motions, raw_columns
+from .null import Null
 from .search import Bank, Hit, Judged, Search, parameter_std
 from .signatures import signatures
 from .weights import weights
@@ -31,6 +33,10 @@ _REFINED = 14
 _MOST_FINDINGS = 12
 #: Beside effects that explain G on a joint's rows, another one there must explain this share of G: laws are never exact.
 COMPANION = 0.01
+#: Held-out gain over its standard error: what is seen in a single block of time has one, what is seen in all has many.
+_STRETCHES = 1.5
+#: So many of the best candidates are compared with what they gain for nothing.
+_TRIES = 4
 _PREDICTION = frozenset({Need.LOAD, Need.REFERENCE})
 
 
@@ -48,6 +54,11 @@ class Stage:
     def number(self) -> int:
         """Candidates that are tried."""
         return len(self.search.candidates)
+
+    @cached_property
+    def null(self) -> Null:
+        """Logs that hold this model and nothing else."""
+        return Null(self.problem, self.white)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +96,11 @@ def start(model: Model, signals: Signals, reference: Array, bank: Bank) -> Stage
     found = candidates(model, motions.parts[0][1])
     generic = [s.placed(model.robot.n) for s in signatures(motions)]
     white = noise_floor(problem, motions, found, bank, generic).white
-    return _stage(problem, white, bank, found)
+    return _stage(problem, white, bank, motions, found)
 
 
-def _stage(problem: Problem, white: Whitener, bank: Bank, found: tuple[Candidate, ...] | None = None) -> Stage:
-    """A frame for a problem, its columns taken at the values that it yields itself."""
+def _stage(problem: Problem, white: Whitener, bank: Bank, like: Motions, found: tuple[Candidate, ...] | None = None) -> Stage:
+    """A frame for a problem, its columns taken at the values that it yields itself; `like`: motions whose columns may serve."""
     frame = Frame.build(problem, white, raw_columns(problem))
     # What depends on the prediction is taken at the fit's own prediction.
     for _ in range(4):
@@ -102,7 +113,7 @@ def _stage(problem: Problem, white: Whitener, bank: Bank, found: tuple[Candidate
         frame = Frame.build(problem, white, raw_columns(problem))
         if not shift:
             break
-    motions = Motions(problem)
+    motions = Motions(problem).sharing(like)
     if found is None:
         found = candidates(problem.model, motions.parts[0][1])
     return Stage(problem, white, frame, motions, Search(frame, motions, found, bank))
@@ -165,7 +176,8 @@ def _with_noise(first: Stage, stage: Stage, bank: Bank) -> tuple[Stage, Stage]:
     """Both stages under the noise floor beneath the second one's model."""
     generic = [s.placed(stage.problem.model.robot.n) for s in signatures(stage.motions)]
     white = noise_floor(stage.problem, stage.motions, stage.search.candidates, bank, generic).white
-    return tuple(_stage(s.problem, white, bank, s.search.candidates) for s in (first, stage))  # type: ignore[return-value]
+    again = [_stage(s.problem, white, bank, s.motions, s.search.candidates) for s in (first, stage)]
+    return again[0], again[1]
 
 
 def described(j: Judged, number: int) -> str:
@@ -177,13 +189,22 @@ def described(j: Judged, number: int) -> str:
 
 def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Found | None:
     """The most probable of the candidates, with its rivals, if it is worth accepting."""
-    worth = [j for j in plausible if surplus(j, stage.number) > 0 and _worth(j, beside)]
-    if not worth:
-        return None
-    w = weights(worth, [threshold(j.hit, stage.number) for j in worth])
-    best = int(np.argmax(w))
-    order = [best, *(i for i in np.argsort(-w) if i != best)]
-    return Found(worth[best], tuple(worth[i] for i in order[1:]), w[order])
+    worth = [j for j in plausible if surplus(j, stage.number) > 0 and _often(j) and _worth(j, beside)]
+    for _ in range(_TRIES):
+        if not worth:
+            break
+        w = weights(worth, [threshold(j.hit, stage.number) for j in worth])
+        best = int(np.argmax(w))
+        if stage.null.exceeded(worth[best].hit.candidate, worth[best].evidence):
+            order = [best, *(i for i in np.argsort(-w) if i != best)]
+            return Found(worth[best], tuple(worth[i] for i in order[1:]), w[order])
+        worth = [j for i, j in enumerate(worth) if i != best]
+    return None
+
+
+def _often(judged: Judged) -> bool:
+    """Whether a candidate gains in more than a stretch or two of the log."""
+    return judged.score.heldout > _STRETCHES * judged.score.standard_error
 
 
 def _re_examined(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Callable[[str], None]) -> tuple[Stage, list[Found]]:
@@ -226,7 +247,7 @@ def _with(first: Stage, effects: Sequence[Effect], like: Stage, bank: Bank) -> S
         model = model + effect
     old = dict(zip(like.problem.model.names, like.problem.reference, strict=True)) if like.problem.reference is not None else {}
     reference = np.array([old.get(name, 0.0) for name in model.names])
-    return _stage(Problem(model, first.problem.signals, reference=reference), first.white, bank)
+    return _stage(Problem(model, first.problem.signals, reference=reference), first.white, bank, like.motions)
 
 
 def _labelled(found: Found, model: Model) -> Found:

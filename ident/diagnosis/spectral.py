@@ -59,7 +59,7 @@ def harmonics(effect: Effect, frame: Frame, motions: Motions) -> Harmonics | Non
     step = np.pi / (2.0 * longest)
     # The row filter decides how fast an order may be: found by trying a few.
     probe = np.geomspace(max(p.lower, 2.0 * step), p.upper, 24)
-    power = np.array([_power(effect.with_shape(**{name: float(n)}), frame, motions) for n in probe])
+    power = _power(parts, probe, frame, motions)
     resolved = power > _RESOLVED * power.max(initial=0.0)
     if not resolved.any():
         return None
@@ -81,8 +81,18 @@ def promising_orders(h: Harmonics, frame: Frame, motions: Motions, residual: Arr
     return _peaks(h.orders, np.abs(total) ** 2 / np.maximum(power, _RESOLVED * h.power.max()))
 
 
-def _power(effect: Effect, frame: Frame, motions: Motions) -> float:
-    return 0.5 * float(np.sum(frame.whitened(motions.columns(effect)) ** 2))
+def _power(parts: list[tuple[dict[int, Array], Array]], orders: Array, frame: Frame, motions: Motions) -> Array:
+    """Half the power (P,) of both whitened columns at each order."""
+    valid = frame.problem.signals.valid
+    total = np.zeros(len(orders))
+    for j in {j: None for amplitudes, _ in parts for j in amplitudes}:
+        rows = []
+        for (block, _), (amplitudes, phase) in zip(motions.parts, parts, strict=True):
+            wave = np.exp(1j * np.outer(phase, orders)) * amplitudes.get(j, np.zeros(len(phase)))[:, None]
+            rows.append(block.reduce(np.concatenate([wave.real, wave.imag], axis=1)))
+        white = frame.white(np.where(valid[:, j, None], np.concatenate(rows), 0.0), j)
+        total += 0.5 * np.sum(white**2, axis=0).reshape(2, -1).sum(axis=0)
+    return total
 
 
 def _harmonic(effect: Effect, name: str, motion: object, motions: Motions) -> tuple[dict[int, Array], Array] | None:

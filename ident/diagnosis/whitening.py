@@ -18,6 +18,8 @@ from ..noise import autocovariance
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+    from ..problem import Problem
+
 Array = np.ndarray
 #: Longest memory of the noise, in rows.
 _MOST_ORDER = 12
@@ -55,6 +57,21 @@ def whitener(residual: Array, valid: Array, runs: Iterable[slice]) -> Whitener:
         matrices.append(_matrix(valid[:, j], runs, predictors))
         std.append(float(np.sqrt(gamma[0])))
     return Whitener(tuple(matrices), np.array(std))
+
+
+def plain_whitener(problem: Problem, rows: Array) -> Whitener:
+    """No colour: each joint's rows (M, n) over their spread."""
+    from scipy.sparse import diags_array
+
+    valid = problem.signals.valid
+    std = np.ones(rows.shape[1])
+    found = []
+    for j in range(rows.shape[1]):
+        use = valid[:, j]
+        spread = float(np.sqrt(np.mean(rows[use, j] ** 2))) if use.any() else 1.0
+        std[j] = spread if spread > 0 else 1.0
+        found.append(diags_array(np.where(use, 1.0 / std[j], 0.0)).tocsr())
+    return Whitener(tuple(found), std)
 
 
 def _predictors(gamma: Array, count: int) -> list[tuple[Array, float]]:

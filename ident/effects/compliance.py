@@ -162,60 +162,52 @@ class Backlash(_Compliance):
 
 
 def response(load: Array, omega: Array, damping: float, gap: float, step: float, first: float | None = None) -> tuple[Array, Array, Array]:
-    """δ and its two derivatives (N,) under `load` (N,), torque over inertia in rad/s² (m/s²), linear between samples.
-
-    `omega` (N,): angular frequency of the contact spring on the link; `gap`: free play, whole width; `step`: s. Starts at rest
-    on the flank, under the load `first` (the first of `load` if None). Within a step (a quarter of one where there is play)
-    each regime is solved exactly."""
-    half = 0.5 * gap
-    parts = 4 if gap > 0.0 else 1
-    h = step / parts
-    coefficients = _spring_step(omega, damping, h)
-    force = (-load).tolist()
-    w2, zw = (omega**2).tolist(), (2.0 * damping * omega).tolist()
-    a11, a12, a21, a22, b10, b11, b20, b21 = (c.tolist() for c in coefficients)
-    begin = force[:1] if first is None else [-first]
-    at = begin[0] / w2[0] if force else 0.0
-    x, v = at + (half if at > 0 else -half if at < 0 else 0.0), 0.0
-    position, velocity = [x], [v]
-    for k in range(len(force) - 1):
-        f0, rise = force[k], (force[k + 1] - force[k]) / parts
-        for _ in range(parts):
-            f1 = f0 + rise
-            if -half <= x <= half and half > 0.0:
-                x, v = x + v * h + (2.0 * f0 + f1) * h * h / 6.0, v + 0.5 * (f0 + f1) * h
-            else:
-                flank = half if x > 0 else -half
-                y = x - flank
-                y, v = a11[k] * y + a12[k] * v + b10[k] * f0 + b11[k] * f1, a21[k] * y + a22[k] * v + b20[k] * f0 + b21[k] * f1
-                x = y + flank
-            f0 = f1
-        position.append(x)
-        velocity.append(v)
-    delta, rate = np.array(position), np.array(velocity)
-    outside = np.abs(delta) > half
-    deflection = np.where(outside, delta - np.sign(delta) * half, 0.0)
-    return delta, rate, -load - np.asarray(w2) * deflection - np.where(outside, np.asarray(zw) * rate, 0.0)
+    """`responses` of a single spring: `load`, `omega` (N,) → δ and its two derivatives (N,); `first`: default the first of `load`."""
+    one = np.ones(1)
+    start = load[:1] if first is None else first * one
+    found = responses(load[:, None], 1.0 / omega[:, None] ** 2, one, damping * one, gap * one, step, start)
+    return found[0][:, 0], found[1][:, 0], found[2][:, 0]
 
 
 def responses(
     load: Array, inertia: Array, stiffness: Array, damping: Array, gap: Array, step: float, first: Array
 ) -> tuple[Array, Array, Array]:
-    """`response` of several springs at once: `load`, `inertia` (N, L), `stiffness`, `damping`, `gap`, `first` (L,) → (N, L) each."""
+    """Deflections δ of several springs and their two derivatives, (N, L) each.
+
+    `load` (N, L): torque over inertia in rad/s² (m/s²), linear between samples; `inertia` (N, L) on the spring; `stiffness`,
+    `damping` (share of the critical one), `gap` (free play, whole width), `first` (L,): the load under which each starts at rest on
+    its flank; `step`: s. Within a step (a quarter of one where there is play) each regime is solved exactly."""
     omega = np.sqrt(stiffness / inertia)
-    if len(stiffness) < 4:
-        alone = [response(load[:, i], omega[:, i], float(damping[i]), float(gap[i]), step, float(first[i])) for i in range(len(stiffness))]
-        return np.stack([a[0] for a in alone], axis=1), np.stack([a[1] for a in alone], axis=1), np.stack([a[2] for a in alone], axis=1)
     half = 0.5 * gap
-    playing = bool(np.any(half > 0.0))
-    parts = 4 if playing else 1
+    parts = 4 if bool(np.any(half > 0.0)) else 1
     h = step / parts
-    a11, a12, a21, a22, b10, b11, b20, b21 = _spring_step(omega, damping, h)
     force = -load
-    at = -first / omega[0] ** 2
-    x, v = at + half * np.sign(at), np.zeros(len(stiffness))
-    position, velocity = np.empty(omega.shape), np.empty(omega.shape)
-    position[0], velocity[0] = x, v
+    position, velocity = np.empty(omega.shape), np.zeros(omega.shape)
+    if len(force):
+        at = -first / omega[0] ** 2
+        position[0] = at + half * np.sign(at)
+        _follow(np.ascontiguousarray(force), np.stack(_spring_step(omega, damping, h)), half, h, parts, position, velocity)
+    outside = np.abs(position) > half
+    deflection = np.where(outside, position - np.sign(position) * half, 0.0)
+    slowing = np.where(outside, 2.0 * damping * omega * velocity, 0.0)
+    return position, velocity, force - omega**2 * deflection - slowing
+
+
+def _follow(force: Array, coefficients: Array, half: Array, h: float, parts: int, position: Array, velocity: Array) -> None:
+    """Fill position and velocity (N, L) from their first rows on, for force (N, L) and step coefficients (8, N, L)."""
+    try:
+        from .._native import _recursions  # type: ignore[attr-defined, unused-ignore]
+    except ImportError:
+        _follow_plainly(force, coefficients, half, h, parts, position, velocity)
+    else:
+        _recursions.springs(force, coefficients, np.ascontiguousarray(half, float), h, parts, *force.shape, position, velocity)
+
+
+def _follow_plainly(force: Array, coefficients: Array, half: Array, h: float, parts: int, position: Array, velocity: Array) -> None:
+    """`_follow` in NumPy, all springs at a time."""
+    a11, a12, a21, a22, b10, b11, b20, b21 = coefficients
+    x, v = position[0], velocity[0]
+    playing = bool(np.any(half > 0.0))
     for k in range(len(force) - 1):
         f0, rise = force[k], (force[k + 1] - force[k]) / parts
         for _ in range(parts):
@@ -230,10 +222,6 @@ def responses(
                 pushed = np.where(free, v + 0.5 * (f0 + f1) * h, pushed)
             x, v, f0 = pressed, pushed, f1
         position[k + 1], velocity[k + 1] = x, v
-    outside = np.abs(position) > half
-    deflection = np.where(outside, position - np.sign(position) * half, 0.0)
-    slowing = np.where(outside, 2.0 * damping * omega * velocity, 0.0)
-    return position, velocity, force - omega**2 * deflection - slowing
 
 
 def _spring_step(omega: Array, damping: Array | float, h: float) -> tuple[Array, ...]:

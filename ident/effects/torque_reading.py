@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 Array = np.ndarray
+#: An excess worth looking at: so many standard deviations of the reading's noise.
+_CLEAR = 6.0
 
 
 @register
@@ -106,13 +108,22 @@ class Saturation(JointEffect):
             yield -self._excess(motion.predicted_on(self.side)[:, at])
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
-        """From a torque that a fifth of the samples exceed to the largest one."""
+        """From a torque that a fifth of the samples exceed to one that the largest exceeds by more than the noise of the reading.
+
+        The excess of a noisy reading holds that noise, which then follows it one to one as well."""
         torque = motion.measured_on(self.side) if self.clipped == Clipping.DRIVE else motion.predicted_on(self.side)
-        size = np.abs(torque[:, self.at(robot)])
+        at = self.at(robot)
+        size = np.abs(torque[:, at])
         size = size[np.isfinite(size).all(axis=1)]
         if not size.size:
             return self.bounded()
-        return self.bounded(limit=(float(np.quantile(size, 0.8, axis=0).min()), float(size.max())))
+        top, noise = float(size.max()), 0.0
+        if motion.reference is not None and motion.torque is not None:
+            off = np.abs((motion.measured_on(self.side) - motion.predicted_on(self.side))[:, at])
+            noise = 1.4826 * float(np.nanmax(np.nanmedian(off, axis=0)))
+        low, high = float(np.quantile(size, 0.8, axis=0).min()), top - _CLEAR * noise
+        # Nothing stands out: no limit below the largest torque is worth a look.
+        return self.bounded(limit=(low, high) if high > low else (top, 2.0 * top))
 
     def implausible(self, robot: Robot, values: Array, std: Array) -> str:
         """Beyond the limit the reading must exceed the torque one to one."""

@@ -12,15 +12,18 @@ from .document import Report, read_report
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
     from ..estimate import Estimate
+    from ..monitoring import Monitoring
 
 __all__ = ["Report", "read_report", "report"]
 
 
-def report(result: Diagnosis | Estimate | Report, path: str | Path, *, figures: str | Path | None = None, force: bool = False) -> Path:
-    """Write a report as HTML. `result`: a diagnosis, an estimate, or a report made before; `figures`: a folder for
-    its figures as SVG files.
+def report(
+    result: Diagnosis | Estimate | Monitoring | Report, path: str | Path, *, figures: str | Path | None = None, force: bool = False
+) -> Path:
+    """Write a report as HTML. `result`: a diagnosis, an estimate, what monitoring found, or a report made before.
 
-    Returns the path. Raises ConfigurationError without matplotlib (the `report` extra), or if a file exists and `force` is false."""
+    `figures`: a folder for its figures as SVG files. Returns the path. Raises ConfigurationError without matplotlib (the `report`
+    extra), or if a file exists and `force` is false."""
     from .figures import draw, require_matplotlib
     from .html import to_html
 
@@ -43,11 +46,15 @@ def of(result: object) -> Report:
     """The report of a result: a diagnosis, an estimate, what monitoring found. Raises ConfigurationError for anything else."""
     from ..diagnosis import Diagnosis
     from ..estimate import Estimate
+    from ..monitoring import Monitoring
     from .diagnosis import diagnosis_report
     from .estimate import estimate_report
+    from .monitoring import monitoring_report
 
     if isinstance(result, Diagnosis):
         return diagnosis_report(result)
     if isinstance(result, Estimate):
         return estimate_report(result)
-    raise ConfigurationError(f"there is no report of a {type(result).__name__}; give a Diagnosis or an Estimate.")
+    if isinstance(result, Monitoring):
+        return monitoring_report(result)
+    raise ConfigurationError(f"there is no report of a {type(result).__name__}; give a Diagnosis, an Estimate or a Monitoring.")

@@ -10,6 +10,7 @@ from rigid_models import difference, kernels, oracle, parameters, random_model, 
 import ident
 from ident.errors import ConfigurationError, DataError
 from ident.regressor import rigid
+from ident.robot import Robot
 
 TIGHT = 1e-12
 
@@ -47,6 +48,25 @@ def test_robots_of_example_robot_data(name):
         _compare(name, model)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("floating", [False, True], ids=["fixed", "floating"])
+@pytest.mark.parametrize("name", kernels())
+def test_every_urdf_of_example_robot_data(name, floating):
+    """All robots that the package ships, arms, grippers, legs and humanoids, on a fixed base and on a free-flyer."""
+    root = _example_robot_data()
+    names, refused = [], []
+    for path in sorted(root.rglob("*.urdf")):
+        try:
+            robot = Robot.from_urdf(path, floating_base=floating)
+        except ConfigurationError as error:  # drones without a joint, and a file that only includes others
+            refused.append(str(error))
+            continue
+        names.append(path.name)
+        _compare(name, robot.model, robot.tree)
+    assert len(names) > 40, names
+    assert all("no moving joint" in text or "there is no <link>" in text for text in refused), refused
+
+
 def _example_robot_data():
     from importlib.metadata import PackageNotFoundError, distribution
 
@@ -60,14 +80,14 @@ def _example_robot_data():
     return found[0].locate().resolve().parents[2]
 
 
-def _compare(name, model):
+def _compare(name, model, tree=None):
     rng = np.random.default_rng(5)
-    model = _bounded(model)
+    model = _bounded(model) if tree is None else model
     q, dq, ddq = states(model, rng, 5)
     wanted = oracle(model, q, dq, ddq)
     inertia = parameters(model)
     with using(name) as kernel:
-        tree = tree_of(model)
+        tree = tree_of(model) if tree is None else tree
         assert difference(kernel.regressor(tree, q, dq, ddq), wanted["regressor"]) < TIGHT
         assert difference(kernel.inverse_dynamics(tree, inertia, q, dq, ddq), wanted["inverse"]) < TIGHT
         assert difference(kernel.mass_matrix(tree, inertia, q), wanted["mass"]) < TIGHT

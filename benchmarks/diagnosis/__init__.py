@@ -1,0 +1,1 @@
+"""Cases with a known fault, and what the diagnosis makes of them."""

@@ -1,0 +1,104 @@
+"""`ident monitor`: new logs against a saved fit: what has changed since, by how much, how surely."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import ConfigurationError, IdentError
+from ..estimate import Estimate
+from ..files import sha256, write_atomic
+from .common import Output, add_output_arguments
+
+if TYPE_CHECKING:
+    from ..logs import LogSet
+    from ..monitoring import Monitoring
+    from ..signals import Signals
+    from ..study import Study
+
+HELP = "compare new logs with a saved fit and say what changed"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--fit", metavar="FILE", required=True, help="saved fit (fit.json, or after.fit.json of a diagnosis)")
+    parser.add_argument("--log", nargs="+", metavar="FILE", help="new logs (CSV, CSV.gz, MAT, Parquet; patterns allowed)")
+    parser.add_argument(
+        "--reference",
+        nargs="+",
+        metavar="FILE",
+        help="logs of the fit itself: with them, what the model never had is told from what is new; by default those that the fit names",
+    )
+    parser.add_argument("--study", metavar="FILE", help="study file whose [columns] and [logs] are used: its logs to fit without --log")
+    parser.add_argument(
+        "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
+    )
+    parser.add_argument("--strict", action="store_true", help="exit with 1 unless nothing changed")
+    add_output_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from ..monitoring import monitor
+    from ..session import like
+    from ..study import Study, read_study
+
+    out = Output(args)
+    estimate = Estimate.load(args.fit)
+    study = read_study(Path(args.study)) if args.study else Study()
+    if args.missing:
+        study = replace(study, logs=replace(study.logs, missing=args.missing))
+    if args.log:
+        study = study.with_flags(logs=args.log)
+    files = [*map(str, study.fit_files())] if study.logs.fit else []
+    if not files:
+        raise ConfigurationError("no log is given; name the new logs with --log FILE (or --study FILE with [logs] fit).")
+    signals = like(estimate.signals_config)(_read(files, study, estimate))
+    reference, warning = _reference(args, study, estimate)
+    found = monitor(estimate, signals, reference=reference, progress=out.progress("comparing"))
+    found = replace(found, warnings=(*found.warnings, *([warning] if warning else ())))
+    out.say(found)
+    out.result(found.to_dict())
+    with out.together() as folder:
+        if folder is not None:
+            _keep(folder, out, found)
+    return 1 if args.strict and found.verdict != "unchanged" else 0
+
+
+def _read(files: list[str], study: Study, estimate: Estimate) -> LogSet:
+    from ..logs import read_logs
+
+    return read_logs(files, estimate.model.robot, study.columns or None, **study.logs.reading())
+
+
+def _reference(args: argparse.Namespace, study: Study, estimate: Estimate) -> tuple[Signals | None, str]:
+    """The fit's own logs: those named, else those that the fit names, as long as they are still what they were; and what is to be
+    said where they are not at hand."""
+    from ..session import like
+
+    preparation = like(estimate.signals_config)
+    if args.reference:
+        named = study.with_flags(logs=args.reference).fit_files()
+        return preparation(_read([*map(str, named)], study, estimate)), ""
+    without = "the fit's own logs are not at hand (--reference): an effect that the model never had cannot be told from one that is new."
+    paths = [(Path(i["path"]), i["sha256"]) for i in estimate.inputs]
+    if not paths or not all(p.is_file() and sha256(p) == known for p, known in paths):
+        return None, without
+    try:
+        return preparation(_read([str(p) for p, _ in paths], study, estimate)), ""
+    except IdentError as error:
+        return None, f"{without} They are there, but {error}"
+
+
+def _keep(folder: Path, out: Output, found: Monitoring) -> None:
+    from ..reporting import of, report
+
+    write_atomic(folder / "monitor.json", json.dumps(found.to_dict(), indent=2) + "\n")
+    write_atomic(folder / "monitor.txt", f"{found}\n")
+    document = of(found)
+    write_atomic(folder / "report.json", document.to_json())
+    try:
+        report(document, folder / "report.html", figures=folder / "figures")
+    except ConfigurationError as error:  # without the drawing library everything else is still of use
+        out.note(f"no report.html: {error}")

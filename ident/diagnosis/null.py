@@ -1,0 +1,92 @@
+"""The null: what a candidate seems to gain on logs that hold nothing but the model, its noise, and what preparing them does.
+
+Noise of the positions makes the regressor's accelerations noisy, filters attenuate, quick reversals smear: all of that leaves
+residuals that follow the motion, and some candidate will fit them. So the model's own prediction along the measured motion
+is taken for the truth, noise like that of the log is put on positions and torque, and the log so made is prepared and scored
+like the real one. What a candidate gains there, it gains for nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import IdentError
+from ..problem import Problem
+from .analysis import without_reversals
+from .frame import Frame, Motions, raw_columns
+from .search import Bank, Search
+from .whitening import plain_whitener, whitener
+
+if TYPE_CHECKING:
+    from ..logs import LogSet
+    from .candidates import Candidate
+    from .whitening import Whitener
+
+Array = np.ndarray
+#: Logs that are made, and how far above the most that a candidate gained there its evidence must lie.
+_DRAWS = 3
+_CLEAR = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Null:
+    """Logs made from `problem`'s model at its reference values, with the noise that `white` tells of."""
+
+    problem: Problem
+    white: Whitener
+
+    def exceeded(self, candidate: Candidate, evidence: float) -> bool:
+        """Whether a candidate's evidence is clearly more than it gains where there is nothing to gain."""
+        return evidence > _CLEAR * max((self._gain(search, candidate) for search in self.searches), default=0.0)
+
+    @cached_property
+    def searches(self) -> tuple[Search, ...]:
+        """One for each log that is made; none where the signals cannot be prepared anew."""
+        found = (self._search(seed) for seed in range(_DRAWS))
+        return tuple(search for search in found if search is not None)
+
+    def _gain(self, search: Search, candidate: Candidate) -> float:
+        hit = search.first(candidate)
+        return 0.0 if hit is None else search.judge(search.refined(hit)).evidence
+
+    def _search(self, seed: int) -> Search | None:
+        from ..signals import make_preparation
+
+        signals = self.problem.signals
+        cutoffs = {"cutoff_hz": signals.report.cutoff_hz, "row_cutoff_hz": signals.report.row_cutoff_hz}
+        config = {**signals.report.config, **{key: value for key, value in cutoffs.items() if value is not None}}
+        try:
+            again = make_preparation(**config)(self._logs(np.random.default_rng([seed, 17])), signals.robot)
+            problem = Problem(self.problem.model, without_reversals(again), reference=self.problem.reference)
+            raw = raw_columns(problem)
+            frame = Frame.build(problem, plain_whitener(problem, problem.signals.tau), raw)
+            residual = problem.signals.tau - raw @ problem.base.base_values(_values(problem))
+            white = whitener(residual, problem.signals.valid, problem.signals.row_runs)
+            frame = Frame.build(problem, white, raw)
+        except IdentError:
+            return None
+        return Search(frame, Motions(problem), (), Bank())
+
+    def _logs(self, rng: np.random.Generator) -> LogSet:
+        from ..logs import Log, LogSet
+
+        problem, signals = self.problem, self.problem.signals
+        gain = 1.0 if signals.row_filter is None else float(np.sqrt(np.sum(np.asarray(signals.row_filter.taps) ** 2)))
+        jitter = np.array([j.noise if np.isfinite(j.noise) else 0.0 for j in signals.report.joints])
+        side = signals.robot.transmission.measured.value
+        logs = []
+        for block, name in zip(signals.blocks(None), signals.run_names, strict=True):
+            motion, part = problem.motion(block.samples), block.samples
+            tau = problem.model.torque(motion, _values(problem)) + self.white.std / gain * rng.normal(size=signals.q[part].shape)
+            tau = np.where(np.isfinite(signals.torque[part]), tau, np.nan)
+            q = signals.q[part] + jitter * rng.normal(size=tau.shape)
+            logs.append(Log(name, signals.t[part], q=q, dq=signals.dq[part], ddq=signals.ddq[part], tau={side: tau}))
+        return LogSet(tuple(logs), robot=signals.robot)
+
+
+def _values(problem: Problem) -> Array:
+    """The values (k,) that the prediction is made of."""
+    return np.zeros(len(problem.model.names)) if problem.reference is None else problem.reference
