@@ -16,7 +16,7 @@ from ident.problem import Problem
 
 from .bound import filtered_bound
 from .methods import Case
-from .motions import PlanRuns, Runs, closed_loop, fourier, planned, read, torque_driven
+from .motions import PlanRuns, Runs, closed_loop, fourier, planned, played_back, read, torque_driven
 from .world import TorqueMeasure, World, puma
 
 Array = np.ndarray
@@ -49,15 +49,15 @@ class Scale:
 
 FULL = Scale(
     seeds=12, slow_seeds=4, loop_seeds=6, lanes=12, seconds=5.0, recursion=126, validation=16, sizes=(1, 2, 4, 8, 16, 32), points=4,
-    postures=3, control_rate=400.0, everything=True,
+    postures=3, control_rate=1000.0, everything=True,
 )  # fmt: skip
 SHORT = Scale(
     seeds=2, slow_seeds=0, loop_seeds=1, lanes=2, seconds=4.0, recursion=3, validation=2, sizes=(1, 2), points=2, postures=2,
     control_rate=400.0,
     everything=False,
 )  # fmt: skip
-#: Rate of the validation motion: its torque is replayed straight between samples.
-_VALIDATION_RATE = 1000.0
+#: Samples per second of the validation motion.
+_VALIDATION_RATE = 400.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class Data:
             scale,
             runs.part(slice(first, second)),
             runs.part(slice(second, third)),
-            torque_driven(world, unseen, _VALIDATION_RATE),
+            played_back(world, torque_driven(world, unseen, _VALIDATION_RATE)),
             {name: planned(world, make_plan(world.model, postures=scale.postures, separation=kind)) for name, kind in kinds.items()},
         )
 

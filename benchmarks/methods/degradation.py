@@ -31,7 +31,7 @@ class Sweep:
 
 def sweeps(data: Data, seed: int = 1, methods: tuple[str, ...] = COMPARED) -> dict[str, Sweep]:
     """One quantity at a time, the others as in the main data."""
-    rates = data.scale.control_rate / np.array([8.0, 4.0, 2.0, 1.0])
+    rates = np.array([rate for rate in (50.0, 100.0, 200.0, 400.0, 500.0) if data.scale.control_rate % rate == 0])
     plans = {
         "noise": ("torque noise over its usual one", "", np.array([0.0, 1.0, 3.0, 10.0]), 1.0, "noise"),
         "counts": ("encoder counts a motor turn", "", np.array([250.0, 500.0, 1000.0, 4000.0]), data.world.counts, "counts"),

@@ -62,7 +62,8 @@ class Case:
 
     @property
     def loop(self) -> str:
-        return "closed" if self.feedback else "open"
+        """What the instrumental methods are told. In feedback they would refuse measured torque; told nothing, they must find out."""
+        return "unknown" if self.feedback else "open"
 
 
 Solver = Callable[[Case], Estimate]
@@ -139,7 +140,7 @@ METHODS: Mapping[str, Method] = {
         Method("momentum", "WLS, momentum form", SIMULTANEOUS, _filtered(WeightedLeastSquares(), "momentum")),
         Method("energy", "WLS, energy form", SIMULTANEOUS, _filtered(WeightedLeastSquares(), "energy")),
         Method("physical", "WLS, physically consistent", SIMULTANEOUS, _filtered(PhysicalLeastSquares())),
-        Method("iv_dynamics", "IV, model accelerations, raw", ADVANCED, _raw(_instruments("forward_dynamics")), lambda c: not c.feedback),
+        Method("iv_dynamics", "IV, model accelerations, raw", ADVANCED, _raw(_instruments("forward_dynamics"))),
         Method("iv_desired", "IV, desired motion, raw", ADVANCED, _raw(_instruments("reference")), _told),
         Method("iv", "IV, simulated motion, raw", ADVANCED, _raw(_instruments("simulation")), _told),
         Method(

@@ -13,7 +13,7 @@ from ident.logs import Log
 from ident.model import Model
 from ident.motion import Coordinates
 from ident.plan import Plan, PlannedTest
-from ident.simulate import Feedback, Sensors, Simulation, simulate_batch
+from ident.simulate import Feedback, Hold, Sensors, Simulation, simulate_batch
 from ident.trajectory import Chained, Dwell, FourierTrajectory, Trajectory
 from ident.transmission import Side
 
@@ -63,6 +63,17 @@ def torque_driven(world: World, desired: Sequence[Trajectory], control_rate: flo
         sensors=_BARE,
     )  # fmt: skip
     return Runs(made, tuple(desired), controller, control_rate)
+
+
+def played_back(world: World, runs: Runs) -> Runs:
+    """The torque of runs once more, in open loop and straight between its samples: motion for which the logged torque is all there is."""
+    torque = np.stack([run.tau for run in runs.simulations], axis=1)
+    start = tuple(np.array([getattr(run, key)[0] for run in runs.simulations]) for key in ("q", "dq"))
+    made = simulate_batch(
+        world.plant, torque=torque, hold=Hold.FIRST_ORDER, start=(start[0], start[1]), rate=runs.control_rate,
+        step=1.0 / runs.control_rate, sensors=_BARE,
+    )  # fmt: skip
+    return replace(runs, simulations=made)
 
 
 def closed_loop(world: World, desired: Sequence[Trajectory]) -> Runs:

@@ -28,11 +28,11 @@ from .trajectories import Forward, forward_errors
 
 #: The short run has one or two of each kind.
 _SHORT = ("steps", "ls_raw", "wls", "momentum", "iv_dynamics", "iv")
-_SHORT_LOOP = ("ls_raw", "wls", "iv", "didim")
+_SHORT_LOOP = ("ls_raw", "wls", "iv_dynamics", "iv", "didim")
 _SHORT_SWEPT = ("ls_raw", "wls")
 #: On slow motion and in closed loop the two ends of every family are compared.
 _FEW = ("steps", "ls_raw", "ls", "wls", "momentum", "iv_dynamics", "iv_desired", "iv", "didim")
-_LOOP = ("ls_raw", "ls", "wls", "irls", "momentum", "energy", "physical", "iv_desired", "iv", "didim")
+_LOOP = ("ls_raw", "ls", "wls", "irls", "momentum", "energy", "physical", "iv_dynamics", "iv_desired", "iv", "didim")
 
 
 def main(short: bool, folder: Path) -> int:
@@ -56,6 +56,7 @@ def main(short: bool, folder: Path) -> int:
     print(tables.bias_table(main_trials, groups))
     print()
     print(tables.summary_table(data, main_trials, forward, growths))
+    print(tables.statuses(main_trials))
     results["quick"] = _told(data, main_trials, groups, forward)
 
     slow_forward: dict[str, Forward] = {}
@@ -67,6 +68,7 @@ def main(short: bool, folder: Path) -> int:
         print(tables.error_table(slow_trials, groups))
         print()
         print(tables.summary_table(data, slow_trials, slow_forward, {}))
+        print(tables.statuses(slow_trials))
         results["slow"] = _told(data, slow_trials, groups, slow_forward)
 
     loop_trials = _closed_loop(data, scale.loop_seeds, [METHODS[k] for k in (_LOOP if scale.everything else _SHORT_LOOP)])
@@ -74,6 +76,7 @@ def main(short: bool, folder: Path) -> int:
     print(tables.error_table(loop_trials, groups))
     print()
     print(tables.bias_table(loop_trials, groups))
+    print(tables.statuses(loop_trials))
     results["closed_loop"] = _told(data, loop_trials, groups, {})
 
     made = recursions(data)

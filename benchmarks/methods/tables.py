@@ -90,6 +90,16 @@ def summary_table(data: Data, trials: Mapping[str, Trials], forward: Mapping[str
     return table(head, rows)
 
 
+def statuses(trials: Mapping[str, Trials]) -> str:
+    """Which methods warned of their own result, on how many seeds."""
+    found = []
+    for t in trials.values():
+        warned = [status for status in t.statuses if status != "ok"]
+        found += [f"{t.method.title}: {kind} on {warned.count(kind)} of {len(t.statuses)} seeds" for kind in sorted(set(warned))]
+        found += [f"{t.method.title}: no estimate on {len(t.failures)} seeds ({t.failures[0][1]})"] if t.failures else []
+    return "status other than ok: " + ("; ".join(found) or "none")
+
+
 def effort(data: Data, key: str) -> tuple[int, str]:
     """Samples that a method uses, and the tests that have to be set up for them with the seconds they last."""
     rate = data.world.rate
