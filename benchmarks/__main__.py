@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio
 import scipy
 
-TOPICS = ("real", "methods", "diagnosis", "performance")
+TOPICS = ("real", "methods", "diagnosis", "performance", "physical")
 
 
 def main() -> int:
