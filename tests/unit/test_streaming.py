@@ -1,4 +1,4 @@
-"""Streamed logs give what logs in memory give: signals, masks, estimates, covariance, reports, errors; and go on where they were cut off."""
+"""Streamed logs give what logs in memory give: rows, masks, estimates, covariance, reports, errors; and go on where they were cut off."""
 
 from __future__ import annotations
 
