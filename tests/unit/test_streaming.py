@@ -31,10 +31,13 @@ Array = np.ndarray
 
 @pytest.fixture(scope="module")
 def table() -> dict[str, Array]:
-    """Two minutes of the PUMA at 200 Hz."""
+    """A minute of the PUMA at 200 Hz."""
     robot = ident.load_robot("puma560")
     model = robot.rigid_body() + RotorInertia() + Viscous() + Coulomb()
-    return analytic_log(model, nominal_values(model), 3, seconds=90.0, rate=200.0, noise=0.02)
+    found = analytic_log(model, nominal_values(model), 3, seconds=60.0, rate=200.0, noise=0.02)
+    # Noise of its own, so that the noise that reports tell is not that of rounding.
+    rng = np.random.default_rng(4)
+    return found | {k: v + 1e-6 * rng.standard_normal(len(v)) for k, v in found.items() if k.startswith("q")}
 
 
 @pytest.fixture(autouse=True)
@@ -76,7 +79,7 @@ def agree(memory: Session, streamed: StreamedSession, tolerance: float = 1e-12) 
 def test_csv_equals_memory(tmp_path: Path, table: dict[str, Array]) -> None:
     memory, streamed = both(tmp_path, write_csv(tmp_path / "log.csv", table))
     agree(memory, streamed)
-    assert len(streamed.fit_signals.parts) > 5
+    assert len(streamed.fit_signals.parts) > 2
     assert streamed.audit.to_dict() == memory.audit.to_dict()
 
 
