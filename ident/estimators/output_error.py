@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, DataError, UnsupportedError
-from ..status import StatusCode
+from ..status import Status, StatusCode
 from .base import Capability, Estimator, register
 from .experiment import Experiment
 from .instruments import along, repeated
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: A step below this many standard deviations ends the iteration.
 _SETTLED = 0.1
+#: Where no step lowers the torque error, one below this many of the estimate's standard deviations counts as the end.
+_NEAR = 0.5
 #: Steps are cut this often before a start is given up.
 _CUTS = 3
 #: Least eigenvalue of the inertia matrix, in units of each joint's own inertia. First only what cannot be simulated is changed, as
@@ -83,9 +85,14 @@ class OutputError(Estimator):
                     raise
         best = search.reweighted(min(ends, key=lambda point: point.cost))
         trace: dict[str, Any] = {"ends": [{"cost": end.cost, "steps": end.steps, "cuts": end.cuts} for end in (*ends, best)]}
-        code = StatusCode.OK if best.settled else StatusCode.NOT_CONVERGED
-        solution = replace(best.solution, values=best.values[best.solution.columns])
-        return finish(best.problem, solution, best.weights, self.name, code=code, trace=trace)
+        columns = best.solution.columns
+        solution = replace(best.solution, values=best.values[columns])
+        estimate = finish(best.problem, solution, best.weights, self.name, trace=trace)
+        # What the iteration counts in is white noise's standard deviation; in the end the estimate's own decides.
+        left = np.abs(full_values(best.problem, best.solution) - best.values)[columns]
+        if not best.settled and np.any(left > _NEAR * estimate.std):
+            return replace(estimate, status=Status(StatusCode.NOT_CONVERGED))
+        return estimate
 
 
 @dataclass(frozen=True, eq=False)
