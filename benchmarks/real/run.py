@@ -10,6 +10,8 @@ from ident.results import jsonable
 from ident.session import Session
 from ident.study import read_study
 
+from . import repeated
+
 HERE = Path(__file__).parent
 
 
@@ -35,4 +37,5 @@ def main(short: bool, folder: Path) -> int:
     print(
         "fit: relative torque error on the fitted part; held out: on the rest; URDF inertials: the same rest, only drive parameters fitted"
     )
-    return 0
+    print("\nIV and DIDIM")
+    return repeated.main(short, folder)

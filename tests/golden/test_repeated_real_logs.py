@@ -1,0 +1,47 @@
+"""Instrumental variables and DIDIM on the EMPS log beside its published least-squares values (benchmarks/real/repeated.py)."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import shared_data
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from benchmarks.real.repeated import EMPS, EMPS_SIMULATED, emps_experiment, problem
+from ident.estimators import make_estimator
+from ident.status import StatusCode
+
+
+@pytest.fixture(scope="module")
+def emps():
+    if not (shared_data() / "emps").is_dir():
+        pytest.skip("the log of EMPS is not here")
+    session, p = problem("emps")
+    return emps_experiment(session), p
+
+
+def near(found, share: float) -> None:
+    for name, (value, _) in EMPS.items():
+        assert found.value(name) == pytest.approx(value, rel=share, abs=3 * found.std[found.index(name)]), name
+
+
+def test_instruments_along_the_reference(emps):
+    experiment, p = emps
+    found = make_estimator("iv", instruments="reference", loop="closed", experiment=experiment).solve(p)
+    assert found.status.code == StatusCode.OK
+    assert found.value("m_axis") == pytest.approx(EMPS["m_axis"][0], rel=0.01)
+    near(found, 0.03)
+    assert found.fit_error.relative_all < 0.0415
+
+
+@pytest.mark.slow
+def test_didim(emps):
+    """Its torque error is that of the simulated loop, for which 5.85 % are published with the least-squares values."""
+    experiment, p = emps
+    found = make_estimator("didim", experiment=experiment, starts=1).solve(p)
+    assert found.status.code == StatusCode.OK
+    assert found.value("m_axis") == pytest.approx(EMPS["m_axis"][0], rel=0.015)
+    near(found, 0.02)
+    assert found.fit_error.relative_all < EMPS_SIMULATED / 100
