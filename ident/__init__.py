@@ -36,6 +36,7 @@ _WHERE = {
     "validate": "validation",
     "Validation": "validation",
     "compare": "comparison",
+    "monitor": "monitoring",
     "report": "reporting",
     "diagnose": "diagnosis",
     "Diagnosis": "diagnosis",
@@ -89,6 +90,7 @@ __all__ = [
     "load_robot",
     "make_effect",
     "make_estimator",
+    "monitor",
     "physical",
     "read_logs",
     "read_study",
@@ -127,6 +129,7 @@ if TYPE_CHECKING:
     from .integrated import EnergyProblem, MomentumProblem
     from .logs import Log, LogSet, read_logs
     from .model import Model
+    from .monitoring import monitor
     from .motion import Motion
     from .problem import Problem
     from .reporting import report

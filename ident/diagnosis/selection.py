@@ -35,6 +35,9 @@ _MOST_FINDINGS = 12
 COMPANION = 0.01
 #: Held-out gain over its standard error: what is seen in a single block of time has one, what is seen in all has many.
 _STRETCHES = 1.5
+#: Evidence below which a candidate is weak, and by how much a decoy (a fit that cannot be: a negative stiffness) outdoes it.
+_WEAK = 100.0
+_DECOY = 1.5
 #: So many of the best candidates are compared with what they gain for nothing.
 _TRIES = 4
 _PREDICTION = frozenset({Need.LOAD, Need.REFERENCE})
@@ -125,7 +128,7 @@ def threshold(hit: Hit, number: int) -> float:
 
     shapes = len(hit.effect.shape())
     # Independent shapes that a search looks at: a few along a smooth one, many along an order.
-    trials = 400.0 if hit.candidate.spectral else 4.0 * shapes if shapes else 1.0
+    trials = 4000.0 if hit.candidate.spectral else 4.0 * shapes if shapes else 1.0
     return float(chi2.isf(FALSE_ALARM / (number * trials), hit.columns.shape[2])) + 2.0 * shapes
 
 
@@ -157,8 +160,7 @@ def select(first: Stage, bank: Bank, note: Callable[[str], None] | None = None) 
         all_ranked = ranked(stage)
         for j in all_ranked[:8]:
             say(f"    {described(j, stage.number)}")
-        plausible = [j for j in all_ranked if not j.against]
-        new = _chosen(stage, plausible, found)
+        new = _chosen(stage, _undecoyed(all_ranked), found)
         if new is None:
             break
         say(f"accepted: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
@@ -202,6 +204,17 @@ def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> F
     return None
 
 
+def _undecoyed(found: Sequence[Judged]) -> list[Judged]:
+    """The plausible ones, without weak ones that something impossible on the same rows clearly outdoes: what is there is neither."""
+    decoys = [(touched(j.hit.columns), j.evidence) for j in found if j.against]
+
+    def outdone(judged: Judged) -> bool:
+        rows = touched(judged.hit.columns)
+        return judged.evidence < _WEAK and any((rows & other).any() and more > _DECOY * judged.evidence for other, more in decoys)
+
+    return [j for j in found if not j.against and not outdone(j)]
+
+
 def _often(judged: Judged) -> bool:
     """Whether a candidate gains in more than a stretch or two of the log."""
     return judged.score.heldout > _STRETCHES * judged.score.standard_error
@@ -214,7 +227,7 @@ def _re_examined(first: Stage, stage: Stage, found: list[Found], bank: Bank, say
         without = _with(first, [f.effect for f in others], stage, bank)
         own = _hit_in(without, found[i])
         all_ranked = ranked(without, () if own is None else (own,))
-        new = _chosen(without, [j for j in all_ranked if not j.against], others)
+        new = _chosen(without, _undecoyed(all_ranked), others)
         if new is None:
             say(f"dropped: {found[i].judged.hit}")
             found, stage = others, without
