@@ -77,8 +77,11 @@ def study_from(args: argparse.Namespace) -> Study:
     )
     followed = getattr(args, "followed", None)
     if followed is not None:
-        options = {**study.estimator.options, "plan": os.path.abspath(followed)}
-        study = replace(study, estimator=replace(study.estimator, method=study.estimator.method or "sequential", options=options))
+        from ..estimators import make_estimator
+
+        method, path = study.estimator.method or "sequential", os.path.abspath(followed)
+        make_estimator(method, plan=path)  # a method that follows no plan says which does
+        study = replace(study, estimator=replace(study.estimator, method=method, options={**study.estimator.options, "plan": path}))
     if getattr(args, "missing", None):
         study = replace(study, logs=replace(study.logs, missing=args.missing))
     cutoff = getattr(args, "cutoff", None)
