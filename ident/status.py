@@ -10,6 +10,7 @@ class StatusCode(StrEnum):
     """Outcome of an estimation, from good to bad."""
 
     OK = "ok"
+    POOR_FIT = "poor_fit"
     POORLY_EXCITED = "poorly_excited"
     RANK_DEFICIENT = "rank_deficient"
     AT_BOUND = "at_bound"
@@ -20,6 +21,10 @@ class StatusCode(StrEnum):
 
 _ADVICE = {
     StatusCode.OK: ("every parameter was determined by the data."),
+    StatusCode.POOR_FIT: (
+        "the model does not explain the torque of some joints that move; their parameters are not to be relied on. Look at the audit "
+        "(units, signs, missing or saturated torque, noisy positions), then for a missing effect (`ident diagnose`)."
+    ),
     StatusCode.POORLY_EXCITED: (
         "some parameters are known to no better than their own size; the torque they cause in this log is lost in the "
         "noise. Use them for prediction of similar motion only; excite the joints named below more."

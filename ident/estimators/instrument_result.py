@@ -68,6 +68,8 @@ class InstrumentResult:
             "validity": None if valid is None else valid.to_dict(),
             "strength": dict(zip(self.names, strength.tolist(), strict=True)),
         }
+        if valid is None and not exact:
+            warnings.append("the log is too short to test the instruments against earlier ones: nothing tells whether they are valid.")
         code = StatusCode.OK if converged else StatusCode.NOT_CONVERGED
         details: tuple[str, ...] = ()
         if valid is not None and valid.p_value < _LEVEL and valid.largest > 1.0:
@@ -113,8 +115,10 @@ class InstrumentResult:
 
         How far those of one and of two such lags disagree, which both are valid, shows by how much the noise exceeds its
         model (quantisation is not quite noise); the first disagreement is measured against that."""
-        lag = int(max(3, np.ceil(3 * float(self.noise.correlation_time.max()))))
-        if lag * 8 > min(run.stop - run.start for run in self.problem.row_runs if run.stop > run.start):
+        shortest = min(run.stop - run.start for run in self.problem.row_runs if run.stop > run.start)
+        # A residual that instruments spoil looks correlated over much of the log. A lag within the noise's memory only costs power.
+        lag = int(max(3, min(np.ceil(3 * float(self.noise.correlation_time.max())), shortest // 40)))
+        if lag * 8 > shortest:
             return None
         try:
             near, far = (self._lagged(k) for k in (lag, 2 * lag))

@@ -17,6 +17,7 @@ from ..status import Status, StatusCode
 if TYPE_CHECKING:
     from ..estimate import Estimate
     from ..problem import Problem
+    from ..torque_error import TorqueError
 
 Array = np.ndarray
 
@@ -88,6 +89,9 @@ def row_variances(information: Information, values: Array, root: Array | None = 
     return squares / np.maximum(information.counts - used, 1.0)
 
 
+#: Relative torque error of a joint that moves, from which its parameters are not to be relied on.
+_UNEXPLAINED = 0.3
+
 #: What each row contributes to the estimating equation Σ score' (τ − Φ p) = 0: (m, n, b) for a block of rows.
 Score = Callable[[Rows], Array]
 
@@ -127,7 +131,10 @@ def finish(
     names = base.names
     kept = set(solution.columns.tolist())
     dropped = tuple(names[i] for i in range(base.count) if i not in kept)
+    error = problem.torque_error(full, residual)
     status = _status(code, details, dropped, solution, covariance, noise, problem, reduced)
+    if status.code == StatusCode.OK:
+        status = _explained(problem, error)
     return Estimate(
         method=method,
         model=problem.model,
@@ -135,7 +142,7 @@ def finish(
         values=solution.values,
         covariance=covariance,
         status=status,
-        fit_error=problem.torque_error(full, residual),
+        fit_error=error,
         noise=noise,
         weights=weights,
         condition=solution.condition,
@@ -223,6 +230,18 @@ def _status(
         listed = ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
         return Status(StatusCode.POORLY_EXCITED, (f"Poorly excited: {listed}.", *advice(problem.model.robot, base, tuple(names))))
     return Status(StatusCode.OK)
+
+
+def _explained(problem: Problem, error: TorqueError) -> Status:
+    """OK, or which joints' torque the model leaves unexplained although they move."""
+    names = problem.model.robot.joint_names
+    moving = np.ptp(problem.signals.q, axis=0) > 0
+    poor = [
+        f"{name} {share:.0%}" for name, share, moves in zip(names, error.relative, moving, strict=True) if moves and share > _UNEXPLAINED
+    ]
+    if not poor:
+        return Status(StatusCode.OK)
+    return Status(StatusCode.POOR_FIT, (f"Relative torque error above {_UNEXPLAINED:.0%}: {', '.join(poor)}.",))
 
 
 def order_of(base: BaseReduction) -> list[int]:
