@@ -111,7 +111,7 @@ class PhysicalLeastSquares(Estimator):
             ),
             *(binding.sentences() if binding is not None else ()),
         )
-        code = StatusCode.AT_BOUND if estimate.status.code == StatusCode.OK else estimate.status.code
+        code = StatusCode.AT_BOUND if estimate.status.code in (StatusCode.OK, StatusCode.POOR_FIT) else estimate.status.code
         return replace(estimate, status=replace(estimate.status, code=code, details=(*estimate.status.details, *details)))
 
     def _knowledge(self, problem: Problem) -> tuple[Bounds | None, Prior | None]:

@@ -72,7 +72,7 @@ def test_one_version(project):
 
 def test_console_script_and_extras(project):
     assert project["project"]["scripts"]["ident"] == "ident.cli:main"
-    assert {"report", "sdp", "distributed", "bags", "robots", "test"} <= set(project["project"]["optional-dependencies"])
+    assert {"report", "sdp", "dask", "bags", "robots", "test"} <= set(project["project"]["optional-dependencies"])
     core = {d.split(">")[0].split("[")[0] for d in project["project"]["dependencies"]}
     assert core == {"numpy", "scipy", "pin", "pandas", "lxml", "yourdfpy", "filterpy"}
 
