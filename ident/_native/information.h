@@ -67,7 +67,7 @@ static inline Lanes row_weight(const Plan& plan, const Arrays& x, int64_t s, int
 
 // Torque, and nothing in the columns beyond. What is not used may hold anything, NaN too: it becomes zero.
 static inline void fill_torque(const Plan& plan, const Arrays& x, int64_t s, int count, int r, Lanes weight, Lanes* tile, int stride) {
-    const Lanes torque = gather<Lanes>(x.tau, s, plan.rows, r, count) * weight;
+    const Lanes torque = x.tau ? gather<Lanes>(x.tau, s, plan.rows, r, count) * weight : Lanes();
     tile[(plan.row[r].width - 1) * stride] = weight != 0.0 ? torque : Lanes();
     for (int64_t c = plan.row[r].width; c < plan.row[r].padded; ++c) tile[c * stride] = Lanes();
 }
@@ -171,8 +171,8 @@ static bool samples_finite(const Tree& t, const Plan& plan, const Arrays& x, int
            (plan.extras == 0 || plan.dense || all_finite(x.extra + s * plan.extras, count * plan.extras));
 }
 
-// Rows lo ... hi-1. Stops with NaN in the first factor where a sample is not finite.
-static void information(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory, double* const* factors) {
+// Rows lo ... hi-1, tile by tile: use(row, tile, stride, first sample, count). False where a sample is not finite; it stops there.
+template <class Use> static bool over_tiles(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory, Use use) {
     Scratch<Lanes> m(t, memory);
     const Tiles tiles(plan);
     Lanes* table = m.tile;
@@ -186,20 +186,38 @@ static void information(const Tree& t, const Plan& plan, const Arrays& x, int64_
         const int count = hi - first < tiles.groups * LANES ? (int)(hi - first) : tiles.groups * LANES;
         const bool finite = plan.taps ? samples_finite(t, plan, x, first * plan.factor, (int64_t)(count - 1) * plan.factor + plan.tap_count)
                                       : samples_finite(t, plan, x, first, count);
-        if (!finite) {
-            factors[0][0] = NAN;
-            return;
-        }
+        if (!finite) return false;
         for (int from = 0, end; from < plan.rows; from = end) {
             end = tiles.batch_end(plan, from);
             if (plan.taps) fill_filtered(t, plan, x, tiles, table, from, end, first, count, m);
             else fill_samples(t, plan, x, tiles, from, end, first, count, m);
             Lanes* tile = m.tile;
-            for (int r = from; r < end; tile += tiles.rows_size(plan, r++))
-                (plan.gram ? add_gram : add_triangle)(tile, tiles.stride, (count + LANES - 1) / LANES, (int)plan.row[r].width, (int)plan.row[r].padded,
-                                                      factors[r]);
+            for (int r = from; r < end; tile += tiles.rows_size(plan, r++)) use(r, tile, tiles.stride, first, count);
         }
     }
+    return true;
+}
+
+// Rows lo ... hi-1. Stops with NaN in the first factor where a sample is not finite.
+static void information(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory, double* const* factors) {
+    const bool finite = over_tiles(t, plan, x, lo, hi, memory, [&](int r, Lanes* tile, int stride, int64_t, int count) {
+        const int used = (count + LANES - 1) / LANES;
+        (plan.gram ? add_gram : add_triangle)(tile, stride, used, (int)plan.row[r].width, (int)plan.row[r].padded, factors[r]);
+    });
+    if (!finite) factors[0][0] = NAN;
+}
+
+// The columns themselves of rows lo ... hi-1, those of one row of the equation after those of the other, without the torque. False where
+// a sample is not finite.
+static bool row_columns(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory) {
+    int64_t across = 0;
+    for (int r = 0; r < plan.rows; ++r) across += plan.row[r].width - 1;
+    return over_tiles(t, plan, x, lo, hi, memory, [&](int r, Lanes* tile, int stride, int64_t first, int count) {
+        double* out = x.out + first * across;
+        for (int before = 0; before < r; ++before) out += plan.row[before].width - 1;
+        for (int i = 0; i < count; ++i)
+            for (int64_t c = 0; c + 1 < plan.row[r].width; ++c) out[i * across + c] = tile[c * stride + i / LANES][i % LANES];
+    });
 }
 
 // Add the factors of other samples to `into`: the rows of a triangle are samples like any others.

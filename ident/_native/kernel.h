@@ -151,6 +151,7 @@ extern const Kernel TABLE(INSTRUCTIONS) = {
     {INSTRUCTIONS::by_groups<INSTRUCTIONS::Regressor>, INSTRUCTIONS::by_groups<INSTRUCTIONS::Inverse>, INSTRUCTIONS::by_groups<INSTRUCTIONS::Mass>,
      INSTRUCTIONS::by_groups<INSTRUCTIONS::Terms>, INSTRUCTIONS::by_groups<INSTRUCTIONS::Forward>},
     INSTRUCTIONS::information,
+    INSTRUCTIONS::row_columns,
     INSTRUCTIONS::merge,
     INSTRUCTIONS::simulation_memory,
     INSTRUCTIONS::simulate};

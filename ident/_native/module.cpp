@@ -232,31 +232,66 @@ PyObject* compute(PyObject* const* a) {
     return PyLong_FromLong(-1);
 }
 
+// A plan with the filter of one call, and its samples. a: taps or None, factor, q, dq, ddq, tau, valid, weight, extra (each None for none).
+struct Samples {
+    Plan plan;
+    Arrays x{};
+    int64_t n, count;   // samples, and rows: as many, or with taps as many as have full support
+    Buffer taps, q, dq, ddq, tau, valid, weight, extra;
+
+    Samples(const Tree& t, const OwnedPlan& owned, int64_t samples, PyObject* const* a) : plan(owned), n(samples) {
+        const int64_t factor = integer(a[1]);
+        plan.taps = (const double*)taps.take(a[0], -1, 0, "taps");
+        const int64_t tap_count = plan.taps ? taps.view.len / 8 : 0;
+        require(owned.bodies == t.nb && n >= 0, "plan: of another tree");
+        require(factor >= 1 && factor < 1000000 && tap_count < 10000000 && (plan.taps != nullptr) == (tap_count > 0), "taps: out of range");
+        plan.tap_count = (int)tap_count, plan.factor = (int)factor;
+        count = !plan.taps ? n : n < tap_count ? 0 : (n - tap_count) / factor + 1;
+        x.q = q.numbers(a[2], n * t.nq, "q"), x.dq = dq.numbers(a[3], n * t.nv, "dq"), x.ddq = ddq.numbers(a[4], n * t.nv, "ddq");
+        x.tau = tau.numbers(a[5], count * plan.rows, "tau"), x.valid = (const uint8_t*)valid.take(a[6], count * plan.rows, 0, "valid");
+        x.weight = weight.numbers(a[7], count * plan.rows, "weight");
+        x.extra = extra.numbers(a[8], n * plan.extras * (plan.dense ? plan.rows : 1), "extra");
+        require(x.q && x.dq && x.ddq && (x.extra || !plan.extras), "information: an array is missing");
+    }
+    int64_t block() const { return plan.factor > 8 ? 256 : 2048; }   // rows worth a thread
+};
+
+// row_columns(tree, plan, n, threads, taps or None, factor, q, dq, ddq, extra or None, out) -> whether all samples are finite.
+// `out`: for each row of n samples (with taps, of as many as have full support) the columns of all rows of the equation, one after the other.
+PyObject* row_columns(PyObject* const* a) {
+    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
+    PyObject* const given[] = {a[4], a[5], a[6], a[7], a[8], Py_None, Py_None, Py_None, a[9]};
+    Samples samples(t, *unwrap<OwnedPlan>(a[1], "plan"), integer(a[2]), given);
+    const Plan& plan = samples.plan;
+    const int64_t threads = integer(a[3]);
+    int64_t across = 0;
+    for (int r = 0; r < plan.rows; ++r) across += plan.row[r].width - 1;
+    Buffer out;
+    samples.x.out = out.room(a[10], samples.count * across, "out");
+    require(samples.x.out, "row_columns: an array is missing");
+    std::vector<char> finite(threads > 1 ? (size_t)threads : 1, 1);
+    const auto work = [&](int i, int64_t lo, int64_t hi, char* at) { finite[(size_t)i] = active->row_columns(t, plan, samples.x, lo, hi, at); };
+    over_samples(samples.count, threads, active->workspace(t, &plan), work, samples.block());
+    for (char each : finite)
+        if (!each) Py_RETURN_FALSE;
+    Py_RETURN_TRUE;
+}
+
 // information(tree, plan, gram, n, threads, taps or None, factor, q, dq, ddq, tau, valid or None, weight or None, extra or None, out):
 // n samples, whose rows number n, or with taps as many as have full support. `out` holds the factors of all rows one after the other,
 // each padded x padded, and is added to.
 PyObject* information(PyObject* const* a) {
     const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
-    const OwnedPlan& owned = *unwrap<OwnedPlan>(a[1], "plan");
-    Plan plan = owned;
-    const int64_t n = integer(a[3]), threads = integer(a[4]), factor = integer(a[6]);
-    Buffer taps, q, dq, ddq, tau, valid, weight, extra, out;
+    Samples samples(t, *unwrap<OwnedPlan>(a[1], "plan"), integer(a[3]), a + 5);
+    Plan& plan = samples.plan;
+    const Arrays& x = samples.x;
+    const int64_t threads = integer(a[4]);
     plan.gram = integer(a[2]) != 0;
-    plan.taps = (const double*)taps.take(a[5], -1, 0, "taps");
-    const int64_t tap_count = plan.taps ? taps.view.len / 8 : 0;
-    require(owned.bodies == t.nb && n >= 0, "plan: of another tree");
-    require(factor >= 1 && factor < 1000000 && tap_count < 10000000 && (plan.taps != nullptr) == (tap_count > 0), "taps: out of range");
-    plan.tap_count = (int)tap_count, plan.factor = (int)factor;
-    const int64_t count = !plan.taps ? n : n < tap_count ? 0 : (n - tap_count) / factor + 1;
-    Arrays x{};
-    x.q = q.numbers(a[7], n * t.nq, "q"), x.dq = dq.numbers(a[8], n * t.nv, "dq"), x.ddq = ddq.numbers(a[9], n * t.nv, "ddq");
-    x.tau = tau.numbers(a[10], count * plan.rows, "tau"), x.valid = (const uint8_t*)valid.take(a[11], count * plan.rows, 0, "valid");
-    x.weight = weight.numbers(a[12], count * plan.rows, "weight");
-    x.extra = extra.numbers(a[13], n * plan.extras * (plan.dense ? plan.rows : 1), "extra");
+    Buffer out;
     int64_t size = 0;
     for (int r = 0; r < plan.rows; ++r) size += plan.row[r].padded * plan.row[r].padded;
     double* into = out.room(a[14], size, "out");
-    require(x.q && x.dq && x.ddq && x.tau && into && (x.extra || !plan.extras), "information: an array is missing");
+    require(x.tau && into, "information: an array is missing");
 
     const size_t memory = active->workspace(t, &plan);
     std::vector<std::vector<double>> others;   // factors of the threads but the first
@@ -270,7 +305,7 @@ PyObject* information(PyObject* const* a) {
     std::vector<std::vector<double*>> places;
     for (int64_t i = 0; i < threads || i == 0; ++i) places.push_back(factors((int)i));
     const auto work = [&](int i, int64_t lo, int64_t hi, char* at) { active->information(t, plan, x, lo, hi, at, places[(size_t)i].data()); };
-    over_samples(count, threads, memory, work, factor > 8 ? 256 : 2048);
+    over_samples(samples.count, threads, memory, work, samples.block());
     std::unique_ptr<char[]> scratch(new char[memory]);
     for (size_t i = 1; i < places.size(); ++i) active->merge(plan, scratch.get(), places[0].data(), places[i].data());
     Py_RETURN_NONE;
@@ -370,7 +405,7 @@ template <PyObject* (*function)(PyObject* const*), int count> PyObject* call(PyO
 }
 
 #define METHOD(name, count) {#name, (PyCFunction)(void (*)())call<name, count>, METH_FASTCALL, nullptr}
-PyMethodDef methods[] = {METHOD(make_tree, 4),    METHOD(make_plan, 7),        METHOD(compute, 13), METHOD(information, 15),
+PyMethodDef methods[] = {METHOD(make_tree, 4),    METHOD(make_plan, 7),        METHOD(compute, 13), METHOD(information, 15),   METHOD(row_columns, 11),
                          METHOD(simulate, 17),    METHOD(instruction_sets, 0), METHOD(use, 1), {nullptr, nullptr, 0, nullptr}};
 PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", "Compiled rigid-body kernels.", -1, methods, nullptr, nullptr, nullptr, nullptr};
 

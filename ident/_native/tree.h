@@ -125,6 +125,7 @@ struct Kernel {
     int64_t (*task[TASKS])(const Tree&, const Plan*, const Arrays&, int64_t lo, int64_t hi, char* memory);   // first sample that fails, or -1
     // factors: per row `padded` x `padded`, updated in place
     void (*information)(const Tree&, const Plan&, const Arrays&, int64_t lo, int64_t hi, char* memory, double* const* factors);
+    bool (*row_columns)(const Tree&, const Plan&, const Arrays&, int64_t lo, int64_t hi, char* memory);   // into `out`; false: not finite
     void (*merge)(const Plan&, char* memory, double* const* into, const double* const* from);
     size_t (*simulation_memory)(const Tree&, const Drive&);
     int64_t (*simulate)(const Tree&, const Drive&, const Runs&, int64_t lo, int64_t hi, char* memory);   // -1, or 4 periods + Failure

@@ -81,6 +81,16 @@ class _Compiled:
         """Parameters (10 nb,) in the kernel's frames."""
         return np.ascontiguousarray(np.take_along_axis(inertia.reshape(-1, 10), self.order, axis=1).reshape(-1))
 
+    def plan(self, tree: RigidBodyTree, rows: Array, columns: Array, extra: Array, pattern: Array) -> _Plan:
+        """The plan of these rows and columns, made once."""
+        key = (rows.tobytes(), columns.tobytes(), pattern.tobytes(), extra.ndim)
+        found = self.plans.get(key)
+        if found is None:
+            if len(self.plans) >= 16:
+                self.plans.clear()
+            found = self.plans[key] = _plan(tree, self, rows, columns, pattern, extra.ndim == 3)
+        return found
+
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
@@ -274,12 +284,7 @@ def information(
 
     Holds NaN where an array is not finite."""
     own = compiled(tree)
-    key = (rows.tobytes(), columns.tobytes(), pattern.tobytes(), extra.ndim)
-    plan = own.plans.get(key)
-    if plan is None:
-        if len(own.plans) >= 16:
-            own.plans.clear()
-        plan = own.plans[key] = _plan(tree, own, rows, columns, pattern, extra.ndim == 3)
+    plan = own.plan(tree, rows, columns, extra, pattern)
     flat = np.zeros(sum(p * p for p in plan.padded))
     beside = extra if extra.shape[-1] else None
     count = thread_count(threads)
@@ -290,6 +295,37 @@ def information(
         found = np.triu(flat[start : start + padded * padded].reshape(padded, padded)[: len(live), : len(live)])
         out[r][np.ix_(live, live)] = found + np.triu(found, 1).T if gram else found
         start += padded * padded
+    return out
+
+
+def row_columns(
+    tree: RigidBodyTree,
+    q: Array,
+    dq: Array,
+    ddq: Array,
+    rows: Array,
+    columns: Array,
+    extra: Array,
+    pattern: Array,
+    threads: int | None = None,
+    taps: Array | None = None,
+    factor: int = 1,
+) -> Array:
+    """Columns (M, R, k) of the filtered rows; see `rigid.row_columns`. Holds NaN where an array is not finite."""
+    own = compiled(tree)
+    plan = own.plan(tree, rows, columns, extra, pattern)
+    count = len(q) if taps is None else max(0, (len(q) - len(taps)) // factor + 1)
+    packed = np.empty((count, sum(len(live) - 1 for live in plan.live)))
+    beside = extra if extra.shape[-1] else None
+    finite = _kernel.row_columns(own.handle, plan.handle, len(q), thread_count(threads), taps, factor, q, dq, ddq, beside, packed)
+    out = np.zeros((count, len(rows), len(columns)))
+    if not finite:
+        out[:1, :1, :1] = np.nan
+        return out
+    start = 0
+    for r, live in enumerate(plan.live):
+        out[:, r, live[:-1]] = packed[:, start : start + len(live) - 1]
+        start += len(live) - 1
     return out
 
 

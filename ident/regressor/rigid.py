@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
 from typing import Any, Literal, Protocol
@@ -118,18 +119,8 @@ def information(
     e of row r is extra[:, e] * pattern[r, e]. `valid` (M, R) bool: what is False is left out, and its torque (and, without taps, its
     extra columns given as (N, R, e)) may be NaN. `weight` (M, R): factor on each row (square root of the weight).
     Raises DataError for input that is not finite."""
-    q, dq, ddq = _states(tree, q, finite=False, dq=dq, ddq=ddq)
-    n, rigid = len(q), 10 * tree.nb
-    rows = np.eye(tree.nv) if rows is None else _finite("rows", rows)
-    if rows.ndim != 2 or not len(rows) or rows.shape[1] != tree.nv:
-        raise ConfigurationError(f"rows: expected shape (R, {tree.nv}), rows by velocities, but it is {rows.shape}.")
-    taps = None if taps is None else _finite("taps", taps)
-    if int(factor) != factor or factor < 1 or (taps is None and factor != 1):
-        raise ConfigurationError(f"factor={factor}: must be a whole number of samples a row, 1 without taps.")
-    if taps is not None and (taps.ndim != 1 or not len(taps)):
-        raise ConfigurationError(f"taps: expected shape (T,), T at least 1, but it is {taps.shape}.")
-    count = n if taps is None else max(0, (n - len(taps)) // int(factor) + 1)
-    shape = (count, len(rows))
+    work = _Work.of(tree, q, dq, ddq, rows, columns, extra, pattern, taps, factor)
+    shape = (work.count, len(work.rows))
     if valid is not None:
         valid = np.ascontiguousarray(valid)
         if valid.shape != shape or valid.dtype != bool:
@@ -139,26 +130,97 @@ def information(
     for name, array in (("tau", tau), ("weight", weight)):
         if array is not None and array.shape != shape:
             raise ConfigurationError(f"{name}: expected shape {shape}, samples by rows, but it is {array.shape}.")
-    extra, pattern = _extra(extra, pattern, (n, len(rows)))
-    total = rigid + pattern.shape[1]
-    columns = np.arange(total) if columns is None else np.ascontiguousarray(columns, dtype=np.int64)
-    if columns.ndim != 1 or (len(columns) and (columns.min() < 0 or columns.max() >= total)):
-        raise ConfigurationError(f"columns: expected indices from 0 to {total - 1} ({rigid} rigid, {total - rigid} extra).")
-    if len(np.unique(columns)) != len(columns):
-        raise ConfigurationError("columns: a column is chosen twice.")
     if form not in ("triangle", "gram"):
         raise ConfigurationError(f"form={form!r}: must be 'triangle' or 'gram'.")
-    counts = np.full(len(rows), count) if valid is None else valid.sum(axis=0)
-    gram, step = form == "gram", int(factor)
-    factors = kernel().information(tree, q, dq, ddq, tau, rows, columns, extra, pattern, valid, weight, gram, threads, taps, step)
+    counts = np.full(len(work.rows), work.count) if valid is None else valid.sum(axis=0)
+    w = work
+    factors = kernel().information(
+        tree, w.q, w.dq, w.ddq, tau, w.rows, w.columns, w.extra, w.pattern, valid, weight, form == "gram", threads, w.taps, w.factor
+    )
     if not np.isfinite(factors.sum()):  # the kernel looks at every number on its way; who is to blame is only asked now
         used = np.ones(shape, bool) if valid is None else valid
-        if extra.ndim == 3 and taps is None:
-            extra = np.where(used[:, :, None], extra, 0.0)
-        for name, array in (("q", q), ("dq", dq), ("ddq", ddq), ("extra", extra), ("tau", np.where(used, tau, 0.0))):
-            _finite(name, array)
+        work.blame(used)
+        _finite("tau", np.where(used, tau, 0.0))
         raise DataError("the sum of squares over the samples overflows: some value is beyond 1e150. Check the units of the log.")
     return factors, counts
+
+
+def row_columns(
+    tree: RigidBodyTree,
+    q: Any,
+    dq: Any,
+    ddq: Any,
+    *,
+    rows: Any = None,
+    columns: Any = None,
+    extra: Any = None,
+    pattern: Any = None,
+    taps: Any = None,
+    factor: int = 1,
+    threads: int | None = None,
+) -> Array:
+    """The columns Phi (M, R, k) themselves, of which `information` takes the products: row map, choice of columns and extra ones,
+    filter and decimation as there (M = N without taps).
+
+    With taps the columns at the full rate are never written to memory, only the M filtered rows are: what a pass that keeps rows for
+    later ones needs. Raises DataError for input that is not finite."""
+    work = _Work.of(tree, q, dq, ddq, rows, columns, extra, pattern, taps, factor)
+    w = work
+    out = kernel().row_columns(tree, w.q, w.dq, w.ddq, w.rows, w.columns, w.extra, w.pattern, threads, w.taps, w.factor)
+    if not np.isfinite(out.sum()):
+        work.blame(None)
+        if not np.isfinite(out).all():
+            raise DataError("a column overflows: some speed or acceleration is beyond 1e150. Check the units of the log.")
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """Checked samples and what is made of them; see `information`. `count`: rows."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+    rows: Array
+    columns: Array
+    extra: Array
+    pattern: Array
+    taps: Array | None
+    factor: int
+    count: int
+
+    @classmethod
+    def of(
+        cls, tree: RigidBodyTree, q: Any, dq: Any, ddq: Any, rows: Any, columns: Any, extra: Any, pattern: Any, taps: Any, factor: int
+    ) -> _Work:
+        """Shapes and indices are checked here; whether samples are finite is seen on the way."""
+        q, dq, ddq = _states(tree, q, finite=False, dq=dq, ddq=ddq)
+        n, rigid = len(q), 10 * tree.nb
+        rows = np.eye(tree.nv) if rows is None else _finite("rows", rows)
+        if rows.ndim != 2 or not len(rows) or rows.shape[1] != tree.nv:
+            raise ConfigurationError(f"rows: expected shape (R, {tree.nv}), rows by velocities, but it is {rows.shape}.")
+        taps = None if taps is None else _finite("taps", taps)
+        if int(factor) != factor or factor < 1 or (taps is None and factor != 1):
+            raise ConfigurationError(f"factor={factor}: must be a whole number of samples a row, 1 without taps.")
+        if taps is not None and (taps.ndim != 1 or not len(taps)):
+            raise ConfigurationError(f"taps: expected shape (T,), T at least 1, but it is {taps.shape}.")
+        count = n if taps is None else max(0, (n - len(taps)) // int(factor) + 1)
+        extra, pattern = _extra(extra, pattern, (n, len(rows)))
+        total = rigid + pattern.shape[1]
+        columns = np.arange(total) if columns is None else np.ascontiguousarray(columns, dtype=np.int64)
+        if columns.ndim != 1 or (len(columns) and (columns.min() < 0 or columns.max() >= total)):
+            raise ConfigurationError(f"columns: expected indices from 0 to {total - 1} ({rigid} rigid, {total - rigid} extra).")
+        if len(np.unique(columns)) != len(columns):
+            raise ConfigurationError("columns: a column is chosen twice.")
+        return cls(q, dq, ddq, rows, columns, extra, pattern, taps, int(factor), count)
+
+    def blame(self, used: Array | None) -> None:
+        """Raise DataError for what is not finite; of extra columns given for each row, only where it is `used` (N, R)."""
+        extra = self.extra
+        if used is not None and extra.ndim == 3 and self.taps is None:
+            extra = np.where(used[:, :, None], extra, 0.0)
+        for name, array in (("q", self.q), ("dq", self.dq), ("ddq", self.ddq), ("extra", extra)):
+            _finite(name, array)
 
 
 def stacked_information(
