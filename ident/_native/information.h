@@ -1,12 +1,12 @@
 // Information of many samples: rows of the regression equation go tile by tile into triangles or Gram matrices. Rows may first be
-// filtered along time and decimated, all columns alike: row m is the sum of taps[i] times the columns of sample m factor + i.
-// Eight such rows at a time are a product of a constant banded matrix, the taps shifted by `factor` from row to row, with the columns.
+// filtered along time and decimated, all columns alike: row m is the sum of taps[i] times the columns of sample m factor + i. The samples
+// come tile by tile too, and each tile adds its part to all rows that it has a part in.
 
 struct Tiles {
     int groups, stride;                   // of the tile of rows, in registers; columns start on an odd number of them, so that they
                                           // do not all fall into the same sets of the cache
-    int under = 0, units = 0, fresh = 0;  // groups under the taps of eight rows; units of eight rows a round; groups a round goes on
-    int inputs = 0, input_stride = 0;     // groups of samples that a round needs
+    int inputs = 0, input_stride = 0;     // the same of the tile of samples under a filter
+    int64_t beside = 0;                   // zeros on either side of the taps
 
     explicit Tiles(const Plan& plan) {
         // The widest row's tile takes at most 384 KB, which a second-level cache of 512 KB holds; a multiple of eight rows.
@@ -14,14 +14,13 @@ struct Tiles {
         groups = (fitting > 256 ? 256 : fitting < 32 ? 32 : fitting) / LANES;
         stride = groups | 1;
         if (!plan.taps) return;
-        under = (7 * plan.factor + plan.tap_count + LANES - 1) / LANES;
-        units = plan.factor >= 16 ? 1 : 16 / plan.factor;
-        fresh = units * 8 * plan.factor / LANES;
-        inputs = (units - 1) * 8 * plan.factor / LANES + under;
+        inputs = 256 / LANES;
         input_stride = inputs | 1;
+        beside = 4 * (int64_t)plan.factor + LANES;
     }
     size_t rows_size(const Plan& plan, int r) const { return (size_t)plan.row[r].padded * stride; }
     size_t input_size(const Plan& plan, int r) const { return (size_t)plan.row[r].padded * input_stride; }
+    size_t taps_size(const Plan& plan) const { return plan.taps ? (size_t)(plan.tap_count + 2 * beside) / LANES + 1 : 0; }
 
     // Rows from `from` on whose tiles fit the cache together: they are filled together, so that the motion is computed once for them.
     int batch_end(const Plan& plan, int from, size_t* size = nullptr) const {
@@ -49,7 +48,7 @@ static size_t workspace(const Tree& t, const Plan* plan) {
             r = tiles.batch_end(*plan, r, &size);
             largest = size > largest ? size : largest;
         }
-        largest += 8 * (size_t)tiles.under;
+        largest += tiles.taps_size(*plan);
     }
     return (numbers + largest) * sizeof(Lanes) + 192;
 }
@@ -104,54 +103,58 @@ static void fill_samples(const Tree& t, const Plan& plan, const Arrays& x, const
     }
 }
 
-struct FilterBlocks {   // eight rows of C columns
-    const Tiles& tiles;
-    const Plan& plan;
-    const Lanes *table, *input;
+// Four rows of C columns: the taps, each row's `factor` later than those of the one before, with the columns of some groups of samples.
+struct FilterBlocks {
+    const double* taps;      // of the first row at the first group
+    int factor, used, input_stride, stride, rows;
+    const Lanes* input;
     Lanes* tile;
-    int at;
+    int at;                  // of the first row in its tile
     template <int C> void run(int c) {
-        for (int half = 0; half < 2; ++half) {
-            const int begin = half ? 4 * plan.factor / LANES : 0;
-            const int end = half ? tiles.under : (3 * plan.factor + plan.tap_count + LANES - 1) / LANES;
-            products<4, C>(table + 4 * half * tiles.under + begin, tiles.under, input + c * tiles.input_stride + begin, tiles.input_stride, end - begin,
-                           [&](const double* total) {
-                               for (int i = 0; i < 4; ++i)
-                                   for (int j = 0; j < C; ++j)
-                                       tile[(c + j) * tiles.stride + (at + 4 * half + i) / LANES][(at + 4 * half + i) % LANES] = total[C * i + j];
-                           });
-        }
+        const auto weight = [this](int i, int g) {
+            Lanes taken;
+            memcpy(&taken, taps + (int64_t)g * LANES - (int64_t)i * factor, sizeof taken);
+            return taken;
+        };
+        products_of<4, C>(weight, input + c * input_stride, input_stride, used, [&](const double* total) {
+            for (int i = 0; i < rows; ++i)
+                for (int j = 0; j < C; ++j) tile[(c + j) * stride + (at + i) / LANES][(at + i) % LANES] += total[C * i + j];
+        });
     }
 };
 
-// The same for filtered rows; table: the banded matrix, `under` groups for each of eight rows.
-static void fill_filtered(const Tree& t, const Plan& plan, const Arrays& x, const Tiles& tiles, const Lanes* table, int from, int end, int64_t first,
+// The same for filtered rows. taps: with zeros on either side.
+static void fill_filtered(const Tree& t, const Plan& plan, const Arrays& x, const Tiles& tiles, const double* taps, int from, int end, int64_t first,
                           int count, Scratch<Lanes>& m) {
     Lanes* inputs = m.tile;
-    for (int r = from; r < end; ++r) inputs += tiles.rows_size(plan, r);
-    const int64_t limit = (first + count - 1) * plan.factor + plan.tap_count;
-    for (int at = 0; at < count; at += 8 * tiles.units) {
-        const int kept = at && tiles.inputs > tiles.fresh ? tiles.inputs - tiles.fresh : 0;   // columns of samples that the round before had too
-        Lanes* input = inputs;
-        for (int r = from; r < end; input += tiles.input_size(plan, r++))
-            for (int64_t c = 0; kept && c + 1 < plan.row[r].width; ++c)
-                memmove(input + c * tiles.input_stride, input + c * tiles.input_stride + tiles.fresh, kept * sizeof(Lanes));
-        for (int g = kept; g < tiles.inputs; ++g) {
-            int64_t s = (first + at) * plan.factor + (int64_t)g * LANES;
-            if (s >= limit) s = limit - 1;   // under zeros of the banded matrix: any finite number will do
-            const int here = limit - s < LANES ? (int)(limit - s) : LANES;
+    for (int r = from; r < end; inputs += tiles.rows_size(plan, r++))
+        for (int64_t c = 0; c + 1 < plan.row[r].width; ++c)
+            for (int g = 0; g * LANES < count; ++g) inputs[c * tiles.stride + g] = Lanes();
+    const int64_t factor = plan.factor, limit = (first + count - 1) * factor + plan.tap_count;
+    for (int64_t start = first * factor; start < limit; start += (int64_t)tiles.inputs * LANES) {
+        const int64_t stop = start + tiles.inputs * LANES < limit ? start + tiles.inputs * LANES : limit;
+        for (int g = 0; start + g * LANES < stop; ++g) {
+            const int64_t s = start + g * LANES;
+            const int here = stop - s < LANES ? (int)(stop - s) : LANES;
             move_bodies(t, x, s, here, m);
-            input = inputs + g;
+            Lanes* input = inputs + g;
             for (int r = from; r < end; input += tiles.input_size(plan, r++)) {
                 fill(t, plan.row[r], m.links, Lanes() + 1.0, m.twists, input, tiles.input_stride);
                 fill_extras(plan, x, s, here, r, Lanes() + 1.0, input, tiles.input_stride);
             }
         }
-        for (int unit = 0; unit < tiles.units && at + 8 * unit < count; ++unit) {
-            input = inputs + unit * 8 * plan.factor / LANES;
-            Lanes* tile = m.tile;
+        // Rows that these samples have a part in, four at a time, and of the samples those under their taps.
+        const int64_t before = start - plan.tap_count + 1;
+        int64_t row = before > first * factor ? (before + factor - 1) / factor : first;
+        for (; row < first + count && row * factor < stop; row += 4) {
+            const int rows = first + count - row < 4 ? (int)(first + count - row) : 4;
+            const int64_t low = row * factor > start ? (row * factor - start) / LANES : 0;
+            const int64_t over = (row + 3) * factor + plan.tap_count, high = ((over < stop ? over : stop) - start + LANES - 1) / LANES;
+            const double* taken = taps + start + low * LANES - row * factor;
+            Lanes *tile = m.tile, *input = inputs + low;
             for (int r = from; r < end; input += tiles.input_size(plan, r), tile += tiles.rows_size(plan, r++))
-                by_columns(0, (int)plan.row[r].width - 1, FilterBlocks{tiles, plan, table, input, tile, at + 8 * unit});
+                by_columns(0, (int)plan.row[r].width - 1,
+                           FilterBlocks{taken, plan.factor, (int)(high - low), tiles.input_stride, tiles.stride, rows, input, tile, (int)(row - first)});
         }
     }
     Lanes* tile = m.tile;
@@ -175,13 +178,11 @@ static bool samples_finite(const Tree& t, const Plan& plan, const Arrays& x, int
 template <class Use> static bool over_tiles(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory, Use use) {
     Scratch<Lanes> m(t, memory);
     const Tiles tiles(plan);
-    Lanes* table = m.tile;
-    for (int i = 0; i < 8; ++i)
-        for (int e = 0; e < tiles.under * LANES; ++e) {
-            const int tap = e - i * plan.factor;
-            table[i * tiles.under + e / LANES][e % LANES] = tap >= 0 && tap < plan.tap_count ? plan.taps[tap] : 0.0;
-        }
-    m.tile += 8 * (size_t)tiles.under;
+    double* taps = (double*)m.tile;
+    for (int64_t i = 0; plan.taps && i < (int64_t)tiles.taps_size(plan) * LANES; ++i)
+        taps[i] = i >= tiles.beside && i < tiles.beside + plan.tap_count ? plan.taps[i - tiles.beside] : 0.0;
+    m.tile += tiles.taps_size(plan);
+    taps += tiles.beside;
     for (int64_t first = lo; first < hi; first += (int64_t)tiles.groups * LANES) {
         const int count = hi - first < tiles.groups * LANES ? (int)(hi - first) : tiles.groups * LANES;
         const bool finite = plan.taps ? samples_finite(t, plan, x, first * plan.factor, (int64_t)(count - 1) * plan.factor + plan.tap_count)
@@ -189,7 +190,7 @@ template <class Use> static bool over_tiles(const Tree& t, const Plan& plan, con
         if (!finite) return false;
         for (int from = 0, end; from < plan.rows; from = end) {
             end = tiles.batch_end(plan, from);
-            if (plan.taps) fill_filtered(t, plan, x, tiles, table, from, end, first, count, m);
+            if (plan.taps) fill_filtered(t, plan, x, tiles, taps, from, end, first, count, m);
             else fill_samples(t, plan, x, tiles, from, end, first, count, m);
             Lanes* tile = m.tile;
             for (int r = from; r < end; tile += tiles.rows_size(plan, r++)) use(r, tile, tiles.stride, first, count);

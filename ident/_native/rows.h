@@ -70,17 +70,20 @@ template <class V> static inline void fill(const Tree& t, const Row& row, const 
     }
 }
 
-// Products of R columns with C columns of a tile, kept in registers; `use` takes their sums over all samples.
-template <int R, int C, bool triangular = false, class Use> static inline void products(const Lanes* a, int a_stride, const Lanes* b, int b_stride, int used, Use use) {
+// Products of R rows of numbers `a(i, group)` with C columns of a tile, kept in registers; `use` takes their sums over all samples.
+template <int R, int C, bool triangular = false, class A, class Use> static inline void products_of(A a, const Lanes* b, int b_stride, int used, Use use) {
     constexpr int N = (R * C + LANES - 1) / LANES * LANES;   // lane_sums takes LANES at a time
     Lanes sum[N];
     for (int i = 0; i < N; ++i) sum[i] = Lanes();
     for (int g = 0; g < used; ++g)
         for (int i = 0; i < R; ++i)
-            for (int j = triangular ? i : 0; j < C; ++j) sum[C * i + j] += a[i * a_stride + g] * b[j * b_stride + g];
+            for (int j = triangular ? i : 0; j < C; ++j) sum[C * i + j] += a(i, g) * b[j * b_stride + g];
     double total[N];
     for (int i = 0; i < N; i += LANES) lane_sums(sum + i, total + i);
     use(total);
+}
+template <int R, int C, bool triangular = false, class Use> static inline void products(const Lanes* a, int a_stride, const Lanes* b, int b_stride, int used, Use use) {
+    products_of<R, C, triangular>([=](int i, int g) { return a[i * a_stride + g]; }, b, b_stride, used, use);
 }
 
 // Call `block.run<C>(column)` for blocks of C = 4 columns from `first` on, and for the rest.

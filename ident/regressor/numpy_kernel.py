@@ -352,7 +352,7 @@ def _filtered_rows(
     for start in range(0, count, max(1, step // factor)):
         part = slice(start, min(start + max(1, step // factor), count))
         support = slice(start * factor, (part.stop - 1) * factor + len(shape))
-        rigid = np.einsum("rv,nvc->nrc", rows, regressor(tree, *(x[support] for x in motion)), optimize=True)
+        rigid = np.einsum("rv,nvc->nrc", rows, regressor(tree, motion[0][support], motion[1][support], motion[2][support]), optimize=True)
         beside = extra[support] if extra.ndim == 3 else extra[support, None, :] * pattern
         chosen = np.concatenate([rigid, beside], axis=2)[:, :, columns]
         yield part, chosen if taps is None else _decimated(chosen, taps, factor, part.stop - start)
