@@ -39,6 +39,16 @@ setup(
             py_limited_api=True,
             optional=True,
         ),
+        Extension(
+            "ident._native._text",
+            sources=[f"{FOLDER}/text.cpp"],
+            depends=[f"{FOLDER}/buffer.h"],
+            language="c++",
+            extra_compile_args=compile_args,
+            extra_link_args=link_args,
+            py_limited_api=True,
+            optional=True,
+        ),
     ],
     options={"bdist_wheel": {"py_limited_api": "cp311"}},  # one wheel for every Python from 3.11 on
 )

@@ -147,9 +147,8 @@ def _read(
         state.holes = state.holes or {sources[j]: Holes() for j in sorted(sources)}
         transmission, stem = reading.robot.transmission, path.name.split(".")[0]
         told = time.monotonic()
-        for piece in pieces(path, header, plan.sources, state.place, reading.jobs):
-            table = plan.arrays(piece.columns)
-            rows = _present(table, side, sources, state)
+        for piece in pieces(path, header, plan, state.place, reading.jobs):
+            rows = _present(piece.arrays, side, sources, state)
             if len(rows["t"]):
                 before = None if state.last_q is None else np.array(state.last_q)
                 state.rising &= bool(np.all(np.diff(rows["t"], prepend=state.last_t) > 0))

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
 from ..errors import DataError, UnsupportedError
-from ..log_files import Header, arrow_columns, arrow_values, bad_text, numeric, open_binary, pandas_columns, parquet_file
+from ..log_columns import ColumnPlan
+from ..log_files import Header, arrow_values, numeric, open_binary, parquet_file
+from .text import TextParser
 
 Array = np.ndarray
 #: Bytes of text that are parsed as one piece: what stays in the cache is fastest.
@@ -34,9 +34,9 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Columns of some rows, the place after them, and the share of the file that is done."""
+    """SI arrays by quantity of some rows (`ColumnPlan.arrays`), the place after them, and the share of the file that is done."""
 
-    columns: dict[str, Array]
+    arrays: dict[str, Array]
     after: Place
     share: float
 
@@ -46,19 +46,19 @@ def is_streamable(path: Path) -> bool:
     return path.suffix.lower() != ".mat"
 
 
-def pieces(path: Path, header: Header, names: Sequence[str], start: Place, jobs: int = 1) -> Iterator[Piece]:
-    """The named columns as float64 from `start` on, in order. `jobs`: threads that parse. Raises DataError (file, column, row)."""
+def pieces(path: Path, header: Header, plan: ColumnPlan, start: Place, jobs: int = 1) -> Iterator[Piece]:
+    """The columns of a plan from `start` on, in order. `jobs`: threads that parse. Raises DataError (file, column, row)."""
     if path.suffix.lower() in (".parquet", ".pq"):
-        return _parquet_pieces(path, names, start)
+        return _parquet_pieces(path, plan, start)
     if not is_streamable(path):
         raise UnsupportedError(f"log {path}: MAT files cannot be streamed. Save it as CSV or Parquet, or read it whole (--no-stream).")
-    return _text_pieces(path, header, names, start, jobs)
+    return _text_pieces(path, header, plan, start, jobs)
 
 
-def _parquet_pieces(path: Path, names: Sequence[str], start: Place) -> Iterator[Piece]:
+def _parquet_pieces(path: Path, plan: ColumnPlan, start: Place) -> Iterator[Piece]:
     import pyarrow as pa
 
-    file = parquet_file(path)
+    file, names = parquet_file(path), plan.sources
     total = max(1, file.metadata.num_rows)
     group, before = 0, 0
     while group < file.num_row_groups and before + file.metadata.row_group(group).num_rows <= start.rows:
@@ -76,13 +76,13 @@ def _parquet_pieces(path: Path, names: Sequence[str], start: Place) -> Iterator[
                 continue
             first = row - table.num_rows + 1
             columns = {name: numeric(arrow_values(table.column(name)), path, name, first) for name in names}
-            yield Piece(columns, Place(0, row), row / total)
+            yield Piece(plan.arrays(columns), Place(0, row), row / total)
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"log {path}: the file is damaged after data row {row} ({str(error).splitlines()[0]}).") from None
 
 
-def _text_pieces(path: Path, header: Header, names: Sequence[str], start: Place, jobs: int) -> Iterator[Piece]:
-    parse = _Parser(path, header, names)
+def _text_pieces(path: Path, header: Header, plan: ColumnPlan, start: Place, jobs: int) -> Iterator[Piece]:
+    parse = TextParser(path, header, plan)
     size = max(1, path.stat().st_size)
     place = start
     with open_binary(path) as stream, ThreadPoolExecutor(max(1, jobs)) as pool:
@@ -96,22 +96,23 @@ def _text_pieces(path: Path, header: Header, names: Sequence[str], start: Place,
                 if found is None:
                     more = False
                 else:
-                    waiting.append((pool.submit(parse, found[0]), *found))
+                    text, lines, share = found
+                    waiting.append((pool.submit(parse, text, lines), text, share))
             if not waiting:
                 break
             future, text, share = waiting.popleft()
             try:
-                columns = future.result()
+                arrays = future.result()
             except ValueError as error:
-                raise _blame(path, header, names, str(error), text, place) from None
-            rows = len(next(iter(columns.values())))
+                raise parse.blame(str(error), text, place.offset, place.rows) from None
+            rows = len(arrays["t"])
             place = Place(place.offset + len(text), place.rows + rows)
             if rows:
-                yield Piece(columns, place, share)
+                yield Piece(arrays, place, share)
 
 
-def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, size: int) -> Iterator[tuple[memoryview, float]]:
-    """Blocks of whole lines after the header, from `offset` bytes behind it on, and the share of the file read."""
+def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, size: int) -> Iterator[tuple[memoryview, int, float]]:
+    """Blocks of whole lines after the header, from `offset` bytes behind it on; how many lines at most, and the share of the file read."""
     raw = getattr(stream, "fileobj", None) or getattr(stream, "_fp", None) or stream
     position: Callable[[], int] = raw.tell
     try:
@@ -132,56 +133,9 @@ def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, siz
             if not cut and not whole and b"\r" in text:
                 raise DataError(f"log {path}: lines end with a carriage return alone, which cannot be streamed. Convert the line ends.")
             if cut:
-                yield memoryview(text)[:cut], min(1.0, position() / size)
+                yield memoryview(text)[:cut], text.count(b"\n", 0, cut) + 1, min(1.0, position() / size)
             if whole:
                 return
             rest = bytes(memoryview(text)[cut:end])
     except (EOFError, OSError) as error:
         raise DataError(f"log {path}: the file is damaged ({error}).") from None
-
-
-@dataclass(frozen=True)
-class _Parser:
-    """Text of whole lines → columns. Raises ValueError where a field is no number."""
-
-    path: Path
-    header: Header
-    names: Sequence[str]
-
-    def __call__(self, text: memoryview) -> dict[str, Array]:
-        if len(text) < 4096 and not bytes(text).strip():
-            return {name: np.zeros(0) for name in self.names}
-        if find_spec("pyarrow") is not None:
-            import pyarrow as pa
-
-            try:
-                return arrow_columns(
-                    pa.BufferReader(pa.py_buffer(text)),
-                    self.header,
-                    self.names,
-                    0,
-                    block=len(text) + 1,
-                    threads=False,
-                    pool=pa.system_memory_pool(),
-                )
-            except (pa.ArrowException, ValueError):
-                pass  # the slower reader says why, or is more lenient
-        try:
-            return pandas_columns(io.BytesIO(text), self.header, self.names, 0)
-        except OverflowError as error:
-            raise ValueError(str(error)) from None
-
-
-def _blame(path: Path, header: Header, names: Sequence[str], reason: str, text: memoryview, before: Place) -> DataError:
-    """The error for a piece of text that cannot be read, with line and data row counted from the beginning of the file."""
-    lines = header.line
-    with open_binary(path) as stream:
-        for _ in range(header.line):
-            stream.readline()
-        left = before.offset
-        while left and (block := stream.read(min(left, TEXT_PIECE))):
-            lines += block.count(b"\n")
-            left -= len(block)
-    reader = csv.reader(io.StringIO(bytes(text).decode("utf-8", errors="replace"), newline=""), delimiter=header.delimiter)
-    rows = ((lines + reader.line_num, fields) for fields in reader if any(f.strip() for f in fields))
-    return bad_text(path, header, names, reason, rows, before.rows + 1)

@@ -1,0 +1,121 @@
+"""Pieces of delimited text → SI arrays, by the fastest reader that takes them.
+
+The compiled one takes plain numbers only; Arrow (where it is installed) and pandas are more lenient, and say what is wrong. All three
+round decimals correctly, so that which of them reads a piece changes no bit."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import DataError
+from ..log_columns import ColumnPlan
+from ..log_files import Header, arrow_columns, bad_text, open_binary, pandas_columns
+
+Array = np.ndarray
+_COUNTED = 1 << 20
+
+
+@cache
+def _compiled() -> Callable[..., int] | None:
+    """The compiled reader; None where it was not built."""
+    try:
+        from .._native import _text  # type: ignore[attr-defined, unused-ignore]
+    except ImportError:
+        return None
+    return _text.parse  # type: ignore[no-any-return]
+
+
+@dataclass(frozen=True, eq=False)
+class TextParser:
+    """Whole lines of a file as arrays by quantity (`ColumnPlan.arrays`)."""
+
+    path: Path
+    header: Header
+    plan: ColumnPlan
+
+    def __call__(self, text: memoryview, lines: int) -> dict[str, Array]:
+        """`text`: whole lines, `lines` of them at most. Raises ValueError where a field is no number."""
+        found = self._plain(text, lines)
+        return self.plan.arrays(self._lenient(text)) if found is None else found
+
+    @cached_property
+    def _targets(self) -> tuple[dict[str, int], bytes] | None:
+        """Width of each quantity's array, and the array and column to which each field of a line goes; None where one goes to several."""
+        columns = self.plan.columns
+        if len({c.source for c in columns}) < len(columns) or len(self.header.delimiter) != 1:
+            return None
+        widths = {q: 1 if q == "t" else self.plan.n for q in dict.fromkeys(c.quantity for c in columns)}
+        place = np.full((len(self.header.names), 2), -1, np.int32)
+        for c in columns:
+            place[self.header.names.index(c.source)] = list(widths).index(c.quantity), c.joint
+        return widths, place.tobytes()
+
+    @cached_property
+    def _absent(self) -> tuple[tuple[str, int], ...]:
+        """Columns of the arrays that no field fills."""
+        given = {(c.quantity, c.joint) for c in self.plan.columns}
+        matrices = {c.quantity for c in self.plan.columns if c.quantity != "t"}
+        return tuple((q, j) for q in sorted(matrices) for j in range(self.plan.n) if (q, j) not in given)
+
+    def _plain(self, text: memoryview, lines: int) -> dict[str, Array] | None:
+        """The compiled reader's arrays; None where it is not there or does not take the text."""
+        parse, targets = _compiled(), self._targets
+        if parse is None or targets is None:
+            return None
+        widths, place = targets
+        arrays = {q: np.empty((lines, w)) for q, w in widths.items()}
+        rows = parse(text, ord(self.header.delimiter), place, tuple(arrays.values()), tuple(widths.values()), lines)
+        if rows < 0:
+            return None
+        for quantity, j in self._absent:
+            arrays[quantity][:, j] = np.nan
+        for c in self.plan.columns:
+            values = arrays[c.quantity][:rows, c.joint]
+            if c.scale != 1.0:
+                values *= c.scale
+            if c.offset:
+                values += c.offset
+        return {q: a[:rows, 0] if q == "t" else a[:rows] for q, a in arrays.items()}
+
+    def _lenient(self, text: memoryview) -> dict[str, Array]:
+        """Raw columns by Arrow or pandas."""
+        names = self.plan.sources
+        if len(text) < 4096 and not bytes(text).strip():
+            return {name: np.zeros(0) for name in names}
+        if find_spec("pyarrow") is not None:
+            import pyarrow as pa
+
+            source, pool = pa.BufferReader(pa.py_buffer(text)), pa.system_memory_pool()
+            try:
+                return arrow_columns(source, self.header, names, 0, block=len(text) + 1, threads=False, pool=pool)
+            except (pa.ArrowException, ValueError):
+                pass  # the slower reader says why, or is more lenient
+        try:
+            return pandas_columns(io.BytesIO(text), self.header, names, 0)
+        except OverflowError as error:
+            raise ValueError(str(error)) from None
+
+    def blame(self, reason: str, text: memoryview, offset: int, rows: int) -> DataError:
+        """The error for a text that cannot be read, `offset` bytes and `rows` data rows behind the header: line and data row are
+        counted from the beginning of the file."""
+        lines = self.header.line
+        with open_binary(self.path) as stream:
+            for _ in range(self.header.line):
+                stream.readline()
+            left = offset
+            while left and (block := stream.read(min(left, _COUNTED))):
+                lines += block.count(b"\n")
+                left -= len(block)
+        decoded = io.StringIO(bytes(text).decode("utf-8", errors="replace"), newline="")
+        reader = csv.reader(decoded, delimiter=self.header.delimiter)
+        found: Any = ((lines + reader.line_num, fields) for fields in reader if any(f.strip() for f in fields))
+        return bad_text(self.path, self.header, self.plan.sources, reason, found, rows + 1)
