@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .autoregression import autocovariance as autocovariance  # noqa: PLC0414 - also a name of this module
+from .autoregression import burg, by_autocovariance, filtered, in_line, levinson
+
 if TYPE_CHECKING:
     from .problem import Rows
     from .streaming.rows import StoredRows
@@ -43,30 +46,46 @@ def fit_noise(residual: Array, runs: Iterable[slice], shape: Array | None = None
     """Fit an autoregressive model to residuals (M, n); NaN marks rows left out; `runs` are contiguous rows.
 
     `shape`: autocorrelation that the rows have by the filter they went through (`row_shape`), even where the torque noise is
-    white: it is built in, and only what goes beyond it is fitted."""
+    white: it is built in, and only what goes beyond it is fitted. By Burg's method where most rows have their past, else
+    by autocovariances over the pairs that are present."""
     runs = list(runs)
     n = residual.shape[1]
     longest = max((r.stop - r.start for r in runs), default=1)
-    known = np.ones(1) if shape is None else _levinson(shape, len(shape) - 1)
+    known = np.ones(1) if shape is None else levinson(shape, len(shape) - 1)
     lags = max(1, min(max_order, longest // 8, int(1.3 * np.isfinite(residual).sum(axis=0).max(initial=1) ** (1 / 3))))
     polynomials, times, variance, level = [], [], np.empty(n), np.zeros(n)
     for j in range(n):
-        gamma, count = autocovariance(residual[:, j], runs, lags + len(known) - 1)
-        variance[j] = gamma[0]
-        if gamma[0] <= 0 or count < 8:
+        e = residual[:, j]
+        present = np.isfinite(e)
+        variance[j] = float(np.mean(e[present] ** 2)) if present.any() else 0.0
+        if variance[j] <= 0 or np.count_nonzero(present) < 8:
             polynomials.append(np.ones(1))
             times.append(1.0)
-            level[j] = max(gamma[0], 0.0)
+            level[j] = variance[j]
             continue
-        a = np.convolve(known, _levinson_by_criterion(_whitened(gamma, known), count))
+        a, level[j] = _autoregression(e, runs, known, lags)
         polynomials.append(a)
         times.append(max(1.0, _integrated_time(a)))
-        level[j] = gamma[0] / _shaping_gain(a)
     p = max(len(a) for a in polynomials) - 1
     ar = np.zeros((n, p + 1))
     for j, a in enumerate(polynomials):
         ar[j, : len(a)] = a
     return NoiseModel(ar, _innovation_covariance(residual, runs, ar, level), variance, np.array(times))
+
+
+def _autoregression(e: Array, runs: list[slice], known: Array, lags: int) -> tuple[Array, float]:
+    """Polynomial and innovation variance of one joint's residual (M,); `known`: the part that is built in."""
+    line = in_line(e, runs)
+    whitened = line if len(known) == 1 else filtered(line, known)
+    # The past of a row at every order that is tried.
+    past = np.convolve(np.isfinite(whitened), np.ones(lags + 1))[: len(whitened)] > lags + 0.5
+    if 2 * np.count_nonzero(past) >= np.count_nonzero(np.isfinite(line)):
+        found = burg(whitened, lags)
+        if found is not None:
+            return np.convolve(known, found.polynomial), found.innovation
+    gamma, count = autocovariance(e, runs, lags + len(known) - 1)
+    a = np.convolve(known, by_autocovariance(_whitened(gamma, known), count)) if count >= 8 else known
+    return a, float(gamma[0]) / _shaping_gain(a)
 
 
 def row_shape(taps: Array, factor: int, lags: int = 8) -> Array:
@@ -84,52 +103,6 @@ def _whitened(gamma: Array, a: Array) -> Array:
     middle = len(gamma) - 1
     reach = len(a) - 1
     return np.array([both @ symmetric[middle + lag - reach : middle + lag + reach + 1] for lag in range(len(gamma) - reach)])
-
-
-def _levinson(gamma: Array, order: int) -> Array:
-    """Prediction-error polynomial of a given order."""
-    a, variance = np.ones(1), gamma[0]
-    for p in range(1, order + 1):
-        reflection = -(a @ gamma[p:0:-1]) / variance
-        a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
-        variance *= 1 - reflection**2
-    return a
-
-
-def autocovariance(e: Array, runs: Iterable[slice], lags: int) -> tuple[Array, int]:
-    """Autocovariance at lags 0 … `lags` over the pairs present (NaN = absent), and how many pairs there are at a typical lag."""
-    total, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
-    for run in runs:
-        x = e[run]
-        present = np.isfinite(x)
-        size = 1 << int(np.ceil(np.log2(max(2, 2 * len(x)))))
-        for values, out in ((np.where(present, x, 0.0), total), (present.astype(float), pairs)):
-            spectrum = np.fft.rfft(values, size)
-            sums = np.fft.irfft(spectrum * np.conj(spectrum), size)[: lags + 1]
-            out[: len(sums)] += sums
-    return np.divide(total, pairs, out=np.zeros_like(total), where=pairs > 0.5), int(np.median(pairs))
-
-
-def _levinson_by_criterion(gamma: Array, count: int) -> Array:
-    """Levinson-Durbin recursion; the order with the least Bayesian criterion.
-
-    Akaike's would follow the hollows that the fitted parameters leave in the residual's spectrum, and these lie just where
-    the regressor does (measured: intervals 12 % too short)."""
-    a = np.ones(1)
-    variance = gamma[0]
-    best, best_score = a, count * np.log(variance)
-    for p in range(1, len(gamma)):
-        reflection = -(a @ gamma[p:0:-1]) / variance
-        if not np.isfinite(reflection) or abs(reflection) >= 1:
-            break
-        a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
-        variance *= 1 - reflection**2
-        if variance <= 1e-12 * gamma[0] or p + 2 >= count:
-            break
-        score = count * np.log(variance) + p * np.log(count)
-        if score < best_score:
-            best, best_score = a, score
-    return best
 
 
 def _impulse_response(a: Array) -> Array:

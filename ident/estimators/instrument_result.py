@@ -7,55 +7,47 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DataError
-from ..information import Information
-from ..noise import NoiseModel, fit_noise
 from ..status import StatusCode
+from .instrument_rows import InstrumentRows
 from .instrument_system import InstrumentSystem
-from .instrument_tests import DifferenceTest, Lagged, Score, difference_test, pair_gram, shea_strength
-from .instruments import paired
+from .instrument_tests import DifferenceTest, difference_test, shea_strength
 from .solution import LinearSolution, finish
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
-    from ..problem import Problem, Rows
 
 Array = np.ndarray
 #: The validity test fires at this probability, where the bias it shows is also as large as the interval it spoils.
 _LEVEL = 1e-3
 #: Instruments with a smaller F are called weak (Staiger & Stock 1997).
 _WEAK = 10.0
+#: Number of least squares among the scores.
+_LEAST_SQUARES = -1
 
 
 class InstrumentResult:
-    """What is known once the iteration has ended. `share` (M, n): how far each row's instruments count; `values` (b,) of all
-    base parameters, `columns` those that the data tell apart, `start` the least-squares solution."""
+    """What is known once the iteration has ended: one more pass over the `rows`; `start`: the least-squares solution."""
 
-    def __init__(
-        self, problem: Problem, instruments: Problem, share: Array, weights: Array, system: InstrumentSystem, columns: Array, values: Array,
-        start: LinearSolution,
-    ) -> None:  # fmt: skip
-        self.problem, self.instruments, self.share = problem, instruments, share
-        self.weights, self.system, self.columns, self.values, self.start = weights, system, columns, values, start
-        self.names = tuple(problem.base.names[c] for c in columns)
-        self.residual = np.where(share > 0, problem.residual(values), np.nan)
-        self.noise: NoiseModel = fit_noise(self.residual, problem.row_runs, problem.row_shape)
-        self.covariance = system.both_sides(self._gram(self.weighted))
+    def __init__(self, rows: InstrumentRows, start: LinearSolution) -> None:
+        self.rows, self.start = rows, start
+        self.names = tuple(rows.problem.base.names[c] for c in rows.columns)
+        self.lag = self._shortest_lag()
+        lags = (0,) if self.lag is None else (0, self.lag, 2 * self.lag)
+        self.moments = rows.moments(lags)
+        self.system = InstrumentSystem(self.moments.cross[0], self.moments.gram[0], self.names)
+        # The residual lacks what the fit took up of the noise.
+        count, b = float(self.moments.rows.sum()), len(self.names)
+        self.scores = rows.score_gram(self.moments, lags)
+        self.covariance = self.system.both_sides(self._gram(0, 0)) * (count / max(count - b, 1.0))
+        self.covariance = (self.covariance + self.covariance.T) / 2
         self.std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    def weighted(self, rows: Rows, Z: Array) -> Array:
-        """W Z (m, n, b) over the columns."""
-        return Z[:, :, self.columns] * self.weights[:, None]
-
-    def _gram(self, score: Score) -> Array:
-        return pair_gram(self.problem, self.instruments, self.share, self.noise, self.residual, score)
 
     def estimate(self, method: str, trace: dict[str, Any], converged: bool) -> Estimate:
         """The estimate with its tests in the trace."""
-        own = self._information()
-        exact = not np.any(self.noise.variance * own.counts > 1e-16 * own.torque_squares())
-        biased = None if exact else self._against_least_squares(own)
+        rows, exact = self.rows, self.rows.exact
+        biased = None if exact else self._against_least_squares()
         valid = None if exact else self._against_earlier_instruments()
-        strength = self._strength(own)
+        strength = self._strength()
         weak = [n for n, f in zip(self.names, strength, strict=True) if f < _WEAK]
         warnings = []
         if weak:
@@ -79,88 +71,61 @@ class InstrumentResult:
                 f" freedom), most on {valid.name}: by {valid.largest:.1f} standard deviations."
             )
             details = (text,)
-        solution = LinearSolution(self.columns, self.start.regroup, self.values[self.columns], self.start.root, self.start.condition)
+        solution = LinearSolution(rows.columns, self.start.regroup, rows.values[rows.columns], self.start.root, self.start.condition)
         return finish(
-            self.problem, solution, self.weights, method, covariance=self.covariance, noise=self.noise, warnings=tuple(warnings), code=code,
-            details=details, trace=trace,
+            rows.problem, solution, rows.weights, method, covariance=self.covariance, noise=rows.noise, warnings=tuple(warnings), code=code,
+            details=details, trace=trace, unexplained=self._unexplained(),
         )  # fmt: skip
 
-    def _information(self) -> Information:
-        """Information over the rows that have instruments."""
-        if np.array_equal(self.share > 0, self.problem.valid):
-            return self.problem.information.selected(self.columns)
-        total = Information.empty(self.problem.valid.shape[1], self.problem.base.names)
-        for rows, _ in paired(self.problem, self.instruments, self.share):
-            total = total.with_rows(rows.columns, rows.tau, rows.valid)
-        return total.selected(self.columns)
+    def _unexplained(self) -> Array:
+        """Torque (n,) left unexplained, relative, at the frequencies where the noise lets torque be seen."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.nan_to_num(np.sqrt(np.nansum(self.moments.error**2, axis=0) / self.moments.torques))
 
-    def _against_least_squares(self, own: Information) -> DifferenceTest:
-        """Durbin, Wu & Hausman: is least squares on the same rows biased?"""
-        from scipy.linalg import solve_triangular
-
-        R, z, _ = own.combined(self.weights)
-        scale = np.linalg.norm(R, axis=0)
-        unit = R / scale
-
-        def score(rows: Rows, Z: Array) -> Array:
-            flat = (rows.columns[:, :, self.columns] * self.weights[:, None]).reshape(-1, len(scale)) / scale
-            plain = solve_triangular(unit, solve_triangular(unit, flat.T, trans="T")).T / scale
-            return self.system.solve(self.weighted(rows, Z)) - plain.reshape(*Z.shape[:2], -1)
-
-        difference = self.values[self.columns] - solve_triangular(unit, z) / scale
-        return difference_test(difference, self._gram(score), self.std, self.names)
+    def _against_least_squares(self) -> DifferenceTest:
+        """Durbin, Wu & Hausman: is least squares on the same whitened rows biased?"""
+        m = self.moments
+        plain = InstrumentSystem(m.own, m.own, self.names)
+        return difference_test(plain.solve(m.own_miss), self._between(plain, _LEAST_SQUARES, self.system, 0), self.std, self.names)
 
     def _against_earlier_instruments(self) -> DifferenceTest | None:
         """Instruments of some rows ago know nothing of this row's noise: an estimate with them must agree.
 
         How far those of one and of two such lags disagree, which both are valid, shows by how much the noise exceeds its
         model (quantisation is not quite noise); the first disagreement is measured against that."""
-        shortest = min(run.stop - run.start for run in self.problem.row_runs if run.stop > run.start)
-        # A residual that instruments spoil looks correlated over much of the log. A lag within the noise's memory only costs power.
-        lag = int(max(3, min(np.ceil(3 * float(self.noise.correlation_time.max())), shortest // 40)))
-        if lag * 8 > shortest:
+        if self.lag is None:
             return None
+        m = self.moments
         try:
-            near, far = (self._lagged(k) for k in (lag, 2 * lag))
+            near, far = (InstrumentSystem(m.cross[i], m.gram[i], self.names) for i in (1, 2))
         except DataError:
             return None  # earlier instruments are too weak to say anything
-
-        def between(first: _LaggedEstimate, second: _LaggedEstimate | None) -> Array:
-            one, two = first.score(self), self.weighted if second is None else second.score(self)
-            other = self.system if second is None else second.system
-            return self._gram(lambda rows, Z: first.system.solve(one(rows, Z)) - other.solve(two(rows, Z)))
-
-        found = difference_test(near.change, between(near, None), self.std, self.names)
-        control = difference_test(far.change - near.change, between(far, near), self.std, self.names)
+        first, second = near.solve(m.miss[1]), far.solve(m.miss[2])
+        found = difference_test(first, self._between(near, 1, self.system, 0), self.std, self.names)
+        control = difference_test(second - first, self._between(far, 2, near, 1), self.std, self.names)
         return found.relaxed(control.statistic / max(1, control.degrees))
 
-    def _lagged(self, lag: int) -> _LaggedEstimate:
-        b = len(self.columns)
-        root = np.sqrt(self.weights)
-        cross, gram, miss = np.zeros((b, b)), np.zeros((b, b)), np.zeros(b)
-        earlier = Lagged(lag)
-        for rows, Z in paired(self.problem, self.instruments, self.share):
-            old = (earlier(rows, Z)[:, :, self.columns] * root[:, None]).reshape(-1, b)
-            now = (rows.columns[:, :, self.columns] * root[:, None]).reshape(-1, b)
-            e = (np.where(rows.valid, rows.tau - rows.columns @ self.values, 0.0) * root).ravel()
-            cross, gram, miss = cross + old.T @ now, gram + old.T @ old, miss + old.T @ e
-        system = InstrumentSystem(cross, gram, self.names)
-        return _LaggedEstimate(lag, system, system.solve(miss))
+    def _shortest_lag(self) -> int | None:
+        """Rows after which instruments are taken for earlier ones; None where the log is too short for any."""
+        shortest = min(run.stop - run.start for run in self.rows.problem.row_runs if run.stop > run.start)
+        # A residual that instruments spoil looks correlated over much of the log. A lag within the noise's memory only costs power.
+        lag = int(max(3, min(np.ceil(3 * float(self.rows.noise.correlation_time.max())), shortest // 40)))
+        return None if lag * 8 > shortest else lag
 
-    def _strength(self, own: Information) -> Array:
-        R, _, _ = own.combined(self.weights)
-        left, right = self.system.left, np.linalg.norm(R, axis=0)
-        unit = R / right
-        independent = float(np.sum(own.counts / self.noise.correlation_time))
-        return shea_strength(self.system.cross / np.outer(left, right), self.system.gram / np.outer(left, left), unit.T @ unit, independent)
+    def _between(self, one: InstrumentSystem, i: int, other: InstrumentSystem, j: int) -> Array:
+        """Covariance (b, b) of the difference of two estimates, by the numbers of their scores."""
+        mixed = one.both_sides(self._gram(i, j), other)
+        return one.both_sides(self._gram(i, i)) + other.both_sides(self._gram(j, j)) - mixed - mixed.T
 
+    def _gram(self, i: int, j: int) -> Array:
+        """Covariance (b, b) of the sums of scores number `i` and `j`: by lag, −1 of least squares."""
+        b = len(self.names)
+        count = len(self.scores) // b
+        one, other = ((k % count) * b for k in (i, j))
+        return self.scores[one : one + b, other : other + b]
 
-class _LaggedEstimate:
-    """The estimate with instruments of `lag` rows ago: its equations, and its difference from the one at lag 0."""
-
-    def __init__(self, lag: int, system: InstrumentSystem, change: Array) -> None:
-        self.lag, self.system, self.change = lag, system, change
-
-    def score(self, result: InstrumentResult) -> Score:
-        earlier = Lagged(self.lag)
-        return lambda rows, Z: result.weighted(rows, earlier(rows, Z))
+    def _strength(self) -> Array:
+        m, left = self.moments, self.system.left
+        right = np.sqrt(np.maximum(np.diag(m.own), 1e-300))
+        unit = m.own / np.outer(right, right)
+        return shea_strength(m.cross[0] / np.outer(left, right), m.gram[0] / np.outer(left, left), unit, float(m.rows.sum()))

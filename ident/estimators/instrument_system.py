@@ -1,4 +1,4 @@
-"""The equations of instrumental variables, ZᵀWΦ δ = ZᵀW e: scaled on both sides, solved by LU, never inverted."""
+"""The equations of instrumental variables, ZᵀΦ δ = Zᵀe: scaled on both sides, solved by LU, never inverted."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ import numpy as np
 
 from ..errors import DataError
 from ..information import triangle
-from .moments import CrossMoments
 
 Array = np.ndarray
 
 
 class InstrumentSystem:
-    """`cross` (b, b): ZᵀWΦ; `gram` (b, b): ZᵀWZ. Raises DataError where the instruments cannot tell the columns apart."""
+    """`cross` (b, b): ZᵀΦ; `gram` (b, b): ZᵀZ, of whitened rows. Raises DataError where the instruments cannot tell the columns apart."""
 
     def __init__(self, cross: Array, gram: Array, names: tuple[str, ...]) -> None:
         from scipy.linalg import lu_factor
@@ -31,31 +30,25 @@ class InstrumentSystem:
             raise DataError("the instruments cannot tell all parameters apart: the simulated motion does not follow the measured one.")
         self._factor = lu_factor(scaled)
 
-    @classmethod
-    def of(cls, moments: CrossMoments, weights: Array, names: tuple[str, ...]) -> InstrumentSystem:
-        """The equations with row j weighted by `weights[j]`."""
-        return cls(np.einsum("j,jab->ab", weights, moments.cross), np.einsum("j,jab->ab", weights, moments.gram), names)
-
     def solve(self, right: Array) -> Array:
-        """(ZᵀWΦ)⁻¹ applied to vectors in the last axis (…, b)."""
+        """(ZᵀΦ)⁻¹ applied to vectors in the last axis (…, b)."""
         from scipy.linalg import lu_solve
 
         flat = right.reshape(-1, right.shape[-1])
         return (lu_solve(self._factor, (flat / self.left).T).T / self.right).reshape(right.shape)
 
-    def both_sides(self, gram: Array) -> Array:
-        """(ZᵀWΦ)⁻¹ gram (ΦᵀWZ)⁻¹."""
-        both = self.solve(self.solve(gram).T)
-        return (both + both.T) / 2
+    def both_sides(self, gram: Array, other: InstrumentSystem | None = None) -> Array:
+        """(ZᵀΦ)⁻¹ gram (ΦᵀZ)⁻¹; with `other`, its own on the right."""
+        return (other or self).solve(self.solve(gram.T).T)
 
     @cached_property
     def white_std(self) -> Array:
-        """Standard deviations (b,) if the noise were white with variance 1/weight."""
+        """Standard deviations (b,) if the noise were white with variance one."""
         return np.sqrt(np.maximum(np.diag(self.both_sides(self.gram)), 0.0))
 
     @property
     def information_root(self) -> Array:
-        """Upper triangular root (b, b) of the information ΦᵀWZ (ZᵀWZ)⁻¹ ZᵀWΦ."""
+        """Upper triangular root (b, b) of the information ΦᵀZ (ZᵀZ)⁻¹ ZᵀΦ."""
         from scipy.linalg import solve_triangular
 
         unit = self.gram / np.outer(self.left, self.left)

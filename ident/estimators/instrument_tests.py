@@ -6,22 +6,12 @@ not even positive (Durbin 1954; Wu 1973; Hausman 1978; revised for coloured nois
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..noise import NoiseModel, noise_gram
-from ..problem import Rows
-from .instruments import paired
-
-if TYPE_CHECKING:
-    from ..problem import Problem
-
 Array = np.ndarray
-#: Score (m, n, b) of rows and their instruments.
-Score = Callable[[Rows, Array], Array]
 #: Directions of the difference whose variance is below this share of the largest are round-off.
 _NEGLIGIBLE = 1e-9
 
@@ -63,30 +53,6 @@ def difference_test(difference: Array, gram: Array, std: Array, names: tuple[str
     worst = int(np.argmax(np.abs(difference / scale)))
     p_value, largest = float(chi2.sf(statistic, max(1, degrees))), float(abs(difference[worst] / scale[worst]))
     return DifferenceTest(statistic, degrees, p_value, largest, names[worst])
-
-
-def pair_gram(problem: Problem, instruments: Problem, share: Array, noise: NoiseModel, residual: Array, score: Score) -> Array:
-    """Covariance (b, b) of Σ scoreᵀ noise, for scores (m, n, b) of rows and their instruments."""
-
-    def blocks() -> Iterator[Rows]:
-        for rows, Z in paired(problem, instruments, share):
-            yield Rows(score(rows, Z), rows.tau, rows.valid, rows.place, rows.run)
-
-    return noise_gram(noise, blocks(), np.ones(problem.valid.shape[1]), residual)
-
-
-class Lagged:
-    """Instruments of `lag` rows ago, run by run; where there are none yet, zero."""
-
-    def __init__(self, lag: int) -> None:
-        self.lag, self._run, self._past = lag, -1, np.zeros((0, 0, 0))
-
-    def __call__(self, rows: Rows, Z: Array) -> Array:
-        if rows.run != self._run:
-            self._run, self._past = rows.run, np.zeros((self.lag, *Z.shape[1:]))
-        line = np.concatenate([self._past, Z])
-        self._past = line[len(line) - self.lag :]
-        return np.where(rows.valid[:, :, None], line[: len(Z)], 0.0)
 
 
 def shea_strength(cross: Array, gram: Array, own: Array, samples: float) -> Array:

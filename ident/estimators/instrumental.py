@@ -11,10 +11,10 @@ from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .base import Capability, Estimator, register
 from .experiment import Experiment
 from .instrument_result import InstrumentResult
+from .instrument_rows import InstrumentRows
 from .instrument_system import InstrumentSystem
 from .instruments import Instruments, instrument_problem
 from .least_squares import weighted_solution
-from .moments import cross_moments
 from .possible import possible_along
 from .solution import LinearSolution
 
@@ -35,8 +35,8 @@ class InstrumentalVariable(Estimator):
     `instruments`: "forward_dynamics" (accelerations from the model at measured torque: torque-driven logs), "simulation" (the
     whole motion simulated along the same experiment) or "reference" (the desired motion). `loop`: "open" if the logged torque
     was commanded, "closed" if a controller made it from the measured motion, "unknown". `experiment`: controller and desired
-    motion, for simulation in closed loop and for "reference". Instruments come from the nearest possible model. `taper_s`: over
-    so many seconds towards a gap (masked rows, ends of runs) the instruments fade out.
+    motion, for simulation in closed loop and for "reference". Instruments come from the nearest possible model, and
+    are weighted by the noise's own colour, estimated from the residual and repeated (`estimators.instrument_whitening`).
 
     The trace holds the steps, a Durbin-Wu-Hausman test of least squares ("least_squares"), a test of the instruments against
     earlier ones ("validity") and their strength (F of every parameter)."""
@@ -48,7 +48,6 @@ class InstrumentalVariable(Estimator):
     instruments: str = Instruments.FORWARD_DYNAMICS.value
     loop: str = "unknown"
     experiment: Experiment | None = None
-    taper_s: float = 0.1
     iterations: int = 10
 
     def __post_init__(self) -> None:
@@ -75,7 +74,7 @@ class InstrumentalVariable(Estimator):
             raise ConfigurationError("instruments 'reference' need the desired motion: experiment = Experiment(controller=…, desired=…).")
 
     def _solve(self, problem: Problem) -> Estimate:
-        start, weights = weighted_solution(problem)
+        start, _ = weighted_solution(problem)
         columns = start.columns
         names = tuple(problem.base.names[c] for c in columns)
         values = np.zeros(problem.base.count)
@@ -90,11 +89,12 @@ class InstrumentalVariable(Estimator):
         while True:
             possible = possible_along(problem, values, root)
             repaired.append(possible.moved)
-            instruments, share = instrument_problem(problem, possible, source, self.experiment, self.taper_s)
-            moments = cross_moments(problem, instruments, share, values).selected(columns)
-            weights = np.where(moments.counts > 0, 1.0 / np.maximum(moments.noise(), _floor(problem)), 0.0)
-            system = InstrumentSystem.of(moments, weights, names)
-            change = system.solve(weights @ moments.miss)
+            instruments, usable = instrument_problem(problem, possible, source, self.experiment)
+            rows = InstrumentRows.at(problem, instruments, usable, columns, values)
+            moments = rows.moments()
+            system = InstrumentSystem(moments.cross[0], moments.gram[0], names)
+            change = system.solve(moments.miss[0])
+            values = values.copy()
             values[columns] += change
             steps.append(_step(change, system.white_std, values[columns]))
             if (source == wanted and steps[-1] < _SETTLED and len(steps) > 1) or len(steps) >= self.iterations:
@@ -102,7 +102,7 @@ class InstrumentalVariable(Estimator):
             if source != wanted:
                 # From here on the metric of nearness is that of the instruments, in which the start's bias does not count.
                 source, root = wanted, _whole_root(problem.base.count, replace(start, root=system.information_root))
-        found = InstrumentResult(problem, instruments, share, weights, system, columns, values, start)
+        found = InstrumentResult(InstrumentRows.at(problem, instruments, usable, columns, values), start)
         return found.estimate(self.name, {"steps": steps, "repaired": repaired}, steps[-1] < 1.0)
 
 
@@ -119,8 +119,3 @@ def _whole_root(count: int, solution: LinearSolution) -> Array:
     gone = np.setdiff1d(np.arange(count), solution.columns)
     root[gone, gone] = 1e3 * float(np.abs(np.diag(solution.root)).max(initial=1.0))
     return root
-
-
-def _floor(problem: Problem) -> Array:
-    information = problem.information
-    return 1e-24 * np.maximum(information.torque_squares(), 1e-300) / np.maximum(information.counts, 1)

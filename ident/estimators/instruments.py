@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -38,13 +38,8 @@ class Instruments(StrEnum):
     REFERENCE = "reference"
 
 
-def instrument_problem(
-    problem: Problem, possible: Possible, source: Instruments, experiment: Experiment | None, taper_s: float
-) -> tuple[Problem, Array]:
-    """The problem along the instruments' motion, and the share (M, n) with which each row's instruments count.
-
-    Towards a gap the share falls smoothly to zero within `taper_s` seconds: noise of accelerations that were differenced from
-    positions cancels in a sum over time, but for what stands at its ends."""
+def instrument_problem(problem: Problem, possible: Possible, source: Instruments, experiment: Experiment | None) -> tuple[Problem, Array]:
+    """The problem along the instruments' motion, and which rows (M, n) have instruments and may be used."""
     values = problem.base.expand(possible.values)
     motion = _MAKERS[source](problem, values, possible, experiment)
     known = np.isfinite(motion.q).all(axis=1) & np.isfinite(motion.dq).all(axis=1) & np.isfinite(motion.ddq).all(axis=1)
@@ -53,27 +48,7 @@ def instrument_problem(
     usable = problem.valid & (np.abs(problem.at_rows((~known).astype(float))) <= _MISSING)[:, None]
     if not usable.any():
         raise DataError("no row of the log has instruments: torque is missing, or the simulated motion diverged, everywhere.")
-    rows_per_second = len(problem.valid) / max(sum(run.stop - run.start for run in s.runs) / s.rate, 1e-9)
-    share = tapered(usable, problem.row_runs, round(taper_s * rows_per_second))
-    return along(problem, replace(s, q=q, dq=dq, ddq=ddq)), share
-
-
-def tapered(usable: Array, runs: Iterable[slice], length: int) -> Array:
-    """1 where rows (M, n) are usable, 0 where not, falling smoothly over `length` rows towards every gap and end of a run."""
-    out = usable.astype(float)
-    if length < 2:
-        return out
-    for run in runs:
-        part = usable[run]
-        count = len(part)
-        place = np.arange(count)[:, None]
-        before = np.maximum.accumulate(np.where(part, -1, place), axis=0)
-        after = count - 1 - np.maximum.accumulate(np.where(part[::-1], -1, place), axis=0)[::-1]
-        distance = np.minimum(place - before, after - place)
-        x = np.clip(distance / (length + 1.0), 0.0, 1.0)
-        # Two derivatives vanish at both ends: second differences meet no edge.
-        out[run] = x**3 * (10 - 15 * x + 6 * x**2)
-    return out
+    return along(problem, replace(s, q=q, dq=dq, ddq=ddq)), usable
 
 
 def along(problem: Problem, signals: object) -> Problem:
@@ -83,12 +58,11 @@ def along(problem: Problem, signals: object) -> Problem:
     return other
 
 
-def paired(problem: Problem, instruments: Problem, share: Array) -> Iterator[tuple[Rows, Array]]:
-    """Blocks of rows with their instruments (m, n, b), each times its share (M, n); rows without instruments are not valid."""
+def paired(problem: Problem, instruments: Problem, usable: Array) -> Iterator[tuple[Rows, Array]]:
+    """Blocks of rows with their instruments (m, n, b); rows that are not `usable` (M, n) are not valid, their instruments zero."""
     for rows, other in zip(problem.rows(), instruments.rows(), strict=True):
-        part = share[rows.place]
-        valid = rows.valid & (part > 0)
-        yield replace(rows, valid=valid), np.where(valid[:, :, None], other.columns * part[:, :, None], 0.0)
+        valid = rows.valid & usable[rows.place]
+        yield replace(rows, valid=valid), np.where(valid[:, :, None], other.columns, 0.0)
 
 
 def _forward_dynamics(problem: Problem, values: Array, possible: Possible, experiment: Experiment | None) -> Coordinates:

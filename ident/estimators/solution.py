@@ -17,7 +17,6 @@ from ..status import Status, StatusCode
 if TYPE_CHECKING:
     from ..estimate import Estimate
     from ..problem import Problem
-    from ..torque_error import TorqueError
 
 Array = np.ndarray
 
@@ -109,11 +108,13 @@ def finish(
     code: StatusCode = StatusCode.OK,
     details: tuple[str, ...] = (),
     trace: dict[str, Any] | None = None,
+    unexplained: Array | None = None,
 ) -> Estimate:
     """Build the estimate: noise model from the residual, covariance under its colour, torque error, status.
 
     `score`: of rows whose solution is not plain weighted least squares (default weights times columns). `covariance` over
-    the solution's columns, and `noise`, where the estimator has its own."""
+    the solution's columns, and `noise`, where the estimator has its own. `unexplained` (n,): relative torque error that judges
+    the fit, where the residual's own also holds noise of the motion."""
     from ..estimate import Estimate
 
     base = problem.base
@@ -134,7 +135,7 @@ def finish(
     error = problem.torque_error(full, residual)
     status = _status(code, details, dropped, solution, covariance, noise, problem, reduced)
     if status.code == StatusCode.OK:
-        status = _explained(problem, error)
+        status = _explained(problem, error.relative if unexplained is None else unexplained)
     return Estimate(
         method=method,
         model=problem.model,
@@ -232,14 +233,14 @@ def _status(
     return Status(StatusCode.OK)
 
 
-def _explained(problem: Problem, error: TorqueError) -> Status:
+def _explained(problem: Problem, relative: Array) -> Status:
     """OK, or which joints' torque the model leaves unexplained although they move."""
     names = problem.model.robot.joint_names
     q = problem.signals.q
     # A few samples tell, and signals on disk are read by slices only.
     moving = np.ptp(np.concatenate([q[i : i + 1] for i in np.linspace(0, len(q) - 1, 64).astype(int).tolist()]), axis=0) > 0
     poor = [
-        f"{name} {share:.0%}" for name, share, moves in zip(names, error.relative, moving, strict=True) if moves and share > _UNEXPLAINED
+        f"{name} {share:.0%}" for name, share, moves in zip(names, relative, moving, strict=True) if moves and share > _UNEXPLAINED
     ]
     if not poor:
         return Status(StatusCode.OK)
