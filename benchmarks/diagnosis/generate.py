@@ -12,7 +12,7 @@ import json
 import time
 import zlib
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from .world import Lane, simulate
 Array = np.ndarray
 
 SECONDS = 40.0
+SHORT_SECONDS = 8.0
 RATE = 200.0
 #: Torque noise (standard deviation at 200 Hz, colour 0.3) as a share of each joint's rms torque.
 NOISE = 0.02
@@ -43,6 +44,7 @@ class Case:
     parts: tuple[tuple[str, int, float], ...]
     seed: int
     kind: str
+    seconds: float = SECONDS
 
     @property
     def id(self) -> str:
@@ -52,8 +54,8 @@ class Case:
 
 def settings(a: Arm, case: Case) -> tuple[list[Setting], Array, Array]:
     """For each part its setting; also rms torque on the motor side and reach of the motion."""
-    motion = a.motion(case.seed, SECONDS)
-    c = motion.sample(np.arange(0.0, SECONDS, 0.02))
+    motion = a.motion(case.seed, case.seconds)
+    c = motion.sample(np.arange(0.0, case.seconds, 0.02))
     robot = a.robot
     tau = a.model.torque(Motion.of(robot, c.q, c.dq, c.ddq), a.values)
     tau = robot.transmission.torque(tau, robot.transmission.measured, Side.MOTOR)
@@ -63,7 +65,7 @@ def settings(a: Arm, case: Case) -> tuple[list[Setting], Array, Array]:
     out = []
     for name, j, size in case.parts:
         rng = np.random.default_rng([case.seed, j, zlib.crc32(name.encode())])
-        out.append(Setting(a, j, size, rng, rms, speed, reach, SECONDS))
+        out.append(Setting(a, j, size, rng, rms, speed, reach, case.seconds))
     return out, rms, reach
 
 
@@ -79,9 +81,9 @@ def faults(a: Arm, case: Case) -> list[Fault] | None:
 
 
 def simulate_cases(a: Arm, cases: Sequence[Case], made: Sequence[list[Fault]]) -> list[dict[str, Array]]:
-    """Logs of cases on one arm."""
+    """Logs of cases on one arm, all of one length."""
     robot = a.robot
-    runs = simulate(a, [_lane(a, case, own) for case, own in zip(cases, made, strict=True)], SECONDS, RATE)
+    runs = simulate(a, [_lane(a, case, own) for case, own in zip(cases, made, strict=True)], cases[0].seconds, RATE)
     logs = []
     for case, own, run in zip(cases, made, runs, strict=True):
         rms = settings(a, case)[1]
@@ -105,7 +107,7 @@ def _lane(a: Arm, case: Case, own: list[Fault]) -> Lane:
     limits = [f.limit for f in own if f.limit is not None]
     return Lane(
         next((f.arm for f in own if f.arm is not None), a),
-        a.motion(case.seed, SECONDS),
+        a.motion(case.seed, case.seconds),
         tuple(law for f in own for law in f.laws),
         np.min(limits, axis=0) if limits else None,
         sum((f.loss for f in own if f.loss is not None), np.zeros(n)),
@@ -122,9 +124,9 @@ def generate(folder: Path, cases: Iterable[Case]) -> None:
     known = {json.loads(line)["id"] for line in index.read_text().splitlines()} if index.exists() else set()
     wanted = [c for c in cases if c.id not in known]
     start, done = time.monotonic(), 0
-    for name, group in groupby(sorted(wanted, key=lambda c: c.arm), key=lambda c: c.arm):
+    for (name, _), group in groupby(sorted(wanted, key=_alike), key=_alike):
         a = arm(name)
-        own = [(c, made) for c in group if (made := faults(a, c)) is not None]
+        own = [(c, made) for case in group for c, made in _possible(a, case) if c.id not in known]
         for batch in [own[i : i + _LANES] for i in range(0, len(own), _LANES)]:
             try:
                 logs = simulate_cases(a, [c for c, _ in batch], [m for _, m in batch])
@@ -150,6 +152,22 @@ def generate(folder: Path, cases: Iterable[Case]) -> None:
             print(f"{done} of {len(wanted)} cases, {time.monotonic() - start:.0f} s", flush=True)
 
 
+def _possible(a: Arm, case: Case) -> list[tuple[Case, list[Fault]]]:
+    """The case with its faults; a single fault that cannot be on that joint goes to the next one that can have it; else nothing."""
+    turns = a.robot.n if len(case.parts) == 1 else 1
+    for turn in range(turns):
+        moved = replace(case, parts=tuple((name, (j + turn) % a.robot.n, size) for name, j, size in case.parts))
+        made = faults(a, moved)
+        if made is not None:
+            return [(moved, made)]
+    return []
+
+
+def _alike(case: Case) -> tuple[str, float]:
+    """Cases that can be simulated side by side."""
+    return case.arm, case.seconds
+
+
 def _record(f: Fault) -> dict[str, object]:
     return {
         "effect": f.effect,
@@ -160,9 +178,20 @@ def _record(f: Fault) -> dict[str, object]:
     }
 
 
-def suite(name: str) -> list[Case]:
-    """`development`: what the engine is worked on; `final`: other robots, seeds and joints, looked at once."""
-    arms, first = {"development": (("puma560", "xarm7", "scara"), 100), "final": (("puma560", "xarm7", "scara", "ur5"), 5000)}[name]
+#: Suite → robots, first seed, clean logs a robot. Another first seed gives other motions, joints, noise and random choices.
+SUITES = {
+    "development": (("puma560", "xarm7", "scara"), 100, 25),
+    "final": (("puma560", "xarm7", "scara", "ur5"), 5000, 70),
+}
+
+
+def suite(name: str, first: int | None = None) -> list[Case]:
+    """`development`: what the engine is worked on; `final`: other robots, seeds and joints, looked at once; `short`: a handful of
+    small ones. `first`: another first seed."""
+    if name == "short":
+        return _short(7000 if first is None else first)
+    arms, usual, clean = SUITES[name]
+    first = usual if first is None else first
     rng = np.random.default_rng(first)
     out: list[Case] = []
     seed = first
@@ -181,10 +210,21 @@ def suite(name: str) -> list[Case]:
             names = [str(x) for x in rng.choice([x for x in FAULTS if x not in _ABSORBED], 2, replace=False)]
             joints = rng.choice(n, 2, replace=False)
             out.append(Case(arm_name, tuple((x, int(j), 1.5) for x, j in zip(names, joints, strict=True)), seed, "pair"))
-        for _ in range(70 if name == "final" else 25):
+        for _ in range(clean):
             seed += 1
             out.append(Case(arm_name, (), seed, "clean"))
     return out
+
+
+def _short(first: int) -> list[Case]:
+    """One of each kind, on the robot with the fewest joints."""
+    parts = {
+        "clean": (),
+        "single": (("asymmetric_viscous", 1, 2.0),),
+        "pair": (("linear_spring", 1, 2.0), ("offset", 2, 2.0)),
+        "outside": (("bumper", 0, 1.5),),
+    }
+    return [Case("scara", own, first + i, kind, SHORT_SECONDS) for i, (kind, own) in enumerate(parts.items())]
 
 
 #: Faults that base parameters mostly take up: there is next to nothing to find.
@@ -195,12 +235,13 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--suite", default="development")
+    parser.add_argument("--suite", default="development", choices=[*SUITES, "short"])
+    parser.add_argument("--first", type=int, help="another first seed")
     parser.add_argument("--arm")
     parser.add_argument("--kind")
     parser.add_argument("--only", help="part of the case's id")
     args = parser.parse_args()
-    cases = [c for c in suite(args.suite) if (not args.arm or c.arm == args.arm) and (not args.kind or c.kind == args.kind)]
+    cases = [c for c in suite(args.suite, args.first) if (not args.arm or c.arm == args.arm) and (not args.kind or c.kind == args.kind)]
     generate(args.folder, [c for c in cases if not args.only or args.only in c.id])
 
 

@@ -23,15 +23,22 @@ def diagnosed(folder: Path, records: list[dict[str, Any]], results: Path, jobs: 
         if record["id"] in kept:
             yield kept[record["id"]]
     left = [r for r in records if r["id"] not in kept]
+    for result in _all(folder, left, jobs):
+        with results.open("a") as out:
+            out.write(json.dumps(result) + "\n")
+        yield result
+
+
+def _all(folder: Path, records: list[dict[str, Any]], jobs: int) -> Iterator[dict[str, Any]]:
+    """In the order in which they are done; in this process where one job is enough."""
+    if jobs <= 1 or len(records) <= 1:
+        yield from (_one(folder, record) for record in records)
+        return
     for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(key, "1")
     with ProcessPoolExecutor(max_workers=jobs) as pool:
-        waiting = {pool.submit(_one, folder, record): record for record in left}
-        for future in as_completed(waiting):
-            result = future.result()
-            with results.open("a") as out:
-                out.write(json.dumps(result) + "\n")
-            yield result
+        for future in as_completed([pool.submit(_one, folder, record) for record in records]):
+            yield future.result()
 
 
 def _one(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
@@ -50,8 +57,9 @@ def line(result: dict[str, Any]) -> str:
     left = [(u["joint"], u["signature"], round(u["gain"])) for u in result["unexplained"]]
     good = right(result)
     ok = (not found) if not result["parts"] else good["all"]
-    oracle = f" oracle {result['oracle']['gain']:.0f}±{result['oracle']['error']:.0f}" if "oracle" in result else ""
-    flag = "ok" if ok else ("--" if "oracle" in result and not result["oracle"]["detectable"] and not found else "BAD")
+    seen = result.get("oracle", [])
+    oracle = "".join(f" oracle {o['gain']:.0f}±{o['error']:.0f}" for o in seen)
+    flag = "ok" if ok else ("--" if seen and not any(o["detectable"] for o in seen) and not found else "BAD")
     return (
         f"{flag:4s}{result['seconds']:5.1f}s {result['id']:46s} {result['verdict']:11s}{oracle}"
         f" ratio {result['before'][0]:.2f} {result['after'][0]:.2f}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,7 +17,7 @@ import ident
 from ident import estimators as es
 from ident import friction as fr
 from ident.diagnosis.analysis import without_reversals
-from ident.diagnosis.candidates import candidates
+from ident.effect import Effect
 from ident.logs import Log, LogSet
 from ident.model import Model
 from ident.problem import Problem
@@ -24,14 +25,13 @@ from ident.signals import Signals, ZeroPhase
 from ident.torque_error import number
 
 from .arms import Arm, arm
+from .oracle import Oracle, residual, same_place
 
 Array = np.ndarray
 #: The last part of each log, which neither fit nor selection sees.
 HELD = 0.25
-#: The true effect counts as detectable if, handed to the refit, it lowers the held-out loss by this much (twice a
-#: log-likelihood; chance reaches it once in a thousand), and by three of its standard errors over blocks of time.
-DETECTABLE = 10.8
-_BLOCKS = 12
+#: A finding is ambiguous if its rivals together are at least this probable; a rival is named from `_NAMED` on.
+AMBIGUOUS, _NAMED = 0.2, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +73,9 @@ def run(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
     begin = time.process_time()
     case = load(folder, record)
     before = es.WeightedLeastSquares().solve(Problem(case.model, case.fit))
-    start = time.process_time()
+    start, wall = time.process_time(), time.perf_counter()
     found = ident.diagnose(before, case.held)
-    seconds = time.process_time() - start
+    seconds, wall = time.process_time() - start, time.perf_counter() - wall
     held = without_reversals(found.held) if found.held is not None else case.held
     floor = _floor(found.signals, case.noise)
     out: dict[str, Any] = {
@@ -85,15 +85,19 @@ def run(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
         "parts": record["parts"],
         "size": [p[2] for p in record["case"]["parts"]],
         "verdict": found.verdict,
-        "findings": [f.to_dict() for f in found.findings],
+        "findings": [{**f.to_dict(), "evidence": f.evidence, "motors": getattr(f.effect, "motors", None)} for f in found.findings],
         "unexplained": [u.to_dict() for u in found.unexplained],
         "seconds": seconds,
-        "before": _ratio(before=found.before, held=held, floor=floor),
-        "after": _ratio(before=found.after, held=held, floor=floor),
+        "wall_seconds": wall,
+        "before": _ratio(found.before, held, floor),
+        "after": _ratio(found.after, held, floor),
+        "reported_floor": _ratio(found.after, held, np.asarray(found.noise_floor)),
         "trail": list(found.trail),
     }
-    if record["kind"] == "single" and record["parts"]:
-        out["oracle"] = _oracle(found, record["parts"][0], held, floor)
+    if record["kind"] in ("single", "pair"):
+        oracle = Oracle(found, held, floor)
+        true, out["oracle"] = oracle.parts(record["parts"])
+        out["named"] = [_named(oracle, found.findings, part, i, true) for i, part in enumerate(record["parts"])]
     out["coverage"] = _coverage(found, record["parts"])
     out["whole_seconds"] = time.process_time() - begin
     return out
@@ -108,74 +112,70 @@ def _floor(signals: Signals, noise: Array) -> Array:
     return noise * (float(np.std(signals.row_filter.apply(x[:, None]))) if signals.row_filter is not None else 1.0)
 
 
-def _residual(estimate: Any, held: Signals) -> Array:
-    """Residual (M, n) on held-out rows, NaN where not used."""
-    problem = Problem(estimate.model, held, reference=estimate.all_values)
-    out = np.full(held.tau.shape, np.nan)
-    values = problem.base.base_values(estimate.all_values)
-    for rows in problem.rows():
-        out[rows.place] = held.tau[rows.place] - rows.columns @ values
-    return np.where(held.valid, out, np.nan)
-
-
-def _ratio(before: Any, held: Signals, floor: Array) -> list[float | None]:
-    """Held-out rms over the noise floor: over all joints together, then joint by joint."""
-    scaled = _residual(before, held) / floor
+def _ratio(estimate: Any, held: Signals, floor: Array) -> list[float | None]:
+    """Held-out rms over a noise floor: over all joints together, then joint by joint."""
+    scaled = residual(estimate, held) / floor
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return [number(float(np.sqrt(np.nanmean(scaled**2)))), *(number(float(x)) for x in np.sqrt(np.nanmean(scaled**2, axis=0)))]
 
 
-def _oracle(found: Any, part: dict[str, Any], held: Signals, floor: Array) -> dict[str, Any]:
-    """Held-out gain of the true effect, its shapes as they truly are, refitted with the whole declared model; the best of its
-    configurations (an angle on either side)."""
-    stage = found.selection.declared
-    before = _residual(found.before, held) / floor
-    blocks = [rows for run in held.row_runs for rows in np.array_split(np.arange(run.start, run.stop), _BLOCKS)]
-    best: dict[str, Any] = {"gain": 0.0, "error": 0.0, "detectable": False, "after": None}
-    motion = stage.motions.parts[0][1]
-    mine = [c for c in candidates(stage.problem.model, motion) if c.name == part["effect"] and _same_place(c.joints, part["joints"])]
-    tried = []
-    for candidate in mine:
-        shapes = {p.name: part["truth"][p.name] for p in candidate.variants[0].shape() if p.name in part["truth"]}
-        full = len(shapes) == len(candidate.variants[0].shape())
-        for variant in candidate.variants[:1] if full else candidate.variants:
-            try:
-                tried.append(variant.with_shape(**shapes) if shapes else variant)
-            except ident.IdentError:
-                continue
-    for effect in tried:
-        estimate = es.WeightedLeastSquares().solve(Problem(found.before.model + effect, found.signals, reference=_reference(found, effect)))
-        after = _residual(estimate, held) / floor
-        gains = np.array([np.nansum(before[rows] ** 2) - np.nansum(after[rows] ** 2) for rows in blocks])
-        gain, error = float(gains.sum()), float(np.sqrt(len(gains)) * gains.std(ddof=1))
-        if gain > best["gain"]:
-            best = {"gain": gain, "error": error, "detectable": gain > DETECTABLE and gain > 3.0 * error}
-            best["after"] = number(float(np.sqrt(np.nanmean(after**2))))
-    return best
+def is_part(effect: str, joints: Sequence[str], motors: Sequence[str] | None, part: dict[str, Any], names: Sequence[str]) -> bool:
+    """Whether a name and place are those of a true part; of a coupling, the motor too. `names`: of the robot's joints."""
+    if effect != part["effect"] or not same_place(joints, part["joints"]):
+        return False
+    return not motors or "motor" not in part["truth"] or names[int(part["truth"]["motor"])] in motors
 
 
-def _reference(found: Any, effect: Any) -> Array:
-    robot = found.before.model.robot
-    return np.append(found.before.all_values, np.zeros(len(effect.parameters(robot))))
+def _named(oracle: Oracle, findings: Sequence[Any], part: dict[str, Any], i: int, true: Sequence[Effect | None]) -> dict[str, Any]:
+    """How a true part is named: by which finding, directly ("found"), or as the rival of an ambiguous one ("rival"), else "no".
 
+    Where that finding is ambiguous: whether the other one (the rival, or what stands in the truth's place) truly foretells the
+    held-out data as well as the truth, all other true parts being in the model."""
+    names = oracle.found.before.model.robot.joint_names
+    beside = [e for k, e in enumerate(true) if k != i and e is not None]
+    truth = true[i]
 
-def _same_place(joints: tuple[str, ...], wanted: list[str]) -> bool:
-    return not joints or not wanted or tuple(joints) == tuple(wanted)
+    def told(how: str, place: int, other: Effect | None) -> dict[str, Any]:
+        check = {"as_good": None} if other is None or truth is None else oracle.as_good(other, truth, beside)
+        return {"how": how, "finding": place, **check}
+
+    for place, f in enumerate(findings):
+        if is_part(f.name, f.joints, getattr(f.effect, "motors", None), part, names):
+            if sum(m.confidence for m in f.imitators) < AMBIGUOUS:
+                return told("found", place, None)
+            rival = max(f.imitators, key=lambda m: m.confidence)
+            return told("found, ambiguous", place, oracle.rival(rival.effect, rival.joints))
+    for place, f in enumerate(findings):
+        if sum(m.confidence for m in f.imitators) < AMBIGUOUS:
+            continue
+        if any(m.confidence >= _NAMED and is_part(m.effect, m.joints, None, part, names) for m in f.imitators):
+            return told("rival", place, f.effect)
+    return {"how": "no", "finding": None, "as_good": None}
 
 
 def _coverage(found: Any, parts: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """For each parameter of a rightly named finding whose truth is known: its error over its standard deviation."""
+    names = found.before.model.robot.joint_names
     out = []
     for part in parts:
         for f in found.findings:
-            if f.name != part["effect"] or not _same_place(f.joints, part["joints"]):
+            if not is_part(f.name, f.joints, getattr(f.effect, "motors", None), part, names):
                 continue
             for p in f.parameters:
-                symbol = p.name if p.name in part["truth"] else p.name.split("_joint")[0]
-                if symbol in part["truth"] and np.isfinite(p.std) and p.std > 0:
-                    out.append({"effect": f.name, "parameter": symbol, "z": (p.value - part["truth"][symbol]) / p.std})
+                symbol = _symbol(p.name, names, part["truth"])
+                if symbol and np.isfinite(p.std) and p.std > 0:
+                    value, truth = p.value, part["truth"][symbol]
+                    out.append({"effect": f.name, "parameter": symbol, "value": value, "std": p.std, "truth": truth})
     return out
+
+
+def _symbol(name: str, joints: Sequence[str], truth: dict[str, float]) -> str:
+    """The symbol under which a parameter's truth is known; "" where it is not."""
+    for _ in range(2):
+        for joint in joints:
+            name = name.removesuffix(f"_{joint}")
+    return next((s for s in (name, name.rsplit("_", 1)[-1]) if s in truth), "")
 
 
 def read_cases(folder: Path) -> list[dict[str, Any]]:
@@ -183,22 +183,21 @@ def read_cases(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (folder / "cases.jsonl").read_text().splitlines()]
 
 
+def part_is_named(named: dict[str, Any]) -> bool:
+    """Whether a true part counts as named: found for sure, or ambiguous with a rival that truly does as well."""
+    return named["how"] == "found" or (named["how"] != "no" and bool(named["as_good"]))
+
+
 def right(record: dict[str, Any]) -> dict[str, bool]:
     """Judgement of one single-fault or pair case.
 
-    `top`: the first finding is the true effect on its joint, or the verdict is ambiguous and names it as a rival; `only`: nothing
-    else beside it (a rival in its place counts as it); `all`: every true part is named, and only those."""
-    wanted = [(p["effect"], tuple(p["joints"])) for p in record["parts"]]
-    findings = record["findings"]
-
-    def names(f: dict[str, Any], part: tuple[str, tuple[str, ...]]) -> bool:
-        if f["effect"] == part[0] and _same_place(tuple(f["joints"]), list(part[1])):
-            return True
-        if record["verdict"] not in ("ambiguous", "unexplained"):
-            return False
-        rivals = [i for i in f["imitators"] if i["confidence"] >= 0.05 and sum(x["confidence"] for x in f["imitators"]) >= 0.2]
-        return any(i["effect"] == part[0] and _same_place(tuple(i["joints"]), list(part[1])) for i in rivals)
-
-    top = bool(findings) and any(names(findings[0], part) for part in wanted)
-    named = [any(names(f, part) for f in findings) for part in wanted]
-    return {"top": top, "only": len(findings) <= len(wanted), "all": all(named) and len(findings) == len(wanted)}
+    `top`: the first finding is a true effect on its joint (an ambiguous one counts where the rival truly does as well); `only`:
+    nothing beside what is true; `all`: every true part is named, and only those."""
+    named = record.get("named", [])
+    good = [n for n in named if part_is_named(n)]
+    top = any(n["finding"] == 0 for n in good)
+    return {
+        "top": top,
+        "only": len(record["findings"]) <= len(record["parts"]),
+        "all": len({n["finding"] for n in good}) == len(record["parts"]) == len(record["findings"]),
+    }

@@ -1,0 +1,163 @@
+"""What can be known of a case by one who knows the truth: whether its effect could be seen at all, and whether a rival does as well.
+
+The true effect, its shapes as they truly are (or, where the truth knows none, the best of a grid), is handed to a refit of the
+whole declared model; what that gains on held-out data is compared with chance."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+import ident
+from ident import estimators as es
+from ident.diagnosis.candidates import candidates
+from ident.effect import Effect
+from ident.problem import Problem
+from ident.signals import Signals
+from ident.torque_error import number
+
+Array = np.ndarray
+#: A gain counts if it lowers the held-out loss by this much (twice a log-likelihood; chance reaches it once in a thousand), and if
+#: blocks of time whose gains had either sign alike would reach the sum with no more than this probability (an exact test, which
+#: asks nothing of how gains are spread over the blocks). What gains less beside another does as well as it.
+DETECTABLE = 10.8
+CHANCE = 0.005
+_BLOCKS = 12
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Fall of the held-out loss, its standard error over blocks of time, and the probability that chance gives as much."""
+
+    gain: float
+    error: float
+    chance: float
+
+    @property
+    def clear(self) -> bool:
+        return self.gain > DETECTABLE and self.chance <= CHANCE
+
+    @classmethod
+    def of(cls, blocks: Array) -> Gain:
+        """From the gains of the blocks."""
+        total = float(blocks.sum())
+        if len(blocks) <= _BLOCKS:
+            signs = np.array(list(itertools.product((1.0, -1.0), repeat=len(blocks))))
+        else:
+            signs = np.random.default_rng(0).choice((1.0, -1.0), (20_000, len(blocks)))
+        return cls(total, float(np.sqrt(len(blocks)) * blocks.std(ddof=1)), float(np.mean(signs @ blocks >= total * (1 - 1e-12))))
+
+
+@dataclass(frozen=True, eq=False)
+class Oracle:
+    """Refits on the analysis signals of a diagnosis, judged on held-out rows over the generator's own noise `floor` (n,)."""
+
+    found: Any
+    held: Signals
+    floor: Array
+
+    @cached_property
+    def _kept(self) -> dict[tuple[Effect, ...], Array]:
+        return {(): self.scaled(self.found.before)}
+
+    def scaled(self, estimate: Any) -> Array:
+        """Residual (M, n) of an estimate on held-out rows over the noise; NaN where not used."""
+        return residual(estimate, self.held) / self.floor
+
+    def with_effects(self, effects: Sequence[Effect]) -> Array:
+        """The same of the declared model refitted with effects."""
+        key = tuple(effects)
+        if key not in self._kept:
+            model, reference = self.found.before.model, self.found.before.all_values
+            for effect in effects:
+                model = model + effect
+                reference = np.append(reference, np.zeros(len(effect.parameters(model.robot))))
+            estimate = es.WeightedLeastSquares().solve(Problem(model, self.found.signals, reference=reference))
+            self._kept[key] = self.scaled(estimate)
+        return self._kept[key]
+
+    def gain(self, fewer: Sequence[Effect], more: Sequence[Effect]) -> Gain:
+        """Fall of the held-out loss from one set of effects to another."""
+        before, after = self.with_effects(fewer), self.with_effects(more)
+        blocks = [rows for run in self.held.row_runs for rows in np.array_split(np.arange(run.start, run.stop), _BLOCKS)]
+        return Gain.of(np.array([np.nansum(before[rows] ** 2) - np.nansum(after[rows] ** 2) for rows in blocks]))
+
+    def truth(self, part: dict[str, Any]) -> Effect | None:
+        """The true effect of a part, in the configuration that gains most; None where no candidate of it can be fitted."""
+        robot = self.found.before.model.robot
+        tried = []
+        for name, joints, variants in self._candidates:
+            if name != part["effect"] or not same_place(joints, part["joints"]):
+                continue
+            motors = getattr(variants[0], "motors", None)
+            if motors is not None and "motor" in part["truth"] and motors != (robot.joint_names[int(part["truth"]["motor"])],):
+                continue
+            names = [p.name for p in variants[0].shape()]
+            shapes = {n: part["truth"][n] for n in names if n in part["truth"]}
+            for variant in variants[:1] if len(shapes) == len(names) else variants:
+                try:
+                    tried.append(variant.with_shape(**shapes) if shapes else variant)
+                except ident.IdentError:
+                    continue
+        return self._best(tried)
+
+    def rival(self, name: str, joints: Sequence[str]) -> Effect | None:
+        """An effect that the diagnosis named as a rival: as it was judged there, else the best of the first grid."""
+        for one in getattr(self.found.selection, "found", ()):
+            for judged in one.rivals:
+                if judged.hit.candidate.name == name and tuple(judged.hit.candidate.joints) == tuple(joints):
+                    return judged.hit.effect
+        return self._best([v for n, at, variants in self._candidates if n == name and tuple(at) == tuple(joints) for v in variants])
+
+    def as_good(self, one: Effect, other: Effect, beside: Sequence[Effect] = ()) -> dict[str, Any]:
+        """Whether `one` foretells held-out data as well as `other` does."""
+        gain = self.gain([*beside, one], [*beside, other])
+        return {"as_good": not gain.clear, **asdict(gain)}
+
+    def parts(self, parts: Sequence[dict[str, Any]]) -> tuple[list[Effect | None], list[dict[str, Any]]]:
+        """For each part its true effect, and what that gains beside the other parts."""
+        true = [self.truth(p) for p in parts]
+        out = []
+        for i, effect in enumerate(true):
+            others = [e for k, e in enumerate(true) if k != i and e is not None]
+            if effect is None:
+                out.append({"gain": 0.0, "error": 0.0, "chance": 1.0, "detectable": False, "after": None})
+                continue
+            gain = self.gain(others, [*others, effect])
+            after = number(float(np.sqrt(np.nanmean(self.with_effects([*others, effect]) ** 2))))
+            out.append({**asdict(gain), "detectable": gain.clear, "after": after})
+        return true, out
+
+    def _best(self, tried: Sequence[Effect]) -> Effect | None:
+        gains = []
+        for effect in tried:
+            try:
+                gains.append((self.gain([], [effect]).gain, effect))
+            except ident.IdentError:
+                continue
+        return max(gains, key=lambda g: g[0])[1] if gains else None
+
+    @cached_property
+    def _candidates(self) -> list[tuple[str, tuple[str, ...], tuple[Effect, ...]]]:
+        stage = self.found.selection.declared
+        return [(c.name, tuple(c.joints), c.variants) for c in candidates(stage.problem.model, stage.motions.parts[0][1])]
+
+
+def residual(estimate: Any, held: Signals) -> Array:
+    """Residual (M, n) on held-out rows, NaN where not used."""
+    problem = Problem(estimate.model, held, reference=estimate.all_values)
+    out = np.full(held.tau.shape, np.nan)
+    values = problem.base.base_values(estimate.all_values)
+    for rows in problem.rows():
+        out[rows.place] = held.tau[rows.place] - rows.columns @ values
+    return np.where(held.valid, out, np.nan)
+
+
+def same_place(joints: Sequence[str], wanted: Sequence[str]) -> bool:
+    """Whether a finding's joints are those of the fault; either may be of the whole robot."""
+    return not joints or not wanted or tuple(joints) == tuple(wanted)

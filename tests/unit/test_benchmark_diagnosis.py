@@ -1,0 +1,157 @@
+"""The benchmark of the diagnosis: its counts by hand-made records, its oracle's measure, and the short run from end to end."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+run = pytest.importorskip("benchmarks.diagnosis.run")
+from benchmarks.diagnosis.counts import Rate, Requirement, confusion, named_as, requirements  # noqa: E402
+from benchmarks.diagnosis.generate import Case, faults, suite  # noqa: E402
+from benchmarks.diagnosis.oracle import Gain  # noqa: E402
+from benchmarks.diagnosis.score import is_part, part_is_named, right  # noqa: E402
+
+
+def finding(effect: str, joint: str, confidence: float = 0.99, rivals: tuple[tuple[str, str, float], ...] = ()) -> dict[str, Any]:
+    imitators = [{"effect": e, "joints": [j], "confidence": c} for e, j, c in rivals]
+    return {"effect": effect, "joints": [joint], "confidence": confidence, "evidence": 50.0, "imitators": imitators, "motors": None}
+
+
+def record(kind: str, verdict: str, findings: list[dict[str, Any]], named: list[dict[str, Any]] = (), **more: Any) -> dict[str, Any]:
+    effects = {"single": ["stribeck"], "pair": ["stribeck", "offset"], "outside": ["knocks"], "clean": []}[kind]
+    parts = [{"effect": e, "joints": [f"joint{i + 1}"], "truth": {}, "outside": kind == "outside"} for i, e in enumerate(effects)]
+    seen = {"gain": 500.0, "error": 50.0, "detectable": True, "after": 1.0}
+    return {
+        "id": f"{kind}_{verdict}", "arm": "scara", "kind": kind, "parts": parts, "size": [1.0] * len(parts), "verdict": verdict,
+        "findings": findings, "named": list(named), "oracle": [dict(seen) for _ in parts], "unexplained": [], "coverage": [],
+        "before": [2.0], "after": [1.0], "reported_floor": [1.0], "seconds": 1.0, "wall_seconds": 1.0, **more,
+    }  # fmt: skip
+
+
+def by_title(records: list[dict[str, Any]]) -> dict[str, Requirement]:
+    return {r.title: r for r in requirements(records)}
+
+
+def test_an_ambiguous_finding_counts_only_where_the_rival_does_as_well():
+    assert part_is_named({"how": "found", "as_good": None})
+    assert part_is_named({"how": "rival", "as_good": True})
+    assert part_is_named({"how": "found, ambiguous", "as_good": True})
+    for how in ("found, ambiguous", "rival"):
+        assert not part_is_named({"how": how, "as_good": False})
+        assert not part_is_named({"how": how, "as_good": None}), "what could not be compared does not count"
+    assert not part_is_named({"how": "no", "as_good": None})
+
+
+def test_single_faults():
+    good = record("single", "explained", [finding("stribeck", "joint1")], [{"how": "found", "finding": 0, "as_good": None}])
+    other = {"how": "found", "finding": 1, "as_good": None}
+    second = record(
+        "single", "explained", [finding("offset", "joint2"), finding("stribeck", "joint1")], [other]
+    )  # fmt: skip
+    hidden = record("single", "explained", [finding("offset", "joint2")], [{"how": "no", "finding": None, "as_good": None}])
+    hidden["oracle"][0]["detectable"] = False
+    failed = {**record("single", "", []), "failed": "ValueError()"}
+    found = by_title([good, second, hidden, failed])
+    assert (found["single: top finding right"].hits, found["single: top finding right"].count) == (1, 3)
+    assert found["single: nothing spurious beside it"].hits == 1
+    assert (found["single, not to be seen: clean or ambiguous"].hits, found["single, not to be seen: clean or ambiguous"].count) == (0, 1)
+    assert right(good) == {"top": True, "only": True, "all": True}
+    assert right(second) == {"top": False, "only": False, "all": False}
+    assert confusion([good, second, hidden, failed]) == {"stribeck": {"stribeck": 1, "offset": 1, "failed": 1}}
+    assert named_as(record("single", "unexplained", [])) == "unexplained"
+
+
+def test_clean_outside_and_pairs():
+    both = [{"how": "found", "finding": k, "as_good": None} for k in (1, 0)]
+    same = [{"how": "found", "finding": 0, "as_good": None}, {"how": "rival", "finding": 0, "as_good": True}]
+    two = [finding("offset", "joint2"), finding("stribeck", "joint1")]
+    found = by_title(
+        [
+            record("clean", "clean", []),
+            record("clean", "unexplained", []),
+            record("outside", "unexplained", [finding("stribeck", "joint1", 0.4)]),
+            record("outside", "ambiguous", [finding("stribeck", "joint1", 0.6)]),
+            record("outside", "explained", [finding("stribeck", "joint1", 0.9)]),
+            record("pair", "explained", two, both),
+            record("pair", "explained", [*two, finding("delay", "joint1")], both),
+            record("pair", "ambiguous", two, same),
+        ]
+    )
+    assert found["clean: false alarms"].hits == 1, "structure said to be unexplained is an alarm, too"
+    assert found["outside: unexplained or ambiguous"].hits == 2
+    assert found["outside: a name above one half"].hits == 2
+    assert (found["pairs: both and only both"].hits, found["pairs: both and only both"].count) == (1, 3)
+
+
+def test_too_few_cases_meet_nothing():
+    assert Requirement("", "", 10, 10, 0.97, least=300).met is None
+    assert Requirement("", "", 300, 300, 0.97, least=300).met is True
+    assert Requirement("", "", 290, 300, 0.97, least=300).met is False
+    assert Requirement("", "", 3, 200, 0.01, most=True, least=200).met is False
+    # 93 of 100 intervals of 95 %: chance.
+    assert Rate("", "", 93, 100, 0.95, least=100).met is True
+    assert Rate("", "", 85, 100, 0.95, least=100).met is False
+    low, high = Requirement("", "", 0, 200).interval
+    assert (low, high) == (0.0, pytest.approx(1 - 0.025 ** (1 / 200)))
+
+
+def test_couplings_are_told_apart_by_their_motor():
+    part = {"effect": "gear_coupling", "joints": ["a"], "truth": {"motor": 1.0}}
+    assert is_part("gear_coupling", ["a"], ["b"], part, ["a", "b", "c"])
+    assert not is_part("gear_coupling", ["a"], ["c"], part, ["a", "b", "c"])
+    assert not is_part("gear_coupling", ["b"], ["b"], part, ["a", "b", "c"])
+
+
+def test_a_gain_beyond_chance():
+    rng = np.random.default_rng(1)
+    # Large in one block only: chance. In every block, however unevenly: not.
+    assert not Gain.of(np.r_[1000.0, rng.normal(size=11)]).clear
+    assert Gain.of(np.r_[1000.0, 1.0 + rng.random(11)]).clear
+    assert not Gain.of(np.full(12, 0.5)).clear, "certain, but too small"
+    null = [Gain.of(rng.normal(size=12) * rng.exponential(size=12)).chance for _ in range(400)]
+    assert np.mean(np.array(null) < 0.1) == pytest.approx(0.1, abs=0.05)
+
+
+def test_suites_have_the_cases_that_are_asked_for():
+    kinds = [c.kind for c in suite("final")]
+    assert {k: kinds.count(k) for k in set(kinds)} == {"single": 444, "outside": 96, "pair": 80, "clean": 280}
+    assert {c.seed for c in suite("final", 9000)}.isdisjoint(c.seed for c in suite("final"))
+
+
+def test_every_fault_says_what_it_is():
+    from benchmarks.diagnosis.arms import arm
+    from benchmarks.diagnosis.faults import FAULTS, OUTSIDE
+    from ident.effect import effect_names
+
+    a = arm("puma560")
+    for name in (*FAULTS, *OUTSIDE):
+        made = faults(a, Case("puma560", ((name, 4, 1.0),), 3, "single"))
+        if made is not None:
+            assert made[0].outside == (name in OUTSIDE)
+            assert made[0].outside or made[0].effect in effect_names()
+
+
+def test_short_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run.main(True, tmp_path) == 0
+    out = tmp_path / "diagnosis"
+    kept = json.loads((out / "diagnosis.json").read_text())
+    results = {r["kind"]: r for r in kept["results"]}
+    assert set(results) == {"clean", "single", "pair", "outside"}
+    assert not any("failed" in r for r in results.values())
+    assert results["clean"]["verdict"] == "clean"
+    assert right(results["single"])["top"]
+    assert results["single"]["oracle"][0]["detectable"]
+    assert results["single"]["after"][0] < 0.2 * results["single"]["before"][0]
+    for name in kept["figures"]:
+        assert (out / name).read_bytes().startswith(b"\x89PNG")
+    said = capsys.readouterr().out
+    assert "Definitions" in said
+    assert "too few" in said
+    # A second run takes what is there.
+    stamp = (out / "results.jsonl").stat().st_mtime_ns
+    assert run.main(True, tmp_path) == 0
+    assert (out / "results.jsonl").stat().st_mtime_ns == stamp
