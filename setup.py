@@ -49,6 +49,16 @@ setup(
             py_limited_api=True,
             optional=True,
         ),
+        Extension(
+            "ident._native._filters",
+            sources=[f"{FOLDER}/filters.cpp"],
+            depends=[f"{FOLDER}/buffer.h"],
+            language="c++",
+            extra_compile_args=[*compile_args, *([] if sys.platform == "win32" else ["-ffp-contract=off"])],
+            extra_link_args=link_args,
+            py_limited_api=True,
+            optional=True,
+        ),
     ],
     options={"bdist_wheel": {"py_limited_api": "cp311"}},  # one wheel for every Python from 3.11 on
 )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -34,27 +35,57 @@ def central_differences(q: Array, rate: float, accuracy: int = 6) -> tuple[Array
     if size <= 0:
         return np.empty((0, *q.shape[1:])), np.empty((0, *q.shape[1:]))
     first, second = np.zeros((size, *q.shape[1:])), np.zeros((size, *q.shape[1:]))
+    weights = [np.array(w[accuracy]) * rate**order for order, w in ((1, _FIRST), (2, _SECOND))]
+    compiled = _compiled()
+    if compiled is not None and q.size:
+        compiled.differences(np.ascontiguousarray(q, float), size, q.size // len(q), *weights, first, second)
+        return first, second
     # Piece by piece, so that what is in between stays in the cache and large logs cost no more memory than their result.
     for start in range(0, size, _PIECE):
         stop = min(start + _PIECE, size)
         middle = q[p + start : p + stop]
         for k in range(1, p + 1):
             after, before = q[p + k + start : p + k + stop], q[p - k + start : p - k + stop]
-            first[start:stop] += _FIRST[accuracy][k - 1] * rate * (after - before)
+            first[start:stop] += weights[0][k - 1] * (after - before)
             # Differences before the sum: q is large against its second difference.
-            second[start:stop] += _SECOND[accuracy][k - 1] * rate**2 * ((after - middle) - (middle - before))
+            second[start:stop] += weights[1][k - 1] * ((after - middle) - (middle - before))
     return first, second
 
 
 def zero_phase_lowpass(x: Array, cutoff: float, rate: float, order: int = 4) -> Array:
     """Butterworth low-pass of `order`, run forwards and backwards over (N, …): no phase shift, gain 1/2 at `cutoff` (Hz)."""
-    from scipy.signal import butter, sosfiltfilt
-
     if not 0 < cutoff < 0.5 * rate:
         raise ConfigurationError(f"cut-off {cutoff:g} Hz must lie between 0 and half the sample rate ({0.5 * rate:g} Hz).")
-    sections = butter(order, cutoff, fs=rate, output="sos")
+    sections, settled = _butterworth(float(cutoff), float(rate), order)
     pad = min(len(x) - 1, math.ceil(3 * rate / cutoff))
+    compiled = _compiled()
+    if compiled is not None and x.size and len(sections) <= compiled.MOST_SECTIONS:
+        out = np.empty(x.shape)
+        table = np.ascontiguousarray(np.column_stack([sections[:, :3], sections[:, 4:], settled]))
+        compiled.zero_phase(table, np.ascontiguousarray(x, float), len(x), x.size // len(x), pad, out)
+        return out
+    from scipy.signal import sosfiltfilt
+
     return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=pad))
+
+
+@lru_cache(maxsize=32)
+def _butterworth(cutoff: float, rate: float, order: int) -> tuple[Array, Array]:
+    """Second-order sections (s, 6) of the low-pass, and their states (s, 2) settled to a step of one."""
+    from scipy.signal import butter, sosfilt_zi
+
+    sections = butter(order, cutoff, fs=rate, output="sos")
+    return sections, sosfilt_zi(sections)
+
+
+@cache
+def _compiled() -> Any:
+    """The compiled filters, which do the same bit by bit; None where they were not built."""
+    try:
+        from ._native import _filters  # type: ignore[attr-defined, unused-ignore]
+    except ImportError:
+        return None
+    return _filters
 
 
 def butterworth_transient(cutoff: float, order: int = 4, remaining: float = 1e-3) -> float:
