@@ -1,4 +1,4 @@
-"""Real logs: each study file beside this module, fitted whole and fitted in part to predict the rest."""
+"""Real logs: each study file beside this module, fitted whole and fitted in part to predict the rest; what declared models lack."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ident.results import jsonable
 from ident.session import Session
 from ident.study import read_study
 
-from . import repeated
+from . import diagnosed, repeated
 
 HERE = Path(__file__).parent
 
@@ -38,4 +38,6 @@ def main(short: bool, folder: Path) -> int:
         "fit: relative torque error on the fitted part; held out: on the rest; URDF inertials: the same rest, only drive parameters fitted"
     )
     print("\nIV and DIDIM")
-    return repeated.main(short, folder)
+    repeated.main(short, folder)
+    print()
+    return diagnosed.main(short, folder)

@@ -1,0 +1,73 @@
+"""The diagnosis on real logs whose study leaves out what is known to be there (benchmarks/real/diagnosed.py)."""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import shared_data
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from benchmarks.real.diagnosed import HERE, KNOWN, Missing, limited, told
+from ident.study import read_study
+
+#: Log → share of the squared held-out error, weighted by noise, that must go.
+LEAST_GAIN = {"emps": 0.8, "tx40": 0.0, "panda": 0.0, "tiago": 0.0, "double_pendulum": 0.0}
+
+
+CLAIMS = [(name, m) for name, every in KNOWN.items() for m in every]
+
+
+@cache
+def diagnosis_of(name: str) -> dict[str, Any]:
+    shared_data()
+    found = limited(name, 900.0)
+    if str(found.get("failed", "")).startswith("not run"):
+        pytest.skip(found["failed"])
+    assert "failed" not in found, told(found)
+    return found
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_studies_name_no_machine(name):
+    text = (HERE / f"{name}.toml").read_text()
+    assert not any(line.split('"')[1].startswith("/") for line in text.splitlines() if line.startswith(("urdf", "fit", "validate")))
+    read_study(HERE / f"{name}.toml")
+
+
+def test_what_is_missing_is_told_by_place():
+    coupling = Missing("", ("gear_coupling",), "joint_6", "joint_5")
+    assert coupling.among([{"effect": "gear_coupling", "joints": ["joint_6"], "motors": ["joint_5"]}])
+    assert not coupling.among([{"effect": "gear_coupling", "joints": ["joint_6"], "motors": ["joint_4"]}])
+    assert not coupling.among([{"effect": "gear_coupling", "joints": ["joint_5"], "motors": ["joint_6"]}])
+    assert told({"study": "x", "failed": "not done within 600 s"}) == "x: not done within 600 s"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KNOWN)
+def test_findings_gain_on_held_out_data(name):
+    found = diagnosis_of(name)
+    assert found["result"]["verdict"] != "clean", told(found)
+    assert found["gain"] > LEAST_GAIN[name] + 2 * found["gain_std"], told(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "missing"), [(name, m) for name, every in KNOWN.items() for m in every], ids=lambda x: getattr(x, "words", x)
+)
+def test_what_is_known_to_be_missing_is_named(name, missing):
+    found = diagnosis_of(name)
+    assert missing.among(found["findings"]), told(found)
+
+
+@pytest.mark.slow
+def test_emps_values():
+    """Direction-dependent viscous friction of the axis, against the difference that separate fits of both directions give."""
+    found = diagnosis_of("emps")
+    assert found["before"] == pytest.approx(0.0727, abs=0.002)
+    assert found["after"] < 0.03
+    (p,) = next(f for f in found["findings"] if f["effect"] == "asymmetric_viscous")["parameters"]
+    assert p["value"] == pytest.approx(-38.8, abs=2.0)
