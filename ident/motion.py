@@ -42,6 +42,8 @@ class Coordinates:
 
     def of(self, joints: list[int]) -> Coordinates:
         """Of some joints (or motors) only: arrays (N, len(joints))."""
+        if joints == list(range(self.q.shape[1])):
+            return self
         return Coordinates(self.q[:, joints], self.dq[:, joints], self.ddq[:, joints], self.direction[:, joints])
 
 

@@ -5,6 +5,7 @@
 
 #include <charconv>
 #include <cmath>
+#include <cstring>
 #include <vector>
 
 namespace {
@@ -105,7 +106,20 @@ PyObject* call_parse(PyObject*, PyObject* args) {
     return PyLong_FromLongLong(rows);
 }
 
-PyMethodDef methods[] = {{"parse", call_parse, METH_VARARGS, "See text.cpp."}, {nullptr, nullptr, 0, nullptr}};
+// lines(text): how many lines there are, the last one counted whether it ends or not.
+PyObject* call_lines(PyObject*, PyObject* text) {
+    Buffer source;
+    const char* s = (const char*)source.take(text, -1, 0);
+    if (!s) return nullptr;
+    const char* const end = s + source.view.len;
+    int64_t count = 1;
+    Py_BEGIN_ALLOW_THREADS
+    while ((s = (const char*)memchr(s, '\n', end - s))) ++s, ++count;
+    Py_END_ALLOW_THREADS
+    return PyLong_FromLongLong(count);
+}
+
+PyMethodDef methods[] = {{"parse", call_parse, METH_VARARGS, "See text.cpp."}, {"lines", call_lines, METH_O, "See text.cpp."}, {nullptr, nullptr, 0, nullptr}};
 PyModuleDef module = {PyModuleDef_HEAD_INIT, "_text", nullptr, -1, methods, nullptr, nullptr, nullptr, nullptr};
 
 }  // namespace

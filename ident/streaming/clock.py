@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -13,24 +14,50 @@ Array = np.ndarray
 #: Values that are sorted in memory at most.
 _SORTED = 1 << 20
 _BINS = 4096
+#: Different steps that are counted one by one.
+_DISTINCT = 1 << 14
 
 
 def clock_of(t: DiskArray) -> Clock:
     """The clock behind rising stamps (N,); see `Clock.of`."""
-    step = median(lambda: steps_of(t), len(t) - 1)
+    few = _tally(t)
+    # Steps and how often each occurs: all at once where few differ, else piece by piece, each counting once.
+    tallies: Callable[[], Iterable[tuple[Array, Any]]] = lambda: [few] if few else ((steps, 1) for steps in steps_of(t))  # noqa: E731
+    step = _tallied_median(*few) if few else median(lambda: steps_of(t), len(t) - 1)
     resolution = stamp_resolution(t, step)  # type: ignore[arg-type]
     count, total, low, high = 0, 0.0, np.inf, -np.inf
-    for steps in steps_of(t):
-        usual = steps[steps < 3 * step]
-        if len(usual):
-            count += len(usual)
-            total += float(usual.sum())
+    for steps, times in tallies():
+        flag = steps < 3 * step
+        if flag.any():
+            usual, often = steps[flag], np.broadcast_to(times, steps.shape)[flag]
+            count += int(often.sum())
+            total += float(usual @ often)
             low, high = min(low, float(usual.min())), max(high, float(usual.max()))
     kept = 3 * step
     if count and high - low < max(0.2 * step, 2.1 * resolution if resolution < 0.5 * step else 0.0):
         step = total / count
-    squares = sum(float(np.sum((steps[steps < kept] - step) ** 2)) for steps in steps_of(t))
+    squares = sum(float(np.sum(np.where(steps < kept, steps - step, 0.0) ** 2 * times)) for steps, times in tallies())
     return Clock(step, resolution, float(np.sqrt(squares / count)) if count else 0.0)
+
+
+def _tally(t: DiskArray) -> tuple[Array, Array] | None:
+    """The steps that occur, in order, and how often each does; None where there are many."""
+    values, counts = np.zeros(0), np.zeros(0, int)
+    for steps in steps_of(t):
+        new, often = np.unique(steps, return_counts=True)
+        if len(new) > _DISTINCT:
+            return None
+        values, place = np.unique(np.concatenate([values, new]), return_inverse=True)
+        if len(values) > _DISTINCT:
+            return None
+        counts = np.bincount(place, np.concatenate([counts, often])).astype(int)
+    return values, counts
+
+
+def _tallied_median(values: Array, counts: Array) -> float:
+    """Median of rising values that occur so often."""
+    ends, total = np.cumsum(counts), int(counts.sum())
+    return float(values[np.searchsorted(ends, [(total - 1) // 2, total // 2], side="right")].mean())
 
 
 def steps_of(t: DiskArray, size: int = PASS) -> Iterator[Array]:

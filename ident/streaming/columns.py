@@ -93,10 +93,14 @@ def _signals(effect: JointEffect, motion: Motion, model: Model, mine: Array) -> 
     """Values (L, len(mine)) of an effect's columns `mine`, and the joint of each."""
     at, width = effect.at(model.robot), len(effect.symbols)
     joint, symbol = mine // width, mine % width
-    out = np.empty((len(motion), len(mine)))
+    every = np.arange(len(at))
+    found, order = [], []
     for s, values in enumerate(effect.basis(motion.on(effect.side).of(at), motion, at)):
-        out[:, symbol == s] = values[:, joint[symbol == s]]
-    return out, np.asarray(at)[joint]
+        shown = joint[symbol == s]
+        found.append(values if np.array_equal(shown, every) else values[:, shown])
+        order.append(np.flatnonzero(symbol == s))
+    values = found[0] if len(found) == 1 else np.concatenate(found, axis=1)[:, np.argsort(np.concatenate(order))]
+    return values, np.asarray(at)[joint]
 
 
 def live_columns(model: Model) -> Array:

@@ -96,7 +96,8 @@ def decide(
 ) -> Decisions:
     """One pass over the motion of all runs (`parts`: they, cut), and one over their torque."""
     rate = runs[0].derivation.rate
-    found = reduce(Extremes.__add__, workers.map(extremes_of, parts))
+    each = tuple(workers.map(extremes_of, parts))
+    found = reduce(Extremes.__add__, each)
     noise = _speed_noise(robot, choice, cutoff)
     # Differences of a constant leave only rounding.
     rounding = 100 * np.spacing(found.far) * rate
@@ -106,7 +107,7 @@ def decide(
     threshold = np.zeros(robot.n) if rule is None else np.where(still, np.inf, rule.thresholds(found.top, noise))
     moving = np.where(still, np.inf, np.maximum(threshold, 0.01 * found.top))
     span = np.where(found.finite > 0, found.most - found.least, 0.0)
-    cut, counts = _limits(runs, parts, found, moving, workers)
+    cut, counts = _limits(runs, [Reaching(*pair) for pair in zip(parts, each, strict=True)], found, moving, workers)
     return Decisions(still, found.top, threshold, cut, span, Saturation(counts[None], cut))
 
 
@@ -135,6 +136,24 @@ class _Plateau:
         )
 
 
+@dataclass(frozen=True)
+class Reaching:
+    """A part, and how far its torque reaches."""
+
+    part: Part
+    extremes: Extremes
+
+    def torque(self) -> Array:
+        """Torque (L, n) of its samples."""
+        run = self.part.run
+        return run.run.read(run.start + self.part.a, run.start + self.part.b).torque
+
+    def reaches(self, levels: Array, within: Array) -> Array:
+        """Which of the levels (n, 2), below and above, it comes as near to as `within` (n,)."""
+        ends = np.stack([self.extremes.least, self.extremes.most], axis=1)
+        return np.asarray(np.abs(ends - levels) <= within[:, None])
+
+
 @dataclass(frozen=True, eq=False)
 class _PlateauOf:
     """Counts torque at given extremes: `levels` (n, 2), `span` and `nearby` (n,)."""
@@ -143,28 +162,26 @@ class _PlateauOf:
     span: Array
     nearby: Array
 
-    def __call__(self, part: Part) -> _Plateau:
-        run = part.run
-        torque = run.run.read(run.start + part.a, run.start + part.b).torque
-        shape = self.levels.shape
-        at, near, longest, head, tail, full = (np.zeros(shape, int) for _ in range(6))
-        for j, levels in enumerate(self.levels):
-            for s, level in enumerate(levels):
-                off = np.abs(torque[:, j] - level)
-                flag = off <= 1e-9 * self.span[j]
-                at[j, s] = flag.sum()
-                near[j, s] = np.count_nonzero((off <= self.nearby[j]) & ~flag)
-                if at[j, s]:
-                    edges = np.flatnonzero(np.diff(np.r_[False, flag, False]))
-                    starts, stops = edges[::2], edges[1::2]
-                    longest[j, s] = (stops - starts).max()
-                    head[j, s] = stops[0] if starts[0] == 0 else 0
-                    tail[j, s] = len(flag) - starts[-1] if stops[-1] == len(flag) else 0
-                    full[j, s] = at[j, s] == len(flag)
+    def __call__(self, piece: Reaching) -> _Plateau:
+        at, near, longest, head, tail, full = (np.zeros(self.levels.shape, int) for _ in range(6))
+        reached = np.argwhere(piece.reaches(self.levels, np.maximum(self.nearby, 1e-9 * self.span)))
+        torque = piece.torque() if len(reached) else np.zeros((0, len(self.levels)))
+        for j, s in reached:
+            off = np.abs(torque[:, j] - self.levels[j, s])
+            flag = off <= 1e-9 * self.span[j]
+            at[j, s] = flag.sum()
+            near[j, s] = np.count_nonzero((off <= self.nearby[j]) & ~flag)
+            if at[j, s]:
+                edges = np.flatnonzero(np.diff(np.r_[False, flag, False]))
+                starts, stops = edges[::2], edges[1::2]
+                longest[j, s] = (stops - starts).max()
+                head[j, s] = stops[0] if starts[0] == 0 else 0
+                tail[j, s] = len(flag) - starts[-1] if stops[-1] == len(flag) else 0
+                full[j, s] = at[j, s] == len(flag)
         return _Plateau(at, near, longest, head, tail, full.astype(bool))
 
 
-def _limits(runs: Sequence[DerivedRun], parts: Sequence[Part], found: Extremes, moving: Array, workers: Workers) -> tuple[Array, Array]:
+def _limits(runs: Sequence[DerivedRun], parts: Sequence[Reaching], found: Extremes, moving: Array, workers: Workers) -> tuple[Array, Array]:
     """Limits (n, 2) at which torque is cut off, NaN where none is, and how many samples of each joint lie there (n,)."""
     n = len(moving)
     limits, counts = np.full((n, 2), np.nan), np.zeros(n, int)
@@ -191,19 +208,20 @@ def _limits(runs: Sequence[DerivedRun], parts: Sequence[Part], found: Extremes, 
         for s in range(2):
             if not facts.at[j, s] or facts.longest[j, s] < max(5, 4 * held[j]) or facts.at[j, s] < 3 * facts.near[j, s]:
                 continue
-            if _moving_share(parts, j, float(levels[j, s]), float(span[j]), float(moving[j])) >= 0.5:
+            there = [piece for piece in parts if piece.reaches(levels, 1e-9 * span)[j, s]]
+            if _moving_share(there, j, float(levels[j, s]), float(span[j]), float(moving[j])) >= 0.5:
                 limits[j, s] = levels[j, s]
                 counts[j] += facts.at[j, s]
     return limits, counts
 
 
-def _moving_share(parts: Sequence[Part], j: int, level: float, span: float, moving: float) -> float:
+def _moving_share(parts: Sequence[Reaching], j: int, level: float, span: float, moving: float) -> float:
     """Share of the samples at a torque level in which the joint moves."""
     at = moved = 0
-    for part in parts:
-        run, drive = part.run, part.run.run.robot.transmission
-        torque = run.run.read(run.start + part.a, run.start + part.b).torque[:, j]
-        flag = np.abs(torque - level) <= 1e-9 * span
+    for piece in parts:
+        part, run = piece.part, piece.part.run
+        drive = run.run.robot.transmission
+        flag = np.abs(piece.torque()[:, j] - level) <= 1e-9 * span
         if flag.any():
             dq = run.at(part.a, part.b).dq
             speed = dq if drive.measured == Side.JOINT else drive.motor_rate(dq)

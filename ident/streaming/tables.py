@@ -22,6 +22,8 @@ Array = np.ndarray
 TEXT_PIECE = 1 << 20
 #: Rows of Parquet that are read as one piece.
 _PARQUET_PIECE = 1 << 16
+#: Bytes in which the end of a piece's last line is looked for at a time.
+_TAIL = 1 << 12
 
 
 @dataclass(frozen=True)
@@ -96,8 +98,7 @@ def _text_pieces(path: Path, header: Header, plan: ColumnPlan, start: Place, job
                 if found is None:
                     more = False
                 else:
-                    text, lines, share = found
-                    waiting.append((pool.submit(parse, text, lines), text, share))
+                    waiting.append((pool.submit(parse, found[0]), *found))
             if not waiting:
                 break
             future, text, share = waiting.popleft()
@@ -111,8 +112,8 @@ def _text_pieces(path: Path, header: Header, plan: ColumnPlan, start: Place, job
                 yield Piece(arrays, place, share)
 
 
-def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, size: int) -> Iterator[tuple[memoryview, int, float]]:
-    """Blocks of whole lines after the header, from `offset` bytes behind it on; how many lines at most, and the share of the file read."""
+def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, size: int) -> Iterator[tuple[memoryview, float]]:
+    """Blocks of whole lines after the header, from `offset` bytes behind it on, and the share of the file read."""
     raw = getattr(stream, "fileobj", None) or getattr(stream, "_fp", None) or stream
     position: Callable[[], int] = raw.tell
     try:
@@ -120,22 +121,31 @@ def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, siz
             stream.readline()
         if offset:
             stream.seek(offset, io.SEEK_CUR)
-        rest = b""
+        rest = memoryview(b"")
         while True:
             # One buffer a piece, so that nothing is copied: what begins a line that ends in the next piece moves there.
-            text = bytearray(len(rest) + TEXT_PIECE)
+            text = np.empty(len(rest) + TEXT_PIECE, np.uint8).data
             text[: len(rest)] = rest
             end = len(rest)
-            while end < len(text) and (count := stream.readinto(memoryview(text)[end:])):  # type: ignore[attr-defined]
+            while end < len(text) and (count := stream.readinto(text[end:])):  # type: ignore[attr-defined]
                 end += count
             whole = end < len(text)
-            cut = end if whole else text.rfind(b"\n", 0, end) + 1
-            if not cut and not whole and b"\r" in text:
+            cut = end if whole else _last_line_end(text)
+            if not cut and not whole and b"\r" in bytes(text):
                 raise DataError(f"log {path}: lines end with a carriage return alone, which cannot be streamed. Convert the line ends.")
             if cut:
-                yield memoryview(text)[:cut], text.count(b"\n", 0, cut) + 1, min(1.0, position() / size)
+                yield text[:cut], min(1.0, position() / size)
             if whole:
                 return
-            rest = bytes(memoryview(text)[cut:end])
+            rest = text[cut:end]
     except (EOFError, OSError) as error:
         raise DataError(f"log {path}: the file is damaged ({error}).") from None
+
+
+def _last_line_end(text: memoryview) -> int:
+    """Bytes up to and with the last line feed; 0 if there is none."""
+    for start in range(len(text) // _TAIL * _TAIL, -1, -_TAIL):
+        found = bytes(text[start : start + _TAIL]).rfind(b"\n")
+        if found >= 0:
+            return start + found + 1
+    return 0

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.util import find_spec
@@ -25,13 +24,13 @@ _COUNTED = 1 << 20
 
 
 @cache
-def _compiled() -> Callable[..., int] | None:
+def _compiled() -> Any:
     """The compiled reader; None where it was not built."""
     try:
         from .._native import _text  # type: ignore[attr-defined, unused-ignore]
     except ImportError:
         return None
-    return _text.parse  # type: ignore[no-any-return]
+    return _text
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +41,9 @@ class TextParser:
     header: Header
     plan: ColumnPlan
 
-    def __call__(self, text: memoryview, lines: int) -> dict[str, Array]:
-        """`text`: whole lines, `lines` of them at most. Raises ValueError where a field is no number."""
-        found = self._plain(text, lines)
+    def __call__(self, text: memoryview) -> dict[str, Array]:
+        """`text`: whole lines. Raises ValueError where a field is no number."""
+        found = self._plain(text)
         return self.plan.arrays(self._lenient(text)) if found is None else found
 
     @cached_property
@@ -66,14 +65,15 @@ class TextParser:
         matrices = {c.quantity for c in self.plan.columns if c.quantity != "t"}
         return tuple((q, j) for q in sorted(matrices) for j in range(self.plan.n) if (q, j) not in given)
 
-    def _plain(self, text: memoryview, lines: int) -> dict[str, Array] | None:
+    def _plain(self, text: memoryview) -> dict[str, Array] | None:
         """The compiled reader's arrays; None where it is not there or does not take the text."""
-        parse, targets = _compiled(), self._targets
-        if parse is None or targets is None:
+        compiled, targets = _compiled(), self._targets
+        if compiled is None or targets is None:
             return None
         widths, place = targets
+        lines = compiled.lines(text)
         arrays = {q: np.empty((lines, w)) for q, w in widths.items()}
-        rows = parse(text, ord(self.header.delimiter), place, tuple(arrays.values()), tuple(widths.values()), lines)
+        rows = compiled.parse(text, ord(self.header.delimiter), place, tuple(arrays.values()), tuple(widths.values()), lines)
         if rows < 0:
             return None
         for quantity, j in self._absent:
