@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
+from ..errors import ConfigurationError, DataError
 from ..results import result
 from ..session import Session
 from .common import Output, add_output_arguments, add_study_arguments, study_from
@@ -16,7 +18,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)
     add_output_arguments(parser)
     add_streaming_arguments(parser)
-    parser.add_argument("--strict", action="store_true", help="exit with 1 if the audit has warnings or a parameter cannot be determined")
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="also look for what the declared model lacks (ident diagnose); exit with 1 if it lacks anything, if the audit has warnings,"
+        " or if a parameter cannot be determined",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -26,23 +33,62 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
+    from ..streaming.session import StreamedSession
+
+    if args.strict and isinstance(session, StreamedSession):
+        raise ConfigurationError(
+            "check --strict looks for effects that are not declared, which needs the logs whole; leave out --stream (or add --no-stream),"
+            " or check without --strict."
+        )
     robot = session.robot
-    out.say(f"robot {robot.name}: {robot.n} joints in the order of the log: {', '.join(robot.joint_names)}")
+    out.say_wrapped(f"robot {robot.name}: {robot.n} joints in the order of the log: {', '.join(robot.joint_names)}")
     for note in robot.notes:
-        out.say(f"note: {note}")
+        out.say_wrapped(f"note: {note}")
     out.say()
-    out.say(session.audit)
+    out.say_wrapped(session.audit)
     out.say()
-    out.say(session.fit_signals.report.text())
+    out.say_wrapped(session.fit_signals.report.text())
     check = session.problem.check()
     out.say()
-    out.say(check)
-    data = {
+    out.say_wrapped(check)
+    data: dict[str, Any] = {
         "robot": robot.name,
         "joints": list(robot.joint_names),
         "audit": session.audit.to_dict(),
         "signals": session.fit_signals.report.to_dict(),
         "problem": check.to_dict(),
     }
-    out.result(result("ident.check/1", data, inputs=session.inputs, warnings=(*robot.notes, *check.notes)), "check")
-    return 1 if args.strict and (session.audit.warnings or check.rank < check.base.count) else 0
+    warnings = [*robot.notes, *check.notes]
+    gates = [
+        *(["the audit has warnings"] if session.audit.warnings else []),
+        *([f"the data determine {check.rank} of {check.base.count} parameters"] if check.rank < check.base.count else []),
+    ]
+    if args.strict:
+        lacks, why = _undeclared(session, out)
+        data["diagnosis"] = lacks
+        gates += [why] if why else []
+        warnings += [why] if lacks is None else []
+    out.result(result("ident.check/1", data, inputs=session.inputs, warnings=warnings), "check")
+    if not args.strict:
+        return 0
+    for gate in gates:
+        out.note(f"gate: {gate}")
+    return 1 if gates else 0
+
+
+def _undeclared(session: Session, out: Output) -> tuple[dict[str, Any] | None, str]:
+    """What the declared model lacks, for the result, and why the gate is closed ("" if it is not).
+
+    Data that are good enough to be checked may be too few for a diagnosis: then nobody knows, and the gate stays closed."""
+    from .diagnose import diagnosis_of
+
+    out.say()
+    try:
+        diagnosis = diagnosis_of(session, out)
+    except DataError as error:
+        out.say_wrapped(f"no diagnosis: {error}")
+        return None, f"whether the model lacks anything cannot be told: {error}"
+    out.say_wrapped(diagnosis)
+    found = diagnosis.to_dict()
+    said = {key: found[key] for key in ("verdict", "findings", "unexplained", "before", "after")}
+    return said, "" if diagnosis.verdict == "clean" else f"the declared model lacks something (verdict: {diagnosis.verdict})"

@@ -126,6 +126,12 @@ class Output:
         """Text for people: standard output, or standard error beside JSON."""
         _print(text, sys.stderr if self.json else sys.stdout)
 
+    def say_wrapped(self, text: object) -> None:
+        """The same with lines that are too long for a wide terminal broken, further lines indented."""
+        from ..summary import WIDTH, wrapped
+
+        self.say("\n".join(wrapped(line) if len(line) > WIDTH else line for line in str(text).splitlines()))
+
     def note(self, text: object) -> None:
         """A remark on the way, on standard error."""
         print(text, file=sys.stderr, flush=True)

@@ -272,3 +272,21 @@ def test_flags_do_what_a_study_does(ident, arm, tmp_path):
     assert ran.json["verdict"] == "clean"
     assert ran.json["findings"] == []
     assert ran.code == 0
+
+
+def test_check_strict_finds_what_is_not_declared(ident, lacking, tmp_path):
+    """The gate of DESIGN.md 3.3: exit code 1 for an undeclared effect, which plain `check` does not look for."""
+    flags = ("check", lacking / "study.toml", "--json", "--quiet")
+    plain = ident(*flags)
+    assert plain.code == 0
+    assert "diagnosis" not in plain.json
+    ran = ident(*flags, "--strict", "--out", tmp_path / "out")
+    assert ran.code == 1
+    found = ran.json["diagnosis"]
+    assert found["verdict"] != "clean"
+    assert (found["findings"][0]["effect"], found["findings"][0]["joints"]) == ("asymmetric_viscous", ["elbow"])
+    assert "gate: the declared model lacks something" in ran.err
+    assert json.loads((tmp_path / "out" / "check.json").read_text())["diagnosis"] == found
+    ran = ident(*flags, "--strict", "--stream")
+    assert ran.code == CONFIGURATION
+    assert "--stream" in ran.err
