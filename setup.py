@@ -15,8 +15,9 @@ sanitizers = os.environ.get("IDENT_SANITIZE", "")
 if sanitizers:
     compile_args += [f"-fsanitize={sanitizers}", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer", "-g", "-O1"]
     link_args += [f"-fsanitize={sanitizers}"]
+written_out = ["-fno-tree-vectorize"]  # the kernel's vectors are in its source; a compiler's own slow its short loops down
 if sys.platform == "win32":
-    compile_args, link_args = ["/std:c++17", "/O2"], []
+    compile_args, link_args, written_out = ["/std:c++17", "/O2"], [], []
 
 setup(
     ext_modules=[
@@ -25,7 +26,7 @@ setup(
             sources=[f"{FOLDER}/{name}.cpp" for name in ("module", "baseline", "avx2", "avx512")],
             depends=[f"{FOLDER}/{name}.h" for name in ("tree", "lanes", "dynamics", "rows", "information", "integrator", "kernel")],
             language="c++",
-            extra_compile_args=compile_args,
+            extra_compile_args=[*compile_args, *written_out],
             extra_link_args=link_args,
             py_limited_api=True,
             optional=True,

@@ -83,6 +83,13 @@ template <class V> static inline Vec<V> out_of(const Body& body, const Link<V>& 
     }
 }
 
+// Force and moment about a body's origin, carried into its parent's frame and to its origin.
+template <class V> static inline void carry(const Body& body, const Link<V>& k, Vec<V>& force, Vec<V>& moment) {
+    force = out_of(body, k, force);
+    moment = out_of(body, k, moment);
+    if (body.shifted) moment = moment + cross(origin(body, k), force);
+}
+
 // Lanes beyond `count` repeat the first sample: they are finite, and the caller weighs them with zero.
 template <class V> static inline V gather(const double* array, int64_t sample, int width, int column, int count = Width<V>::value) {
     const double* at = array + sample * width + column;
@@ -218,8 +225,8 @@ template <class V> static void torques(const Tree& t, const double* inertia, con
         const Body& body = t.bodies[i];
         for (int d = 0; d < freedoms(body); ++d) tau[body.row + d] = along(body, d, wrench[2 * i], wrench[2 * i + 1]);
         if (body.parent < 0) continue;
-        const Vec<V> force = out_of(body, links[i], wrench[2 * i]);
-        const Vec<V> moment = out_of(body, links[i], wrench[2 * i + 1]) + cross(origin(body, links[i]), force);
+        Vec<V> force = wrench[2 * i], moment = wrench[2 * i + 1];
+        carry(body, links[i], force, moment);
         wrench[2 * body.parent] = wrench[2 * body.parent] + force;
         wrench[2 * body.parent + 1] = wrench[2 * body.parent + 1] + moment;
     }
@@ -253,8 +260,7 @@ template <class V> static void masses(const Tree& t, const double* inertia, cons
                 for (int e = 0; e < (j == i ? d + 1 : freedoms(other)); ++e)
                     M[(body.row + d) * t.nv + other.row + e] = along(other, e, force, moment);
                 if (other.parent < 0) break;
-                force = out_of(other, links[j], force);
-                moment = out_of(other, links[j], moment) + cross(origin(other, links[j]), force);
+                carry(other, links[j], force, moment);
             }
         }
         if (body.parent < 0) continue;
@@ -266,18 +272,23 @@ template <class V> static void masses(const Tree& t, const double* inertia, cons
         const Vec<V> x = out_of(body, k, Vec<V>{{rows[0][0], rows[1][0], rows[2][0]}});
         const Vec<V> y = out_of(body, k, Vec<V>{{rows[0][1], rows[1][1], rows[2][1]}});
         const Vec<V> z = out_of(body, k, Vec<V>{{rows[0][2], rows[1][2], rows[2][2]}});
+        V* U = composite + PARAMETERS * body.parent;
+        U[0] += C[0];
+        U[4] += x[0], U[5] += x[1], U[6] += y[1], U[7] += x[2], U[8] += y[2], U[9] += z[2];
+        if (!body.shifted) {
+            for (int e = 0; e < 3; ++e) U[1 + e] += g[e];
+            continue;
+        }
         const Vec<V> p = origin(body, k);
         const Vec<V> r{{g[0] + C[0] * p[0], g[1] + C[0] * p[1], g[2] + C[0] * p[2]}};  // first moment about the parent's origin
         const V trace = r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + g[0] * p[0] + g[1] * p[1] + g[2] * p[2];
-        V* U = composite + PARAMETERS * body.parent;
-        U[0] += C[0];
         for (int e = 0; e < 3; ++e) U[1 + e] += r[e];
-        U[4] += x[0] + trace - (r[0] * p[0] + g[0] * p[0]);
-        U[5] += x[1] - (r[0] * p[1] + g[1] * p[0]);
-        U[6] += y[1] + trace - (r[1] * p[1] + g[1] * p[1]);
-        U[7] += x[2] - (r[0] * p[2] + g[2] * p[0]);
-        U[8] += y[2] - (r[1] * p[2] + g[2] * p[1]);
-        U[9] += z[2] + trace - (r[2] * p[2] + g[2] * p[2]);
+        U[4] += trace - (r[0] * p[0] + g[0] * p[0]);
+        U[5] -= r[0] * p[1] + g[1] * p[0];
+        U[6] += trace - (r[1] * p[1] + g[1] * p[1]);
+        U[7] -= r[0] * p[2] + g[2] * p[0];
+        U[8] -= r[1] * p[2] + g[2] * p[1];
+        U[9] += trace - (r[2] * p[2] + g[2] * p[2]);
     }
 }
 
@@ -325,16 +336,11 @@ static void terms_of_one(const Tree& t, const double* inertia, const double* q, 
 #endif
 
 static inline bool none(Lanes x) {
-    bool all = true;
-    for (int i = 0; i < LANES; ++i) all &= x[i] == 0.0;
-    return all;
+    const Bits b = x != 0.0;
+    return !some(b);
 }
 static inline bool none(double x) { return x == 0.0; }
-static inline bool positive(Lanes x) {
-    bool all = true;
-    for (int i = 0; i < LANES; ++i) all &= x[i] > 0.0;
-    return all;
-}
+static inline bool positive(Lanes x) { return !some(~(x > 0.0)); }
 static inline bool positive(double x) { return x > 0.0; }
 
 // LU with partial pivoting for one sample, A (n x n) row by row; false if a pivot is zero.

@@ -11,7 +11,7 @@ struct Tiles {
     explicit Tiles(const Plan& plan) {
         // The widest row's tile takes at most 384 KB, which a second-level cache of 512 KB holds; a multiple of eight rows.
         const int fitting = 49152 / (plan.widest > 0 ? plan.widest : 1) / 8 * 8;
-        groups = (fitting > 256 ? 256 : fitting < 32 ? 32 : fitting) / LANES;
+        groups = (fitting > 384 ? 384 : fitting < 32 ? 32 : fitting) / LANES;
         stride = groups | 1;
         if (!plan.taps) return;
         inputs = 256 / LANES;
@@ -87,11 +87,21 @@ static inline void move_bodies(const Tree& t, const Arrays& x, int64_t s, int co
     motion(t, m.dq, m.ddq, m.links);
 }
 
+// Bring samples that come later into the cache while others are worked on.
+static inline void fetch(const double* x, int64_t count) {
+    for (int64_t i = 0; i < count; i += 8) __builtin_prefetch(x + i);
+}
+static inline void fetch_samples(const Tree& t, const Plan& plan, const Arrays& x, int64_t s, int64_t count) {
+    fetch(x.q + s * t.nq, count * t.nq), fetch(x.dq + s * t.nv, count * t.nv), fetch(x.ddq + s * t.nv, count * t.nv);
+    if (!plan.dense) fetch(x.extra + s * plan.extras, count * plan.extras);
+}
+
 // Rows from ... end-1 of `count` samples from `first` on.
 static void fill_samples(const Tree& t, const Plan& plan, const Arrays& x, const Tiles& tiles, int from, int end, int64_t first, int count, Scratch<Lanes>& m) {
     for (int g = 0; g * LANES < count; ++g) {
         const int64_t s = first + (int64_t)g * LANES;
         const int here = count - g * LANES < LANES ? count - g * LANES : LANES;
+        if (from == 0) fetch_samples(t, plan, x, s + tiles.groups * LANES, LANES);
         move_bodies(t, x, s, here, m);
         Lanes* tile = m.tile + g;
         for (int r = from; r < end; tile += tiles.rows_size(plan, r++)) {
@@ -216,8 +226,16 @@ static bool row_columns(const Tree& t, const Plan& plan, const Arrays& x, int64_
     return over_tiles(t, plan, x, lo, hi, memory, [&](int r, Lanes* tile, int stride, int64_t first, int count) {
         double* out = x.out + first * across;
         for (int before = 0; before < r; ++before) out += plan.row[before].width - 1;
-        for (int i = 0; i < count; ++i)
-            for (int64_t c = 0; c + 1 < plan.row[r].width; ++c) out[i * across + c] = tile[c * stride + i / LANES][i % LANES];
+        for (int g = 0; g * LANES < count; ++g)
+            for (int64_t c = 0; c + 1 < plan.row[r].width; c += LANES) {   // squares small enough to be turned in registers
+                Lanes square[LANES];
+                const int64_t wide = plan.row[r].width - 1 - c < LANES ? plan.row[r].width - 1 - c : LANES;
+                for (int64_t j = 0; j < wide; ++j) square[j] = tile[(c + j) * stride + g];
+                const double* turned = (const double*)square;
+                const int here = count - g * LANES < LANES ? count - g * LANES : LANES;
+                for (int i = 0; i < here; ++i)
+                    for (int64_t j = 0; j < wide; ++j) out[(g * LANES + i) * across + c + j] = turned[j * LANES + i];
+            }
     });
 }
 

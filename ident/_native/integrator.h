@@ -58,24 +58,34 @@ struct One {
         if (solve(n, M, out, m.diagonal, m.lu) >= 0) failure = all_finite(m.M, (int64_t)n * n) ? SINGULAR : DIVERGED;
     }
 
-    // Levels that keep `held` contacts from accelerating, or, `breaking`, levels within what they can hold (2 and -2: breaks loose).
-    void respond(const double* y, const double* v, const double* drive, const double* modes, bool breaking, double* a, double* level, double* friction) {
+    // Accelerations under a force and friction that do not ask for the state; leaves the mass matrix to `solved` where nothing is solved yet.
+    void forces(const double* y, const double* v, const double* drive, const double* friction, double* a) {
         terms(t, d.inertia, y, v, m);
-        for (int r = 0; r < n; ++r) free[r] = drive[r] - d.offset[r] - m.tau[r], friction[r] = 0.0;
+        for (int r = 0; r < n; ++r) a[r] = drive[r] - d.offset[r] - friction[r] - m.tau[r];
         for (int e = 0; e < d.entries; ++e) {
             const Entry& entry = d.entry[e];
-            free[entry.row] -= entry.position * y[entry.column] + entry.speed * v[entry.column];
+            a[entry.row] -= entry.position * y[entry.column] + entry.speed * v[entry.column];
             if (entry.column <= entry.row) m.M[entry.row * n + entry.column] += entry.acceleration;
         }
+    }
+    void slide(const double* y, const double* v, const double* drive, const double* friction, double* a) {   // all contacts slide
+        forces(y, v, drive, friction, a);
+        if (solve(n, m.M, a, m.diagonal, m.lu) >= 0) failure = all_finite(m.M, (int64_t)n * n) ? SINGULAR : DIVERGED;
+    }
+    int held_of(const double* modes) const {
+        int held = 0;
+        for (int i = 0; i < c; ++i) held += modes[i] == 0.0;
+        return held;
+    }
+
+    // Levels that keep `held` contacts from accelerating, or, `breaking`, levels within what they can hold (2 and -2: breaks loose).
+    void respond(const double* y, const double* v, const double* drive, const double* modes, bool breaking, double* a, double* level, double* friction) {
+        for (int r = 0; r < n; ++r) friction[r] = 0.0;
         for (int e = 0; e < d.touches; ++e) friction[d.touch[e].coordinate] += modes[d.touch[e].contact] * d.touch[e].level;
-        for (int e = 0; e < n; ++e) free[e] -= friction[e];
-        int p = 0;
-        for (int i = 0; i < c; ++i) level[i] = 0.0, p += modes[i] == 0.0;
-        if (p == 0) {   // the usual case, without a copy
-            copy(n, free, a);
-            if (solve(n, m.M, a, m.diagonal, m.lu) >= 0) failure = all_finite(m.M, (int64_t)n * n) ? SINGULAR : DIVERGED;
-            return;
-        }
+        for (int i = 0; i < c; ++i) level[i] = 0.0;
+        const int p = held_of(modes);
+        if (p == 0) return slide(y, v, drive, friction, a);   // the usual case, without a copy
+        forces(y, v, drive, friction, free);
         solved(free, pulled);
         int row = 0;
         for (int i = 0; i < c; ++i)
@@ -188,13 +198,17 @@ struct One {
         }
         const double half = 0.5 * h, sixth = h / 6.0;
         const double *mid = between(first, last, half / length, middle), *to = between(first, last, h / length, end);
-        double* level = unused + n;
+        const bool sliding = held_of(p.modes) == 0;   // then friction is that of the start throughout
+        const auto accelerate = [&](const double* speed, const double* drive, double* a) {
+            if (sliding) slide(y2, speed, drive, p.friction, a);
+            else respond(y2, speed, drive, p.modes, false, a, unused + n, unused);
+        };
         for (int e = 0; e < n; ++e) y2[e] = p.y[e] + half * p.v[e], v2[e] = p.v[e] + half * p.a[e];
-        respond(y2, v2, mid, p.modes, false, a2, level, unused);
+        accelerate(v2, mid, a2);
         for (int e = 0; e < n; ++e) y2[e] = p.y[e] + half * v2[e], v3[e] = p.v[e] + half * a2[e];
-        respond(y2, v3, mid, p.modes, false, a3, level, unused);
+        accelerate(v3, mid, a3);
         for (int e = 0; e < n; ++e) y2[e] = p.y[e] + h * v3[e], v4[e] = p.v[e] + h * a3[e];
-        respond(y2, v4, to, p.modes, false, a4, level, unused);
+        accelerate(v4, to, a4);
         for (int e = 0; e < n; ++e) {
             y[e] = p.y[e] + sixth * (p.v[e] + 2.0 * (v2[e] + v3[e]) + v4[e]);
             v[e] = p.v[e] + sixth * (p.a[e] + 2.0 * (a2[e] + a3[e]) + a4[e]);
@@ -219,8 +233,7 @@ struct One {
     }
 
     void hold_still(double* v, const double* modes) {
-        int p = 0;
-        for (int i = 0; i < c; ++i) p += modes[i] == 0.0;
+        const int p = held_of(modes);
         if (p == 0) return;
         if (locked(modes)) {
             for (int e = 0; e < n; ++e) v[e] = 0.0;
@@ -330,18 +343,18 @@ struct Team {
     One& one;
     const int n, c;
     const size_t stride;
-    Lanes *a1, *a2, *a3, *a4, *y, *v, *y2, *v2, *v3, *v4, *dry;
+    Lanes *a1, *a2, *a3, *a4, *y, *v, *y2, *v2, *v3, *v4, *dry, *first_a;
     Lanes least;
     double* runs;   // of each run: y v a friction, forces now and next, at the step's start and end, modes, levels
 
     Team(const Tree& tree, const Drive& drive, const Runs& work, Scratch<Lanes>& scratch, One& single, Carve memory)
         : t(tree), d(drive), x(work), m(scratch), one(single), n(tree.nv), c(drive.contacts), stride(8 * (size_t)n + 2 * c) {
         Lanes* at = (Lanes*)aligned((char*)memory.at);
-        Lanes** const parts[] = {&a1, &a2, &a3, &a4, &y, &v, &y2, &v2, &v3, &v4, &dry};
+        Lanes** const parts[] = {&a1, &a2, &a3, &a4, &y, &v, &y2, &v2, &v3, &v4, &dry, &first_a};
         for (Lanes** part : parts) *part = at, at += n;
         runs = (double*)at;
     }
-    static size_t numbers(int n, int c) { return (size_t)LANES * (19 * n + 2 * c + 8); }
+    static size_t numbers(int n, int c) { return (size_t)LANES * (20 * n + 2 * c + 8); }
 
     Phase run(int l) const {
         double* r = runs + l * stride;
@@ -481,8 +494,11 @@ struct Team {
             together |= !alone[l];
         }
         if (const int failure = together ? slide_first() : NONE) return failure;
-        for (int e = 0; together && e < n; ++e) spread(a1[e], 2, e), spread(dry[e], 3, e);
         const bool logged = i == 0 && k % x.every == 0;
+        for (int e = 0; together && e < n; ++e) {
+            first_a[e] = a1[e];
+            if (logged) spread(a1[e], 2, e), spread(dry[e], 3, e);
+        }
         for (int l = 0; l < width; ++l) {
             if (alone[l]) one.begin(run(l), force(l, 2));
             if (one.failure) return one.failure;
@@ -498,6 +514,7 @@ struct Team {
                 double *y_to = event ? one.trial_y : p.y, *v_to = event ? one.trial_v : p.v;
                 for (int e = 0; e < n; ++e) y_to[e] = y2[e][l], v_to[e] = v2[e][l];
             }
+            for (int e = 0; event && e < n; ++e) p.a[e] = first_a[e][l], p.friction[e] = dry[e][l];
             if (alone[l] || event) one.advance(p, force(l, 2), last, x.h, event, least[l]);
             if (one.failure) return one.failure;
         }

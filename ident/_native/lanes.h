@@ -30,11 +30,23 @@ template <> inline Lanes strided<Lanes>(const double* x, int64_t s) {
 #endif
 }
 
-static inline bool any_beyond(Lanes x, double limit) {
-    bool found = false;
-    for (int i = 0; i < LANES; ++i) found |= !(std::fabs(x[i]) <= limit);
-    return found;
+// Whether any lane of a comparison holds.
+static inline bool some(Bits x) {
+#if LANES == 8
+    typedef long long Half __attribute__((vector_size(32)));
+    typedef long long Quarter __attribute__((vector_size(16)));
+    const Half h = __builtin_shufflevector(x, x, 0, 1, 2, 3) | __builtin_shufflevector(x, x, 4, 5, 6, 7);
+    const Quarter q = __builtin_shufflevector(h, h, 0, 1) | __builtin_shufflevector(h, h, 2, 3);
+    return (q[0] | q[1]) != 0;
+#elif LANES == 4
+    typedef long long Quarter __attribute__((vector_size(16)));
+    const Quarter q = __builtin_shufflevector(x, x, 0, 1) | __builtin_shufflevector(x, x, 2, 3);
+    return (q[0] | q[1]) != 0;
+#else
+    return (x[0] | x[1]) != 0;
+#endif
 }
+static inline bool any_beyond(Lanes x, double limit) { return some(~((x <= limit) & (x >= -limit))); }
 static inline bool any_beyond(double x, double limit) { return !(std::fabs(x) <= limit); }
 
 // Sine and cosine to about one unit in the last place. The argument is reduced by a multiple of pi/2 split in three parts

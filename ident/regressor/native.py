@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -99,6 +100,19 @@ class _Plan:
     handle: Any
     live: tuple[Array, ...]
     padded: tuple[int, ...]
+
+    @cached_property
+    def unpacking(self) -> tuple[int, Array, Array, Array]:
+        """Numbers that the kernel gives; places among them of the upper triangles, and where those go in (R, k+1, k+1), and mirrored."""
+        start, taken, upper, lower = 0, [], [], []
+        width = int(self.live[0][-1]) + 1
+        for r, (live, padded) in enumerate(zip(self.live, self.padded, strict=True)):
+            i, j = np.triu_indices(len(live))
+            taken.append(start + i * padded + j)
+            upper.append((r * width + live[i]) * width + live[j])
+            lower.append((r * width + live[j]) * width + live[i])
+            start += padded * padded
+        return start, np.concatenate(taken), np.concatenate(upper), np.concatenate(lower)
 
 
 _TREES: WeakKeyDictionary[RigidBodyTree, _Compiled] = WeakKeyDictionary()
@@ -285,16 +299,16 @@ def information(
     Holds NaN where an array is not finite."""
     own = compiled(tree)
     plan = own.plan(tree, rows, columns, extra, pattern)
-    flat = np.zeros(sum(p * p for p in plan.padded))
+    size, taken, upper, lower = plan.unpacking
+    flat = np.zeros(size)
     beside = extra if extra.shape[-1] else None
     count = thread_count(threads)
     _kernel.information(own.handle, plan.handle, int(gram), len(q), count, taps, factor, q, dq, ddq, tau, valid, weight, beside, flat)
     out = np.zeros((len(rows), len(columns) + 1, len(columns) + 1))
-    start = 0
-    for r, (live, padded) in enumerate(zip(plan.live, plan.padded, strict=True)):
-        found = np.triu(flat[start : start + padded * padded].reshape(padded, padded)[: len(live), : len(live)])
-        out[r][np.ix_(live, live)] = found + np.triu(found, 1).T if gram else found
-        start += padded * padded
+    found = flat[taken]
+    np.put(out, upper, found)
+    if gram:
+        np.put(out, lower, found)
     return out
 
 
