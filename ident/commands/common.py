@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import time
@@ -90,6 +91,32 @@ def study_from(args: argparse.Namespace) -> Study:
     return replace(study, signals=replace(study.signals, options={**study.signals.options, "cutoff_hz": cutoff}))
 
 
+def positive(text: str) -> float:
+    """A number above zero, for argparse."""
+    value = not_negative(text)
+    if value == 0:
+        raise argparse.ArgumentTypeError(f"must be a positive number, not {text!r}")
+    return value
+
+
+def not_negative(text: str) -> float:
+    """A number of zero or more, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0):
+        raise argparse.ArgumentTypeError(f"must be a positive number, not {text!r}")
+    return value
+
+
+def whole(text: str) -> int:
+    """A whole number of one or more, for argparse."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number of 1 or more, not {text!r}")
+    return int(text)
+
+
 class Output:
     """Where results go: text for people, JSON for programs, files into `--out`."""
 
@@ -98,6 +125,7 @@ class Output:
         self.quiet = bool(args.quiet)
         self.force = bool(args.force)
         self.folder = Path(args.out) if args.out else None
+        self._new: list[Path] = []
         self.resume = bool(getattr(args, "resume", False))
         if self.folder is not None:
             self._claim(self.folder)
@@ -114,13 +142,18 @@ class Output:
         if held and not unfinished and not self.force:
             raise ConfigurationError(f"--out {folder} exists and is not empty; nothing was written. Choose another folder, or add --force.")
         # Made here only to see whether it can be: a command that fails leaves no empty folder.
-        new = [p for p in (folder, *folder.parents) if not p.exists()]
+        self._new = [p for p in (folder, *folder.parents) if not p.exists()]
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            for made in new:
-                made.rmdir()
+            self.withdraw()
         except OSError as error:
             raise ConfigurationError(f"--out {folder} cannot be made ({error.strerror}).") from None
+
+    def withdraw(self) -> None:
+        """Remove the folders that this command made, if they are empty."""
+        for made in self._new:
+            if made.is_dir() and not any(made.iterdir()):
+                made.rmdir()
 
     def say(self, text: object = "") -> None:
         """Text for people: standard output, or standard error beside JSON."""

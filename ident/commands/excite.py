@@ -10,7 +10,7 @@ from ..effect import make_effect
 from ..errors import ConfigurationError, unknown_name
 from ..estimate import Estimate
 from ..results import result
-from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .common import Output, add_output_arguments, add_study_arguments, positive, study_from, whole
 
 if TYPE_CHECKING:
     from ..excitation import Family, Measure
@@ -28,8 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trajectory", metavar="FILE", default="excitation.csv", help="file to write: t, q, dq, ddq (default: %(default)s)"
     )
-    parser.add_argument("--seconds", type=float, default=10.0, help="length (default: %(default)s)")
-    parser.add_argument("--rate", type=float, default=200.0, help="samples per second (default: %(default)s)")
+    parser.add_argument("--seconds", type=positive, default=10.0, help="length (default: %(default)s)")
+    parser.add_argument("--rate", type=positive, default=200.0, help="samples per second (default: %(default)s)")
     parser.add_argument("--family", choices=_FAMILIES, default=_FAMILIES[0], help="kind of trajectory (default: %(default)s)")
     parser.add_argument("--measure", choices=_MEASURES, default=_MEASURES[0], help="what is made small (default: %(default)s)")
     parser.add_argument(
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--separate", nargs=2, metavar="EFFECT", help="two effects that are to be told apart")
     parser.add_argument("--noise", type=float, nargs="+", help="torque noise (std), one value or one a joint, measured side")
-    parser.add_argument("--starts", type=int, default=3, help="independent searches (default: %(default)s)")
+    parser.add_argument("--starts", type=whole, default=3, help="independent searches (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed (default: %(default)s)")
     add_output_arguments(parser)
 
@@ -52,6 +52,11 @@ def run(args: argparse.Namespace) -> int:
     estimate = Estimate.load(args.fit) if args.fit else None
     model = study_from(args).model() if estimate is None else estimate.model
     model, measure = _measure(args, model)
+    if args.seconds * args.rate * model.robot.n < model.base.count:
+        raise ConfigurationError(
+            f"{args.seconds:g} s at {args.rate:g} Hz are {int(args.seconds * args.rate)} samples: fewer equations than the"
+            f" {model.base.count} base parameters; give a longer trajectory (--seconds)."
+        )
     noise = args.noise[0] if args.noise and len(args.noise) == 1 else args.noise
     found = excite(
         model,

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..estimate import Estimate
 from ..results import result
-from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .common import Output, add_output_arguments, add_study_arguments, not_negative, positive, study_from
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -45,14 +45,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="controller",
         help="with --plan: a controller follows the motion, or it is followed exactly (default: %(default)s)",
     )
-    parser.add_argument("--seconds", type=float, default=20.0, help="length of the random motion (default: %(default)s)")
-    parser.add_argument("--rate", type=float, default=200.0, help="samples per second (default: %(default)s)")
+    parser.add_argument("--seconds", type=positive, default=20.0, help="length of the random motion (default: %(default)s)")
+    parser.add_argument("--rate", type=positive, default=200.0, help="samples per second (default: %(default)s)")
     parser.add_argument(
         "--counts",
         type=float,
         help="encoder counts a motor turn; 0: exact (default: 4000, more where a joint's step would exceed 1e-4 rad or 1e-5 m)",
     )
-    parser.add_argument("--noise", type=float, default=0.01, help="torque noise over the joint's rms torque (default: %(default)s)")
+    parser.add_argument("--noise", type=not_negative, default=0.01, help="torque noise over the joint's rms torque (default: %(default)s)")
     parser.add_argument(
         "--colour", type=float, default=0.0, help="correlation of the noise from one sample to the next (default: %(default)s)"
     )

@@ -107,6 +107,7 @@ def session_from(args: argparse.Namespace, study: Study, out: Output, label: str
         yield session
     except IdentError:  # the same input would fail again
         session.checkpoint.remove()
+        out.withdraw()
         raise
     except BaseException:
         if session.checkpoint.lasting:
