@@ -62,8 +62,9 @@ class BaseReport:
                 {"name": n, "expression": e, "unit": parameter_unit(n)} for n, e in zip(base.names, base.expressions, strict=True)
             ],
             "unidentifiable": [{"parameter": u.parameter, "why": u.why, "grouped_into": list(u.grouped_into)} for u in self.unidentifiable],
-            "columns": list(base.parameters),
-            "matrix": base.matrix.tolist(),
+            # Links in Pinocchio's order; behind them the rotors, where their inertias are parameters too.
+            "columns": list(base.columns if base.rotor_matrix.any() else base.parameters),
+            "matrix": (base.full if base.rotor_matrix.any() else base.matrix).tolist(),
             "agreement": self.agreement.to_dict(),
             "closed_forms": [
                 {
@@ -75,8 +76,6 @@ class BaseReport:
             ],
             "notes": list(self.notes),
         }
-        if base.rotor_matrix.any():
-            out |= {"rotor_columns": list(base.rotors), "rotor_matrix": base.rotor_matrix.tolist()}
         if self.principal is not None:
             out["principal"] = [
                 {"sensitivity": float(s), "expression": e}

@@ -258,8 +258,11 @@ def test_base_by_name(ident, name, more, count):
     ran = ident("base", "--robot", name, *more, "--json")
     assert ran.code == 0, ran.err
     assert ran.json["count"] == len(ran.json["parameters"]) == count
-    if "--rotor-inertia" not in more:  # the matrix has the links' columns alone
-        assert np.linalg.matrix_rank(np.array(ran.json["matrix"])) == count
+    matrix = np.array(ran.json["matrix"])
+    assert np.linalg.matrix_rank(matrix) == count
+    assert matrix.shape == (count, len(ran.json["columns"]))
+    rotors = [c for c in ran.json["columns"] if c.startswith("Ia_")]
+    assert len(rotors) == (6 if "--rotor-inertia" in more else 0)
 
 
 def test_base_with_locked_joints(ident, tmp_path):

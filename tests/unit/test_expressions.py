@@ -97,7 +97,8 @@ def test_report_with_rotors() -> None:
     assert "Izz_joint1 + 6400 Ia_joint1 + 0.16 m_joint2" in report.base.expressions
     assert "and 3 of the motors" in report.text()
     data = report.to_dict()
-    assert np.array(data["rotor_matrix"]).shape == (11, 4)
+    assert np.array(data["matrix"]).shape == (11, 44)
+    assert data["columns"][40:] == [f"Ia_joint{j}" for j in range(1, 5)]
     assert {"parameter": "Ia_joint1", "why": "only in combination, grouped into Izz_joint1", "grouped_into": ["Izz_joint1"]} in data[
         "unidentifiable"
     ]
