@@ -19,6 +19,18 @@ Array = np.ndarray
 PASS = 1 << 17
 
 
+#: Settings of the GNU C library (malloc.h), and bytes below which it reuses freed memory instead of asking the system for it again.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _REUSED = -1, -3, 1 << 23
+
+
+def reuse_memory() -> None:
+    """Have the C library keep the memory of one piece for the next (where it can): the system would clear it page by page each time."""
+    with suppress(OSError, AttributeError):
+        library = ctypes.CDLL(None)
+        library.mallopt(_MMAP_THRESHOLD, _REUSED)
+        library.mallopt(_TRIM_THRESHOLD, _REUSED)
+
+
 def give_back_memory() -> None:
     """Hand memory that is free, but still held by the C library, back to the system (where it can): a peak then stays what is in use."""
     with suppress(OSError, AttributeError):

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..effect import Need
-from ..errors import DataError, UnsupportedError
+from ..errors import DataError, IdentError, UnsupportedError
 from ..estimators.base import Capability, estimator_types
 from ..problem import Problem
 from ..session import HELD_SHARE, Session, like
 from .audit import audit_stored
 from .checkpoint import Checkpoint, key_of
 from .clock import first_at_or_after
-from .disk import give_back_memory
+from .disk import give_back_memory, reuse_memory
 from .ingest import Reading, store_logs
 from .signals import StreamedSignals, Streaming
 from .stored import StoredLog
@@ -145,7 +147,16 @@ class StreamedSession(Session):
     @cached_property
     def audit(self) -> Audit:
         """Audit of the logs named for fitting."""
-        found = audit_stored(self.stored, self.robot)
+        logs, robot = self.stored, self.robot
+        if self._workers.threads < 2:
+            found = audit_stored(logs, robot)
+        else:
+            # Whoever asks for the audit wants the signals next: one processor each. What they raise is raised when they are asked for.
+            with ThreadPoolExecutor(1) as beside:
+                audited = beside.submit(audit_stored, logs, robot)
+                with suppress(IdentError):
+                    self.fit_signals  # noqa: B018
+                found = audited.result()
         give_back_memory()
         return found
 
@@ -197,6 +208,7 @@ def store_files(
     files: Sequence[Path], checkpoint: Checkpoint, name: str, reading: Reading, workers: Workers, *, skip: bool, progress: Progress | None
 ) -> tuple[tuple[StoredLog, ...], tuple[str, ...]]:
     """Every run of the files, on disk, and which files were left out and why (with `skip`; else DataError is raised)."""
+    reuse_memory()
     alone = len(files) == 1 and isinstance(workers, Threads)
     reading = replace(reading, jobs=workers.threads if alone else 1)
     tasks = [ReadTask(path, checkpoint.part(f"{name}-{i}"), reading, skip, progress if alone else None) for i, path in enumerate(files)]
