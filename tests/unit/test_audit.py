@@ -257,3 +257,27 @@ def test_table_and_json(robot: Robot) -> None:
     assert data["ok"] is True
     assert {"code", "severity", "where", "run", "text", "value"} == set(data["findings"][0])
     assert any("shoulder" in w for w in audit.warnings)
+
+
+def one_at_a_time(robot: Robot, moving: int, noise: float = 2e-5) -> Log:
+    """A run in which one joint moves and a controller holds the other, within the noise of its encoder."""
+    from ident.regressor.rigid import inverse_dynamics
+
+    rng = np.random.default_rng(moving)
+    t = np.arange(10_000) / 500.0
+    q, v, a = (np.where(np.arange(2) == moving, x, 0.0) for x in motion(t))
+    tau = inverse_dynamics(robot.tree, INERTIA, q, v, a) + 1.2 * v + 2.0 * np.sign(v) + 0.05 * rng.standard_normal(q.shape)
+    return Log(robot.joint_names[moving], t, q + noise * rng.standard_normal(q.shape), tau={"joint": tau})
+
+
+def test_joints_held_still_on_purpose_are_no_warning(robot: Robot) -> None:
+    """Tests of one joint after the other: what is still in one run moves in another; alone, it is warned of."""
+    runs = [one_at_a_time(robot, j) for j in (0, 1)]
+    held = {f.where for f in look(runs[0], robot).findings if f.severity == Severity.WARNING}
+    assert held == {"slide"}
+    both = LogSet(tuple(runs)).audit(robot)
+    assert not both.warnings, both.warnings
+    assert {f.where for f in both.findings if "other runs" in f.text} == {"shoulder", "slide"}
+    # A joint that moves in no run is warned of, however many there are.
+    again = LogSet((runs[0], replace(runs[0], name="again"))).audit(robot)
+    assert {f.where for f in again.findings if f.severity == Severity.WARNING} == {"slide"}
