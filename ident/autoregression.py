@@ -119,10 +119,11 @@ def rising(polynomial: Array, innovation: float, motion: Array, order: int = 40)
         power, total = np.ones(grid + 1), np.cumsum(np.ones(grid + 1))
     level = float(np.exp(power @ np.log(spectrum) / total[-1]))
     above = np.searchsorted(total, 0.5 * total[-1])
-    wanted = np.full(grid + 1, level)
+    wanted = np.empty(grid + 1)
     wanted[above:] = np.maximum(level, np.maximum.accumulate(spectrum[above:]))
-    if wanted[-1] <= level:
-        return Autoregression(np.ones(1), level)
+    wanted[:above] = wanted[above]
+    if wanted[-1] <= wanted[0]:
+        return Autoregression(np.ones(1), float(wanted[0]))
     gamma = np.fft.irfft(wanted)[: order + 1]
     a = levinson(gamma, order)
     return Autoregression(a, float(a @ gamma))

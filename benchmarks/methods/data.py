@@ -13,6 +13,7 @@ from ident.logs import Log
 from ident.plan import Separation, make_plan
 from ident.preparation import Recorded, ZeroPhase
 from ident.problem import Problem
+from ident.simulate import Feedback
 
 from .bound import filtered_bound
 from .methods import Case
@@ -116,10 +117,13 @@ class Data:
         return TorqueMeasure.of(self.exact_problem(self.validation))
 
 
-def experiment(runs: Runs) -> Experiment:
-    """How the runs came about, for methods that repeat them."""
+def experiment(data: Data, runs: Runs, rate: float, feedback: bool) -> Experiment:
+    """How the runs came about and how their torque was logged, for methods that repeat them; `feedback`: on the encoders' readings."""
     desired = {f"run{i}": way for i, way in enumerate(runs.desired)}
-    return Experiment(controller=runs.controller, desired=desired, control_rate=runs.control_rate)
+    sensing = Feedback(counts=data.world.counts) if feedback else None
+    return Experiment(
+        controller=runs.controller, desired=desired, control_rate=runs.control_rate, sensing=sensing, torque_window=1.0 / rate
+    )
 
 
 def make_case(
@@ -131,7 +135,7 @@ def make_case(
     rate = rate or world.rate
     sensors = world.sensors(counts=counts, rate=rate)
     return Case(
-        world, read(runs, sensors, seed, rate), experiment(runs), feedback,
+        world, read(runs, sensors, seed, rate), experiment(data, runs, rate, feedback), feedback,
         {name: (made.plan, made.read(sensors, seed)) for name, made in data.tests.items()} if tests else {}, counts, cutoff, rate,
     )  # fmt: skip
 

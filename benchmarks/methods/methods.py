@@ -106,8 +106,12 @@ def _total(case: Case) -> TotalLeastSquares:
 
 
 def _instruments(kind: str) -> Callable[[Case], InstrumentalVariable]:
+    """Instruments need not repeat the experiment to the last digit: control at the rate of the logs, on the exact state."""
+
     def make(case: Case) -> InstrumentalVariable:
-        experiment = None if kind == "forward_dynamics" or case.experiment is None else replace(case.experiment, control_rate=case.rate)
+        experiment = None
+        if kind != "forward_dynamics" and case.experiment is not None:
+            experiment = replace(case.experiment, control_rate=case.rate, sensing=None, torque_window=0.0)
         return InstrumentalVariable(loop=case.loop, instruments=kind, experiment=experiment)
 
     return make

@@ -3,7 +3,7 @@
 from .base import Capability, Estimator, estimator_types, make_estimator, register
 from .bounded import BoundedLeastSquares
 from .drifting import DriftingParameters
-from .experiment import Desired, Experiment, desired_from_logs
+from .experiment import Desired, Experiment, assumed_experiment, desired_from_logs
 from .generalised import GeneralisedLeastSquares
 from .instrumental import InstrumentalVariable
 from .instruments import Instruments
@@ -36,6 +36,7 @@ __all__ = [
     "StepByStep",
     "TotalLeastSquares",
     "WeightedLeastSquares",
+    "assumed_experiment",
     "desired_from_logs",
     "estimator_types",
     "make_estimator",

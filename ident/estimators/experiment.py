@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -11,17 +11,21 @@ import numpy as np
 
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..motion import Coordinates
+from ..transmission import Side
 
 if TYPE_CHECKING:
     from ..controller import Controller
     from ..logs import Log
     from ..model import Model
     from ..signals import Signals
+    from ..simulate import Feedback, Sensors, Simulation
     from ..trajectory import Trajectory
 
 Array = np.ndarray
 #: A torque-driven motion is repeated in pieces of this length, s.
 _OPEN_WINDOW_S = 1.0
+#: Counts a motor turn of encoders that round next to nothing, and leave a double's digits to the position.
+_FINE = 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +81,13 @@ class Experiment:
     window_s: float | None = None
     settle_s: float = 0.5
     step: float | None = None
+    sensing: Feedback | None = None
+    torque_window: float = 0.0
+    assumed: str = ""
 
     def __post_init__(self) -> None:
+        if not (self.torque_window >= 0 and np.isfinite(self.torque_window)):
+            raise ConfigurationError(f"an experiment's torque_window is a time in seconds from 0 on, not {self.torque_window!r}.")
         if self.controller is not None and not self.desired:
             raise ConfigurationError(
                 'an experiment with a controller needs the desired motion that it tracked: desired = {run: motion}, or {"*": motion}.'
@@ -142,9 +151,32 @@ class Experiment:
         step = self.step or 1.0 / control
         runs = simulate_batch(
             Plant(model, values), desired=lanes, controller=self.controller, rate=signals.rate, control_rate=control, step=step,
-            start=(np.array([d.q[0] for d in lanes]), np.array([d.dq[0] for d in lanes])),
+            start=(np.array([d.q[0] for d in lanes]), np.array([d.dq[0] for d in lanes])), feedback=self._unrounded(),
+            sensors=self._recording(),
         )  # fmt: skip
-        return [(Coordinates(r.q[settle:], r.dq[settle:], r.ddq[settle:]), r.tau[settle:]) for r in runs]
+        made = [self._recorded(run) for run in runs]
+        return [(Coordinates(m.q[settle:], m.dq[settle:], m.ddq[settle:]), torque[settle:]) for m, torque in made]
+
+    def _unrounded(self) -> Feedback:
+        from ..simulate import Feedback
+
+        if self.sensing is None or self.sensing.counts is None:
+            return self.sensing or Feedback()
+        return replace(self.sensing, counts=max(_FINE, self.sensing.counts))
+
+    def _recording(self) -> Sensors:
+        from ..simulate import Sensors
+        from ..simulation.sensors import TorqueWindow
+
+        return Sensors((TorqueWindow(self.torque_window),) if self.torque_window else (), Side.JOINT)
+
+    def _recorded(self, run: Simulation) -> tuple[Coordinates, Array]:
+        """Motion and torque of a run as the log would have them: accelerations are means over the torque's window too."""
+        if not self.torque_window:
+            return run.link, run.tau
+        ends = [run.readings.exact_motion(np.clip(run.t + side * self.torque_window / 2, run.t[0], run.t[-1])) for side in (-1, 1)]
+        span = np.minimum(run.t + self.torque_window / 2, run.t[-1]) - np.maximum(run.t - self.torque_window / 2, run.t[0])
+        return Coordinates(run.q, run.dq, (ends[1].dq - ends[0].dq) / span[:, None]), run.readings.tau
 
     def _open(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[tuple[Coordinates, Array]]:
         from ..simulate import Hold, Plant, simulate_batch
@@ -175,3 +207,35 @@ class Experiment:
 def desired_from_logs(logs: Iterable[Log], columns: Sequence[str], cutoff_hz: float | None = None) -> dict[str, Desired]:
     """Desired motion of every log, by its name (`Desired.from_log`)."""
     return {log.name: Desired.from_log(log, columns, cutoff_hz) for log in logs}
+
+
+def assumed_experiment(
+    logs: Iterable[Log], model: Model, values: Array, cutoff_hz: float, *, frequency_hz: float = 10.0, window_s: float = 1.5
+) -> Experiment:
+    """For logs without reference or controller: the measured motion below `cutoff_hz` stands for the reference, and a PD law with
+    feedforward, tuned to `frequency_hz` on a model with all values (k,), for the controller.
+
+    The cut-off must pass the motion and stop the encoders' noise, or the estimate is biased as least squares is. What the motion
+    has above it, starts and reversals, is missing in the simulated torque."""
+    from scipy.interpolate import make_interp_spline
+
+    from ..controller import PDFeedforward
+    from ..filters import zero_phase_lowpass
+    from ..uniform import Recording
+
+    desired: dict[str, Trajectory | Desired] = {}
+    for log in logs:
+        recording = Recording.of(log, model.robot)
+        rate = (len(recording.t) - 1) / float(recording.t[-1] - recording.t[0])
+        t = recording.t[0] + np.arange(len(recording.t)) / rate
+        q = np.stack([np.interp(t, recording.t, x) for x in recording.q.T], axis=1)
+        every = max(1, int(rate / (20.0 * cutoff_hz)))
+        t, q = t[::every], zero_phase_lowpass(q, cutoff_hz, rate)[::every]
+        spline = make_interp_spline(t, q, k=5)
+        desired[log.name] = Desired(t, Coordinates(q, spline(t, 1), spline(t, 2)))
+    return Experiment(
+        controller=PDFeedforward.tuned(model, values, frequency_hz=frequency_hz), desired=desired, window_s=window_s,
+        settle_s=3.0 / frequency_hz,
+        assumed=f"the reference and its controller are not known; the measured motion below {cutoff_hz:g} Hz and a PD law with feedforward"
+        f" of {frequency_hz:g} Hz stand for them.",
+    )  # fmt: skip

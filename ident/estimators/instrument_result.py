@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from ..estimate import Estimate
 
 Array = np.ndarray
-#: The validity test fires at this probability, where the bias it shows is also as large as the interval it spoils.
-_LEVEL = 1e-3
+#: The validity test fires at this probability, where the bias it shows is also as large as the interval it spoils (in standard
+#: deviations), or visible at all while the disagreement could not be chance if noise were twice as large as it seems.
+_LEVEL, _SPOILED, _VISIBLE, _TWICE = 1e-3, 1.0, 0.25, 4.0
 #: Instruments with a smaller F are called weak (Staiger & Stock 1997).
 _WEAK = 10.0
 #: Number of least squares among the scores.
@@ -35,21 +36,23 @@ class InstrumentResult:
         lags = (0,) if self.lag is None else (0, self.lag, 2 * self.lag)
         self.moments = rows.moments(lags)
         self.system = InstrumentSystem(self.moments.cross[0], self.moments.gram[0], self.names)
-        # The residual lacks what the fit took up of the noise.
         count, b = float(self.moments.rows.sum()), len(self.names)
         self.scores = rows.score_gram(self.moments, lags)
-        self.covariance = self.system.both_sides(self._gram(0, 0)) * (count / max(count - b, 1.0))
+        self.covariance = self.system.both_sides(self._gram(0, 0))
+        # The residual lacks what the fit took up of the noise; and its model misses what is weak beside noise at other frequencies.
+        slow = np.diag(self.system.both_sides(self.moments.windowed)) / np.maximum(np.diag(self.covariance), 1e-300)
+        self.covariance = self.covariance * (count / max(count - b, 1.0) * max(1.0, float(np.mean(slow))))
         self.covariance = (self.covariance + self.covariance.T) / 2
         self.std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
-    def estimate(self, method: str, trace: dict[str, Any], converged: bool) -> Estimate:
-        """The estimate with its tests in the trace."""
+    def estimate(self, method: str, trace: dict[str, Any], converged: bool, supposed: tuple[str, ...] = ()) -> Estimate:
+        """The estimate with its tests in the trace. `supposed`: what it warns of in any case."""
         rows, exact = self.rows, self.rows.exact
         biased = None if exact else self._against_least_squares()
         valid = None if exact else self._against_earlier_instruments()
         strength = self._strength()
         weak = [n for n, f in zip(self.names, strength, strict=True) if f < _WEAK]
-        warnings = []
+        warnings = list(supposed)
         if weak:
             warnings.append(
                 f"weak instruments for {', '.join(weak[:6])}{' …' if len(weak) > 6 else ''}: their intervals are not to be trusted;"
@@ -64,7 +67,7 @@ class InstrumentResult:
             warnings.append("the log is too short to test the instruments against earlier ones: nothing tells whether they are valid.")
         code = StatusCode.OK if converged else StatusCode.NOT_CONVERGED
         details: tuple[str, ...] = ()
-        if valid is not None and valid.p_value < _LEVEL and valid.largest > 1.0:
+        if valid is not None and _disagree(valid):
             code = StatusCode.INVALID_INSTRUMENTS
             text = (
                 f"Instruments of the same instant and of earlier ones disagree (χ² = {valid.statistic:.0f} with {valid.degrees} degrees of"
@@ -129,3 +132,9 @@ class InstrumentResult:
         right = np.sqrt(np.maximum(np.diag(m.own), 1e-300))
         unit = m.own / np.outer(right, right)
         return shea_strength(m.cross[0] / np.outer(left, right), m.gram[0] / np.outer(left, left), unit, float(m.rows.sum()))
+
+
+def _disagree(test: DifferenceTest) -> bool:
+    """Whether instruments of different instants tell different things."""
+    beyond_doubt = test.statistic > _TWICE * test.degrees and test.largest > _VISIBLE
+    return test.p_value < _LEVEL and (test.largest > _SPOILED or beyond_doubt)

@@ -26,6 +26,9 @@ Array = np.ndarray
 _ROWS = 128
 #: Rows in a piece of which the motion's spectrum is taken.
 _SPECTRUM = 4096
+#: Windows of time within which errors may be correlated beyond their model: seconds of each, and how many there are at least.
+_WINDOW_S = 0.5
+_WINDOWS = 60
 #: Variance of the residual below this share of the torque's own square is round-off.
 _ROUND_OFF = 1e-24
 
@@ -74,7 +77,10 @@ class InstrumentRows:
 
     def moments(self, lags: tuple[int, ...] = (0,)) -> InstrumentMoments:
         """One pass over the samples."""
-        return instrument_moments(self, self.usable.shape, len(self.columns), lags)
+        rows = len(self.usable)
+        per_second = rows / max(sum(r.stop - r.start for r in self.problem.signals.runs) / self.problem.signals.rate, 1e-9)
+        window = max(1, min(round(_WINDOW_S * per_second), rows // _WINDOWS))
+        return instrument_moments(self, self.usable.shape, len(self.columns), lags, window)
 
     def score_gram(self, moments: InstrumentMoments, lags: tuple[int, ...]) -> Array:
         """Covariance ((k+1) b, (k+1) b) of the sums Zᵀ e of instruments of k lags and, last, of Φᵀ e.

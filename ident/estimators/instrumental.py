@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 #: A step below this many standard deviations ends the iteration.
-_SETTLED = 0.02
+_SETTLED = 0.1
 
 
 @register
@@ -103,7 +103,8 @@ class InstrumentalVariable(Estimator):
                 # From here on the metric of nearness is that of the instruments, in which the start's bias does not count.
                 source, root = wanted, _whole_root(problem.base.count, replace(start, root=system.information_root))
         found = InstrumentResult(InstrumentRows.at(problem, instruments, usable, columns, values), start)
-        return found.estimate(self.name, {"steps": steps, "repaired": repaired}, steps[-1] < 1.0)
+        supposed = (self.experiment.assumed,) if self.experiment is not None and self.experiment.assumed else ()
+        return found.estimate(self.name, {"steps": steps, "repaired": repaired}, steps[-1] < 1.0, supposed)
 
 
 def _step(change: Array, std: Array, values: Array) -> float:

@@ -29,7 +29,8 @@ class InstrumentMoments:
     """Sums over weighted rows, for b columns and instruments of k lags.
 
     `cross` (k, b, b): Zᵀ Φ; `gram` (k, b, b): Zᵀ Z; `miss` (k, b): Zᵀ e at some parameters; `own` (b, b): Φᵀ Φ, `own_miss` (b,): Φᵀ e;
-    `error` (M, n): e itself, NaN in rows not used; `torques` (n,): Σ τ²."""
+    `error` (M, n): e itself, NaN in rows not used; `torques` (n,): Σ τ²; `windowed` (b, b): Σ s sᵀ over windows of time, s the
+    window's part of Zᵀ e of the first lag: its covariance with all that correlates the errors within a window."""
 
     cross: Array
     gram: Array
@@ -38,6 +39,7 @@ class InstrumentMoments:
     own_miss: Array
     error: Array
     torques: Array
+    windowed: Array
 
     @property
     def rows(self) -> Array:
@@ -45,12 +47,16 @@ class InstrumentMoments:
         return np.isfinite(self.error).sum(axis=0)
 
 
-def instrument_moments(blocks: Iterable[WhiteRows], shape: tuple[int, ...], b: int, lags: tuple[int, ...] = (0,)) -> InstrumentMoments:
-    """One pass over M rows of n joints, `shape`; instruments as they are and as they were so many rows before, run by run."""
+def instrument_moments(
+    blocks: Iterable[WhiteRows], shape: tuple[int, ...], b: int, lags: tuple[int, ...] = (0,), window: int = 1
+) -> InstrumentMoments:
+    """One pass over M rows of n joints, `shape`; instruments as they are and as they were so many rows before, run by run.
+
+    `window`: rows in a window of time."""
     k = len(lags)
     cross, gram, miss = np.zeros((k, b, b)), np.zeros((k, b, b)), np.zeros((k, b))
     own, own_miss, torques = np.zeros((b, b)), np.zeros(b), np.zeros(shape[1])
-    error = np.full(shape, np.nan)
+    error, windows = np.full(shape, np.nan), _Windows(window, b)
     for rows, together in with_earlier(blocks, lags):
         e, flat = rows.error.reshape(-1), rows.columns.reshape(-1, b)
         for i in range(k):
@@ -58,11 +64,12 @@ def instrument_moments(blocks: Iterable[WhiteRows], shape: tuple[int, ...], b: i
             cross[i] += Z.T @ flat
             gram[i] += Z.T @ Z
             miss[i] += Z.T @ e
+        windows.add(rows, np.einsum("mnb,mn->mb", together[:, :, :b], rows.error))
         own += flat.T @ flat
         own_miss += flat.T @ e
         error[rows.place] = np.where(rows.valid, rows.error, np.nan)
         torques += np.sum(rows.torque**2, axis=0)
-    return InstrumentMoments(cross, gram, miss, own, own_miss, error, torques)
+    return InstrumentMoments(cross, gram, miss, own, own_miss, error, torques, windows.gram)
 
 
 def with_earlier(blocks: Iterable[WhiteRows], lags: tuple[int, ...]) -> Iterator[tuple[WhiteRows, Array]]:
@@ -86,3 +93,35 @@ class _Lagged:
         line = np.concatenate([self._past, rows.instruments])
         self._past = line[len(line) - self.lag :]
         return np.where(rows.valid[:, :, None], line[: len(rows.instruments)], 0.0)
+
+
+class _Windows:
+    """Σ s sᵀ of sums s over so many rows each, run by run; blocks of any size give the same."""
+
+    def __init__(self, length: int, b: int) -> None:
+        self.length, self._run, self._seen = length, -1, 0
+        self._open, self._closed = np.zeros(b), np.zeros((b, b))
+
+    def add(self, rows: WhiteRows, scores: Array) -> None:
+        """Rows (m, b) that follow the last ones."""
+        if rows.run != self._run:
+            self._close()
+            self._run, self._seen = rows.run, 0
+        number = (self._seen + np.arange(len(scores))) // self.length
+        firsts = np.flatnonzero(np.diff(number, prepend=-1))
+        sums = np.add.reduceat(scores, firsts, axis=0)
+        if self._seen % self.length:
+            sums[0] += self._open
+        else:
+            self._close()
+        self._seen += len(scores)
+        self._closed += sums[:-1].T @ sums[:-1]
+        self._open = sums[-1]
+
+    def _close(self) -> None:
+        self._closed, self._open = self._closed + np.outer(self._open, self._open), np.zeros(len(self._open))
+
+    @property
+    def gram(self) -> Array:
+        """With the last window as complete."""
+        return self._closed + np.outer(self._open, self._open)

@@ -59,7 +59,8 @@ class OutputError(Estimator):
         if self.experiment is None or not self.experiment.feedback:
             raise UnsupportedError(
                 "method 'didim' simulates the experiment and must know its controller and desired motion:"
-                " experiment = Experiment(controller=…, desired=…). For torque-driven logs use 'iv'; without either, 'wls'."
+                " experiment = Experiment(controller=…, desired=…). Where they are not known, assumed_experiment(logs, model, values,"
+                " cutoff_hz) supposes them. For torque-driven logs use 'iv'; without either, 'wls'."
             )
         from ..problem import Problem
 
@@ -87,7 +88,8 @@ class OutputError(Estimator):
         trace: dict[str, Any] = {"ends": [{"cost": end.cost, "steps": end.steps, "cuts": end.cuts} for end in (*ends, best)]}
         columns = best.solution.columns
         solution = replace(best.solution, values=best.values[columns])
-        estimate = finish(best.problem, solution, best.weights, self.name, trace=trace)
+        warnings = (self.experiment.assumed,) if self.experiment.assumed else ()
+        estimate = finish(best.problem, solution, best.weights, self.name, warnings=warnings, trace=trace)
         # What the iteration counts in is white noise's standard deviation; in the end the estimate's own decides.
         left = np.abs(full_values(best.problem, best.solution) - best.values)[columns]
         if not best.settled and np.any(left > _NEAR * estimate.std):
