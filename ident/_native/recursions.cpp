@@ -16,7 +16,7 @@ struct Buffer {
     double* take(PyObject* object, int64_t count, int flags) {
         if (PyObject_GetBuffer(object, &view, PyBUF_C_CONTIGUOUS | flags) < 0) return nullptr;
         held = true;
-        if (view.len == 8 * count) return (double*)view.buf;
+        if (count >= 0 && view.len == 8 * count) return (double*)view.buf;
         PyErr_SetString(PyExc_ValueError, "springs: an array has the wrong size");
         return nullptr;
     }
@@ -59,7 +59,7 @@ PyObject* call_springs(PyObject*, PyObject* args) {
     Py_ssize_t samples, lanes;
     if (!PyArg_ParseTuple(args, "OOOdinnOO", &force, &coefficients, &half, &h, &parts, &samples, &lanes, &position, &velocity)) return nullptr;
     Buffer f, c, g, x, v;
-    const int64_t size = (int64_t)samples * lanes;
+    const int64_t size = samples < 0 || lanes < 0 ? -1 : (int64_t)samples * lanes;
     const double* force_at = f.take(force, size, 0);
     const double* coefficients_at = force_at ? c.take(coefficients, 8 * size, 0) : nullptr;
     const double* half_at = coefficients_at ? g.take(half, lanes, 0) : nullptr;

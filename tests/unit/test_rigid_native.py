@@ -137,7 +137,7 @@ def test_trees_are_freed():
 @pytest.mark.slow
 @needs_native
 def test_sanitizers_are_clean(tmp_path):
-    """The kernel's tests on an extension built with address and undefined-behaviour sanitizers."""
+    """The tests of all compiled modules on extensions built with address and undefined-behaviour sanitizers."""
     compiler = shutil.which("g++")
     if compiler is None:
         pytest.skip("no g++")
@@ -149,8 +149,10 @@ def test_sanitizers_are_clean(tmp_path):
     shutil.copytree(ROOT / "tests", tmp_path / "tests", ignore=shutil.ignore_patterns("__pycache__"))
     folder = tmp_path / "ident" / "_native"
     flags = "-std=c++17 -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all -fPIC -shared -pthread"
-    sources = [str(folder / f"{name}.cpp") for name in ("module", "baseline", "avx2", "avx512")]
-    _output(compiler, *flags.split(), f"-I{sysconfig.get_path('include')}", *sources, "-o", str(folder / "_kernel.abi3.so"))
+    modules = {"kernel": ("module", "baseline", "avx2", "avx512")} | {name: (name,) for name in ("recursions", "text", "filters")}
+    for module, names in modules.items():
+        sources = [str(folder / f"{name}.cpp") for name in names]
+        _output(compiler, *flags.split(), f"-I{sysconfig.get_path('include')}", *sources, "-o", str(folder / f"_{module}.abi3.so"))
     environment = {
         **os.environ,
         "LD_PRELOAD": " ".join(runtime),
@@ -159,7 +161,15 @@ def test_sanitizers_are_clean(tmp_path):
         "OPENBLAS_NUM_THREADS": "1",
         "PYTHONPATH": str(tmp_path),
     }
-    names = ("rigid_dynamics", "rigid_information", "rigid_native", "simulate_compiled")
+    names = (
+        "rigid_dynamics",
+        "rigid_information",
+        "rigid_native",
+        "simulate_compiled",
+        "recursions_native",
+        "filters_native",
+        "text_native",
+    )
     tests = [str(tmp_path / "tests" / "unit" / f"test_{name}.py") for name in names]
     options = ["-q", "-x", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "-o", "addopts=", "-m", "not slow"]
     command = [sys.executable, "-m", "pytest", *options, *tests]
