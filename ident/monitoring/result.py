@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..diagnosis.findings import AMBIGUOUS, Imitator
+from ..diagnosis.findings import Finding, FoundParameter
+from ..places import motors_of, on, place_of
 from ..results import result
 from ..torque_error import TorqueError, number
 
 if TYPE_CHECKING:
-    from ..effect import Effect
     from ..estimate import Estimate
     from ..signals import Signals
 
@@ -32,20 +32,16 @@ class How(StrEnum):
 
 
 @dataclass(frozen=True)
-class ChangedParameter:
+class ChangedParameter(FoundParameter):
     """A parameter's change `value` with its std; `before`: its value in the fit (None where the fit has none of its own). The std is
     infinite where the log cannot tell."""
 
-    name: str
-    value: float
-    std: float
-    unit: str
     before: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         after = None if self.before is None else self.before + self.value
-        return {"name": self.name, "value": self.value, "std": number(self.std), "unit": self.unit, "before": self.before, "after": after}
+        return {**super().to_dict(), "std": number(self.std), "before": self.before, "after": after}
 
     def __str__(self) -> str:
         doubt = f" ± {self.std:.2g}" if np.isfinite(self.std) else " (not determined)"
@@ -53,30 +49,15 @@ class ChangedParameter:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
-    """One thing that changed. `heldout_gain`: share of the error that it removes on blocks of the new logs that its fit did not see;
-    `evidence`: the same as twice a log-likelihood; `confidence` that it is this and none of its `imitators`."""
+class Change(Finding):
+    """One thing that changed: a finding of the diagnosis with `how` it came about. `heldout_gain` and `evidence` are of blocks of the
+    new logs that its fit did not see; `confidence` counts against it what its joints leave beyond the usual."""
 
-    effect: Effect
-    how: How
-    joints: tuple[str, ...]
     parameters: tuple[ChangedParameter, ...]
-    heldout_gain: float
-    evidence: float
-    confidence: float
-    imitators: tuple[Imitator, ...]
-
-    @property
-    def name(self) -> str:
-        return self.effect.name
-
-    @property
-    def ambiguous(self) -> bool:
-        """Whether its rivals account for the same about as well."""
-        return sum(i.confidence for i in self.imitators) >= AMBIGUOUS
+    how: How = How.CHANGED
 
     def __str__(self) -> str:
-        where = f" on {', '.join(self.joints)}" if self.joints else ""
+        where = on(place_of(self.effect, self.joints))
         first = self.parameters[0]
         if self.how == How.CHANGED and len(self.parameters) == 1 and first.before is not None:
             verb = "grew" if first.value * first.before > 0 else "fell"
@@ -89,29 +70,23 @@ class Change:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
-        return {
-            "effect": self.name,
-            "how": self.how.value,
-            "joints": list(self.joints),
-            "parameters": [p.to_dict() for p in self.parameters],
-            "heldout_gain": self.heldout_gain,
-            "evidence": self.evidence,
-            "confidence": self.confidence,
-            "imitators": [i.to_dict() for i in self.imitators],
-            "text": str(self),
-        }
+        found = {key: value for key, value in super().to_dict().items() if key != "advice"}
+        motors = motors_of(self.effect)
+        return {**found, **({"motors": list(motors)} if motors else {}), "how": self.how.value, "text": str(self)}
 
 
 @dataclass(frozen=True)
 class Drift:
-    """Parameters that moved together, and no single change tells why: on which joints' torque it shows, and how strongly."""
+    """What no change accounts for: on which joint's torque it shows, what it follows (`signature`: "parameters as a whole", "time" …),
+    and how strongly."""
 
     joint: str
+    signature: str
     evidence: str
 
     def to_dict(self) -> dict[str, str]:
         """JSON form."""
-        return {"joint": self.joint, "signature": "parameters as a whole", "evidence": self.evidence}
+        return {"joint": self.joint, "signature": self.signature, "evidence": self.evidence}
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +132,7 @@ class Monitoring:
         for i, change in enumerate(self.changes, 1):
             lines.append(f"{i}. {change}; confidence {change.confidence:.2f}")
             if change.imitators:
-                rivals = (f"{m.effect}{' on ' + ', '.join(m.joints) if m.joints else ''} ({m.confidence:.2f})" for m in change.imitators)
+                rivals = (f"{m.effect}{on(', '.join(m.joints))} ({m.confidence:.2f})" for m in change.imitators)
                 lines.append(f"     could also be: {'; '.join(rivals)}")
         lines += [f"left: {u.evidence}" for u in self.unexplained]
         lines += [f"no change, in the logs of the fit too: {name}" for name in self.known]
@@ -173,5 +148,5 @@ def said(found: Monitoring) -> str:
         "unchanged": "unchanged: the fit predicts the new logs as well as its own uncertainty lets expect",
         "changed": "changed: " + "; ".join(map(str, found.changes)),
         "ambiguous": "ambiguous: something changed, and two or more things account for it equally well",
-        "unexplained": "unexplained: the fit does not predict the new logs, and no single change tells why",
+        "unexplained": "unexplained: the fit does not predict the new logs, and no change that was tried accounts for all of it",
     }[found.verdict]
