@@ -13,7 +13,7 @@ from .effect import Effect, make_effect
 from .errors import ConfigurationError
 from .estimate import Estimate
 from .files import write_atomic
-from .information import Information
+from .information import Form, Information
 from .model import Model
 from .noise import NoiseModel
 from .regressor.base import BaseReduction
@@ -85,6 +85,7 @@ def save(estimate: Estimate, path: Path, *, force: bool) -> Path:
             "names": estimate.information.names,
             "counts": estimate.information.counts,
             "triangles": [R[triangle] for R in estimate.information.factors],
+            "form": estimate.information.form.value,
         }
     return write_atomic(path, json.dumps({**to_dict(estimate), "state": jsonable(state)}), force=force)
 
@@ -124,7 +125,8 @@ def _restored(data: dict[str, Any]) -> Estimate:
         factors = np.zeros((model.robot.n, k, k))
         for R, packed in zip(factors, state["information"]["triangles"], strict=True):
             R[np.triu_indices(k)] = packed
-        information = Information(factors, np.array(state["information"]["counts"], np.int64), names)
+        form = Form(state["information"].get("form", "triangle"))
+        information = Information(factors, np.array(state["information"]["counts"], np.int64), names, form)
     noise = {key: np.array(value, float) for key, value in state["noise"].items()}
     heldout = data["torque_error"]["heldout"]
     return Estimate(

@@ -12,7 +12,7 @@ import numpy as np
 from .effect import Need
 from .effects.rigid_body import RigidBody
 from .errors import ConfigurationError, DataError
-from .information import Information
+from .information import Accumulation, Form, Information
 from .model import Model
 from .motion import Motion
 from .noise import row_shape
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Full-rate samples held in memory at a time are limited so that their columns stay below this many numbers.
 _BLOCK_NUMBERS = 4_000_000
+#: Samples a row up to which products instead of reflections save time worth having.
+_FEW_SAMPLES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,17 +142,27 @@ class Problem:
         # Other formulations of the rows (`IntegratedProblem`) have columns of their own.
         plain = type(self) is Problem and not self.model.needs and self._stored is None
         if plain and self.model.effects and isinstance(self.model.effects[0], RigidBody):
-            blocks = self._instant_information()
+            total = self._instant_information()
         else:
-            blocks = (Information.empty(total.n, total.names).with_rows(r.columns, r.tau, r.valid) for r in self.rows())
-        for block in blocks:
-            total = total + block
+            for r in self.rows():
+                total = total + Information.empty(total.n, total.names).with_rows(r.columns, r.tau, r.valid)
         if not total.counts.any():
             raise DataError("no row of the log can be used: every torque is missing or masked. See `audit` for the reason.")
         return total
 
-    def _instant_information(self) -> Iterator[Information]:
-        """Information where columns depend on the instant alone: links and row filter by the kernel, which never writes columns out."""
+    def _instant_information(self) -> Information:
+        """Information where columns depend on the instant alone: links and row filter by the kernel, which never writes columns out.
+
+        By products rather than reflections where the condition allows it and many rows make it worth while."""
+        row_filter = self.signals.row_filter
+        found = Accumulation(self.base.names, self.valid.shape[1], row_filter is None or row_filter.factor <= _FEW_SAMPLES)
+        self._accumulate(found)
+        if not found.sound:  # what came later was worse conditioned than the beginning
+            found = Accumulation(self.base.names, self.valid.shape[1], may_square=False)
+            self._accumulate(found)
+        return found.information
+
+    def _accumulate(self, into: Accumulation) -> None:
         from .regressor.rigid import information
 
         signals, model, robot = self.signals, self.model, self.model.robot
@@ -172,8 +184,9 @@ class Problem:
                 valid=signals.valid[block.rows],
                 taps=None if row_filter is None else row_filter.taps,
                 factor=1 if row_filter is None else row_filter.factor,
+                form="gram" if into.form == Form.GRAM else "triangle",
             )
-            yield Information(factors, counts, self.base.names)
+            into.add(factors, counts)
             if self.progress is not None:
                 self.progress(min(1.0, block.rows.stop / max(1, len(self.valid))))
 

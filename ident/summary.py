@@ -23,7 +23,7 @@ def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
     width = max((len(n) for n in names), default=4)
     unit_width = max((len(p.unit) for p in estimate.parameters), default=4)
     lines = [
-        f"{estimate.method}: {len(values)} parameters from {estimate.samples} rows; condition {estimate.condition:.3g}",
+        f"{estimate.method}: {len(values)} parameters from {estimate.samples} rows; condition {estimate.condition:.3g}{_reduced(estimate)}",
         wrapped(estimate.status.text),
         *_sticking(estimate.sticking),
         "",
@@ -51,6 +51,15 @@ def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
         lines += ["", wrapped("strongest correlations: " + "; ".join(strongest))]
     lines += [wrapped(f"warning: {w}") for w in estimate.warnings]
     return "\n".join(lines)
+
+
+def _reduced(estimate: Estimate) -> str:
+    """How the samples were reduced, where that is known."""
+    from .information import Form
+
+    if estimate.information is None:
+        return ""
+    return ", from Gram matrices" if estimate.information.form == Form.GRAM else ", by QR"
 
 
 def shortened(expression: str, width: int) -> str:
