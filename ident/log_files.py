@@ -21,6 +21,8 @@ from .errors import ConfigurationError, DataError
 
 Array = np.ndarray
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-nan", "+nan", "#n/a", "<na>"}
+#: Characters of a field that messages show.
+_SHOWN = 40
 _OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ", lzma.open))
 
 
@@ -225,10 +227,17 @@ def arrow_values(column: Any) -> Array:
 def rows_of_text(path: Path, header: Header) -> Iterator[tuple[int, list[str]]]:
     """Line number (from 1) and fields of every row of data."""
     with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", errors="replace", newline="") as text:
-        reader = csv.reader(text, delimiter=header.delimiter)
-        for fields in reader:
-            if reader.line_num > header.line and any(f.strip() for f in fields):
-                yield reader.line_num, fields
+        yield from ((line, fields) for line, fields in numbered_rows(text, header) if line > header.line)
+
+
+def numbered_rows(text: Iterable[str], header: Header, before: int = 0) -> Iterator[tuple[int, list[str]]]:
+    """Rows of a text that are not blank, each with the number of the line on which it begins, after `before` lines."""
+    reader = csv.reader(text, delimiter=header.delimiter)
+    line = before + 1
+    for fields in reader:
+        if any(f.strip() for f in fields):
+            yield line, fields
+        line = before + reader.line_num + 1
 
 
 def bad_text(
@@ -243,8 +252,10 @@ def bad_text(
         for i, name in index:
             text = fields[i].strip() if i < len(fields) else ""
             if text.lower() not in _MISSING and not _is_number(text):
+                # A quote that is not closed takes in the rest of the file.
+                shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
                 return DataError(
-                    f"log {path}: column {name!r}, line {line} (data row {row}): {text!r} is not a number."
+                    f"log {path}: column {name!r}, line {line} (data row {row}): {shown!r} is not a number."
                     " Correct or remove the row; write a missing value as an empty field."
                 )
     return DataError(f"log {path}: cannot be read as a table of numbers: {reason}.")

@@ -5,7 +5,6 @@ round decimals correctly, so that which of them reads a piece changes no bit."""
 
 from __future__ import annotations
 
-import csv
 import io
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -17,7 +16,7 @@ import numpy as np
 
 from ..errors import DataError
 from ..log_columns import ColumnPlan
-from ..log_files import Header, arrow_columns, bad_text, open_binary, pandas_columns
+from ..log_files import Header, arrow_columns, bad_text, numbered_rows, open_binary, pandas_columns
 
 Array = np.ndarray
 _COUNTED = 1 << 20
@@ -116,6 +115,4 @@ class TextParser:
                 lines += block.count(b"\n")
                 left -= len(block)
         decoded = io.StringIO(bytes(text).decode("utf-8", errors="replace"), newline="")
-        reader = csv.reader(decoded, delimiter=self.header.delimiter)
-        found: Any = ((lines + reader.line_num, fields) for fields in reader if any(f.strip() for f in fields))
-        return bad_text(self.path, self.header, self.plan.sources, reason, found, rows + 1)
+        return bad_text(self.path, self.header, self.plan.sources, reason, numbered_rows(decoded, self.header, lines), rows + 1)

@@ -1,0 +1,244 @@
+"""Text as users' loggers leave it: streamed in small pieces it gives what the whole file gives, or the same error, by every reader."""
+
+from __future__ import annotations
+
+import bz2
+import lzma
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ident.errors import DataError
+from ident.log_columns import JointNames, resolve_columns
+from ident.log_files import read_header
+from ident.logs import Log, read_logs
+from ident.robot import Robot
+from ident.streaming.ingest import Reading, store_logs
+from ident.streaming.text import TextParser
+
+Array = np.ndarray
+JOINTS = 4
+NAMES = ["t", *(f"q{j + 1}" for j in range(JOINTS)), *(f"tau{j + 1}" for j in range(JOINTS))]
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    from command_line import ARM
+
+    path = tmp_path_factory.mktemp("arm") / "arm.urdf"
+    path.write_text(ARM)
+    return Robot.from_urdf(path)
+
+
+@pytest.fixture(params=["compiled", "arrow", "pandas"], autouse=True)
+def reader(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Each of the readers of pieces; small pieces, so that whatever is odd lies across a border sooner or later."""
+    monkeypatch.setattr("ident.streaming.tables.TEXT_PIECE", 1500)
+    monkeypatch.setattr("ident.streaming.ingest._BLOCK", 50)
+    if request.param == "compiled":
+        pytest.importorskip("ident._native._text", reason="the compiled reader was not built")
+    else:
+        monkeypatch.setattr("ident.streaming.text._compiled", lambda: None)
+    if request.param == "arrow":
+        pytest.importorskip("pyarrow")
+    else:
+        monkeypatch.setattr("ident.streaming.text.find_spec", lambda name: None)
+    return str(request.param)
+
+
+def numbers(rows: int = 120) -> list[list[str]]:
+    rng = np.random.default_rng(3)
+    values = rng.standard_normal((rows, len(NAMES))) * 10.0 ** rng.integers(-9, 9, (rows, len(NAMES)))
+    values[:, 0] = np.arange(rows) / 100
+    return [[repr(float(x)) for x in row] for row in values]
+
+
+def written(path: Path, rows: list[list[str]], *, header: list[str] = NAMES, sep: str = ",", end: str = "\n", last: str = "\n") -> Path:
+    text = end.join(sep.join(row) for row in [header, *rows]) + last
+    path.write_bytes(text.encode())
+    return path
+
+
+def outcome(work: Callable[[], Any]) -> list[Log] | str:
+    """The logs, or what the error says."""
+    try:
+        return list(work())
+    except DataError as error:
+        return str(error)
+
+
+def alike(path: Path, robot: Robot, folder: Path, columns: dict[str, Any] | None = None, missing: str = "refuse") -> list[Log] | str:
+    """Both ways' outcome, which must be the same."""
+    whole = outcome(lambda: read_logs(path, robot, columns, missing=missing, extra=False))
+    stored = outcome(lambda: [log.read(0, len(log)) for log in store_logs(path, folder, Reading(robot, columns, missing, jobs=2))])
+    if isinstance(whole, str) or isinstance(stored, str):
+        assert stored == whole
+        return stored
+    assert [log.name for log in stored] == [log.name for log in whole]
+    for a, b in zip(whole, stored, strict=True):
+        assert a.notes == b.notes
+        for x, y in ((a.t, b.t), (a.q, b.q), (a.dq, b.dq), *((a.tau[k], b.tau[k]) for k in a.tau)):
+            assert (x is None) == (y is None)
+            if x is not None and y is not None:
+                assert np.array_equal(x, y, equal_nan=True)
+        assert set(a.tau) == set(b.tau)
+    return stored
+
+
+PLAIN: dict[str, dict[str, str]] = {
+    "line feeds": {},
+    "CRLF": {"end": "\r\n", "last": "\r\n"},
+    "no last line feed": {"last": ""},
+    "CRLF, no last one": {"end": "\r\n", "last": ""},
+    "semicolons": {"sep": ";"},
+    "tabs": {"sep": "\t"},
+    "blanks behind commas": {"sep": ", "},
+    "blank lines at the end": {"last": "\n\n\n"},
+}
+
+
+@pytest.mark.parametrize("kind", PLAIN)
+def test_plain_tables(kind: str, robot: Robot, tmp_path: Path, reader: str) -> None:
+    path = written(tmp_path / "log.csv", numbers(), **PLAIN[kind])  # type: ignore[arg-type]
+    found = alike(path, robot, tmp_path / "scratch")
+    assert not isinstance(found, str)
+    assert len(found[0]) == 120
+    if reader == "compiled":
+        # Nothing here is odd enough to need another reader.
+        header = read_header(path)
+        plan = resolve_columns(header.names, JointNames(robot.joint_names, tuple(j.prismatic for j in robot.joints)))
+        body = path.read_bytes().split(b"\n", 1)[1]
+        assert TextParser(path, header, plan)._plain(memoryview(body)) is not None
+
+
+def field(row: int, column: int, text: str) -> Callable[[list[list[str]]], None]:
+    def change(rows: list[list[str]]) -> None:
+        rows[row][column] = text
+
+    return change
+
+
+def line(row: int, fields: list[str]) -> Callable[[list[list[str]]], None]:
+    return lambda rows: rows.insert(row, fields)
+
+
+ODD: dict[str, Callable[[list[list[str]]], Any]] = {
+    "empty torque": field(70, 6, ""),
+    "blank torque": field(70, 6, "  "),
+    "nan torque": field(70, 6, "nan"),
+    "NaN in the last column": field(70, 8, "NaN"),
+    "null torque": field(70, 6, "null"),
+    "NA torque": field(70, 6, "NA"),
+    "infinite torque": field(70, 6, "inf"),
+    "plus sign": field(70, 6, "+1.5"),
+    "quoted number": field(70, 6, '"1.25"'),
+    "bare point": field(70, 6, "5."),
+    "leading point": field(70, 6, "-.5"),
+    "capital exponent": field(70, 6, "1E-3"),
+    "too large": field(70, 6, "1e999"),
+    "too small": field(70, 6, "1e-999"),
+    "subnormal": field(70, 6, "4.9e-324"),
+    "forty digits": field(70, 6, "0.1234567890123456789012345678901234567890"),
+    "half way between two": field(70, 6, "9007199254740993"),
+    "hexadecimal": field(70, 6, "0x10"),
+    "underscore": field(70, 6, "1_000"),
+    "decimal comma": field(70, 6, "1,5"),
+    "text": field(70, 6, "oops"),
+    "number and text": field(70, 6, "1.5 N"),
+    "lone sign": field(70, 6, "-"),
+    "empty position": field(70, 3, ""),
+    "empty time": field(70, 0, ""),
+    "block of missing positions": lambda rows: [row.__setitem__(2, "") for row in rows[40:70]],
+    "blank line": line(60, [""]),
+    "line of commas": line(60, [""] * len(NAMES)),
+    "too few fields": lambda rows: rows[80].__delitem__(slice(5, None)),
+    "too many fields": lambda rows: rows[80].append("1.0"),
+    "repeated header": line(60, list(NAMES)),
+    "comment between": line(60, ["# a comment"]),
+    "cut off in the last line": lambda rows: (rows[-1].__delitem__(slice(4, None)), field(-1, 3, "0.12")(rows)),
+    "line ends within quotes": field(70, 6, '"1.0\n"'),
+    "not UTF-8 but in a number": field(70, 6, "µ"),
+    "time starts again": lambda rows: [row.__setitem__(0, repr(i % 60 / 100)) for i, row in enumerate(rows)],
+    "time runs backwards": lambda rows: rows.insert(90, rows.pop(30)),
+    "repeated stamp": lambda rows: rows[50].__setitem__(0, rows[49][0]),
+    "gap": lambda rows: rows.__delitem__(slice(40, 70)),
+}
+
+
+@pytest.mark.parametrize("kind", ODD)
+def test_odd_tables(kind: str, robot: Robot, tmp_path: Path) -> None:
+    rows = numbers()
+    ODD[kind](rows)
+    for missing in ("refuse", "gap") if "position" in kind else ("refuse",):
+        alike(written(tmp_path / "log.csv", rows), robot, tmp_path / missing, missing=missing)
+
+
+@pytest.mark.parametrize(
+    ("kind", "line", "what"), [("text", 72, "'tau2'"), ("too many fields", 82, "10 fields"), ("repeated header", 62, "'t'")]
+)
+def test_errors_name_line_and_column(kind: str, line: int, what: str, robot: Robot, tmp_path: Path) -> None:
+    rows = numbers()
+    ODD[kind](rows)
+    found = alike(written(tmp_path / "log.csv", rows), robot, tmp_path / "scratch")
+    assert isinstance(found, str)
+    assert f"line {line} " in found
+    assert what in found
+
+
+def test_headers(robot: Robot, tmp_path: Path) -> None:
+    long = [*NAMES, *(f"a_rather_long_name_of_a_column_that_nobody_needs_{i}" for i in range(300))]
+    wide = [[*row, *("word" for _ in range(300))] for row in numbers(40)]
+    quoted = [f'"{name}"' for name in NAMES]
+    for i, (header, rows) in enumerate(((long, wide), (quoted, numbers()))):
+        found = alike(written(tmp_path / f"{i}.csv", rows, header=header), robot, tmp_path / f"{i}")
+        assert not isinstance(found, str)
+    for i, lead in enumerate((b"\xef\xbb\xbf", b"# comment\n# another, with commas\n", b"\n\n", b"# CRLF\r\n")):
+        path = written(tmp_path / "led.csv", numbers())
+        path.write_bytes(lead + path.read_bytes())
+        found = alike(path, robot, tmp_path / f"led-{i}")
+        assert not isinstance(found, str)
+
+
+def test_units_mapping_and_joints_without_torque(robot: Robot, tmp_path: Path) -> None:
+    header = ["time_ms", *(f"q{j + 1}" + ("_deg" if j else "_mm") for j in range(JOINTS)), "tau1", "load", "note", "angle"]
+    rows = [[*row[:7], "text", row[8]] for row in numbers()]
+    for row in rows:
+        row[0] = repr(1000 * float(row[0]))
+    path = written(tmp_path / "log.csv", rows, header=header)
+    assert not isinstance(alike(path, robot, tmp_path / "a"), str)
+    columns = {"q2": {"column": "angle", "scale": -2.0, "offset": 0.25}, "tau2": {"column": "load", "scale": 0.5}}
+    assert not isinstance(alike(path, robot, tmp_path / "b", columns), str)
+    # One column that is used twice.
+    twice = {"tau2": "load", "tau3": "load"}
+    assert not isinstance(alike(path, robot, tmp_path / "c", twice), str)
+
+
+@pytest.mark.parametrize(("suffix", "squeeze"), [(".bz2", bz2.compress), (".xz", lzma.compress)])
+def test_compressed(suffix: str, squeeze: Callable[[bytes], bytes], robot: Robot, tmp_path: Path) -> None:
+    plain = written(tmp_path / "log.csv", numbers())
+    path = tmp_path / f"log.csv{suffix}"
+    path.write_bytes(squeeze(plain.read_bytes()))
+    assert not isinstance(alike(path, robot, tmp_path / "a"), str)
+    path.write_bytes(squeeze(plain.read_bytes())[:-40])
+    found = alike(path, robot, tmp_path / "b")
+    assert isinstance(found, str)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_whatever_is_struck_out_or_typed_in(data: st.DataObject, robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A few characters of a table changed anywhere: the same arrays or the same error."""
+    folder = tmp_path_factory.mktemp("typed")
+    text = bytearray(written(folder / "log.csv", numbers(30)).read_bytes())
+    start = text.index(b"\n") + 1
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(start, len(text) - 1))
+        gone = data.draw(st.integers(0, 3))
+        text[at : at + gone] = data.draw(st.text("0123456789.,;-+eE \t\nnaN\"'#x", max_size=3)).encode()
+    (folder / "log.csv").write_bytes(bytes(text))
+    alike(folder / "log.csv", robot, folder / "scratch")
