@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from .result import Drift
 
 if TYPE_CHECKING:
     from ..diagnosis.selection import Found, Stage
+    from ..effect import Effect
 
 Array = np.ndarray
 #: Free parameters must foretell blocks that they were not fitted to better, by this many standard errors.
@@ -20,7 +22,9 @@ _SURE = 3.0
 #: Structure that is a smaller share of what is left is of no account, however sure it is: no model is exact.
 LEAST_SHARE = 0.01
 #: A residual is as usual up to this multiple (rms) of what the fit left on its own logs: motions differ, and so does what models lack.
-_USUAL = 1.2
+_USUAL = 1.5
+#: More effects than these on one joint that the model never had are the imitators of something that the catalogue lacks.
+_MOST_NEW = 2
 #: A residual's size tells most where it is largest: below this excess kurtosis it is no matter of a few moments.
 _BURSTS = 3.0
 
@@ -94,6 +98,24 @@ def _in_time(frame: KnownFrame, j: int) -> str:
     spread = float(np.mean(x**2))
     kurtosis = float(np.mean(x**4)) / spread**2 - 3.0 if spread > 0 else 0.0
     return "in bursts" if kurtosis > _BURSTS else "like noise"
+
+
+def crowds(effects: Sequence[Effect]) -> tuple[Drift, ...]:
+    """Joints on which too many effects that the model never had would have appeared at once."""
+    names: dict[str, list[str]] = {}
+    for effect in effects:
+        for joint in effect.joints or ():
+            names.setdefault(joint, []).append(effect.name)
+    return tuple(
+        Drift(
+            joint,
+            "several effects at once",
+            f"{joint}: {len(own)} effects that the model never had ({', '.join(own)}) account for it only together; more likely it is one"
+            " that the catalogue lacks",
+        )
+        for joint, own in names.items()
+        if len(own) > _MOST_NEW
+    )
 
 
 def trust(frame: KnownFrame, rows: Array, evidence: float) -> float:

@@ -60,7 +60,7 @@ class Change(Finding):
         where = on(place_of(self.effect, self.joints))
         first = self.parameters[0]
         if self.how == How.CHANGED and len(self.parameters) == 1 and first.before is not None:
-            verb = "grew" if first.value * first.before > 0 else "fell"
+            verb = "grew" if abs(first.before + first.value) > abs(first.before) else "fell"
             share = f" ({100 * abs(first.value / first.before):.0f} %)" if first.before else ""
             size = f"{abs(first.value):.4g} ± {first.std:.2g} {first.unit}{share}"
             return f"{self.effect.title}{where} {verb} by {size}, from {first.before:.4g} to {first.before + first.value:.4g}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ from ..problem import Problem
 from ..torque_error import TorqueError
 from .candidates import own_changes
 from .frame import KnownFrame, noise_of
-from .left import LEAST_SHARE, drifts, noises, trust
+from .left import LEAST_SHARE, crowds, drifts, noises, trust
 from .reference import Reference
 from .result import Change, ChangedParameter, How, Monitoring
 from .search import ChangeSearch, determined, surplus
@@ -34,6 +35,8 @@ Array = np.ndarray
 _MOST = 8
 #: Rivals less probable than this are not named; nothing is surer than the upper bound, for the catalogue may lack the true one.
 _NAMED, _SUREST = 0.01, 0.99
+#: What is left of the confidence in one of too many changes on a joint.
+_CROWDED = 0.4
 
 
 def monitor(
@@ -151,13 +154,17 @@ class _Watch:
         total = float(frame.heldout_loss[:-1].sum()) + sum(found.judged.evidence for found in self.found)
         changes, torque = [], np.zeros_like(self.whole.tau)
         whole = Motions(Problem(self.estimate.model, self.whole, reference=self.estimate.all_values))
+        crowded = crowds([found.effect for found in self.found if found.judged.hit.candidate not in self.own])
         for item, start in zip(self.found, ends[len(self.nuisance) :], strict=False):
             part = slice(int(start), int(start) + len(item.effect.parameters(self.estimate.model.robot)))
             std = np.where(known[part], np.sqrt(np.maximum(np.diag(covariance)[part], 0.0)), np.inf)
-            changes.append(self._change(item, values[part], std, total, frame))
+            change = self._change(item, values[part], std, total, frame)
+            if {c.joint for c in crowded} & set(change.joints):
+                change = replace(change, confidence=_CROWDED * change.confidence)
+            changes.append(change)
             torque += whole.columns(item.effect) @ values[part]
         residual = self.estimate.residual(self.whole)
-        unexplained = (*drifts(frame), *noises(stage, tuple(self.found)))
+        unexplained = (*drifts(frame), *noises(stage, tuple(self.found)), *crowded)
         changes.sort(key=lambda c: -c.evidence)
         verdict = "unchanged" if not changes else "ambiguous" if any(c.ambiguous for c in changes) else "changed"
         self._step(1.0)

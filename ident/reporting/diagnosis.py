@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..places import on, place_of
 from ..transmission import Side
 from .document import Figure, Kind, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from .replayed import replay_sections
@@ -41,7 +42,7 @@ def diagnosis_report(d: Diagnosis, *, replay: bool = True) -> Report:
 
 def headline(d: Diagnosis) -> str:
     """The verdict in one line."""
-    named = "; ".join(f"{f.name}{' on ' + joined(f.joints) if f.joints else ''}" for f in d.findings)
+    named = "; ".join(f"{f.name}{on(place_of(f.effect, f.joints))}" for f in d.findings)
     left = joined(dict.fromkeys(u.joint for u in d.unexplained))
     return {
         "clean": "Clean: nothing beyond the declared model is supported by the data",
@@ -59,7 +60,7 @@ def _data(d: Diagnosis) -> str:
 def _findings(d: Diagnosis) -> list[Section]:
     rows = []
     for i, f in enumerate(d.findings, 1):
-        head: tuple[str, ...] = (f"{i}. {f.name}", f.effect.title, joined(f.joints) or "whole robot")
+        head: tuple[str, ...] = (f"{i}. {f.name}", f.effect.title, place_of(f.effect, f.joints) or "whole robot")
         tail = (f"{f.confidence:.2f}", f"{percent(f.heldout_gain, 1)} %")
         for p in f.parameters:
             rows.append((*head, p.name, uncertain(p.value, p.std), p.unit, *tail))
@@ -122,7 +123,7 @@ def _axes(d: Diagnosis) -> list[Section]:
             f"Residual on {data} data. Left: of the declared model. Middle: what is left after the refit, with the effect"
             " put back, and the effect itself. Right: what is left. Lines: means over bins; grey: noise floor (± 1 std)."
         )
-        title = f"{number}. {finding.effect.title}{' on ' + joined(finding.joints) if finding.joints else ''}"
+        title = f"{number}. {finding.effect.title}{on(place_of(finding.effect, finding.joints))}"
         out.append(Figure(f"finding_{number}_{finding.name}", title, caption, tuple(panels), columns=3))
     return out
 
@@ -190,8 +191,8 @@ def _worst(d: Diagnosis) -> list[int]:
 def _imitators(d: Diagnosis) -> list[Section]:
     rows = [
         (
-            f"{i}. {f.name}{' on ' + joined(f.joints) if f.joints else ''}",
-            f"{m.effect}{' on ' + joined(m.joints) if m.joints else ''}",
+            f"{i}. {f.name}{on(place_of(f.effect, f.joints))}",
+            f"{m.effect}{on(joined(m.joints))}",
             f"{m.confidence:.3f}",
         )
         for i, f in enumerate(d.findings, 1)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..places import on, place_of
 from .document import Figure, Kind, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from .rows import Timeline
 
@@ -34,8 +35,8 @@ def monitoring_report(found: Monitoring) -> Report:
 def _changes(found: Monitoring) -> list[Section]:
     rows: list[tuple[str, ...]] = []
     for i, change in enumerate(found.changes, 1):
-        rivals = joined(f"{m.effect}{' on ' + joined(m.joints) if m.joints else ''} ({m.confidence:.2f})" for m in change.imitators)
-        head: tuple[str, ...] = (f"{i}. {change.effect.title} {change.how.value}", joined(change.joints) or "whole robot")
+        rivals = joined(f"{m.effect}{on(joined(m.joints))} ({m.confidence:.2f})" for m in change.imitators)
+        head: tuple[str, ...] = (f"{i}. {change.effect.title} {change.how.value}", place_of(change.effect, change.joints) or "whole robot")
         tail: tuple[str, ...] = (f"{change.confidence:.2f}", f"{percent(change.heldout_gain, 1)} %")
         for p in change.parameters:
             before, after = ("", "") if p.before is None else (plain(p.before, 4), plain(p.before + p.value, 4))

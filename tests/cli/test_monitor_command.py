@@ -101,3 +101,62 @@ def test_refusals(ident, world, tmp_path):
     ran = ident("monitor", "--fit", fit, "--log", tmp_path / "short.csv", "--quiet")
     assert ran.code == DATA
     assert "longer log" in ran.err or "too" in ran.err
+
+
+@pytest.fixture(scope="module")
+def imperfect(tmp_path_factory):
+    """A fit whose model never had the viscous friction of the elbow that depends on direction; its log and a new one, alike in that."""
+    from ident import Robot, make_effect
+    from ident import friction as fr
+    from ident.cli import main
+
+    folder = tmp_path_factory.mktemp("imperfect")
+    (folder / "arm.urdf").write_text(ARM)
+    robot = Robot.from_urdf(folder / "arm.urdf")
+    model = robot.rigid_body() + fr.Viscous() + fr.Coulomb() + make_effect("asymmetric_viscous", joints=["elbow"])
+    values = np.concatenate([robot.nominal, *TRUTH, [0.1]])
+    for seed, name in enumerate(("fit", "new")):
+        write_csv(folder / f"{name}.csv", analytic_log(model, values, 60 + seed, seconds=20.0, noise=5e-3))
+    flags = ("--urdf", str(folder / "arm.urdf"), "--log", str(folder / "fit.csv"), "--validate", str(folder / "new.csv"))
+    assert main(["fit", *flags, *FRICTION, "--quiet", "--out", str(folder / "result")]) == 0
+    return folder
+
+
+def test_what_the_model_never_had_is_no_change(ident, imperfect, tmp_path):
+    """The fit names its own log, which is still there: what shows in both is known, not new."""
+    flags = ("monitor", "--fit", imperfect / "result" / "fit.json", "--log", imperfect / "new.csv", "--quiet", "--json")
+    ran = ident(*flags)
+    assert ran.json["known"] == ["asymmetric_viscous on elbow"]
+    assert ran.json["changes"] == []
+    assert "in the logs of the fit too: asymmetric_viscous on elbow" in ran.err
+    # The same from a copy, named with --reference, when the fit's own log is gone; and without any, it counts as a change.
+    kept = (imperfect / "fit.csv").read_bytes()
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(kept)
+    (imperfect / "fit.csv").unlink()
+    try:
+        named = ident(*flags, "--reference", copy)
+        alone = ident(*flags)
+    finally:
+        (imperfect / "fit.csv").write_bytes(kept)
+    assert named.json["known"] == ["asymmetric_viscous on elbow"]
+    assert named.json["warnings"] == []
+    assert alone.json["known"] == []
+    assert [(c["effect"], c["joints"]) for c in alone.json["changes"]] == [("asymmetric_viscous", ["elbow"])]
+    assert any("--reference" in w for w in alone.json["warnings"])
+
+
+def test_knocks_are_no_known_change(ident, world, tmp_path):
+    """Something knocks against the arm: outside the catalogue, so it is said to be unexplained, and no name is given with confidence."""
+    rows = (world / "same.csv").read_text().splitlines()
+    head, table = rows[0].split(","), np.array([[float(x) for x in row.split(",")] for row in rows[1:]])
+    t, rng = table[:, 0], np.random.default_rng(5)
+    knocks = sum(s * np.exp(-0.5 * ((t - at) / 0.05) ** 2) for at, s in zip(rng.uniform(1, 19, 12), rng.normal(size=12), strict=True))
+    column = head.index("tau3")
+    table[:, column] += 0.5 * np.sqrt(np.mean(table[:, column] ** 2)) * knocks
+    write_csv(tmp_path / "knocked.csv", dict(zip(head, table.T, strict=True)))
+    ran = ident("monitor", "--fit", world / "result" / "fit.json", "--log", tmp_path / "knocked.csv", "--quiet", "--json")
+    assert ran.json["verdict"] == "unexplained"
+    assert "elbow" in {u["joint"] for u in ran.json["unexplained"]}
+    assert "times as large as on the fit's own logs" in ran.err
+    assert all(c["confidence"] < 0.5 for c in ran.json["changes"])
