@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
 from .cutoff import CutoffChoice
 from .errors import DataError
 from .filters import RowFilter
-from .masks import Saturation, find_saturation
+from .masks import Saturation, Standstill, find_saturation
 from .prepared import JointReport, PreparationReport, Signals
 from .resample import bridge
 from .robot import Robot
@@ -72,19 +72,8 @@ def assemble(
     inputs: tuple[dict[str, str], ...],
 ) -> Signals:
     """Concatenate runs, mask rows, report. Raises DataError if nothing is left."""
-    need = len(row_filter.taps) if row_filter else 1
-    kept = [d for d in derived if len(d) >= need]
-    warnings = list(dict.fromkeys(note for r in recordings for note in r.notes))
-    if not kept:
-        longest = max(len(r) for r in uniform.runs) / uniform.rate
-        # Transients at both ends (measured where something was left between them), and the length of the rows' filter.
-        ends = max((len(d.run) - len(d) for d in derived if len(d)), default=math.ceil(6 / cutoff * uniform.rate))
-        raise DataError(
-            f"the longest run without a gap lasts {longest:.3g} s: too short for a cut-off of {cutoff:.3g} Hz, whose filters need"
-            f" about {(ends + need) / uniform.rate:.2g} s. Record longer runs, or raise cutoff_hz."
-        )
-    if len(kept) < len(derived):
-        warnings.append(f"{len(derived) - len(kept)} of {len(derived)} stretches are shorter than the filters and are left out.")
+    kept, short = long_enough(derived, max(len(r) for r in uniform.runs), uniform.rate, cutoff, row_filter)
+    warnings = [*dict.fromkeys(note for r in recordings for note in r.notes), *short]
     edges = np.cumsum([0, *(len(d) for d in kept)]).tolist()
     runs = tuple(slice(a, b) for a, b in itertools.pairwise(edges))
     t = _joined([d.run.t[d.samples] for d in kept])
@@ -132,18 +121,8 @@ def assemble(
         turning = np.concatenate(reached) > _TURNING_SHARE
     tau[lost["torque missing"]] = np.nan
     warnings += _warnings(robot, still_joint, rule is not None, cut, prep.saturated, valid, lost)
-    raised = [f"{robot.joint_names[j]} {allowed[j]:.0%}" for j in range(robot.n) if rule is not None and allowed[j] > rule.share]
-    if raised:
-        warnings.append(
-            "reversals follow each other closely for this cut-off; to keep enough rows, some that rest on standstill in part are used"
-            f" ({', '.join(raised)} of their weight at most). Coulomb friction may be off by a few per cent;"
-            " a higher cut-off shortens the rows."
-        )
-    if rule is not None and still_joint.all():
-        raise DataError(
-            "no joint moves: every speed stays within the noise of its position. There is nothing to identify a motion's model from."
-            " For logs of standstill alone, prepare them with standstill = false."
-        )
+    warnings += raised_shares(robot, rule, allowed)
+    require_motion(rule, still_joint)
     joints = tuple(
         JointReport(
             s.name,
@@ -175,6 +154,59 @@ def assemble(
     return Signals(
         robot, t, q, dq, ddq, torque, tau, valid, runs, names, uniform.rate, row_filter, report, inputs, origins, turning=turning
     )
+
+
+class _HasRun(Protocol):
+    """A run with derivatives, as long as what is left of `run`."""
+
+    @property
+    def run(self) -> Sized: ...
+
+    def __len__(self) -> int: ...
+
+
+_D = TypeVar("_D", bound=_HasRun)
+
+
+def long_enough(
+    derived: Sequence[_D], longest: int, rate: float, cutoff: float, row_filter: RowFilter | None
+) -> tuple[list[_D], list[str]]:
+    """Those runs that the rows' filter fits into, and a warning of the others. `longest`: samples of the longest run at `rate` (Hz).
+
+    Raises DataError if none is left."""
+    need = len(row_filter.taps) if row_filter else 1
+    kept = [d for d in derived if len(d) >= need]
+    if not kept:
+        # Transients at both ends (measured where something was left between them), and the length of the rows' filter.
+        ends = max((len(d.run) - len(d) for d in derived if len(d)), default=math.ceil(6 / cutoff * rate))
+        raise DataError(
+            f"the longest run without a gap lasts {longest / rate:.3g} s: too short for a cut-off of {cutoff:.3g} Hz, whose filters need"
+            f" about {(ends + need) / rate:.2g} s. Record longer runs, or raise cutoff_hz."
+        )
+    left_out = len(derived) - len(kept)
+    return kept, [f"{left_out} of {len(derived)} stretches are shorter than the filters and are left out."] if left_out else []
+
+
+def raised_shares(robot: Robot, rule: Standstill | None, allowed: Array) -> list[str]:
+    """What to say where the share of standstill that a row may hold, `allowed` (n,), was raised beyond the rule's."""
+    raised = [f"{name} {allowed[j]:.0%}" for j, name in enumerate(robot.joint_names) if rule is not None and allowed[j] > rule.share]
+    if not raised:
+        return []
+    text = (
+        "reversals follow each other closely for this cut-off; to keep enough rows, some that rest on standstill in part are used"
+        f" ({', '.join(raised)} of their weight at most). Coulomb friction may be off by a few per cent;"
+        " a higher cut-off shortens the rows."
+    )
+    return [text]
+
+
+def require_motion(rule: Standstill | None, still: Array) -> None:
+    """Raises DataError where no joint moves (`still` (n,) bool) and that is looked for."""
+    if rule is not None and still.all():
+        raise DataError(
+            "no joint moves: every speed stays within the noise of its position. There is nothing to identify a motion's model from."
+            " For logs of standstill alone, prepare them with standstill = false."
+        )
 
 
 def _joined(parts: list[Array]) -> Array:

@@ -123,19 +123,22 @@ def uniform_runs(recordings: Sequence[Recording], rate: float | None, longest_ga
             run, lost = _uniform(rec, part, rate)
             thinned += lost
             runs.append(run if len(parts) == 1 else replace(run, name=f"{rec.name} [{k + 1}]"))
+    text = resampling_text(len(runs), sum(r.interpolated for r in runs), rate, [(len(r.t), r.clock) for r in recordings], gaps, thinned)
+    return Resampling(tuple(runs), rate, text, gaps, thinned)
+
+
+def resampling_text(runs: int, uneven: int, rate: float, recordings: Sequence[tuple[int, Clock]], gaps: int, thinned: int) -> str:
+    """What became of the time stamps, in words: of `runs` stretches at `rate` (Hz), `uneven` are interpolated. `recordings`: samples and
+    clock of each. Raises DataError where there is no stretch."""
     if not runs:
-        longest = max(len(rec.t) for rec in recordings)
+        longest = max(samples for samples, _ in recordings)
         if longest < 32:
             raise DataError(f"the longest log has {longest} samples: too few to differentiate. Record longer runs.")
         raise DataError("no stretch of the logs is long enough: the time stamps have gaps everywhere. See `ident check`.")
-    uneven = sum(r.interpolated for r in runs)
-    clocks = [r.clock for r in recordings]
-    text = f"even, {rate:.6g} Hz" if not uneven else (
-        f"{uneven} of {len(runs)} stretches resampled to {rate:.6g} Hz (steps vary by {max(c.jitter / c.step for c in clocks):.1%} rms)"
-    )  # fmt: skip
+    jitter = max(clock.jitter / clock.step for _, clock in recordings)
+    text = f"{uneven} of {runs} stretches resampled to {rate:.6g} Hz (steps vary by {jitter:.1%} rms)" if uneven else f"even, {rate:.6g} Hz"
     text += f"; {gaps} gap{'s' * (gaps > 1)} cut the runs" if gaps else ""
-    text += f"; {thinned} samples too close to the one before left out" if thinned else ""
-    return Resampling(tuple(runs), rate, text, gaps, thinned)
+    return text + (f"; {thinned} samples too close to the one before left out" if thinned else "")
 
 
 def _uniform(rec: Recording, part: slice, rate: float) -> tuple[UniformRun, int]:

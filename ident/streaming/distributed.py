@@ -59,7 +59,7 @@ def _result(future: Any, piece: Any) -> Any:
         return future.result()
     except IdentError:
         raise
-    except Exception as error:  # whatever a worker died of
+    except Exception as error:  # not narrower: a worker dies of anything (killed, connection lost, an error of its own); chained
         raise DataError(f"{_named(piece)}: the cluster's worker failed ({type(error).__name__}: {error}).") from error
 
 

@@ -13,7 +13,7 @@ from ..errors import ConfigurationError, DataError
 from ..logs import measured
 from ..resample import Clock, bridge, common_rate, flag_at, interpolate, thin
 from ..robot import Robot
-from ..uniform import UniformRun
+from ..uniform import UniformRun, resampling_text
 from .clock import clock_of, deviation, longer_steps
 from .disk import PASS, DiskArray, DiskWriter
 from .stored import StoredLog
@@ -178,18 +178,7 @@ def stored_runs(
             run, lost = _uniform(rec, part, rate, name, folder / f"even-{i}-{part.start}-{part.stop}")
             thinned += lost
             runs.append(run)
-    if not runs:
-        longest = max(len(rec.t) for rec in recordings)
-        if longest < 32:
-            raise DataError(f"the longest log has {longest} samples: too few to differentiate. Record longer runs.")
-        raise DataError("no stretch of the logs is long enough: the time stamps have gaps everywhere. See `ident check`.")
-    uneven = sum(r.interpolated for r in runs)
-    clocks = [r.clock for r in recordings]
-    text = f"even, {rate:.6g} Hz" if not uneven else (
-        f"{uneven} of {len(runs)} stretches resampled to {rate:.6g} Hz (steps vary by {max(c.jitter / c.step for c in clocks):.1%} rms)"
-    )  # fmt: skip
-    text += f"; {gaps} gap{'s' * (gaps > 1)} cut the runs" if gaps else ""
-    text += f"; {thinned} samples too close to the one before left out" if thinned else ""
+    text = resampling_text(len(runs), sum(r.interpolated for r in runs), rate, [(len(r.t), r.clock) for r in recordings], gaps, thinned)
     return StoredResampling(tuple(runs), rate, text)
 
 

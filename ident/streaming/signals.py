@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from ..cutoff import HIGHEST, CutoffChoice
-from ..errors import ConfigurationError, DataError, UnsupportedError
+from ..errors import ConfigurationError, UnsupportedError
 from ..model import Model
 from ..preparation import Preparation, Recorded, Velocity
 from ..prepared import JointReport, PreparationReport, Signals
 from ..robot import Robot
-from ..rows import _half_gain, _warnings
+from ..rows import _half_gain, _warnings, long_enough, raised_shares, require_motion
 from .columns import can_filter
 from .decisions import Part, decide
 from .motion import Derivation, DerivedRun, Stretch
@@ -151,18 +150,8 @@ class Streaming:
         """The chunked counterpart of `ident.rows.assemble`."""
         row_filter, cutoff, rule = derivation.row_filter, derivation.cutoff, prep.standstill
         derived = [derivation.of(run) for run in even.runs]
-        need = len(row_filter.taps) if row_filter else 1
-        kept = [d for d in derived if len(d) >= need]
-        warnings = list(dict.fromkeys(note for r in recordings for note in r.notes))
-        if not kept:
-            longest = max(len(r) for r in even.runs) / even.rate
-            ends = max((len(d.run) - len(d) for d in derived if len(d)), default=math.ceil(6 / cutoff * even.rate))
-            raise DataError(
-                f"the longest run without a gap lasts {longest:.3g} s: too short for a cut-off of {cutoff:.3g} Hz, whose filters need"
-                f" about {(ends + need) / even.rate:.2g} s. Record longer runs, or raise cutoff_hz."
-            )
-        if len(kept) < len(derived):
-            warnings.append(f"{len(derived) - len(kept)} of {len(derived)} stretches are shorter than the filters and are left out.")
+        kept, short = long_enough(derived, max(len(r) for r in even.runs), even.rate, cutoff, row_filter)
+        warnings = [*dict.fromkeys(note for r in recordings for note in r.notes), *short]
         size = derivation.piece
         pieces = [Part(d, a, min(a + size, len(d))) for d in kept for a in range(0, len(d), size)]
         decisions = decide(robot, kept, pieces, rule, choice, cutoff, self.workers)
@@ -182,12 +171,8 @@ class Streaming:
         tau = facts.tau
         tau[facts.missing] = np.nan
         warnings += _warnings(robot, decisions.still, rule is not None, decisions.saturation, prep.saturated, valid, lost)
-        warnings += _raised(robot, rule.share if rule is not None else 1.0, allowed, rule is not None)
-        if rule is not None and decisions.still.all():
-            raise DataError(
-                "no joint moves: every speed stays within the noise of its position. There is nothing to identify a motion's model from."
-                " For logs of standstill alone, prepare them with standstill = false."
-            )
+        warnings += raised_shares(robot, rule, allowed)
+        require_motion(rule, decisions.still)
         joints = tuple(
             JointReport(
                 s.name, s.noise, s.suggested_hz, float(decisions.top[j]), float(decisions.threshold[j]), int(valid[:, j].sum()),
@@ -281,15 +266,3 @@ def _gathered(work: MakeRows, parts: Sequence[RowPart], shape: tuple[int, ...], 
         if progress is not None:
             progress(min(1.0, part.place.stop / max(1, shape[0])))
     return whole
-
-
-def _raised(robot: Robot, share: float, allowed: Array, looked: bool) -> list[str]:
-    raised = [f"{robot.joint_names[j]} {allowed[j]:.0%}" for j in range(robot.n) if looked and allowed[j] > share]
-    if not raised:
-        return []
-    text = (
-        "reversals follow each other closely for this cut-off; to keep enough rows, some that rest on standstill in part are used"
-        f" ({', '.join(raised)} of their weight at most). Coulomb friction may be off by a few per cent;"
-        " a higher cut-off shortens the rows."
-    )
-    return [text]
