@@ -29,12 +29,14 @@ CUTOFF = 20.0
 @dataclass(frozen=True)
 class Scale:
     """How much is done. `lanes` runs of `seconds` make one data set; `seeds` of the torque-driven, slow and closed-loop one;
+    `deciding_seeds` of the first, on which the requirements on instrumental variables are judged;
     `recursion`: runs of the recursion; `validation` runs; `sizes`: runs for the data that a method needs; `points`: values of every
     quantity along which degradation is followed; `postures` of every test of the plans; `control_rate` Hz of the torque-driven
     motion; `everything`: all methods, and each of
     them simulated forward; else one of each kind."""
 
     seeds: int
+    deciding_seeds: int
     slow_seeds: int
     loop_seeds: int
     lanes: int
@@ -49,11 +51,11 @@ class Scale:
 
 
 FULL = Scale(
-    seeds=12, slow_seeds=4, loop_seeds=6, lanes=12, seconds=5.0, recursion=126, validation=16, sizes=(1, 2, 4, 8, 16, 32), points=4,
+    seeds=12, deciding_seeds=48, slow_seeds=4, loop_seeds=6, lanes=12, seconds=5.0, recursion=126, validation=16, sizes=(1, 2, 4, 8, 16, 32), points=4,
     postures=3, control_rate=1000.0, everything=True,
 )  # fmt: skip
 SHORT = Scale(
-    seeds=2, slow_seeds=0, loop_seeds=1, lanes=2, seconds=4.0, recursion=3, validation=2, sizes=(1, 2), points=2, postures=2,
+    seeds=2, deciding_seeds=2, slow_seeds=0, loop_seeds=1, lanes=2, seconds=4.0, recursion=3, validation=2, sizes=(1, 2), points=2, postures=2,
     control_rate=400.0,
     everything=False,
 )  # fmt: skip

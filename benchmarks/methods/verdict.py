@@ -49,6 +49,7 @@ class Criterion:
     in_interval: float
     error: float
     uncertainty: float
+    coverage: float
 
     @property
     def bias_passes(self) -> bool:
@@ -70,11 +71,21 @@ class Criterion:
         """For a table."""
         return [
             self.group, f"{self.bias:.2f}", f"{self.bias_least_squares:.0f}", _told(self.bias_passes), f"{self.in_interval:.2f}",
-            _told(self.interval_passes), f"{self.error:.2f} ± {self.uncertainty:.2f}", _told(self.error_passes),
+            _told(self.interval_passes), f"{self.error:.3f} ± {self.uncertainty:.3f}", _told(self.error_passes), f"{100 * self.coverage:.1f}",
         ]  # fmt: skip
 
 
-CRITERION_HEAD = ["IV against LS on the same raw data", "bias IV", "bias LS", "≤ 1/5", "bias / interval", "≤ 1", "error / bound", "≤ 1.15"]
+CRITERION_HEAD = [
+    "IV against LS on the same raw data",
+    "bias IV",
+    "bias LS",
+    "≤ 1/5",
+    "bias / interval",
+    "≤ 1",
+    "error / bound",
+    "≤ 1.15",
+    "coverage %",
+]
 
 
 def _told(passes: bool) -> str:
@@ -84,7 +95,8 @@ def _told(passes: bool) -> str:
 def criteria(iv: Trials, ls: Trials, groups: Mapping[str, Sequence[int]]) -> list[Criterion]:
     """The requirements, group by group."""
     return [
-        Criterion(name, iv.bias(g), ls.bias(g), iv.bias_in_intervals(g), iv.error(g), iv.error_uncertainty(g)) for name, g in groups.items()
+        Criterion(name, iv.bias(g), ls.bias(g), iv.bias_in_intervals(g), iv.error(g), iv.error_uncertainty(g), iv.coverage(g))
+        for name, g in groups.items()
     ]
 
 
