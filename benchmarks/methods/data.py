@@ -51,13 +51,12 @@ class Scale:
 
 
 FULL = Scale(
-    seeds=12, deciding_seeds=48, slow_seeds=4, loop_seeds=6, lanes=12, seconds=5.0, recursion=126, validation=16, sizes=(1, 2, 4, 8, 16, 32), points=4,
-    postures=3, control_rate=1000.0, everything=True,
+    seeds=12, deciding_seeds=48, slow_seeds=4, loop_seeds=6, lanes=12, seconds=5.0, recursion=126, validation=16,
+    sizes=(1, 2, 4, 8, 16, 32), points=4, postures=3, control_rate=1000.0, everything=True,
 )  # fmt: skip
 SHORT = Scale(
-    seeds=2, deciding_seeds=2, slow_seeds=0, loop_seeds=1, lanes=2, seconds=4.0, recursion=3, validation=2, sizes=(1, 2), points=2, postures=2,
-    control_rate=400.0,
-    everything=False,
+    seeds=2, deciding_seeds=2, slow_seeds=0, loop_seeds=1, lanes=2, seconds=4.0, recursion=3, validation=2, sizes=(1, 2), points=2,
+    postures=2, control_rate=400.0, everything=False,
 )  # fmt: skip
 #: Samples per second of the validation motion.
 _VALIDATION_RATE = 400.0

@@ -71,7 +71,8 @@ class Criterion:
         """For a table."""
         return [
             self.group, f"{self.bias:.2f}", f"{self.bias_least_squares:.0f}", _told(self.bias_passes), f"{self.in_interval:.2f}",
-            _told(self.interval_passes), f"{self.error:.3f} ± {self.uncertainty:.3f}", _told(self.error_passes), f"{100 * self.coverage:.1f}",
+            _told(self.interval_passes), f"{self.error:.3f} ± {self.uncertainty:.3f}", _told(self.error_passes),
+            f"{100 * self.coverage:.1f}",
         ]  # fmt: skip
 
 
