@@ -51,18 +51,7 @@ class Recording:
         torque = measured(log, robot.transmission)
         notes += torque.notes
         missing = ~np.isfinite(torque.torque)
-        absent = [name for j, name in enumerate(robot.joint_names) if missing[:, j].all()]
-        partly = [
-            f"{name} ({int(missing[:, j].sum())})"
-            for j, name in enumerate(robot.joint_names)
-            if missing[:, j].any() and not missing[:, j].all()
-        ]
-        if absent:
-            notes.append(f"log {log.name}: no torque of {', '.join(absent)}: their rows are not used.")
-        if partly:
-            notes.append(f"log {log.name}: torque is missing in some samples of {', '.join(partly)}; rows that rest on them are not used.")
-        if len(absent) == robot.n:
-            raise DataError(f"log {log.name}: the torque columns hold no number.")
+        notes += torque_notes(log.name, robot, missing.sum(axis=0), len(log))
         return cls(
             log.name,
             log.t,
@@ -74,6 +63,18 @@ class Recording:
             tuple(dict.fromkeys(notes)),
             log.began,
         )
+
+
+def torque_notes(name: str, robot: Robot, missing: Array, samples: int) -> list[str]:
+    """What to say of a log whose joints lack torque in `missing` (n,) of its samples. Raises DataError where there is none at all."""
+    absent = [joint for joint, count in zip(robot.joint_names, missing, strict=True) if count == samples]
+    partly = [f"{joint} ({int(count)})" for joint, count in zip(robot.joint_names, missing, strict=True) if 0 < count < samples]
+    if len(absent) == robot.n:
+        raise DataError(f"log {name}: the torque columns hold no number.")
+    notes = [f"log {name}: no torque of {', '.join(absent)}: their rows are not used."] if absent else []
+    if partly:
+        notes.append(f"log {name}: torque is missing in some samples of {', '.join(partly)}; rows that rest on them are not used.")
+    return notes
 
 
 @dataclass(frozen=True, eq=False)

@@ -180,8 +180,12 @@ def _record(writers: Mapping[str, DiskWriter], state: _State, record: Path) -> N
 
 
 def _present(table: dict[str, Array], side: str, sources: Mapping[int, str], state: _State) -> dict[str, Array]:
-    """The rows with a time stamp and every position; the others are noted."""
+    """The rows with a time stamp and every position, torque finite or NaN; the other rows are noted."""
     first = state.place.rows
+    for name, values in table.items():
+        # Infinite torque is as good as none, as in `ident.uniform.Recording`.
+        if name.startswith("tau_") and not (known := np.isfinite(values)).all():
+            values[~known] = np.nan
     good = np.isfinite(table["t"])
     positions = np.isfinite(table[side])
     if good.all() and positions.all():

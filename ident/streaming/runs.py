@@ -13,7 +13,7 @@ from ..errors import ConfigurationError, DataError
 from ..logs import measured
 from ..resample import Clock, bridge, common_rate, flag_at, interpolate, thin
 from ..robot import Robot
-from ..uniform import UniformRun, resampling_text
+from ..uniform import UniformRun, resampling_text, torque_notes
 from .clock import clock_of, deviation, longer_steps
 from .disk import PASS, DiskArray, DiskWriter
 from .stored import StoredLog
@@ -49,16 +49,8 @@ class StoredRecording:
             notes.append(f"log {log.name}: positions of {names} jump by a full turn; they are taken as continuous.")
             log = replace(log, arrays={**log.arrays, "q": unwrapped(log.arrays["q"], jumping, folder / f"{_plain(log.name)}.q")}, blocks=())
         notes += notes_of_torque
-        none = survey.missing == survey.rows
-        absent = [name for j, name in enumerate(robot.joint_names) if none[j]]
-        partly = [f"{name} ({int(survey.missing[j])})" for j, name in enumerate(robot.joint_names) if survey.missing[j] and not none[j]]
-        if absent:
-            notes.append(f"log {log.name}: no torque of {', '.join(absent)}: their rows are not used.")
-        if partly:
-            notes.append(f"log {log.name}: torque is missing in some samples of {', '.join(partly)}; rows that rest on them are not used.")
-        if len(absent) == robot.n:
-            raise DataError(f"log {log.name}: the torque columns hold no number.")
-        return cls(log, robot, clock_of(log.t), tuple(dict.fromkeys(notes)), none)
+        notes += torque_notes(log.name, robot, survey.missing, survey.rows)
+        return cls(log, robot, clock_of(log.t), tuple(dict.fromkeys(notes)), survey.missing == survey.rows)
 
     @property
     def name(self) -> str:

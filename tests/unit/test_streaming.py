@@ -112,6 +112,7 @@ def damaged(kind: str, table: dict[str, Array]) -> dict[str, Array]:
         out["tau_m2"][700:705] = np.nan
         out["tau_m4"][3000:3900] = np.nan
         out["tau_m5"][:] = np.nan
+        out["tau_m1"][2000:2003] = np.inf, -np.inf, np.nan
     elif kind == "position holes":
         out["q3"][1000:1004] = np.nan
     elif kind == "jitter":
