@@ -173,11 +173,21 @@ class Effect(ABC):
         None: the effect stays a term of the model."""
         return None
 
-    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
-        """Why fitted values (k,) with these standard deviations cannot be those of such an effect; "" if nothing speaks against them.
+    def response(self, robot: Robot) -> Array | None:
+        """Values (k,) that the parameters must have for the effect to be what its shape says (a spring's whole response, a filter's own
+        lag); None: they are free."""
+        return None
 
-        Bounds of parameters are looked at elsewhere; this is for responses that must be near one, and the like."""
-        return ""
+    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
+        """Why fitted values (k,) with these standard deviations cannot be those of such an effect: a response that is not within
+        40 % (and 3 standard deviations) of what it must be; "" if nothing speaks against them. Bounds of parameters are looked
+        at elsewhere."""
+        right = self.response(robot)
+        if right is None:
+            return ""
+        share = np.asarray(values) / right
+        off = np.abs(share - 1.0) > 0.4 + 3.0 * np.asarray(std) / np.abs(right)
+        return f"the response is {float(share[int(np.argmax(off))]):.3g} times that of a {self.title}" if off.any() else ""
 
     def at(self, robot: Robot) -> list[int]:
         """Indices of the joints the effect sits on. Raises ConfigurationError for a name the robot does not have."""

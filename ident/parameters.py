@@ -29,7 +29,8 @@ class Parameter:
 class ShapeParameter:
     """One nonlinear parameter of an effect: the name of the effect's field that holds it, with bounds and prior.
 
-    `typical` is where a search starts; `log` says that the natural scale is logarithmic."""
+    `typical` is where a search starts; `log` says that the natural scale is logarithmic; `points`: of a first grid over the search
+    range (0: as many as the search sees fit)."""
 
     name: str
     unit: str
@@ -37,3 +38,4 @@ class ShapeParameter:
     upper: float
     typical: float
     log: bool = False
+    points: int = 0

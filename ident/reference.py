@@ -63,30 +63,40 @@ class Reference:
 
         return motion.remembered(("inertia", self, direction.tobytes()), compute)
 
-    def sensitivity(self, motion: Motion, direction: Array, *, link_only: bool = False) -> tuple[Array, Array, Array]:
-        """Derivatives of the predicted torque (measured side), or of the load alone (joint side), when the joints' positions,
-        velocities, accelerations move along `direction` (n,): three arrays (N, n).
+    def sensitivity(
+        self, motion: Motion, direction: Array, *, link_only: bool = False, acting: Side | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Derivatives of the predicted torque (measured side), of the load alone (joint side), or of what acts on one side alone (on that
+        side), when the joints' positions, velocities, accelerations move along `direction` (n,): three arrays (N, n).
 
         Central differences; directions of motion are held (`Coordinates.direction`)."""
 
         def compute() -> tuple[Array, Array, Array]:
             robot, own = self.model.robot, motion.joint
-            side = Side.JOINT if link_only else robot.transmission.measured
+            side = acting or (Side.JOINT if link_only else robot.transmission.measured)
             slopes = []
             for name, h in _STEPS.items():
                 ends = []
                 for step in (h, -h):
                     there = replace(own, **{name: getattr(own, name) + step * direction})
-                    ends.append(self.part(motion.moved(robot, there), side, link_only=link_only))
+                    ends.append(self.part(motion.moved(robot, there), side, link_only=link_only, acting=acting))
                 slopes.append((ends[0] - ends[1]) / (2.0 * h))
             return slopes[0], slopes[1], slopes[2]
 
-        return motion.remembered(("sensitivity", self, direction.tobytes(), link_only), compute)
+        return motion.remembered(("sensitivity", self, direction.tobytes(), link_only, acting), compute)
 
-    def along(self, motion: Motion, direction: Array, shift: tuple[Array, Array, Array], *, link_only: bool = False) -> Array:
-        """First-order change (N, n) of the predicted torque (measured side), or of the load alone (joint side), when the joints move
-        away along `direction` (n,) by `shift`: a distance and its two time derivatives, (N,) each."""
-        slopes = self.sensitivity(motion, direction, link_only=link_only)
+    def along(
+        self,
+        motion: Motion,
+        direction: Array,
+        shift: tuple[Array, Array, Array],
+        *,
+        link_only: bool = False,
+        acting: Side | None = None,
+    ) -> Array:
+        """First-order change (N, n) of what `sensitivity` differentiates when the joints move away along `direction` (n,) by `shift`:
+        a distance and its two time derivatives, (N,) each."""
+        slopes = self.sensitivity(motion, direction, link_only=link_only, acting=acting)
         return sum(slope * x[:, None] for slope, x in zip(slopes, shift, strict=True))
 
     def part(

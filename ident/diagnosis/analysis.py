@@ -10,6 +10,7 @@ import numpy as np
 from ..cutoff import HIGHEST
 from ..prepared import Signals
 from ..transmission import Side
+from .motion_noise import less_noise
 
 if TYPE_CHECKING:
     from ..logs import LogSet
@@ -25,8 +26,14 @@ _SLOW = 0.02
 
 
 def analysis_signals(signals: Signals, held: Signals | None) -> tuple[Signals, Signals | None]:
-    """Fit and held-out signals for a diagnosis. Prepared anew, with a wider band, where the cut-off was not given and the logs are
-    at hand; else as they are. Effects that act fast are not seen in the narrow band that suits parameters."""
+    """Fit and held-out signals for a diagnosis: in a wide band, the noise in the motion taken out as far as can be."""
+    signals, held = in_wide_band(signals, held)
+    return less_noise(signals), None if held is None else less_noise(held)
+
+
+def in_wide_band(signals: Signals, held: Signals | None) -> tuple[Signals, Signals | None]:
+    """Both prepared anew, with a wider band, where the cut-off was not given and the logs are at hand; else as they are. Effects
+    that act fast are not seen in the narrow band that suits parameters."""
     if signals.source is None or signals.report.config.get("cutoff_hz") is not None or signals.report.cutoff_hz is None:
         return signals, held
     if held is not None and held.source is None:

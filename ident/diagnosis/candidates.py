@@ -20,10 +20,9 @@ from ..transmission import Side
 if TYPE_CHECKING:
     from ..robot import Robot
 
-#: Points of the first grid over a shape parameter alone, over each of two, and of an effect whose columns take an integration.
+#: Points of the first grid over a shape parameter that does not say how many, alone and beside another.
 _POINTS_ALONE = 12
 _POINTS_TOGETHER = 6
-_POINTS_COSTLY = 5
 
 
 @dataclass(frozen=True)
@@ -105,23 +104,20 @@ def _choices(place: Effect) -> Iterator[Effect]:
 
 
 def _shapes(effect: Effect, motion: Motion, robot: Robot) -> Iterator[Effect]:
-    """A first grid. Where columns take an integration through the model, only shapes of a logarithmic scale are gridded."""
+    """A first grid."""
     parameters = effect.shape()
     if not parameters:
         yield effect
         return
     ranges = effect.search_range(motion, robot)
-    costly = len(parameters) > 1 and {Need.REFERENCE, Need.HISTORY} <= effect.needs
-    points = _POINTS_COSTLY if costly else _POINTS_ALONE if len(parameters) == 1 else _POINTS_TOGETHER
-    names, grids = [], []
+    usual = _POINTS_ALONE if len(parameters) == 1 else _POINTS_TOGETHER
+    grids = []
     for p in parameters:
-        if costly and not p.log:
-            continue
         low, high = ranges[p.name]
-        names.append(p.name)
+        points = p.points or usual
         grids.append(np.geomspace(low, high, points) if p.log and low > 0 else np.linspace(low, high, points))
     for values in itertools.product(*grids):
-        yield effect.with_shape(**{name: float(v) for name, v in zip(names, values, strict=True)})
+        yield effect.with_shape(**{p.name: float(v) for p, v in zip(parameters, values, strict=True)})
 
 
 __all__ = ["Candidate", "Side", "candidates"]

@@ -146,8 +146,9 @@ class Frame:
         total = float(_losses(self.gram, p.cross, p.own, theta, z).sum())
         return Score(gain, self.loss - total, z, -theta[:b])
 
-    def fit_gain(self, Z: Array) -> float:
-        """Fall of the loss when candidate columns (n, M, k) are added, nothing held out: cheap, for searching shapes."""
+    def fit_gain(self, Z: Array, values: Array | None = None) -> float:
+        """Fall of the loss when candidate columns (n, M, k) are added, nothing held out: cheap, for searching shapes. `values` (k,): what
+        their parameters are held at, the model's being refitted beside them."""
         X, r = self.columns, self.residual
         joints = live_joints(Z)
         if not len(joints):
@@ -156,6 +157,8 @@ class Frame:
         cross = X[joints].reshape(-1, X.shape[2]).T @ z
         own = z.T @ z - cross.T @ self._inverse_gram @ cross
         right = z.T @ r[joints].reshape(-1)
+        if values is not None:
+            return float(2.0 * right @ values - values @ own @ values)
         return float(right @ _solve(own, right, np.diag(z.T @ z)))
 
     @cached_property

@@ -1,9 +1,9 @@
 """The null: what a candidate seems to gain on logs that hold nothing but the model, its noise, and what preparing them does.
 
 Noise of the positions makes the regressor's accelerations noisy, filters attenuate, quick reversals smear: all of that leaves
-residuals that follow the motion, and some candidate will fit them. So the model's own prediction along the measured motion
-is taken for the truth, noise like that of the log is put on positions and torque, and the log so made is prepared and scored
-like the real one. What a candidate gains there, it gains for nothing."""
+residuals that follow the motion, and some candidate will fit them: its own columns hold the same noise. So the model's
+prediction along the measured motion is taken for the truth, noise like that of the log is put on positions and torque, and the
+log so made is prepared and scored like the real one. What a candidate gains there, it gains for nothing."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..errors import IdentError
 from ..problem import Problem
 from .analysis import without_reversals
 from .frame import Frame, Motions, raw_columns
+from .motion_noise import less_noise, position_noise
 from .search import Bank, Search
-from .whitening import plain_whitener, whitener
 
 if TYPE_CHECKING:
     from ..logs import LogSet
@@ -60,12 +60,8 @@ class Null:
         config = {**signals.report.config, **{key: value for key, value in cutoffs.items() if value is not None}}
         try:
             again = make_preparation(**config)(self._logs(np.random.default_rng([seed, 17])), signals.robot)
-            problem = Problem(self.problem.model, without_reversals(again), reference=self.problem.reference)
-            raw = raw_columns(problem)
-            frame = Frame.build(problem, plain_whitener(problem, problem.signals.tau), raw)
-            residual = problem.signals.tau - raw @ problem.base.base_values(_values(problem))
-            white = whitener(residual, problem.signals.valid, problem.signals.row_runs)
-            frame = Frame.build(problem, white, raw)
+            problem = Problem(self.problem.model, without_reversals(less_noise(again)), reference=self.problem.reference)
+            frame = Frame.build(problem, self.white.on(problem.signals.valid, problem.signals.row_runs), raw_columns(problem))
         except IdentError:
             return None
         return Search(frame, Motions(problem), (), Bank())
@@ -75,14 +71,13 @@ class Null:
 
         problem, signals = self.problem, self.problem.signals
         gain = 1.0 if signals.row_filter is None else float(np.sqrt(np.sum(np.asarray(signals.row_filter.taps) ** 2)))
-        jitter = np.array([j.noise if np.isfinite(j.noise) else 0.0 for j in signals.report.joints])
         side = signals.robot.transmission.measured.value
         logs = []
         for block, name in zip(signals.blocks(None), signals.run_names, strict=True):
             motion, part = problem.motion(block.samples), block.samples
             tau = problem.model.torque(motion, _values(problem)) + self.white.std / gain * rng.normal(size=signals.q[part].shape)
             tau = np.where(np.isfinite(signals.torque[part]), tau, np.nan)
-            q = signals.q[part] + jitter * rng.normal(size=tau.shape)
+            q = signals.q[part] + position_noise(signals) * rng.normal(size=tau.shape)
             logs.append(Log(name, signals.t[part], q=q, dq=signals.dq[part], ddq=signals.ddq[part], tau={side: tau}))
         return LogSet(tuple(logs), robot=signals.robot)
 

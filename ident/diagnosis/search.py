@@ -76,10 +76,16 @@ class Search:
         best: Hit | None = None
         for effect, columns in zip(variants, self.bank.columns(self.motions, variants), strict=True):
             Z = self.frame.whitened(columns)
-            gain = self.frame.fit_gain(Z)
-            if best is None or gain > best.fit_gain:
-                best = Hit(candidate, effect, gain, Z)
+            hit = self.hit(candidate, effect, Z)
+            if best is None or hit.fit_gain > best.fit_gain:
+                best = hit
         return best
+
+    def hit(self, candidate: Candidate, effect: Effect, Z: Array | None = None) -> Hit:
+        """A candidate at a shape. Where its parameters must have certain values, that is what they gain with these: a spring that is
+        too soft with half its response is not this spring, and would lead the search for the shape astray."""
+        Z = self.whitened(effect) if Z is None else Z
+        return Hit(candidate, effect, self.frame.fit_gain(Z, effect.response(self.robot)), Z)
 
     def refined(self, hit: Hit) -> Hit:
         """The same candidate at the shape that fits best, sought from a hit on."""
@@ -117,8 +123,7 @@ class Search:
         def value(x: float) -> float:
             if x not in found:
                 effect = hit.effect.with_shape(**{name: float(np.clip(back(x), low, high))})
-                Z = self.whitened(effect)
-                found[x] = Hit(hit.candidate, effect, self.frame.fit_gain(Z), Z)
+                found[x] = self.hit(hit.candidate, effect)
             return found[x].fit_gain
 
         ratio = 0.5 * (np.sqrt(5.0) - 1.0)

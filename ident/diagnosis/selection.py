@@ -248,8 +248,7 @@ def _hit_in(stage: Stage, found: Found) -> Hit | None:
         if type(variant) is type(found.effect) and variant.joints == found.effect.joints:
             shape = {p.name: getattr(found.effect, p.name) for p in variant.shape()}
             effect = variant.with_shape(**shape) if shape else variant
-            Z = stage.search.whitened(effect)
-            return Hit(candidate, effect, stage.frame.fit_gain(Z), Z)
+            return stage.search.hit(candidate, effect)
     return None
 
 

@@ -27,10 +27,17 @@ _MOST_ORDER = 12
 
 @dataclass(frozen=True, eq=False)
 class Whitener:
-    """`matrices` (one (M, M) sparse matrix a joint): rows that are not used are zero, in and out. `std` (n,): of the noise."""
+    """`matrices` (one (M, M) sparse matrix a joint): rows that are not used are zero, in and out. `std` (n,): of the noise;
+    `predictors`: for each joint its prediction-error filters of order 0, 1, … with the variance of their errors."""
 
     matrices: tuple[csr_array, ...]
     std: Array
+    predictors: tuple[list[tuple[Array, float]], ...]
+
+    def on(self, valid: Array, runs: Iterable[slice]) -> Whitener:
+        """The same noise on other rows: `valid` (M, n), the rows of each run."""
+        runs = list(runs)
+        return Whitener(tuple(_matrix(valid[:, j], runs, p) for j, p in enumerate(self.predictors)), self.std, self.predictors)
 
     def __call__(self, rows: Array, joint: int) -> Array:
         """Rows (M, …) of one joint, whitened."""
@@ -45,7 +52,7 @@ class Whitener:
 def whitener(residual: Array, valid: Array, runs: Iterable[slice]) -> Whitener:
     """From residuals (M, n) that hold noise and nothing else, `valid` (M, n) and the rows of each run."""
     runs = list(runs)
-    matrices, std = [], []
+    std, predictors = [], []
     for j in range(residual.shape[1]):
         x = np.where(valid[:, j], residual[:, j], np.nan)
         longest = max((r.stop - r.start for r in runs), default=1)
@@ -53,25 +60,17 @@ def whitener(residual: Array, valid: Array, runs: Iterable[slice]) -> Whitener:
         gamma, count = autocovariance(x[:, None][:, 0], runs, lags)
         if count == 0 or gamma[0] <= 0:
             gamma, lags = np.array([1.0]), 0
-        predictors = _predictors(gamma, count)
-        matrices.append(_matrix(valid[:, j], runs, predictors))
+        predictors.append(_predictors(gamma, count))
         std.append(float(np.sqrt(gamma[0])))
-    return Whitener(tuple(matrices), np.array(std))
+    return Whitener((), np.array(std), tuple(predictors)).on(valid, runs)
 
 
 def plain_whitener(problem: Problem, rows: Array) -> Whitener:
     """No colour: each joint's rows (M, n) over their spread."""
-    from scipy.sparse import diags_array
-
     valid = problem.signals.valid
-    std = np.ones(rows.shape[1])
-    found = []
-    for j in range(rows.shape[1]):
-        use = valid[:, j]
-        spread = float(np.sqrt(np.mean(rows[use, j] ** 2))) if use.any() else 1.0
-        std[j] = spread if spread > 0 else 1.0
-        found.append(diags_array(np.where(use, 1.0 / std[j], 0.0)).tocsr())
-    return Whitener(tuple(found), std)
+    power = np.sum(np.where(valid, rows, 0.0) ** 2, axis=0) / np.maximum(valid.sum(axis=0), 1)
+    std = np.where(power > 0, np.sqrt(power), 1.0)
+    return Whitener((), std, tuple([(np.ones(1), float(s) ** 2)] for s in std)).on(valid, problem.signals.row_runs)
 
 
 def _predictors(gamma: Array, count: int) -> list[tuple[Array, float]]:

@@ -78,21 +78,43 @@ class GearCoupling(Effect):
     def columns(self, motion: Motion, robot: Robot) -> Array:
         reference = motion.needed_reference(f"effect {self.name!r}")
         transmission = robot.transmission
-        links = reference.part(motion, Side.JOINT, acting=Side.JOINT)
-        motion = replace(motion, load=reference.load(motion))
+        measured = transmission.measured
+        links = motion.remembered(("acting on joints", reference), lambda: reference.part(motion, Side.JOINT, acting=Side.JOINT))
+        loaded = replace(motion, load=motion.remembered(("load", reference), lambda: reference.load(motion)))
         pairs = self.pairs(robot)
         out = np.zeros((len(motion), robot.n, len(pairs)))
         for column, (i, j) in enumerate(pairs):
-            size = float(np.linalg.norm(transmission.K[i]))
-            h = _STEP * size / max(1.0, float(np.abs(motion.motor.q[:, j]).max(initial=0.0)))
-            ends = []
-            for step in (h, -h):
-                K = transmission.K.copy()
-                K[i, j] += step
-                ends.append(self._reading(motion, reference, robot.with_transmission(replace(transmission, K=K)), links))
-            slope = (ends[0] - ends[1]) / (2.0 * h)
-            out[:, :, column] = transmission.torque(slope, transmission.measured, self.side)
+            entry = np.zeros_like(transmission.K)
+            entry[i, j] = 1.0
+            # τ_m = Kᵀ τ: the motor sees the torque of the joint it now moves.
+            slope = links @ entry if measured == Side.MOTOR else np.zeros_like(links)
+            if self.encoder == Side.MOTOR:
+                # The joint moves by as much more as the motor turns.
+                motor = motion.motor
+                shift = (motor.q[:, j], motor.dq[:, j], motor.ddq[:, j])
+                more = reference.along(motion, np.eye(robot.n)[i], shift, acting=Side.JOINT)
+                slope = slope + transmission.torque(more, Side.JOINT, measured)
+            slope = slope + self._drive(loaded, reference, entry, (i, j))
+            out[:, :, column] = transmission.torque(slope, measured, self.side)
         return out
+
+    def _drive(self, motion: Motion, reference: Reference, entry: Array, pair: tuple[int, int]) -> Array:
+        """Slope (N, n), measured side, of what acts on the motors, over an entry of K, at the motion that was measured."""
+        robot = reference.model.robot
+        transmission, (i, j) = robot.transmission, pair
+        size = float(np.linalg.norm(transmission.K[i]))
+        h = _STEP * size / max(1.0, float(np.abs(motion.motor.q[:, j]).max(initial=0.0)))
+        ends = []
+        for step in (h, -h):
+            other = robot.with_transmission(replace(transmission, K=transmission.K + step * entry))
+            if self.encoder == Side.JOINT:
+                there = replace(motion.moved(other, motion.joint), load=motion.load)
+            else:
+                motor, drive = motion.motor, other.transmission
+                joint = Coordinates(drive.joint_position(motor.q), drive.joint_rate(motor.dq), drive.joint_rate(motor.ddq))
+                there = replace(motion.moved(other, joint), motor=motor)
+            ends.append(reference.part(there, transmission.measured, other, acting=Side.MOTOR))
+        return (ends[0] - ends[1]) / (2.0 * h)
 
     def applied(self, robot: Robot, values: Array) -> Robot:
         """The robot with the entries found in its transmission."""
@@ -100,20 +122,6 @@ class GearCoupling(Effect):
         for (i, j), value in zip(self.pairs(robot), values, strict=True):
             K[i, j] += value
         return robot.with_transmission(replace(robot.transmission, K=K))
-
-    def _reading(self, motion: Motion, reference: Reference, robot: Robot, links: Array) -> Array:
-        """Torque (N, n) on the measured side behind another transmission, at the motion that was measured."""
-        transmission, motor = robot.transmission, motion.motor
-        measured = transmission.measured
-        if self.encoder == Side.JOINT:
-            # The links move as before: only what sits on the motors changes.
-            there = replace(motion.moved(robot, motion.joint), load=motion.load)
-        else:
-            q, dq, ddq = transmission.joint_position(motor.q), transmission.joint_rate(motor.dq), transmission.joint_rate(motor.ddq)
-            there = replace(motion.moved(robot, Coordinates(q, dq, ddq)), motor=motor)
-            links = reference.part(there, Side.JOINT, robot, acting=Side.JOINT)
-        drive = reference.part(there, measured, robot, acting=Side.MOTOR)
-        return transmission.torque(links, Side.JOINT, measured) + drive
 
 
 @register

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -10,13 +11,16 @@ import numpy as np
 from ..effect import Axis, Effect, Need, register
 from ..errors import ConfigurationError
 from ..motion import Motion
-from ..parameters import Parameter
+from ..parameters import LINK_UNITS, Parameter
 from ..transmission import Side
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
 Array = np.ndarray
+#: Random positions at which columns are compared, and the share from which on one counts as there.
+_POSITIONS = 40
+_SHOWN = 1e-8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,23 +60,32 @@ class BaseTilt(_Mounting):
 
     The axes are x and y of the base if gravity is along its z; else x (or the base axis squarest to gravity) made square to
     gravity, and the one square to both. τ = Σ tilt_i ∂τ/∂tilt_i, with gravity in the base's frame turned by −tilt; first
-    order in the tilt."""
+    order in the tilt. A tilted base also shows first moments that no torque showed before (those of what turns about a vertical
+    axis): each is a parameter of its own, its product with a tilt."""
 
     name: ClassVar[str] = "base_tilt"
     title: ClassVar[str] = "tilted base"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         self.gravity(robot)
-        return tuple(Parameter(f"tilt{axis}{self.label}", "rad", self.name) for axis in "xy")
+        shown = [Parameter(f"tilt{'xy'[m.axis]}_{m.name}{self.label}", m.unit, self.name) for m in newly_shown(robot)]
+        return (*(Parameter(f"tilt{axis}{self.label}", "rad", self.name) for axis in "xy"), *shown)
 
     def fields(self, robot: Robot) -> list[Array]:
-        gravity = self.gravity(robot)
-        return [-np.cross(axis, gravity) for axis in tilt_axes(gravity)]
+        return tilt_fields(self.gravity(robot))
+
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        from ..reference import Reference
+
+        rigid, fields = robot.rigid_body(), self.fields(robot)
+        torque = [Reference(rigid, m.inertia).gravity(motion, fields[m.axis]) for m in newly_shown(robot)]
+        more = [robot.transmission.torque(t, Side.JOINT, self.side)[:, :, None] for t in torque]
+        return np.concatenate([super().columns(motion, robot), *more], axis=2)
 
     def applied(self, robot: Robot, values: Array) -> Robot:
         """The robot in the tilted field, gravity as strong as before."""
         gravity = self.gravity(robot)
-        turn = np.asarray(values) @ np.stack(tilt_axes(gravity))
+        turn = np.asarray(values)[:2] @ np.stack(tilt_axes(gravity))
         return robot.with_gravity(_rotated(gravity, -turn).tolist())
 
 
@@ -95,6 +108,54 @@ class GravityMagnitude(_Mounting):
     def applied(self, robot: Robot, values: Array) -> Robot:
         """The robot in the field of the magnitude found."""
         return robot.with_gravity((self.gravity(robot) + self.fields(robot)[0] * float(values[0])).tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """Link parameters (10 nb,) that no torque shows while the base is level, per unit of the one called `name` (`unit`), and the
+    tilt (0, 1) that shows them."""
+
+    axis: int
+    name: str
+    unit: str
+    inertia: Array
+
+
+@lru_cache(maxsize=32)
+def newly_shown(robot: Robot) -> tuple[Moment, ...]:
+    """What only a tilted base shows: independent combinations of link parameters that the declared robot's torques do not hold."""
+    from scipy.linalg import qr
+
+    from ..regressor.structural import base_set
+
+    base = base_set(robot)
+    width = base.matrix.shape[1]
+    hidden = np.setdiff1d(np.arange(width), base.kept)
+    inertia = np.zeros((len(hidden), width))
+    inertia[np.arange(len(hidden)), hidden] = 1.0
+    inertia[:, base.kept] = -base.matrix[:, hidden].T
+    # Gravity acts on masses and first moments alone.
+    inertia, hidden = inertia[(hidden % 10) < 4], hidden[(hidden % 10) < 4]
+    rigid, rng = robot.rigid_body(), np.random.default_rng(0)
+    q = rng.uniform(-3.0, 3.0, (_POSITIONS, robot.n))
+    columns, size = [], 0.0
+    for field in tilt_fields(np.array(robot.model.gravity.linear, float)):
+        there = robot.with_gravity(field.tolist())
+        phi = rigid.effects[0].columns(Motion.of(there, q, np.zeros_like(q), np.zeros_like(q)), there).reshape(-1, width)
+        columns.append(phi @ inertia.T)
+        size = max(size, float(np.abs(phi).max()))
+    A = np.concatenate(columns, axis=1)
+    if not A.size or np.abs(A).max() <= _SHOWN * size:
+        return ()
+    _, R, order = qr(A, mode="economic", pivoting=True)
+    rank = int(np.sum(np.abs(np.diag(R)) > _SHOWN * abs(R[0, 0])))
+    found = [divmod(int(i), len(hidden)) for i in sorted(order[:rank])]
+    return tuple(Moment(axis, base.parameters[hidden[i]], LINK_UNITS[hidden[i] % 10], inertia[i]) for axis, i in found)
+
+
+def tilt_fields(gravity: Array) -> list[Array]:
+    """Change of gravity (3,) in the base's frame per unit of either tilt."""
+    return [-np.cross(axis, gravity) for axis in tilt_axes(gravity)]
 
 
 def tilt_axes(gravity: Array) -> tuple[Array, Array]:

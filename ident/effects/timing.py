@@ -12,31 +12,47 @@ from ..correction import SignalCorrection
 from ..effect import Axis, JointEffect, Nature, Need, register
 from ..motion import Coordinates, Motion
 from ..parameters import ShapeParameter
-from .compliance import off_one
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
 Array = np.ndarray
+#: Delays below this share of a sample are slopes; up to _TOLD s the slope is allowed to be any; and the longest looked for, s.
+_SHORT = 1e-3
+_TOLD = 1e-4
+_LONGEST = 0.06
 
 
 @register
 @dataclass(frozen=True, kw_only=True)
 class Delay(JointEffect):
-    """A torque reading that is late by d: τ(t − d) − τ(t) ≈ −d dτ/dt, τ as the model predicts it.
+    """A torque reading that is late by d, or early (d < 0: the positions are late): delay × (τ(t − d) − τ(t)) / d, τ as predicted.
 
-    First order in d: apply the finding and refit to converge."""
+    `late` is d; near 0 the column is −dτ/dt, and delay is then what fits in first order. It equals d where this is what happens."""
 
     name: ClassVar[str] = "delay"
     title: ClassVar[str] = "delay between motion and torque"
     axis: ClassVar[Axis] = Axis.TIME
     nature: ClassVar[Nature] = Nature.SENSOR
     needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE, Need.NEIGHBOURS})
-    symbols = (("delay", "s", 0.0),)
+    symbols = (("delay", "s", -np.inf),)
+
+    late: float = 0.0
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (ShapeParameter("late", "s", -1.0, 1.0, 0.0),)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
-        rate = motion.needed_rate(f"effect {self.name!r}")
-        yield -derivative(motion.predicted_on(self.side)[:, at], rate)
+        torque, rate = motion.predicted_on(self.side)[:, at], motion.needed_rate(f"effect {self.name!r}")
+        shifted = abs(self.late) * rate > _SHORT
+        yield (delayed(torque, self.late, rate) - torque) / self.late if shifted else -derivative(torque, rate)
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        return self.bounded(late=(-_LONGEST, _LONGEST))
+
+    def response(self, robot: Robot) -> Array | None:
+        """The delay itself, unless it is too short to be told from a slope."""
+        return np.full(len(self.at(robot)), self.late) if abs(self.late) > _TOLD else None
 
     def applied(self, robot: Robot, values: Array) -> SignalCorrection:
         delay = np.zeros(robot.n)
@@ -71,9 +87,9 @@ class FilterLag(JointEffect):
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         return self.bounded(T=(0.3 / motion.rate, 0.2)) if motion.rate > 0.0 else self.bounded()
 
-    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
-        """The lag found must be that of the low-pass, unless both are too short to be told apart."""
-        return off_one(self.title, np.asarray(values) / self.T, np.asarray(std) / self.T)
+    def response(self, robot: Robot) -> Array:
+        """The lag of the low-pass."""
+        return np.full(len(self.at(robot)), self.T)
 
     def applied(self, robot: Robot, values: Array) -> SignalCorrection:
         lag = np.zeros(robot.n)
@@ -89,6 +105,16 @@ def derivative(x: Array, rate: float) -> Array:
     if len(x) >= 5:
         out[2:-2] = (8.0 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / 12.0
     return out * rate
+
+
+def delayed(x: Array, seconds: float, rate: float) -> Array:
+    """Uniform samples x (N, m) as they were `seconds` before (after, if negative): cubic splines, held beyond both ends."""
+    from scipy.interpolate import CubicSpline
+
+    if len(x) < 4:
+        return x
+    at = np.arange(len(x), dtype=float)
+    return np.asarray(CubicSpline(at, x)(np.clip(at - seconds * rate, 0.0, at[-1])))
 
 
 def low_pass(x: Array, T: float, rate: float) -> Array:

@@ -13,7 +13,6 @@ from ..correction import SignalCorrection
 from ..effect import Axis, JointEffect, Nature, Need, choice, register
 from ..motion import Coordinates, Motion
 from ..parameters import ShapeParameter
-from .compliance import off_one
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -125,9 +124,9 @@ class Saturation(JointEffect):
         # Nothing stands out: no limit below the largest torque is worth a look.
         return self.bounded(limit=(low, high) if high > low else (top, 2.0 * top))
 
-    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
-        """Beyond the limit the reading must exceed the torque one to one."""
-        return off_one(self.title, values, std)
+    def response(self, robot: Robot) -> Array:
+        """Beyond the limit the reading exceeds the torque one to one."""
+        return np.ones(len(self.at(robot)))
 
     def applied(self, robot: Robot, values: Array) -> SignalCorrection | None:
         """What the drive delivered, from what the log shows. A reading that was cut off cannot be restored."""

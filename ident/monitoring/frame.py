@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..diagnosis.frame import Frame, Products, Score, raw_columns
-from ..diagnosis.whitening import Whitener, _matrix, _predictors
+from ..diagnosis.whitening import Whitener, _predictors
 from ..errors import DataError
 
 if TYPE_CHECKING:
@@ -156,13 +156,13 @@ def noise_of(estimate: Estimate, signals: Signals) -> Whitener:
     noise = estimate.noise
     impulse = np.zeros(_MEMORY)
     impulse[0] = 1.0
-    matrices, std = [], []
+    predictors, std = [], []
     for j, variance in enumerate(noise.variance):
         response = lfilter([1.0], noise.ar[j], impulse)
         shape = np.array([response[: len(response) - lag] @ response[lag:] for lag in range(_LAGS + 1)])
         level = float(variance) if variance > 0 else 1.0
         # A trace of white noise: rows behind a filter are never foretold as exactly as the model of their colour has it.
         gamma = level * shape / shape[0] * np.r_[1.0 + _TRACE, np.ones(_LAGS)]
-        matrices.append(_matrix(signals.valid[:, j], list(signals.row_runs), _predictors(gamma, estimate.samples)))
+        predictors.append(_predictors(gamma, estimate.samples))
         std.append(np.sqrt(level))
-    return Whitener(tuple(matrices), np.array(std))
+    return Whitener((), np.array(std), tuple(predictors)).on(signals.valid, signals.row_runs)
