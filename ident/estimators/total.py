@@ -12,8 +12,8 @@ from ..errors import ConfigurationError, UnsupportedError
 from ..information import Information, triangle
 from ..status import StatusCode
 from .base import Capability, Estimator, register
-from .batches import batch_gram
 from .least_squares import weighted_solution
+from .long_run import long_run_gram
 from .motion_noise import column_noise
 from .solution import LinearSolution, finish, full_values, sandwich
 
@@ -104,7 +104,7 @@ class TotalLeastSquares(Estimator):
             correction = eigenvalue * np.where(rows.valid, 1.0, 0.0) @ (share[:, None] * pull)
             return np.einsum("mj,mjb->mb", e * share, columns) + correction
 
-        gram = batch_gram(problem, score)
+        gram = long_run_gram(problem, score)
         covariance = sandwich(solution.root, gram)
         trace = {"regressor_noise": spread.tolist(), "eigenvalue": eigenvalue}
         code = StatusCode.OK if done else StatusCode.NOT_CONVERGED
