@@ -1,66 +1,51 @@
-"""Targets of the fast core against what is measured here, in one run: kernel, simulation step, import."""
+"""Targets of the fast core against what is measured here, in one run."""
 
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-import time
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-import ident
-from ident.controller import Script
-from ident.friction import Coulomb, RotorInertia, Viscous
-from ident.robots import nominal_values
-from ident.simulate import Plant
-
-from .kernel import best, floating_table, machine, puma_table, show
-
-#: Microseconds a sample or step; import in seconds.
-_TARGETS = {"Gram": 0.2, "QR-grade": 0.4, "step, single": 1.5, "step, batch of 8": 0.4, "floating": 8.0, "import": 0.5}
+from . import estimation, kernel, streaming
+from .table import Row, show, show_rows
+from .timing import machine
 
 
 def main(short: bool, folder: Path) -> int:
-    """Print measured value, target and their ratio; write `performance.json`. A missed target is no failure: timings depend on load."""
+    """Print every row as it is measured; write `performance.json`. A missed target is no failure: timings depend on load."""
     about = machine()
     print("  ".join(f"{k}: {v:.1f}" if isinstance(v, float) else f"{k}: {v}" for k, v in about.items()))
-    puma = puma_table(4096 if short else 8192)
-    show("PUMA 560, 52 parameters, one thread (us a sample)", [{**r, "ratio": r["their_us"] / r["us"]} for r in puma])
-    found = {"Gram": puma[1]["us"], "QR-grade": puma[2]["us"]}
-    found |= {"step, single": step_time(1), "step, batch of 8": step_time(8)}
-    for row in floating_table(1024 if short else 8192):
-        found["floating"] = row["gram_us"]
-    found["import"] = import_time()
-    table = [{"work": k, "measured": v, "target": _TARGETS[k], "measured / target": v / _TARGETS[k]} for k, v in found.items()]
-    show("targets", table)
-    text = json.dumps({"schema": "ident.benchmark.performance/1", "machine": about, "targets": table, "puma": puma}, indent=1)
-    (folder / "performance.json").write_text(text)
+    print(
+        "processor time of one thread unless threads are named; the best of rounds in which all that is compared has its turn\n", flush=True
+    )
+    rows: list[Row] = []
+
+    def add(found: list[Row]) -> None:
+        show_rows(found)
+        rows.extend(found)
+
+    add(kernel.information_rows(10_000 if short else 50_000, folder))
+    add(kernel.humanoid_row(8192))
+    add(estimation.simulation_rows())
+    add([estimation.recursion_row(12_000 if short else 120_000)])
+    add(estimation.instrument_rows(10_000 if short else 100_000))
+    add([estimation.import_row()])
+    add([streaming.memory_row(100_000 if short else 1_000_000)])
+    add(streaming.csv_rows([100_000] if short else [100_000, 1_000_000, 10_000_000], [1] if short else [1, 2]))
+    tables: dict[str, list[dict[str, Any]]] = {}
+
+    def table(title: str, found: list[dict[str, Any]]) -> None:
+        show(title, found)
+        tables[title] = found
+
+    table("PUMA 560, one thread (us a sample or call)", kernel.dynamics_table(8192))
+    table("information by kernel (us a sample, 8192 samples)", kernel.by_instruction_set(8192))
+    joints = [1, 6, 12] if short else [1, 2, 3, 4, 6, 7, 9, 12, 18, 24, 30, 36]
+    table("serial arms by joints (us a sample)", kernel.by_joints(joints))
+    sizes = [10_000, 100_000] if short else [10_000, 100_000, 1_000_000, 10_000_000]
+    table("PUMA 560 by samples and threads (us a sample)", kernel.by_samples(sizes, [1, 2]))
+    text = {"schema": "ident.benchmark.performance/2", "machine": about, "rows": [r.to_dict() for r in rows], "tables": tables}
+    (folder / "performance.json").write_text(json.dumps(text, indent=1))
+    met = [r for r in rows if r.target is not None]
+    print(f"\n{sum(not r.misses for r in met)} of {len(met)} targets met")
     return 0
-
-
-def step_time(lanes: int) -> float:
-    """Microseconds of a Runge-Kutta step of one run, dry friction in the model, no reversal on the way; NaN without the compiled kernel."""
-    robot = ident.load_robot("puma560")
-    model = robot.rigid_body() + RotorInertia() + Viscous() + Coulomb()
-    dynamics = Plant(model, nominal_values(model)).dynamics()
-    if dynamics.compiled is None:
-        return float("nan")
-    compiled, periods, substeps = dynamics.compiled, 20, 100
-    script = Script(robot.transmission.measured, np.zeros((periods, lanes, robot.n)))
-    speed = np.tile(robot.transmission.joint_rate(np.full(robot.n, 30.0)), (lanes, 1))
-    state = dynamics.start(np.zeros(lanes), np.zeros((lanes, robot.n)), speed)
-    steps = lanes * periods * substeps
-    return best(lambda: compiled.run(script, state, None, period=1e-6 * substeps, substeps=substeps), steps, budget=0.5)
-
-
-def import_time() -> float:
-    """Seconds of `import ident` in a new process beyond those of an empty one, best of three."""
-
-    def once(code: str) -> float:
-        start = time.perf_counter()
-        subprocess.run([sys.executable, "-c", code], check=True)
-        return time.perf_counter() - start
-
-    return min(once("import ident") for _ in range(3)) - min(once("pass") for _ in range(3))

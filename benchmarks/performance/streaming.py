@@ -1,0 +1,80 @@
+"""CSV to estimate by `ident fit`, streamed: seconds, and the largest memory of the process."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from .make_large_log import write
+from .table import Row
+
+_PEAK = "from benchmarks.performance.streaming import peak"
+
+
+def csv_rows(sizes: list[int], threads: list[int]) -> list[Row]:
+    """A fit of each size by each number of threads; files are written beside each other and removed."""
+    found = []
+    with tempfile.TemporaryDirectory(prefix="ident-benchmark-") as name:
+        folder = Path(name)
+        for rows in sizes:
+            log = folder / f"{rows}.csv"
+            write(log, rows)
+            size = log.stat().st_size
+            for jobs in threads:
+                found += _fit(log, rows, size, jobs)
+            log.unlink()
+    return found
+
+
+def _fit(log: Path, rows: int, size: int, jobs: int) -> list[Row]:
+    out = log.parent / "out"
+    command = ["fit", "--robot", "puma560", "--log", str(log), "--stream", "--jobs", str(jobs), "--out", str(out), "--quiet"]
+    seconds, memory = _run(command)
+    shutil.rmtree(out)
+    whole = rows == 10_000_000
+    threads = f"{jobs} thread" + "s" * (jobs > 1)
+    why = "start, audit, derivatives, rows and noise model each take their pass; half the time is parsing and writing what was parsed"
+    return [
+        Row(f"CSV of {rows} rows ({size / 1e9:.2g} GB) to estimate and report, {threads}", seconds, "s", 10.0 if whole else None, why=why),
+        Row(f"    its memory, {threads}", memory, "MB", 300.0, why="libraries alone take 200 MB"),
+    ]
+
+
+def _run(command: list[str]) -> tuple[float, float]:
+    """Seconds and largest resident memory (MB) of `ident` with these arguments, in a process of its own."""
+    code = f"import sys; from ident.cli import main; status = main(sys.argv[1:]); {_PEAK}; print('PEAK', peak()); sys.exit(status)"
+    start = time.perf_counter()
+    run = subprocess.run([sys.executable, "-c", code, *command], check=False, capture_output=True, text=True, env=dict(os.environ))
+    seconds = time.perf_counter() - start
+    if run.returncode != 0:
+        raise RuntimeError(f"ident {' '.join(command)} failed: {run.stderr[-2000:]}")
+    return seconds, next(float(line.split()[1]) for line in reversed(run.stdout.splitlines()) if line.startswith("PEAK"))
+
+
+def memory_row(samples: int) -> Row:
+    """Memory that the information of many samples takes beyond the samples themselves: the regressor is never written down."""
+    code = (
+        f"from benchmarks.performance.cases import puma; {_PEAK}; case = puma({samples}); case.information('triangle', 100);"
+        " before = peak(); case.information('triangle'); case.information('gram'); print(peak() - before)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    stacked = samples * 6 * 53 * 8 / 1e6
+    return Row(
+        f"memory of the information of {samples} samples beyond theirs", max(float(run.stdout.split()[-1]), 0.1), "MB",
+        others=(("the stacked matrix", stacked, None),),
+    )  # fmt: skip
+
+
+def peak() -> float:
+    """Largest resident memory of this process so far, MB. Linux's getrusage also counts that of the process it was started from."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        return float(next(line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM"))) / 1e3
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
