@@ -56,17 +56,35 @@ class Change(Finding):
     parameters: tuple[ChangedParameter, ...]
     how: How = How.CHANGED
 
-    def __str__(self) -> str:
-        where = on(place_of(self.effect, self.joints))
+    @property
+    def brief(self) -> str:
+        """In a few words: what, where, and its first parameter."""
         first = self.parameters[0]
-        if self.how == How.CHANGED and len(self.parameters) == 1 and first.before is not None:
-            verb = "grew" if abs(first.before + first.value) > abs(first.before) else "fell"
+        grown = self._grown(first)
+        if grown and first.before:
+            return f"{self.effect.title}{self._where} {grown} by {100 * abs(first.value / first.before):.0f} %"
+        return f"{self.effect.title}{self._where} {self.how.value}: {first}"
+
+    def __str__(self) -> str:
+        first = self.parameters[0]
+        grown = self._grown(first)
+        if grown and first.before is not None:
             share = f" ({100 * abs(first.value / first.before):.0f} %)" if first.before else ""
             size = f"{abs(first.value):.4g} ± {first.std:.2g} {first.unit}{share}"
-            return f"{self.effect.title}{where} {verb} by {size}, from {first.before:.4g} to {first.before + first.value:.4g}"
+            return f"{self.effect.title}{self._where} {grown} by {size}, from {first.before:.4g} to {first.before + first.value:.4g}"
         shown = [p for p in self.parameters if np.isfinite(p.std) and abs(p.value) > 2 * p.std][:_NAMED] or list(self.parameters[:1])
         more = "" if len(shown) == len(self.parameters) else " …"
-        return f"{self.effect.title}{where} {self.how.value}: {', '.join(map(str, shown))}{more}"
+        return f"{self.effect.title}{self._where} {self.how.value}: {', '.join(map(str, shown))}{more}"
+
+    @property
+    def _where(self) -> str:
+        return on(place_of(self.effect, self.joints))
+
+    def _grown(self, first: ChangedParameter) -> str:
+        """ "grew" or "fell", of a single parameter that was there before; "" else."""
+        if self.how != How.CHANGED or len(self.parameters) > 1 or first.before is None:
+            return ""
+        return "grew" if abs(first.before + first.value) > abs(first.before) else "fell"
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -146,7 +164,7 @@ def said(found: Monitoring) -> str:
     """The verdict in words."""
     return {
         "unchanged": "unchanged: the fit predicts the new logs as well as its own uncertainty lets expect",
-        "changed": "changed: " + "; ".join(map(str, found.changes)),
+        "changed": "changed: " + "; ".join(change.brief for change in found.changes),
         "ambiguous": "ambiguous: something changed, and two or more things account for it equally well",
         "unexplained": "unexplained: the fit does not predict the new logs, and no change that was tried accounts for all of it",
     }[found.verdict]

@@ -85,18 +85,26 @@ def _left(d: Diagnosis) -> list[Section]:
 
 
 def _errors(d: Diagnosis) -> Table:
+    from ..diagnosis.analysis import without_reversals
+
     robot, c = d.before.model.robot, d.comparison
+    # The floor is that of rows away from reversals, and so is what it is compared with.
+    away = without_reversals(d.signals if d.held is None else d.held)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        left = np.array([np.sqrt(np.mean(x[np.isfinite(x)] ** 2)) if np.isfinite(x).any() else np.nan for x in d.after.residual(away).T])
+        ratio = np.where(d.noise_floor > 0, left / d.noise_floor, np.nan)
     rows = []
     for j, name in enumerate(robot.joint_names):
         before, after, floor = c.error_before.rms[j], c.error_after.rms[j], d.noise_floor[j]
         relative = (percent(c.error_before.relative[j]), percent(c.error_after.relative[j]))
         unit = robot.force_unit(j, robot.transmission.measured)
-        rows.append((name, unit, plain(before), plain(after), plain(floor), plain(after / floor if floor > 0 else np.nan), *relative))
+        rows.append((name, unit, plain(before), plain(after), plain(floor), plain(ratio[j]), *relative))
     rows.append(("all joints", "", "", "", "", "", percent(c.error_before.relative_all), percent(c.error_after.relative_all)))
     head = ("joint", "unit", "rms before", "rms after", "noise floor", "after / floor", "relative before %", "relative after %")
     note = (
         f"Torque error on the {robot.transmission.measured.value} side, {_data(d)} data."
-        " Noise floor: what is left when everything that any candidate can take up is taken up."
+        " Noise floor: what is left when everything that any candidate can take up is taken up; it is of rows away from reversals, and"
+        " so is the error that is divided by it."
     )
     return Table(f"Torque error before and after, {_data(d)} data", head, tuple(rows), note, left=2)
 

@@ -62,8 +62,9 @@ def draw(figure: Figure, form: str = "svg") -> bytes:
     with mpl.rc_context(_STYLE):
         canvas = Canvas(figsize=(_WIDTH_INCHES, height), layout="constrained")
         FigureCanvasAgg(canvas)
-        # Side by side, residuals are compared by eye: on one scale.
-        axes = canvas.subplots(rows, figure.columns, squeeze=False, sharey="row" if figure.columns > 1 else False)
+        # Side by side, residuals are compared by eye: on one scale. Below each other, panels have one axis of time.
+        side_by_side = figure.columns > 1
+        axes = canvas.subplots(rows, figure.columns, squeeze=False, sharey="row" if side_by_side else False, sharex=not side_by_side)
         for ax, panel in zip(axes.flat, figure.panels, strict=False):
             _panel(ax, panel, first=ax is axes.flat[0])
         for ax in axes.flat[len(figure.panels) :]:
@@ -91,7 +92,9 @@ def _layer(ax: Axes, layer: Layer) -> None:
         ax.axvspan(x[0], x[1], color="#f0f0f0", zorder=0, label=layer.label or None, linewidth=0)
     elif layer.kind == Kind.BAND:
         upper = np.array([np.nan if v is None else v for v in layer.upper])
-        ax.fill_between(x, y, upper, color=colour, alpha=0.25 if layer.role == Role.FLOOR else 0.75, linewidth=0, label=layer.label or None)
+        # With an edge: where a stretch holds a single row, least and greatest value are the same, and the band is a line.
+        style: dict[str, Any] = {"alpha": 0.25, "linewidth": 0} if layer.role == Role.FLOOR else {"alpha": 0.75, "linewidth": 0.8}
+        ax.fill_between(x, y, upper, color=colour, label=layer.label or None, **style)
     elif layer.kind == Kind.POINTS:
         ax.plot(x, y, ".", color=colour, markersize=1.8, alpha=0.35, rasterized=True, label=layer.label or None)
     else:

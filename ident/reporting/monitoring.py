@@ -34,24 +34,28 @@ def monitoring_report(found: Monitoring) -> Report:
 
 def _changes(found: Monitoring) -> list[Section]:
     rows: list[tuple[str, ...]] = []
+    rivals: list[tuple[str, ...]] = []
     for i, change in enumerate(found.changes, 1):
-        rivals = joined(f"{m.effect}{on(joined(m.joints))} ({m.confidence:.2f})" for m in change.imitators)
-        head: tuple[str, ...] = (f"{i}. {change.effect.title} {change.how.value}", place_of(change.effect, change.joints) or "whole robot")
+        name = f"{i}. {change.effect.title} {change.how.value}"
+        head: tuple[str, ...] = (name, place_of(change.effect, change.joints) or "whole robot")
         tail: tuple[str, ...] = (f"{change.confidence:.2f}", f"{percent(change.heldout_gain, 1)} %")
         for p in change.parameters:
             before, after = ("", "") if p.before is None else (plain(p.before, 4), plain(p.before + p.value, 4))
             size = uncertain(p.value, p.std) if np.isfinite(p.std) else f"{plain(p.value, 4)} (not determined)"
             rows.append((*head, p.name, size, p.unit, before, after, *tail))
             head, tail = ("", ""), ("", "")
-        if rivals:
-            rows.append((f"could also be: {rivals}", *[""] * 8))
+        rivals += [(name, f"{m.effect}{on(joined(m.joints))}", f"{m.confidence:.3f}") for m in change.imitators]
     if not rows:
         return []
     names = ("what", "joints", "parameter", "change ± std", "unit", "before", "after", "confidence", "held-out gain")
     note = (
         "Held-out gain: share of the squared error, weighted by noise, that it removes on blocks of the new logs that its fit did not see."
     )
-    return [Table("What changed", names, tuple(rows), note, left=3)]
+    sections: list[Section] = [Table("What changed", names, tuple(rows), note, left=3)]
+    if rivals:
+        words = "Rivals that account for the same."
+        sections.append(Table("Imitators", ("change", "could also be", "probability"), tuple(rivals), words, left=2))
+    return sections
 
 
 def _left(found: Monitoring) -> list[Section]:

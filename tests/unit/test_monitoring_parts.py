@@ -45,6 +45,8 @@ def test_places():
 def test_a_change_of_one_parameter_in_words(value, before, text):
     found = change("viscous", {"Fv_elbow": (value, 0.01, before)})
     assert str(found) == f"{found.effect.title} on elbow {text}"
+    if before:
+        assert found.brief == f"{found.effect.title} on elbow {text.split()[0]} by 40 %"
 
 
 def test_what_appeared_names_what_is_determined():

@@ -81,6 +81,18 @@ def test_files(tmp_path):
         of({})
 
 
+def test_a_band_of_single_rows_is_still_seen():
+    """Few rows over a long time: least and greatest value of a stretch are the same, and a band without an edge would vanish."""
+    pytest.importorskip("matplotlib")
+    from ident.reporting.figures import COLOURS, draw
+
+    t = np.arange(20.0)
+    layer = Layer.of(Kind.BAND, Role.BEFORE, t, t, t, label="before")
+    svg = draw(Figure("f", "f", "", (Panel("p", "x", "y", (layer,)),))).decode()
+    drawn = [part for part in svg.split("<g ") if "FillBetween" in part or "PolyCollection" in part]
+    assert any(f"stroke: {COLOURS[Role.BEFORE].lower()}" in part.lower() for part in drawn)
+
+
 @pytest.mark.parametrize(
     ("value", "std", "text"),
     [
