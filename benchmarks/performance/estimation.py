@@ -56,7 +56,7 @@ def recursion_row(samples: int) -> Row:
         kalman.P = np.diag((1e3 * (np.abs(state.values) + state.std)) ** 2)  # nothing known, in each parameter's own size
         kalman.R = np.diag(puma.noise**2)
         for H, z in zip(columns[:count], tau[:count], strict=True):
-            kalman.update(z, H=H)
+            kalman.update(z[:, None], H=H)
         return kalman.x[:, 0]
 
     def live() -> None:
