@@ -86,9 +86,11 @@ def position_spectrum(pieces: Sequence[Array], rate: float) -> tuple[Array, Arra
     windows = [(p, start) for p in pieces for start in range(0, max(1, len(p) - 2 - size + 1), max(1, size // 2)) if len(p) >= 16]
     chosen = windows if len(windows) <= _MOST_WINDOWS else [windows[i] for i in np.linspace(0, len(windows) - 1, _MOST_WINDOWS).astype(int)]
     total, weight = np.zeros((size // 2 + 1, pieces[0].shape[1])), 0.0
+    taper = np.zeros((0, 1))
     for piece, start in chosen:
         second = np.diff(piece[start : start + size + 2], 2, axis=0) * rate**2
-        taper = np.hanning(len(second) + 2)[1:-1, None]
+        if len(taper) != len(second):
+            taper = np.hanning(len(second) + 2)[1:-1, None]
         total += np.abs(np.fft.rfft(second * taper, size, axis=0)) ** 2 * 2 / rate
         weight += float(np.sum(taper**2))
     return np.fft.rfftfreq(size, 1 / rate), total / max(weight, 1e-300)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from .signals import StreamedSignals
 
 Array = np.ndarray
+#: Numbers in the columns of a block of rows, at most where parts are smaller.
+_BLOCK_NUMBERS = 300_000
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,16 @@ class RowFacts:
     rest: Array
     turning: Array
 
+    def packed(self) -> Array:
+        """All of them beside each other, (m, 5 n)."""
+        return np.concatenate([getattr(self, f.name) for f in fields(self)], axis=1, dtype=float)
+
+    @classmethod
+    def unpacked(cls, numbers: Array, n: int) -> RowFacts:
+        """From rows that begin with what `packed` gave."""
+        tau, missing, limited, rest, turning = (numbers[:, i * n : (i + 1) * n] for i in range(5))
+        return cls(tau, missing != 0.0, limited != 0.0, rest, turning != 0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class MakeRows:
@@ -62,8 +75,7 @@ class MakeRows:
     def __call__(self, part: RowPart) -> RowFacts:
         """The facts of a part's rows, from its file if it was made before."""
         if part.path.exists():
-            with np.load(part.path) as file:
-                return RowFacts(*(file[k] for k in RowFacts.__dataclass_fields__))
+            return RowFacts.unpacked(_numbers(part), part.run.run.robot.n)
         run, drive = part.run.run, part.run.run.robot.transmission
         found = part.run.at(part.samples.start, part.samples.stop)
         row_filter = part.run.derivation.row_filter
@@ -81,21 +93,30 @@ class MakeRows:
             share(pace <= threshold if self.standstill else none),
             share(pace <= _TURNING_REACH * threshold if self.standstill else none) > _TURNING_SHARE,
         )
-        kept = {k: getattr(facts, k) for k in RowFacts.__dataclass_fields__}
+        numbers = facts.packed()
         if self.model is not None and row_filter is not None:
             motion = Motion.of(run.robot, found.q, found.dq, found.ddq, found.t, rate=run.rate, torque=found.torque, start=run.origin)
             columns = RowColumns(self.model, row_filter)(motion)
-            kept["columns"] = columns[:, live_columns(self.model)]
-            _save(part.path, kept)
+            numbers = np.concatenate([numbers, columns[:, self.live]], axis=1)
+        _save(part.path, numbers)
         return facts
 
+    @cached_property
+    def live(self) -> Array:
+        """The columns that are kept, (n, b) bool."""
+        return np.zeros((0, 0), bool) if self.model is None else live_columns(self.model)
 
-def _save(path: Path, arrays: dict[str, Array]) -> None:
+
+def _save(path: Path, numbers: Array) -> None:
     """A file that is there completely or not at all."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    with temporary.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
+    numbers.tofile(temporary)
     temporary.replace(path)
+
+
+def _numbers(part: RowPart) -> Array:
+    """What is in a part's file: facts, then the live columns, of each row."""
+    return np.fromfile(part.path).reshape(part.place.stop - part.place.start, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,22 +128,36 @@ class StoredRows:
     signals: StreamedSignals
 
     def __iter__(self) -> Iterator[Rows]:
-        live = live_columns(self.model)
-        for part in self.parts:
-            yield self._rows(part, live)
+        return map(self._rows, self._groups(self.parts))
 
     def of_run(self, number: int, *, backwards: bool = False) -> Iterator[Rows]:
         """The blocks of one run, from the last to the first if asked."""
-        live = live_columns(self.model)
-        mine = [p for p in self.parts if p.number == number]
-        return (self._rows(part, live) for part in (reversed(mine) if backwards else mine))
+        groups = [*self._groups([p for p in self.parts if p.number == number])]
+        return map(self._rows, reversed(groups) if backwards else groups)
 
-    def _rows(self, part: RowPart, live: Array) -> Rows:
-        with np.load(part.path) as file:
-            packed = file["columns"]
-        columns = np.zeros((len(packed), *live.shape))
-        columns[:, live] = packed
-        return Rows(columns, self.signals.tau[part.place], self.signals.valid[part.place], part.place, part.number)
+    def _groups(self, parts: Sequence[RowPart]) -> Iterator[list[RowPart]]:
+        """Parts of one run that follow each other, enough for a block."""
+        most = max(1, _BLOCK_NUMBERS // max(1, self._live.size))
+        held: list[RowPart] = []
+        for part in parts:
+            if held and (part.number != held[0].number or part.place.stop - held[0].place.start > most):
+                yield held
+                held = []
+            held.append(part)
+        if held:
+            yield held
+
+    @cached_property
+    def _live(self) -> Array:
+        return live_columns(self.model)
+
+    def _rows(self, parts: list[RowPart]) -> Rows:
+        place = slice(parts[0].place.start, parts[-1].place.stop)
+        columns = np.zeros((place.stop - place.start, *self._live.shape))
+        facts = 5 * len(self._live)
+        for part in parts:
+            columns[part.place.start - place.start : part.place.stop - place.start, self._live] = _numbers(part)[:, facts:]
+        return Rows(columns, self.signals.tau[place], self.signals.valid[place], place, parts[0].number)
 
 
 def packed_bytes(model: Model, rows: int) -> int:

@@ -157,7 +157,7 @@ class Streaming:
         decisions = decide(robot, kept, pieces, rule, choice, cutoff, self.workers)
         signals = self._signals(prep, robot, recordings, even, kept, derivation)
         parts = tuple(
-            RowPart(kept[b.run], _within(signals, b.samples, b.run), b.rows, b.run, self.folder / f"rows-{k}.npz")
+            RowPart(kept[b.run], _within(signals, b.samples, b.run), b.rows, b.run, self.folder / f"rows-{k}.f64")
             for k, b in enumerate(signals.blocks(size))
         )
         keeps = (
