@@ -31,3 +31,26 @@ def test_short_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     said = capsys.readouterr().out
     assert "verdict on the dissertation's ranking" in said
     assert len(results["verdict"]) >= 6
+
+
+@pytest.mark.slow
+def test_requirements_on_instrumental_variables_on_the_puma() -> None:
+    """40 seeds of the full comparison's quick motion, and its closed loop with the measured torque for instruments (4 minutes)."""
+    data = pytest.importorskip("benchmarks.methods.data")
+    methods = pytest.importorskip("benchmarks.methods.methods").METHODS
+    motions = pytest.importorskip("benchmarks.methods.motions")
+    world = pytest.importorskip("benchmarks.methods.world").puma()
+    scale = data.FULL
+    quick = motions.torque_driven(
+        world, [motions.fourier(world.model, seed, scale.seconds, data.FAST) for seed in range(scale.lanes)], scale.control_rate
+    )
+    made = data.Data(world, scale, quick, quick.part(slice(0, 0)), quick, {})
+    trials = run._torque_driven(made, quick, 40, [methods["iv"], methods["ls_raw"]], tests=False)
+    verdict = pytest.importorskip("benchmarks.methods.verdict")
+    for asked in verdict.criteria(trials["iv"], trials["ls_raw"], world.groups):
+        assert asked.passes, asked
+    assert trials["iv"].coverage() > 0.925
+    for seed in (1, 2, 3):
+        found = methods["iv_dynamics"].solve(data.make_case(made, made.loop(seed), seed, feedback=True))
+        assert found.status.code == "invalid_instruments"
+        assert found.trace["validity"]["p_value"] < 1e-3
