@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import os
 import traceback
 from collections.abc import Iterator
@@ -19,6 +20,8 @@ from .score import read_cases, right, run
 def diagnosed(folder: Path, records: list[dict[str, Any]], results: Path, jobs: int) -> Iterator[dict[str, Any]]:
     """Results of all records, those kept in `results` first."""
     kept = {r["id"]: r for r in map(json.loads, results.read_text().splitlines())} if results.exists() else {}
+    # What failed is tried again: the reason may have been mended since.
+    kept = {name: r for name, r in kept.items() if "failed" not in r}
     for record in records:
         if record["id"] in kept:
             yield kept[record["id"]]
@@ -36,7 +39,8 @@ def _all(folder: Path, records: list[dict[str, Any]], jobs: int) -> Iterator[dic
         return
     for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(key, "1")
-    with ProcessPoolExecutor(max_workers=jobs) as pool:
+    # New interpreters: in a forked one the libraries keep the threads that they began with.
+    with ProcessPoolExecutor(max_workers=jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         for future in as_completed([pool.submit(_one, folder, record) for record in records]):
             yield future.result()
 

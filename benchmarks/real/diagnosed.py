@@ -111,6 +111,8 @@ def _send(name: str, pipe: Any) -> None:
         pipe.send({"study": name, "failed": f"not run: {error}"})
     except IdentError as error:
         pipe.send({"study": name, "failed": f"refused: {error}"})
+    except Exception as error:  # noqa: BLE001 - one log must not lose the others
+        pipe.send({"study": name, "failed": f"failed: {error!r}"})
 
 
 def told(found: Mapping[str, Any]) -> str:
