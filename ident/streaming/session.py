@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -70,6 +70,7 @@ class StreamedSession(Session):
     jobs: int = 1
     workers: Workers | None = None
     skip_bad_files: bool = False
+    _held: Future[StreamedSignals] | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def of(
@@ -178,6 +179,9 @@ class StreamedSession(Session):
     @cached_property
     def held_signals(self) -> StreamedSignals:
         """The signals that no fit sees, prepared like the fitted ones. Raises DataError where they are too short."""
+        return self._prepare_held() if self._held is None else self._held.result()
+
+    def _prepare_held(self) -> StreamedSignals:
         prep = like(self.fit_signals.report.to_dict())
         try:
             return self._streaming("rows-held").prepare(prep, self._stored_parts[1], self.robot, self.model)
@@ -193,7 +197,14 @@ class StreamedSession(Session):
     @cached_property
     def estimate(self) -> Estimate:
         """The estimate that the study asks for; files that were skipped are among its warnings."""
-        found = super().estimate
+        if self._workers.threads < 2:
+            found = super().estimate
+        else:
+            # The solution is sought by one thread; meanwhile the others prepare what it will be judged on.
+            self.fit_signals  # noqa: B018
+            with ThreadPoolExecutor(1) as beside:
+                object.__setattr__(self, "_held", beside.submit(self._prepare_held))
+                found = super().estimate
         skipped = [f"left out: {reason}" for reason in self.skipped]
         return replace(found, warnings=(*skipped, *found.warnings))
 
