@@ -50,8 +50,8 @@ KNOWN: dict[str, tuple[Missing, ...]] = {
     "double_pendulum": (
         Missing("friction of joint 1", ("coulomb", "viscous", "stribeck", "load_dependent_friction", "joint_side_friction"), "joint_1"),
         Missing("friction of joint 2", ("coulomb", "viscous", "stribeck", "load_dependent_friction", "joint_side_friction"), "joint_2"),
-        Missing("load dependence of friction", ("load_dependent_friction",)),
     ),
+    "double_pendulum_friction": (Missing("load dependence of friction", ("load_dependent_friction",)),),
     "panda": (),
     "tiago": (),
 }
