@@ -7,7 +7,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,16 +14,17 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError, UnsupportedError
-from ..files import sha256, write_atomic
+from ..files import write_atomic
 from ..log_columns import ColumnPlan, JointNames, resolve_columns
 from ..log_files import read_header
 from ..log_repair import Holes, missing_rows, rising_runs
 from ..log_ros import joint_state_columns
 from ..robot import Robot
+from .digest import FileDigest
 from .disk import DiskArray, DiskWriter
 from .stored import StoredLog, log_of, survey_of
 from .survey import Survey, Surveyed
-from .tables import Place, pieces
+from .tables import Place, pieces, shows_bytes
 from .unwrapping import joined_positions
 
 Array = np.ndarray
@@ -106,11 +106,9 @@ def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[f
     folder.mkdir(parents=True, exist_ok=True)
     record = folder / "read.json"
     state = _State.from_json(record.read_text()) if record.exists() else _State()
-    # The rows of this file are read once for its numbers and once for its digest; the second reader follows in the page cache.
-    with ThreadPoolExecutor(1) as beside:
-        digest = beside.submit(sha256, path)
-        arrays = _read(path, folder, header, plan, reading, state, record, progress)
-        sums = digest.result()
+    with FileDigest(path, shown=not state.done and shows_bytes(path)) as digest:
+        arrays = _read(path, folder, header, plan, reading, state, record, digest, progress)
+        sums = digest.hexdigest()
     notes = missing_rows(state.unstamped, state.holes, state.place.rows, where, missing=reading.missing)
     if state.place.rows < 2:
         what = "one row of data; a log needs many." if state.place.rows else "there is a header, but no row of data."
@@ -133,6 +131,7 @@ def _read(
     reading: Reading,
     state: _State,
     record: Path,
+    digest: FileDigest,
     progress: Callable[[float], None] | None,
 ) -> dict[str, DiskArray]:
     """Append the rows that are left to the files of the folder."""
@@ -147,7 +146,7 @@ def _read(
         state.holes = state.holes or {sources[j]: Holes() for j in sorted(sources)}
         transmission, stem = reading.robot.transmission, path.name.split(".")[0]
         told = time.monotonic()
-        for piece in pieces(path, header, plan, state.place, reading.jobs):
+        for piece in pieces(path, header, plan, state.place, reading.jobs, digest.show):
             rows = _present(piece.arrays, side, sources, state)
             if len(rows["t"]):
                 before = None if state.last_q is None else np.array(state.last_q)

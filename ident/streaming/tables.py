@@ -48,13 +48,24 @@ def is_streamable(path: Path) -> bool:
     return path.suffix.lower() != ".mat"
 
 
-def pieces(path: Path, header: Header, plan: ColumnPlan, start: Place, jobs: int = 1) -> Iterator[Piece]:
-    """The columns of a plan from `start` on, in order. `jobs`: threads that parse. Raises DataError (file, column, row)."""
+def shows_bytes(path: Path) -> bool:
+    """Whether what is parsed of a file are its own bytes: text that is not compressed."""
+    if path.suffix.lower() in (".parquet", ".pq"):
+        return False
+    with open_binary(path) as stream:
+        return isinstance(stream, io.BufferedReader)
+
+
+def pieces(
+    path: Path, header: Header, plan: ColumnPlan, start: Place, jobs: int = 1, show: Callable[[int, memoryview], None] | None = None
+) -> Iterator[Piece]:
+    """The columns of a plan from `start` on, in order. `jobs`: threads that parse; `show` is called with each piece of text and its
+    place in the file, where `shows_bytes`. Raises DataError (file, column, row)."""
     if path.suffix.lower() in (".parquet", ".pq"):
         return _parquet_pieces(path, plan, start)
     if not is_streamable(path):
         raise UnsupportedError(f"log {path}: MAT files cannot be streamed. Save it as CSV or Parquet, or read it whole (--no-stream).")
-    return _text_pieces(path, header, plan, start, jobs)
+    return _text_pieces(path, header, plan, start, jobs, show if shows_bytes(path) else None)
 
 
 def _parquet_pieces(path: Path, plan: ColumnPlan, start: Place) -> Iterator[Piece]:
@@ -83,13 +94,15 @@ def _parquet_pieces(path: Path, plan: ColumnPlan, start: Place) -> Iterator[Piec
         raise DataError(f"log {path}: the file is damaged after data row {row} ({str(error).splitlines()[0]}).") from None
 
 
-def _text_pieces(path: Path, header: Header, plan: ColumnPlan, start: Place, jobs: int) -> Iterator[Piece]:
+def _text_pieces(
+    path: Path, header: Header, plan: ColumnPlan, start: Place, jobs: int, show: Callable[[int, memoryview], None] | None
+) -> Iterator[Piece]:
     parse = TextParser(path, header, plan)
     size = max(1, path.stat().st_size)
     place = start
     with open_binary(path) as stream, ThreadPoolExecutor(max(1, jobs)) as pool:
         waiting: deque[tuple[Future[dict[str, Array]], memoryview, float]] = deque()
-        source = _whole_lines(stream, path, header, start.offset, size)
+        source = _whole_lines(stream, path, header, start.offset, size, show)
         more = True
         while more or waiting:
             # A piece ahead of each thread, no more: memory stays the same however long the file is.
@@ -112,7 +125,9 @@ def _text_pieces(path: Path, header: Header, plan: ColumnPlan, start: Place, job
                 yield Piece(arrays, place, share)
 
 
-def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, size: int) -> Iterator[tuple[memoryview, float]]:
+def _whole_lines(
+    stream: IO[bytes], path: Path, header: Header, offset: int, size: int, show: Callable[[int, memoryview], None] | None
+) -> Iterator[tuple[memoryview, float]]:
     """Blocks of whole lines after the header, from `offset` bytes behind it on, and the share of the file read."""
     raw = getattr(stream, "fileobj", None) or getattr(stream, "_fp", None) or stream
     position: Callable[[], int] = raw.tell
@@ -121,6 +136,7 @@ def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, siz
             stream.readline()
         if offset:
             stream.seek(offset, io.SEEK_CUR)
+        at = stream.tell() if show is not None else 0
         rest = memoryview(b"")
         while True:
             # One buffer a piece, so that nothing is copied: what begins a line that ends in the next piece moves there.
@@ -133,6 +149,9 @@ def _whole_lines(stream: IO[bytes], path: Path, header: Header, offset: int, siz
             cut = end if whole else _last_line_end(text)
             if not cut and not whole and b"\r" in bytes(text):
                 raise DataError(f"log {path}: lines end with a carriage return alone, which cannot be streamed. Convert the line ends.")
+            if show is not None and cut:
+                show(at, text[:cut])
+                at += cut
             if cut:
                 yield text[:cut], min(1.0, position() / size)
             if whole:

@@ -82,6 +82,7 @@ def alike(path: Path, robot: Robot, folder: Path, columns: dict[str, Any] | None
     assert [log.name for log in stored] == [log.name for log in whole]
     for a, b in zip(whole, stored, strict=True):
         assert a.notes == b.notes
+        assert a.sha256 == b.sha256
         torque = [(np.where(np.isfinite(a.tau[k]), a.tau[k], np.nan), b.tau[k]) for k in a.tau]
         for x, y in ((a.t, b.t), (a.q, b.q), (a.dq, b.dq), *torque):
             assert (x is None) == (y is None)
