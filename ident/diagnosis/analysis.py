@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..cutoff import HIGHEST
+from ..filters import RowFilter
 from ..prepared import Signals
 from ..transmission import Side
 from .motion_noise import less_noise
@@ -19,6 +21,11 @@ Array = np.ndarray
 #: The rows' low-pass lies where the noise of the positions is one thousandth of the power of the accelerations; that of the
 #: positions themselves lies higher by the share that a preparation puts between the two.
 _ROWS_BELOW = 0.4
+#: Effects are evaluated at this multiple of the positions' cut-off at least: faster samples hold no more of the motion.
+_SAMPLED = 8.0
+#: Rows of all joints together that a search looks at, and the stretches of a longer log that they are taken from.
+_MOST_ROWS = 24000
+_STRETCHES = 10
 #: A row is not looked at if more than this share of its filter's weight lies on samples near a reversal.
 _SHARE = 0.05
 #: Near a reversal: slower than this share of the usual top speed (or than the speed's own noise lets tell).
@@ -49,6 +56,54 @@ def in_wide_band(signals: Signals, held: Signals | None) -> tuple[Signals, Signa
         return preparation(source, signals.robot)
 
     return again(signals.source), None if held is None or held.source is None else again(held.source)
+
+
+def thinned(signals: Signals) -> Signals:
+    """The same rows from every d-th sample, where the motion is sampled much faster than its cut-off asks for.
+
+    The row filter keeps every d-th tap; `tau` stays what the full rate gave."""
+    cutoff, filter_ = signals.report.cutoff_hz, signals.row_filter
+    if cutoff is None or filter_ is None:
+        return signals
+    most = signals.rate / (_SAMPLED * cutoff)
+    d = max((k for k in range(1, filter_.factor + 1) if filter_.factor % k == 0 and k <= most), default=1)
+    if d == 1:
+        return signals
+    first = filter_.half % d
+    taps = filter_.taps[first::d]
+    fewer = RowFilter(taps / taps.sum(), filter_.factor // d)
+    at, edges = [], [0]
+    for run, rows in zip(signals.runs, signals.row_runs, strict=True):
+        count = rows.stop - rows.start
+        needed = (count - 1) * fewer.factor + len(fewer.taps) if count else 0
+        at.append(run.start + first + d * np.arange(needed))
+        edges.append(edges[-1] + needed)
+    place = np.concatenate(at) if at else np.zeros(0, int)
+    return replace(
+        signals,
+        **{key: getattr(signals, key)[place] for key in ("t", "q", "dq", "ddq", "torque")},
+        runs=tuple(slice(a, b) for a, b in itertools.pairwise(edges)),
+        rate=signals.rate / d,
+        row_filter=fewer,
+        report=replace(signals.report, rate_hz=signals.rate / d),
+    )
+
+
+def stretches(signals: Signals) -> Signals:
+    """The same signals, or of many rows stretches that are spread evenly over them: a search over the catalogue holds thousands of
+    columns of every row in memory."""
+    n, rows = signals.robot.n, len(signals.tau)
+    if rows * n <= _MOST_ROWS:
+        return signals
+    length = max(1, _MOST_ROWS // n // _STRETCHES)
+    ends = np.linspace(length, rows, _STRETCHES).astype(int)
+    chosen: list[slice] = []
+    for run in signals.row_runs:
+        for stop in ends.tolist():
+            part = slice(max(run.start, stop - length, chosen[-1].stop if chosen else 0), min(run.stop, stop))
+            if part.stop - part.start >= min(length // 4, run.stop - run.start):
+                chosen.append(part)
+    return signals.select_rows(chosen)
 
 
 def wide_cutoff(signals: Signals) -> float:

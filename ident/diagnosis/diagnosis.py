@@ -14,7 +14,7 @@ from ..errors import ConfigurationError
 from ..results import result
 from ..torque_error import number
 from .advice import advice_for
-from .analysis import analysis_signals, without_reversals
+from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .findings import Finding, Unexplained, assess
 from .leftover import leftovers
 from .search import Bank
@@ -133,7 +133,9 @@ def diagnose(
     if progress is not None:
         progress(0.05)
     bank = Bank()
-    stage = start(before.model, without_reversals(wide), declared.all_values, bank)
+    every = thinned(without_reversals(wide))
+    seen = stretches(every)
+    stage = start(before.model, seen, declared.all_values, bank)
     if progress is not None:
         progress(0.4)
     selection = select(stage, bank, note)
@@ -147,7 +149,11 @@ def diagnose(
     findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
     if progress is not None:
         progress(1.0)
-    warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings)))
+    partly = (
+        f"the search for what the model lacks looked at {len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches"
+        " spread over the logs; the errors and the refit are of all rows."
+    )
+    warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *([partly] if seen is not every else []))))
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings)
 
 

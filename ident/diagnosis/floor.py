@@ -30,6 +30,9 @@ _PER_COLUMN = 2.0
 _SHARE = 0.12
 _ROUNDS = 3
 _STEPS = 40
+#: In the steps between, only those are looked at whose last gain was this share of the best; all of them every so many steps.
+_LATELY = 0.3
+_ANEW = 6
 #: Columns that gain less than this share of what is asked for in one round are not looked at in the next.
 _HOPELESS = 0.3
 
@@ -76,14 +79,23 @@ def _saturated(frame: Frame, blocks: list[Array]) -> tuple[Array, list[Array], A
     ]
     r = frame.residual.reshape(-1).copy()
     kept, chosen, used = [Q], [], np.zeros(n)
-    most, taken = np.zeros(len(live)), set()
-    for _ in range(_STEPS):
+    gains, most, taken = np.zeros(len(live)), np.zeros(len(live)), set()
+
+    def look(due: Array) -> float:
+        """Take the gains of some blocks anew; the best of all."""
+        for k in due:
+            gains[k] = _gain(live[k], r, scale, M) - _PER_COLUMN * live[k].shape[1] if live[k].shape[1] else 0.0
+        np.maximum(most, gains, out=most)
+        return float(gains.max(initial=0.0))
+
+    everything = np.arange(len(live))
+    for step in range(_STEPS):
         scale = _spread(r.reshape(n, M), rows)
-        gains = np.array([_gain(q, r, scale, M) - _PER_COLUMN * q.shape[1] if q.shape[1] else 0.0 for q in live])
-        most = np.maximum(most, gains)
-        i = int(np.argmax(gains))
-        if gains[i] < _LEAST:
+        # What gained little lately gains little now; only now and then is it looked at again.
+        due = np.flatnonzero(gains > _LATELY * gains.max(initial=0.0)) if step % _ANEW else everything
+        if look(due) < _LEAST and look(everything) < _LEAST:
             break
+        i = int(np.argmax(gains))
         q = live[i]
         for other in kept[1:]:
             q = q - other @ (other.T @ q)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import IdentError
 from ..problem import Problem
-from .analysis import without_reversals
+from .analysis import thinned, without_reversals
 from .frame import Frame, Motions, raw_columns
 from .motion_noise import less_noise, position_noise
 from .search import Bank, Search
@@ -60,7 +60,7 @@ class Null:
         config = {**signals.report.config, **{key: value for key, value in cutoffs.items() if value is not None}}
         try:
             again = make_preparation(**config)(self._logs(np.random.default_rng([seed, 17])), signals.robot)
-            problem = Problem(self.problem.model, without_reversals(less_noise(again)), reference=self.problem.reference)
+            problem = Problem(self.problem.model, thinned(without_reversals(less_noise(again))), reference=self.problem.reference)
             frame = Frame.build(problem, self.white.on(problem.signals.valid, problem.signals.row_runs), raw_columns(problem))
         except IdentError:
             return None

@@ -30,9 +30,11 @@ Array = np.ndarray
 FALSE_ALARM = 2e-3
 #: Best hits of a scan whose shapes are refined and which are judged on held-out blocks.
 _REFINED = 14
-_MOST_FINDINGS = 12
+_MOST_FINDINGS = 8
 #: Beside effects that explain G on a joint's rows, another one there must explain this share of G: laws are never exact.
-COMPANION = 0.01
+COMPANION = 0.02
+#: A finding must lower the loss of the rows it is on by this share: what it adds must matter, not only be there.
+_MATTERS = 0.01
 #: Held-out gain over its standard error: what is seen in a single block of time has one, what is seen in all has many.
 _STRETCHES = 1.5
 #: Evidence below which a candidate is weak, and by how much a decoy (a fit that cannot be: a negative stiffness) outdoes it.
@@ -191,7 +193,7 @@ def described(j: Judged, number: int) -> str:
 
 def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Found | None:
     """The most probable of the candidates, with its rivals, if it is worth accepting."""
-    worth = [j for j in plausible if surplus(j, stage.number) > 0 and _often(j) and _worth(j, beside)]
+    worth = [j for j in plausible if surplus(j, stage.number) > 0 and _often(j) and _worth(j, beside, stage)]
     for _ in range(_TRIES):
         if not worth:
             break
@@ -221,22 +223,28 @@ def _often(judged: Judged) -> bool:
 
 
 def _re_examined(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Callable[[str], None]) -> tuple[Stage, list[Found]]:
-    """Every finding anew, in the company of the others: dropped, replaced by a better rival, its shape sought again."""
-    for i in range(len(found) - 1, -1, -1) if len(found) > 1 else ():
-        others = [f for k, f in enumerate(found) if k != i]
+    """Every finding on the rows of the newest one anew, in the company of the others: dropped, replaced by a better rival, its
+    shape sought again. The newest one itself only if its company has changed."""
+    newest = found[-1]
+    rows = touched(newest.judged.hit.columns)
+    older = [f for f in found[:-1] if (touched(f.judged.hit.columns) & rows).any()]
+    changed = False
+    for one in [*reversed(older), newest]:
+        if one is newest and not changed:
+            break
+        others = [f for f in found if f is not one]
         without = _with(first, [f.effect for f in others], stage, bank)
-        own = _hit_in(without, found[i])
-        all_ranked = ranked(without, () if own is None else (own,))
-        new = _chosen(without, _undecoyed(all_ranked), others)
+        own = _hit_in(without, one)
+        new = _chosen(without, _undecoyed(ranked(without, () if own is None else (own,))), others)
         if new is None:
-            say(f"dropped: {found[i].judged.hit}")
-            found, stage = others, without
+            say(f"dropped: {one.judged.hit}")
+            found, stage, changed = others, without, True
             continue
-        changed = new.judged.hit.candidate.name != found[i].judged.hit.candidate.name or new.effect.joints != found[i].effect.joints
-        if changed:
-            say(f"replaced: {found[i].judged.hit} by {new.judged.hit}")
+        if new.judged.hit.candidate.name != one.judged.hit.candidate.name or new.effect.joints != one.effect.joints:
+            say(f"replaced: {one.judged.hit} by {new.judged.hit}")
+            changed = True
         new = _labelled(new, without.problem.model)
-        found = [new if k == i else f for k, f in enumerate(found)]
+        found = [new if f is one else f for f in found]
         stage = _with(first, [f.effect for f in found], stage, bank)
     return stage, found
 
@@ -273,11 +281,13 @@ def _labelled(found: Found, model: Model) -> Found:
     return found
 
 
-def _worth(judged: Judged, beside: Sequence[Found]) -> bool:
-    """Whether a candidate is more than the inexactness of those accepted on the same rows."""
+def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
+    """Whether a candidate matters on its rows, and is more than the inexactness of those accepted there."""
     rows = touched(judged.hit.columns)
     explained = sum(f.judged.evidence for f in beside if (touched(f.judged.hit.columns) & rows).any())
-    return judged.evidence > COMPANION * explained
+    power = np.sum(judged.hit.columns**2, axis=(1, 2))
+    loss = float(power @ np.sum(stage.frame.residual**2, axis=1) / max(float(power.sum()), 1e-300))
+    return judged.evidence > max(COMPANION * explained, _MATTERS * loss)
 
 
 def touched(columns: Array) -> Array:

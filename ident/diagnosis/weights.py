@@ -20,7 +20,7 @@ PRIOR = {
     "viscous": 4.0,
     "coulomb": 4.0,
     "rotor_inertia": 4.0,
-    "offset": 4.0,
+    "offset": 2.0,
     "stribeck": 2.0,
     "linear_spring": 2.0,
     "payload_step": 2.0,
