@@ -101,18 +101,20 @@ def compared(log: str, p: Problem, found: Estimate) -> list[str]:
             f"{name:<14}{found.value(name):>10.3f} ± {found.std[found.index(name)]:<8.3f} published {value:.3f} ± {std:.3f}"
             for name, (value, std) in EMPS.items()
         ]
+    return [f"{name:<14}{value:>10.3f} ± {std:<8.3f} published {told:.3f}" for name, value, std, told in published_friction(p, found)]
+
+
+def published_friction(p: Problem, found: Estimate) -> Iterator[tuple[str, float, float, float]]:
+    """TX40's friction on the joint side: name, value, standard deviation, and the published value."""
     published = json.loads((Path(p.signals.source.inputs[0]["path"]).parent / "reference_drive_parameters.json").read_text())
     robot = p.model.robot
-    lines = []
     for j, joint in enumerate(robot.joint_names[:5]):
         # Friction of motor 6 also acts on joint 5, and is within the published viscous value.
         ratio = abs(1 / robot.transmission.K[j, j])
         for symbol, key, power in (("Fv", "fv", 2), ("Fc", "fc", 1)):
             name = f"{symbol}_{joint}"
-            value, std = found.value(name) * ratio**power, found.std[found.index(name)] * ratio**power
             extra = published["fvm6"] if (symbol, j) == ("Fv", 4) else 0.0
-            lines.append(f"{name:<14}{value:>10.3f} ± {std:<8.3f} published {published[key][j] - extra:.3f}")
-    return lines
+            yield name, found.value(name) * ratio**power, found.std[found.index(name)] * ratio**power, published[key][j] - extra
 
 
 def main(short: bool, folder: Path) -> int:
