@@ -197,7 +197,7 @@ def responses(
     if len(force):
         at = -first / omega[0, kind] ** 2
         position[0] = at + half * np.sign(at)
-        coefficients = np.stack([c[:, kind] for c in _spring_step(omega, kinds[1], h)])
+        coefficients = np.stack([np.ascontiguousarray(c[:, kind]) for c in _spring_step(omega, kinds[1], h)])
         _follow(force, coefficients, half, h, parts, position, velocity)
     omega = omega[:, kind]
     outside = np.abs(position) > half

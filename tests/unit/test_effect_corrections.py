@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ident.effect import make_effect
-from ident.effects.compliance import response
+from ident.effects.compliance import response, responses
 from ident.effects.timing import derivative, low_pass
 from ident.friction import Coulomb
 from ident.motion import Motion
@@ -347,3 +347,19 @@ def test_the_spring_step_is_exact() -> None:
     np.testing.assert_allclose(x, exact[0], atol=1e-9)
     np.testing.assert_allclose(v, exact[1], atol=1e-7)
     np.testing.assert_allclose(a, -load - w**2 * exact[0] - 2 * z * w * exact[1], atol=1e-5)
+
+
+def test_springs_followed_together_move_as_each_alone() -> None:
+    rng = np.random.default_rng(5)
+    t = np.arange(800) / 200.0
+    load = 30.0 * np.sin(9.0 * t) + np.cumsum(rng.normal(size=len(t)))
+    inertia = 2.0 + 0.5 * np.sin(t)
+    stiffness, damping = np.array([900.0, 4000.0, 900.0, 900.0]), np.array([0.1, 0.1, 0.4, 0.1])
+    gap = np.array([0.0, 0.01, 0.003, 0.02])
+    together = responses(load, inertia, stiffness, damping, gap, 1.0 / 200.0, float(load[0]))
+    for lane in range(4):
+        one = slice(lane, lane + 1)
+        # Play makes every step of its company four.
+        alone = responses(load, inertia, stiffness[one], damping[one], gap[one], 1.0 / 200.0, float(load[0]))
+        for a, b in zip(together, alone, strict=True):
+            np.testing.assert_allclose(a[:, lane], b[:, 0], rtol=1e-6, atol=1e-6 * np.abs(b).max())
