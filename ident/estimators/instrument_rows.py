@@ -124,9 +124,13 @@ class _Whitener:
 
     def __init__(self, polynomial: Array, innovation: float) -> None:
         last = int(np.flatnonzero(polynomial)[-1])
-        self.predictors = [a / np.sqrt(variance) for a, variance in lower_orders(polynomial[: last + 1], innovation)]
+        predictors = [a / np.sqrt(variance) for a, variance in lower_orders(polynomial[: last + 1], innovation)]
+        #: By rows since the last gap: weights of a row and of those before it.
+        self.young = np.zeros((last + 1, last + 1))
+        for order, a in enumerate(predictors):
+            self.young[order, : order + 1] = a
         self.order = last
-        full = self.predictors[-1][::-1]
+        full = predictors[-1][::-1]
         self.band = np.zeros((_ROWS, _ROWS + last))
         for r in range(_ROWS):
             self.band[r, r : r + last + 1] = full
@@ -151,8 +155,8 @@ class _Whitener:
             last = min(first + _ROWS, m)
             np.matmul(self.band[: last - first, : last - first + p], line[first : last + p], out=out[first:last])
         out[~valid] = 0.0
-        for order in range(p):
-            young = np.flatnonzero(valid & (age == order))
-            if len(young):
-                out[young] = np.einsum("k,mkc->mc", self.predictors[order], line[young[:, None] + p - np.arange(order + 1)])
+        young = np.flatnonzero(valid & (age < p))
+        if len(young):
+            before = line[young[:, None] + p - np.arange(p + 1)]
+            out[young] = np.matmul(self.young[age[young]][:, None, :], before)[:, 0]
         return out
