@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .oracle import CHANCE, DETECTABLE
+from .oracle import CHANCE, DETECTABLE, SURE
 from .score import right
 
 #: Standard normal quantile of a two-sided 95 % interval.
@@ -96,9 +96,10 @@ def requirements(records: Sequence[dict[str, Any]]) -> list[Requirement]:
         Requirement(
             "single: top finding right",
             "single faults whose true effect, handed to the refit, lowers the held-out loss beyond chance: by more than"
-            f" {DETECTABLE} (twice a log-likelihood), and blocks of either sign alike would reach it with p ≤ {CHANCE}; the first finding"
-            " names effect and joint (of a coupling the motor, too); where it is ambiguous (rivals of 0.2 or more together) only if"
-            " truth and rival foretell the held-out data equally well (the truth is not better by the same measure)",
+            f" {DETECTABLE} (twice a log-likelihood), and blocks of either sign alike would reach it with p ≤ {CHANCE} (or by more"
+            f" than {SURE:g}); the first finding names effect and joint (of a coupling the motor, too); where it is ambiguous (rivals"
+            " of 0.2 or more together) only if truth and rival foretell the held-out data equally well (the truth is not better by"
+            " the same measure)",
             sum(_good(r, "top") for r in seen), len(seen), 0.97, least=300,
         ),
         Requirement(

@@ -24,9 +24,11 @@ from ident.torque_error import number
 Array = np.ndarray
 #: A gain counts if it lowers the held-out loss by this much (twice a log-likelihood; chance reaches it once in a thousand), and if
 #: blocks of time whose gains had either sign alike would reach the sum with no more than this probability (an exact test, which
-#: asks nothing of how gains are spread over the blocks). What gains less beside another does as well as it.
+#: asks nothing of how gains are spread over the blocks), or if it is ten times as large, which no colour of the noise explains.
+#: What gains less beside another does as well as it.
 DETECTABLE = 10.8
 CHANCE = 0.005
+SURE = 10.0 * DETECTABLE
 _BLOCKS = 12
 
 
@@ -40,7 +42,7 @@ class Gain:
 
     @property
     def clear(self) -> bool:
-        return self.gain > DETECTABLE and self.chance <= CHANCE
+        return self.gain > DETECTABLE and (self.chance <= CHANCE or self.gain > SURE)
 
     @classmethod
     def of(cls, blocks: Array) -> Gain:

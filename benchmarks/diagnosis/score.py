@@ -21,6 +21,7 @@ from ident.effect import Effect
 from ident.logs import Log, LogSet
 from ident.model import Model
 from ident.problem import Problem
+from ident.session import like
 from ident.signals import Signals, ZeroPhase
 from ident.torque_error import number
 
@@ -30,6 +31,8 @@ from .oracle import Oracle, residual, same_place
 Array = np.ndarray
 #: The last part of each log, which neither fit nor selection sees.
 HELD = 0.25
+#: Cut-off (Hz) that every held-out part is long enough for.
+_SHORTEST = 5.0
 #: A finding is ambiguous if its rivals together are at least this probable; a rival is named from `_NAMED` on.
 AMBIGUOUS, _NAMED = 0.2, 0.05
 
@@ -63,8 +66,13 @@ def load(folder: Path, record: dict[str, Any]) -> Loaded:
         out = {j for p in record["parts"] if p["undeclared"] == name for j in p["joints"]}
         kept = tuple(j for j in a.robot.joint_names if j not in out)
         model = model + (kind(joints=kept) if out else kind())
-    prepare = ZeroPhase()
-    return Loaded(a, model, prepare(fit), prepare(held), noise)
+    signals = ZeroPhase()(fit)
+    try:
+        late = like(signals.report.to_dict())(held)
+    except ident.DataError:
+        # Too short for so low a cut-off; the diagnosis prepares both anew with a wider band anyway.
+        late = ZeroPhase(cutoff_hz=_SHORTEST)(held)
+    return Loaded(a, model, signals, late, noise)
 
 
 def run(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
@@ -175,6 +183,7 @@ def _symbol(name: str, joints: Sequence[str], truth: dict[str, float]) -> str:
     for _ in range(2):
         for joint in joints:
             name = name.removesuffix(f"_{joint}")
+    name = name.replace("+", "")
     return next((s for s in (name, name.rsplit("_", 1)[-1]) if s in truth), "")
 
 

@@ -109,8 +109,9 @@ def test_couplings_are_told_apart_by_their_motor():
 def test_a_gain_beyond_chance():
     rng = np.random.default_rng(1)
     # Large in one block only: chance. In every block, however unevenly: not.
-    assert not Gain.of(np.r_[1000.0, rng.normal(size=11)]).clear
-    assert Gain.of(np.r_[1000.0, 1.0 + rng.random(11)]).clear
+    assert not Gain.of(np.r_[50.0, rng.normal(size=11)]).clear
+    assert Gain.of(np.r_[50.0, 1.0 + rng.random(11)]).clear
+    assert Gain.of(np.r_[1000.0, rng.normal(size=11)]).clear, "more than any colour of the noise makes"
     assert not Gain.of(np.full(12, 0.5)).clear, "certain, but too small"
     null = [Gain.of(rng.normal(size=12) * rng.exponential(size=12)).chance for _ in range(400)]
     assert np.mean(np.array(null) < 0.1) == pytest.approx(0.1, abs=0.05)
