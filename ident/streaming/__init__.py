@@ -3,7 +3,7 @@
     read (tables, ingest) -> runs on disk (stored, runs) -> derivatives by pieces (motion) -> what the whole log decides (decisions)
     -> rows and their columns on disk (columns, rows) -> `Signals` that any streaming estimator takes (signals)
 
-What is in memory: a few pieces of 65,536 samples, and the torque and masks of the rows (decimated). What is on disk: the log as
+What is in memory: a few pieces of 16,384 samples or more, and the torque and masks of the rows (decimated). What is on disk: the log as
 numbers of 8 bytes, and the rows' columns. Each piece is a pure function of the log and the decisions, so pieces can be made by
 threads or by other machines (`distributed`), and work that was cut off can be taken up again (`checkpoint`)."""
 

@@ -20,15 +20,18 @@ PASS = 1 << 17
 
 
 #: Settings of the GNU C library (malloc.h), and bytes below which it reuses freed memory instead of asking the system for it again.
-_TRIM_THRESHOLD, _MMAP_THRESHOLD, _REUSED = -1, -3, 1 << 23
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX, _REUSED = -1, -3, -8, 1 << 23
 
 
 def reuse_memory() -> None:
-    """Have the C library keep the memory of one piece for the next (where it can): the system would clear it page by page each time."""
+    """Have the C library keep the memory of one piece for the next (where it can): the system would clear it page by page each time.
+
+    All threads draw on one store: pieces are few and large, and stores of their own would each keep some."""
     with suppress(OSError, AttributeError):
         library = ctypes.CDLL(None)
         library.mallopt(_MMAP_THRESHOLD, _REUSED)
         library.mallopt(_TRIM_THRESHOLD, _REUSED)
+        library.mallopt(_ARENA_MAX, 1)
 
 
 def give_back_memory() -> None:
