@@ -1,7 +1,7 @@
 """Logs larger than memory: read once into files, prepared and reduced piece by piece, with the numbers of the way in memory.
 
-    read (tables, ingest) -> runs on disk (stored, runs) -> derivatives by pieces (motion) -> what the whole log decides (decisions)
-    -> rows and their columns on disk (columns, rows) -> `Signals` that any streaming estimator takes (signals)
+    read (tables, text, digest, ingest) -> runs on disk (stored, runs) -> derivatives by pieces (motion) -> what the whole log decides
+    (decisions) -> rows and their columns on disk (columns, rows) -> `Signals` that any streaming estimator takes (signals)
 
 What is in memory: a few pieces of 16,384 samples or more, and the torque and masks of the rows (decimated). What is on disk: the log as
 numbers of 8 bytes, and the rows' columns. Each piece is a pure function of the log and the decisions, so pieces can be made by
