@@ -11,8 +11,11 @@ if TYPE_CHECKING:
 
 def place_of(effect: Effect, joints: Sequence[str] | None = None) -> str:
     """ "joint3", "joint6 (motor of joint5)"; "" for the whole robot. `joints`: instead of the effect's own."""
-    joints = (effect.joints or ()) if joints is None else joints
-    motors = motors_of(effect)
+    return place_of_joints((effect.joints or ()) if joints is None else joints, motors_of(effect))
+
+
+def place_of_joints(joints: Sequence[str], motors: Sequence[str]) -> str:
+    """`place_of` from the names of joints, and of those whose motors a coupling ties in."""
     others = ", ".join(m for m in motors if m not in joints or len(motors) > 1)
     return ", ".join(joints) + (f" (motor of {others})" if others else "")
 

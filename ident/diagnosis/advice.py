@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..effect import Axis, effect_types
+from ..places import on
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -37,7 +38,7 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
         ways = dict.fromkeys(
             [_MOTION[finding.effect.axis].format(joint=joint)] + ([_MOTION[other.axis].format(joint=where)] if other is not None else [])
         )
-        return f"{title} or {rival.effect} on {where}: to tell them apart, {'; and '.join(ways)}."
+        return f"{title} or {rival.effect}{on(rival.place)}: to tell them apart, {'; and '.join(ways)}."
     if verdict == "unexplained" and finding.confidence < 0.5:
         return f"{title} explains a part only; take it as a hint, and look at what is left before acting on it."
-    return f"Add {finding.name}{f' on {joint}' if finding.joints else ''} to the declared model ({title})."
+    return f"Add {finding.name}{on(finding.place)} to the declared model ({title})."

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
+#: Share of their confidence that findings keep which do not lower the error on held-out data.
+_UNHELPFUL = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,36 +127,52 @@ def diagnose(
         raise ConfigurationError(
             "a saved estimate does not hold the signals it was fitted to; give them: diagnose(estimate, held, fit=signals)."
         )
-    if progress is not None:
-        progress(0.0)
+    tell = progress or (lambda _: None)
+    tell(0.0)
     estimator = estimator or estimator_of(before)
     wide, held = analysis_signals(signals, held)
     declared = _fitted(estimator, before.model, wide, before)
-    if progress is not None:
-        progress(0.05)
+    tell(0.05)
     bank = Bank()
     every = thinned(without_reversals(wide))
     seen = stretches(every)
-    stage = start(before.model, seen, declared.all_values, bank)
-    if progress is not None:
-        progress(0.4)
-    selection = select(stage, bank, note)
-    if progress is not None:
-        progress(0.85)
+    stage = start(before.model, seen, declared.all_values, bank, lambda share: tell(0.05 + 0.35 * share))
+    selection = select(stage, bank, note, lambda share: tell(0.4 + 0.5 * share))
+    tell(0.9)
     left = leftovers(selection.final, selection.found)
     verdict, findings, unexplained = assess(selection, left)
     after = declared if not findings else _fitted(estimator, selection.final.problem.model, wide, before)
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
+    unhelpful = ""
+    if held is not None and findings:
+        verdict, findings, unhelpful = _held_against(declared, after, held, verdict, findings)
     findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
-    if progress is not None:
-        progress(1.0)
-    partly = (
-        f"the search for what the model lacks looked at {len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches"
-        " spread over the logs; the errors and the refit are of all rows."
-    )
-    warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *([partly] if seen is not every else []))))
+    tell(1.0)
+    said = [unhelpful] if unhelpful else []
+    if seen is not every:
+        rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
+        said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
+    warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said)))
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings)
+
+
+def _held_against(
+    declared: Estimate, after: Estimate, held: Signals, verdict: str, findings: tuple[Finding, ...]
+) -> tuple[str, tuple[Finding, ...], str]:
+    """Verdict and findings when data that nothing was chosen on has had its say: what does not lower the error there is not
+    explained, whatever the search found; and a warning then."""
+    from ..comparison import compare
+
+    gain = compare(declared, after, held).gain
+    if gain > 0.0:
+        return verdict, findings, ""
+    less = tuple(replace(f, confidence=_UNHELPFUL * f.confidence) for f in findings)
+    text = (
+        f"with the findings the error on held-out data is no smaller ({100.0 * gain:+.2g} %), so nothing is explained:"
+        " their confidence is lowered; do not add them without a longer log."
+    )
+    return "unexplained", less, text
 
 
 def estimator_of(estimate: Estimate) -> Estimator:

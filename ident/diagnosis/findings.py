@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..effect import Effect
-from .leftover import INEXACT, Leftover
-from .search import parameter_std
+from ..places import motors_of, place_of, place_of_joints
+from .leftover import Leftover
+from .search import Hit, parameter_std
 from .selection import Found, Selection, Stage, touched
 
 Array = np.ndarray
@@ -37,14 +38,20 @@ class FoundParameter:
 
 @dataclass(frozen=True)
 class Imitator:
-    """A rival of a finding and its probability."""
+    """A rival of a finding and its probability; `motors`: joints whose motors a coupling ties in."""
 
     effect: str
     joints: tuple[str, ...]
     confidence: float
+    motors: tuple[str, ...] = ()
+
+    @property
+    def place(self) -> str:
+        """Its joints, in words."""
+        return place_of_joints(self.joints, self.motors)
 
     def to_dict(self) -> dict[str, Any]:
-        return {"effect": self.effect, "joints": list(self.joints), "confidence": self.confidence}
+        return {"effect": self.effect, "joints": list(self.joints), "motors": list(self.motors), "confidence": self.confidence}
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +73,11 @@ class Finding:
         return self.effect.name
 
     @property
+    def place(self) -> str:
+        """Its joints, in words."""
+        return place_of(self.effect, self.joints)
+
+    @property
     def ambiguous(self) -> bool:
         """Whether its rivals account for the same about as well."""
         return sum(i.confidence for i in self.imitators) >= AMBIGUOUS
@@ -75,6 +87,7 @@ class Finding:
         return {
             "effect": self.name,
             "joints": list(self.joints),
+            "motors": list(motors_of(self.effect)),
             "parameters": [p.to_dict() for p in self.parameters],
             "heldout_gain": self.heldout_gain,
             "evidence": self.evidence,
@@ -100,7 +113,7 @@ class Unexplained:
 def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[Finding, ...], tuple[Unexplained, ...]]:
     """Verdict, findings (the strongest first) and what stays unexplained."""
     robot = selection.final.problem.model.robot
-    counted = [x for x in left if x.share >= INEXACT]
+    counted = [x for x in left if x.weight >= 1.0]
     findings = sorted((_finding(f, selection, left) for f in selection.found), key=lambda f: -f.evidence)
     unexplained = tuple(
         Unexplained(robot.joint_names[x.joint], x.signature, x.text(robot.joint_names[x.joint]), x.evidence) for x in counted
@@ -117,16 +130,21 @@ def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[F
 def _finding(found: Found, selection: Selection, left: Sequence[Leftover]) -> Finding:
     stage = selection.final
     rows = touched(found.judged.hit.columns)
-    share = max((x.share for x in left if rows[x.joint]), default=0.0)
-    trust = min(_MOST, 1.0 / (1.0 + (share / INEXACT) ** 2)) if share >= INEXACT else _MOST
-    # The same effect at the same place in another configuration (an angle on the other side) is no rival.
-    own = (found.judged.hit.candidate.name, found.judged.hit.candidate.joints)
+    weight = max((x.weight for x in left if rows[x.joint]), default=0.0)
+    trust = min(_MOST, 1.0 / (1.0 + weight**2)) if weight >= 1.0 else _MOST
+
+    def place(hit: Hit) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+        # The same effect at the same place in another configuration (an angle on the other side) is no rival.
+        return hit.candidate.name, hit.candidate.joints, motors_of(hit.effect)
+
+    own = place(found.judged.hit)
     total = {own: found.weight}
-    for rival, weight in zip(found.rivals, found.weights[1:], strict=True):
-        key = (rival.hit.candidate.name, rival.hit.candidate.joints)
-        total[key] = total.get(key, 0.0) + float(weight)
+    for rival, probability in zip(found.rivals, found.weights[1:], strict=True):
+        total[place(rival.hit)] = total.get(place(rival.hit), 0.0) + float(probability)
     imitators = tuple(
-        Imitator(*key, trust * weight) for key, weight in sorted(total.items(), key=lambda x: -x[1]) if key != own and weight >= _NAMED
+        Imitator(key[0], key[1], trust * probability, key[2])
+        for key, probability in sorted(total.items(), key=lambda x: -x[1])
+        if key != own and probability >= _NAMED
     )
     loss = float(selection.declared.frame.heldout_loss.sum())
     return Finding(

@@ -7,6 +7,7 @@ as colour; then under the colour found."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -45,12 +46,25 @@ class Floor:
     used: Array
 
 
-def noise_floor(problem: Problem, motions: Motions, candidates: tuple[Candidate, ...], bank: Bank, generic: list[Array]) -> Floor:
-    """Whitener of the noise of a problem's rows. `generic`: further columns (M, n, k) that saturate the model."""
+def noise_floor(
+    problem: Problem,
+    motions: Motions,
+    candidates: tuple[Candidate, ...],
+    bank: Bank,
+    generic: list[Array],
+    progress: Callable[[float], None] | None = None,
+) -> Floor:
+    """Whitener of the noise of a problem's rows. `generic`: further columns (M, n, k) that saturate the model. `progress`: called
+    with the share done."""
+    tell = progress or (lambda _: None)
     signals = problem.signals
     raw = raw_columns(problem)
     bank.prepare(motions, candidates)
-    blocks = [columns for c in candidates for columns in bank.columns(motions, c.variants)] + generic
+    blocks: list[Array] = []
+    for i, c in enumerate(candidates):
+        blocks += bank.columns(motions, c.variants)
+        tell(0.5 * (i + 1) / len(candidates))
+    blocks += generic
     white = plain_whitener(problem, signals.tau)
     chosen: list[Array] = []
     used = np.zeros(signals.tau.shape[1])
@@ -63,6 +77,7 @@ def noise_floor(problem: Problem, motions: Motions, candidates: tuple[Candidate,
         residual, chosen, used, blocks = _saturated(frame, chosen + extra + blocks)
         freed = residual / np.sqrt(np.maximum(1.0 - used / np.maximum(signals.valid.sum(axis=0), 1), 0.5))
         white = plain_whitener(problem, freed) if attempt == 0 else whitener(freed, signals.valid, signals.row_runs)
+        tell(0.5 + 0.5 * (attempt + 1) / _ROUNDS)
     return Floor(white, used)
 
 

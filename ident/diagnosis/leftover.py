@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: A leftover counts if it is this share of what the findings explain on the same joint: laws are never exact.
 INEXACT = 0.02
+#: And whatever was explained, if it is as large as this beside the noise (rms).
+_LARGE = 1.0
+#: Independent frequencies among which a tone is the strongest.
+_TRIED = 500.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +33,11 @@ class Leftover:
     standard_error: float
     share: float
     rms: float
+
+    @property
+    def weight(self) -> float:
+        """From 1 on, something is left that counts."""
+        return max(self.share / INEXACT, self.rms / _LARGE)
 
     def text(self, joint_name: str) -> str:
         """For people."""
@@ -55,7 +64,8 @@ def leftovers(stage: Stage, found: tuple[Found, ...]) -> list[Leftover]:
     for family in families:
         Z = stage.frame.whitened(family.placed(n))
         k = Z.shape[2]
-        trials = 100.0 if family.name.startswith("time-periodic") else 1.0
+        # Each tone is the strongest of many.
+        trials = _TRIED ** (k // 2) if family.name.startswith("time-periodic") else 1.0
         least = float(chi2.isf(FALSE_ALARM / (len(families) * trials), k))
         if stage.frame.fit_gain(Z) < least:
             continue

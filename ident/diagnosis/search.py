@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Steps of the search for a shape, per shape parameter.
 _STEPS = 14
+#: First steps of a search over several, as a share of their ranges.
+_SIMPLEX = 0.1
 #: Parameters may lie beyond a bound by this many of their standard deviations before a candidate is dropped for it.
 _BEYOND = 3.0
 
@@ -35,6 +37,24 @@ class Hit:
     def __str__(self) -> str:
         shape = ", ".join(f"{p.name} = {getattr(self.effect, p.name):.4g}" for p in self.effect.shape())
         return f"{self.candidate}{f' ({shape})' if shape else ''}"
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """A shape parameter's range as 0 to 1, evenly or by its logarithm."""
+
+    low: float
+    high: float
+    log: bool
+
+    def value(self, share: float) -> float:
+        share = min(max(share, 0.0), 1.0)
+        return self.low * (self.high / self.low) ** share if self.log else self.low + share * (self.high - self.low)
+
+    def share(self, value: float) -> float:
+        if not self.high > self.low:
+            return 0.0
+        return float(np.log(value / self.low) / np.log(self.high / self.low)) if self.log else (value - self.low) / (self.high - self.low)
 
 
 class Search:
@@ -93,18 +113,35 @@ class Search:
         if not parameters:
             return hit
         ranges = hit.effect.search_range(self.motions.parts[0][1], self.robot)
-        best = hit
-        for p in parameters:
-            low, high = ranges[p.name]
-            log = p.log and low > 0
-            best = self._along(best, p.name, low, high, log, order_parameter(hit.effect) is not None)
         if len(parameters) > 1:
-            for p in parameters:
-                low, high = ranges[p.name]
-                best = self._along(best, p.name, low, high, p.log and low > 0, False, narrow=True)
-        return best
+            return self._together(hit, ranges)
+        p = parameters[0]
+        low, high = ranges[p.name]
+        return self._along(hit, p.name, low, high, p.log and low > 0, order_parameter(hit.effect) is not None)
 
-    def _along(self, hit: Hit, name: str, low: float, high: float, log: bool, spectral: bool, narrow: bool = False) -> Hit:
+    def _together(self, hit: Hit, ranges: dict[str, tuple[float, float]]) -> Hit:
+        """Downhill simplex (J. Nelder, R. Mead, 1965) over several shape parameters, each on its natural scale from 0 to 1."""
+        from scipy.optimize import minimize
+
+        parameters = hit.effect.shape()
+        scales = [_Scale(*ranges[p.name], p.log and ranges[p.name][0] > 0) for p in parameters]
+        found: list[Hit] = [hit]
+
+        def loss(x: Array) -> float:
+            shape = {p.name: min(max(s.value(float(u)), p.lower), p.upper) for p, s, u in zip(parameters, scales, x, strict=True)}
+            found.append(self.hit(hit.candidate, hit.effect.with_shape(**shape)))
+            return -found[-1].fit_gain
+
+        start = np.array([s.share(getattr(hit.effect, p.name)) for p, s in zip(parameters, scales, strict=True)])
+        # Inwards where the start lies at an end.
+        simplex = np.vstack([start, start + np.diag(np.where(start > 0.5, -_SIMPLEX, _SIMPLEX))])
+        most = _STEPS * 2 * len(parameters)
+        minimize(
+            loss, start, method="Nelder-Mead", options={"maxfev": most, "initial_simplex": simplex, "xatol": 1e-4, "fatol": 0.05}
+        )  # fmt: skip
+        return max(found, key=lambda h: h.fit_gain)
+
+    def _along(self, hit: Hit, name: str, low: float, high: float, log: bool, spectral: bool) -> Hit:
         """Golden-section search along one shape parameter between the neighbours of a grid."""
         to, back = (np.log, np.exp) if log else (lambda x: x, lambda x: x)
         at = float(to(getattr(hit.effect, name)))
@@ -116,7 +153,7 @@ class Search:
             )
             width = 2.0 / max(phase, 1e-9) / (getattr(hit.effect, name) if log else 1.0)
         else:
-            width = (top - bottom) / (5.0 if not narrow else 15.0)
+            width = (top - bottom) / 5.0
         a, b = max(bottom, at - width), min(top, at + width)
         found = {at: hit}
 

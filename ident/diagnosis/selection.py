@@ -94,13 +94,13 @@ class Selection:
     trail: tuple[str, ...] = ()
 
 
-def start(model: Model, signals: Signals, reference: Array, bank: Bank) -> Stage:
-    """The declared model with its noise floor."""
+def start(model: Model, signals: Signals, reference: Array, bank: Bank, progress: Callable[[float], None] | None = None) -> Stage:
+    """The declared model with its noise floor. `progress`: called with the share done."""
     problem = Problem(model, signals, reference=reference)
     motions = Motions(problem)
     found = candidates(model, motions.parts[0][1])
     generic = [s.placed(model.robot.n) for s in signatures(motions)]
-    white = noise_floor(problem, motions, found, bank, generic).white
+    white = noise_floor(problem, motions, found, bank, generic, progress).white
     return _stage(problem, white, bank, motions, found)
 
 
@@ -148,8 +148,11 @@ def ranked(stage: Stage, also: Sequence[Hit] = (), progress: Callable[[float], N
     return judged
 
 
-def select(first: Stage, bank: Bank, note: Callable[[str], None] | None = None) -> Selection:
-    """Add what is asked for until nothing is."""
+def select(
+    first: Stage, bank: Bank, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None
+) -> Selection:
+    """Add what is asked for until nothing is. `progress`: called with the share done; as nobody knows how many rounds there will
+    be, each takes a share of what is left."""
     trail: list[str] = []
 
     def say(text: str) -> None:
@@ -159,7 +162,13 @@ def select(first: Stage, bank: Bank, note: Callable[[str], None] | None = None) 
 
     stage, found = first, list[Found]()
     while len(found) < _MOST_FINDINGS:
-        all_ranked = ranked(stage)
+        begun = 1.0 - 0.5 ** len(found)
+
+        def told(share: float, begun: float = begun) -> None:
+            if progress is not None:
+                progress(begun + 0.5 * (1.0 - begun) * share)
+
+        all_ranked = ranked(stage, progress=told)
         for j in all_ranked[:8]:
             say(f"    {described(j, stage.number)}")
         new = _chosen(stage, _undecoyed(all_ranked), found)

@@ -14,7 +14,7 @@ from .search import Judged
 Array = np.ndarray
 _DRAWS = 400
 #: Laws are never exact: of what rivals explain, differences below this share say nothing about which of them is right.
-_INEXACT = 1e-3
+_INEXACT = 5e-5
 #: How common an effect is beside the others, where nothing else tells two apart. Not listed: 1.
 PRIOR = {
     "viscous": 4.0,

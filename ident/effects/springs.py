@@ -77,14 +77,14 @@ class Counterbalance(JointEffect):
     title: ClassVar[str] = "counterbalance spring on a linkage"
     axis: ClassVar[Axis] = Axis.POSITION
     nature: ClassVar[Nature] = Nature.LINK
-    symbols = (("kar", "{tau}", -np.inf), ("kal", "{tau}", -np.inf))
+    symbols = (("kar", "{tau}", 0.0), ("kal", "{tau}", 0.0))
 
     side: Side = Side.JOINT
     angle: float = 0.0
     ratio: float = 0.4
 
     def shape(self) -> tuple[ShapeParameter, ...]:
-        return (ShapeParameter("angle", "rad", -np.pi, np.pi, 0.0), ShapeParameter("ratio", "1", 0.02, 0.95, 0.4))
+        return (ShapeParameter("angle", "rad", -np.pi, np.pi, 0.0, points=12), ShapeParameter("ratio", "1", 0.02, 0.95, 0.4, points=4))
 
     def at(self, robot: Robot) -> list[int]:
         """The joints that turn; a slide has no angle. Raises ConfigurationError where one is asked for."""

@@ -290,3 +290,18 @@ def test_check_strict_finds_what_is_not_declared(ident, lacking, tmp_path):
     ran = ident(*flags, "--strict", "--stream")
     assert ran.code == CONFIGURATION
     assert "--stream" in ran.err
+
+
+def test_progress_moves_in_small_steps(lacking):
+    import ident as toolkit
+    from ident.session import Session
+    from ident.study import read_study
+
+    session = Session(read_study(lacking / "study.toml"))
+    shares: list[float] = []
+    toolkit.diagnose(session.estimate, session.held_signals, progress=shares.append)
+    assert shares[0] == 0.0
+    assert shares[-1] == 1.0
+    steps = np.diff(shares)
+    assert np.all(steps >= 0.0)
+    assert steps.max() <= 0.3
