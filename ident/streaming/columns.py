@@ -28,10 +28,10 @@ def can_filter(model: Model) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class RowColumns:
-    """Base columns (m, n, b) of `model` at the rows of `row_filter`. `threads`: of the kernel."""
+    """Base columns (m, n, b) of `model` at the rows of `row_filter` (None: rows are samples). `threads`: of the kernel."""
 
     model: Model
-    row_filter: RowFilter
+    row_filter: RowFilter | None
     threads: int | None = 1
 
     def __call__(self, motion: Motion) -> Array:
@@ -39,8 +39,8 @@ class RowColumns:
         from ..regressor.rigid import row_columns
 
         model, robot, keep = self.model, self.model.robot, self.model.base.independent
-        drive, tree = robot.transmission, robot.tree
-        out = np.zeros((self.row_filter.count(len(motion)), robot.n, len(keep)))
+        drive, tree, row_filter = robot.transmission, robot.tree, self.row_filter
+        out = np.zeros((len(motion) if row_filter is None else row_filter.count(len(motion)), robot.n, len(keep)))
         # What the kernel makes: columns of the links, then signals; `places`: where among the base columns each of them goes.
         chosen: list[int] = []
         places: list[int] = []
@@ -64,7 +64,8 @@ class RowColumns:
                 signals.append(values)
                 pattern += list(to_measured[:, joints].T)
             else:
-                values = self.row_filter.apply(np.ascontiguousarray(effect.columns(motion, robot)[:, :, mine]))
+                values = np.ascontiguousarray(effect.columns(motion, robot)[:, :, mine])
+                values = values if row_filter is None else row_filter.apply(values)
                 out[:, :, at] = values if effect.side == drive.measured else np.matmul(to_measured, values)
         if chosen:
             own = motion.joint
@@ -77,8 +78,8 @@ class RowColumns:
                 columns=np.array(chosen),
                 extra=np.concatenate(signals, axis=1) if signals else None,
                 pattern=np.array(pattern).T if signals else None,
-                taps=self.row_filter.taps,
-                factor=self.row_filter.factor,
+                taps=None if row_filter is None else row_filter.taps,
+                factor=1 if row_filter is None else row_filter.factor,
                 threads=self.threads,
             )
         return out

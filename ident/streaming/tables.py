@@ -18,8 +18,8 @@ from ..log_files import Header, arrow_values, numeric, open_binary, parquet_file
 from .text import TextParser
 
 Array = np.ndarray
-#: Bytes of text that are parsed as one piece: what stays in the cache is fastest.
-TEXT_PIECE = 1 << 20
+#: Bytes of text that are parsed as one piece: many against the handing over, few against the cache and memory.
+TEXT_PIECE = 1 << 21
 #: Rows of Parquet that are read as one piece.
 _PARQUET_PIECE = 1 << 16
 #: Bytes in which the end of a piece's last line is looked for at a time.
