@@ -105,13 +105,19 @@ class Problem:
         return self.signals.stored_rows(self.model)
 
     def _made_rows(self) -> Iterator[Rows]:
+        from .streaming.columns import RowColumns
+
         signals, model = self.signals, self.model
         keep = self.base.independent
         size = max(64, _BLOCK_NUMBERS // (model.robot.n * len(model.parameters)))
         whole_runs = Need.HISTORY in model.needs
         total = max(1, len(self.valid))
+        # Where there are links the kernel makes the base columns alone, filtered on the way.
+        by_kernel = not whole_runs and any(isinstance(effect, RigidBody) for effect in model.effects)
+        make = RowColumns(model, signals.row_filter, None)
         for block in signals.blocks(None if whole_runs else size):
-            columns = block.reduce(model.columns(self.motion(block.samples))[:, :, keep])
+            motion = self.motion(block.samples)
+            columns = make(motion) if by_kernel else block.reduce(model.columns(motion)[:, :, keep])
             yield Rows(columns, signals.tau[block.rows], signals.valid[block.rows], block.rows, block.run)
             if self.progress is not None:
                 self.progress(min(1.0, block.rows.stop / total))
