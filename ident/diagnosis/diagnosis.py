@@ -11,6 +11,7 @@ import numpy as np
 
 from ..effect import Effect
 from ..errors import ConfigurationError
+from ..places import on
 from ..results import result
 from ..torque_error import number
 from .advice import advice_for
@@ -18,7 +19,7 @@ from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .findings import Finding, Unexplained, assess
 from .leftover import leftovers
 from .search import Bank
-from .selection import Selection, select, start
+from .selection import WEAK, Selection, select, start
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
@@ -127,6 +128,8 @@ def diagnose(
         raise ConfigurationError(
             "a saved estimate does not hold the signals it was fitted to; give them: diagnose(estimate, held, fit=signals)."
         )
+    from ..comparison import compare
+
     tell = progress or (lambda _: None)
     tell(0.0)
     estimator = estimator or estimator_of(before)
@@ -145,8 +148,21 @@ def diagnose(
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     unhelpful = ""
-    if held is not None and findings:
-        verdict, findings, unhelpful = _held_against(declared, after, held, verdict, findings)
+    if held is not None and findings and compare(declared, after, held).gain <= 0.0:
+        # Data that nothing was chosen on has the last word.
+        if sum(f.evidence for f in findings) < WEAK:
+            unhelpful = (
+                f"a weak sign of {findings[0].name}{on(findings[0].place)} was dropped: it does not lower the error on held-out data."
+            )
+            selection = replace(selection, final=selection.declared, found=())
+            verdict, findings, unexplained = assess(selection, leftovers(selection.declared, ()))
+            after = declared
+        else:
+            unhelpful = (
+                "with the findings the error on held-out data is no smaller, so nothing is explained: their confidence is lowered;"
+                " do not add them without a longer log."
+            )
+            verdict, findings = "unexplained", tuple(replace(f, confidence=_UNHELPFUL * f.confidence) for f in findings)
     findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
     tell(1.0)
     said = [unhelpful] if unhelpful else []
@@ -155,24 +171,6 @@ def diagnose(
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
     warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said)))
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings)
-
-
-def _held_against(
-    declared: Estimate, after: Estimate, held: Signals, verdict: str, findings: tuple[Finding, ...]
-) -> tuple[str, tuple[Finding, ...], str]:
-    """Verdict and findings when data that nothing was chosen on has had its say: what does not lower the error there is not
-    explained, whatever the search found; and a warning then."""
-    from ..comparison import compare
-
-    gain = compare(declared, after, held).gain
-    if gain > 0.0:
-        return verdict, findings, ""
-    less = tuple(replace(f, confidence=_UNHELPFUL * f.confidence) for f in findings)
-    text = (
-        f"with the findings the error on held-out data is no smaller ({100.0 * gain:+.2g} %), so nothing is explained:"
-        " their confidence is lowered; do not add them without a longer log."
-    )
-    return "unexplained", less, text
 
 
 def estimator_of(estimate: Estimate) -> Estimator:

@@ -18,6 +18,8 @@ Array = np.ndarray
 INEXACT = 0.02
 #: And whatever was explained, if it is as large as this beside the noise (rms).
 _LARGE = 1.0
+#: Tones that are tried at a time.
+_TONES = (1, 3)
 #: Independent frequencies among which a tone is the strongest.
 _TRIED = 500.0
 
@@ -54,9 +56,9 @@ def leftovers(stage: Stage, found: tuple[Found, ...]) -> list[Leftover]:
     n = stage.problem.model.robot.n
     families = signatures(stage.motions)
     for j in range(n):
-        tone = tones(stage.motions, np.asarray(stage.white.back(stage.frame.residual[j], j)), j)
-        if tone is not None:
-            families.append(tone)
+        residual = np.asarray(stage.white.back(stage.frame.residual[j], j))
+        found_tones = (tones(stage.motions, residual, j, count) for count in _TONES)
+        families += [tone for tone in found_tones if tone is not None]
     best: dict[int, Leftover] = {}
     explained = np.zeros(n)
     for f in found:

@@ -38,7 +38,7 @@ _MATTERS = 0.01
 #: Held-out gain over its standard error: what is seen in a single block of time has one, what is seen in all has many.
 _STRETCHES = 1.5
 #: Evidence below which a candidate is weak, and by how much a decoy (a fit that cannot be: a negative stiffness) outdoes it.
-_WEAK = 100.0
+WEAK = 100.0
 _DECOY = 1.5
 #: So many of the best candidates are compared with what they gain for nothing.
 _TRIES = 4
@@ -221,7 +221,7 @@ def _undecoyed(found: Sequence[Judged]) -> list[Judged]:
 
     def outdone(judged: Judged) -> bool:
         rows = touched(judged.hit.columns)
-        return judged.evidence < _WEAK and any((rows & other).any() and more > _DECOY * judged.evidence for other, more in decoys)
+        return judged.evidence < WEAK and any((rows & other).any() and more > _DECOY * judged.evidence for other, more in decoys)
 
     return [j for j in found if not j.against and not outdone(j)]
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from .frame import Motions
 
 Array = np.ndarray
-#: Tones that are tried at a time.
-_TONES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +70,8 @@ def signatures(motions: Motions) -> list[Signature]:
     return found
 
 
-def tones(motions: Motions, residual: Array, joint: int) -> Signature | None:
-    """Sines at the frequencies at which a whitened residual (M,) of a joint is strongest."""
+def tones(motions: Motions, residual: Array, joint: int, count: int) -> Signature | None:
+    """Sines at the so many frequencies at which a whitened residual (M,) of a joint is strongest."""
     signals = motions.problem.signals
     rate = signals.rate / (signals.row_filter.factor if signals.row_filter else 1)
     at = signals.row_time
@@ -88,7 +86,7 @@ def tones(motions: Motions, residual: Array, joint: int) -> Signature | None:
     for i in np.argsort(-spectrum):
         if all(abs(frequencies[i] - f) > lowest / 2.0 for f in chosen):
             chosen.append(float(frequencies[i]))
-        if len(chosen) == _TONES:
+        if len(chosen) == count:
             break
     t = np.concatenate([m.t for _, m in motions.parts])
     columns = np.concatenate([np.stack([np.sin(2 * np.pi * f * t), np.cos(2 * np.pi * f * t)], axis=1) for f in chosen], axis=1)
