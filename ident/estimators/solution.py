@@ -239,9 +239,7 @@ def _explained(problem: Problem, relative: Array) -> Status:
     q = problem.signals.q
     # A few samples tell, and signals on disk are read by slices only.
     moving = np.ptp(np.concatenate([q[i : i + 1] for i in np.linspace(0, len(q) - 1, 64).astype(int).tolist()]), axis=0) > 0
-    poor = [
-        f"{name} {share:.0%}" for name, share, moves in zip(names, relative, moving, strict=True) if moves and share > _UNEXPLAINED
-    ]
+    poor = [f"{name} {share:.0%}" for name, share, moves in zip(names, relative, moving, strict=True) if moves and share > _UNEXPLAINED]
     if not poor:
         return Status(StatusCode.OK)
     return Status(StatusCode.POOR_FIT, (f"Relative torque error above {_UNEXPLAINED:.0%}: {', '.join(poor)}.",))
