@@ -64,8 +64,10 @@ def test_no_effect_escapes_the_battery() -> None:
         if not module.name.endswith("__main__"):
             try:
                 importlib.import_module(module.name)
-            except ModuleNotFoundError as missing:
-                if str(missing.name).startswith("ident"):
+            except ImportError as missing:
+                if module.name == "ident.regressor.native":
+                    continue  # the compiled kernel was not built
+                if not isinstance(missing, ModuleNotFoundError) or str(missing.name).startswith("ident"):
                     raise  # not an optional dependency that is not installed
 
     def below(kind: type) -> set[type]:
