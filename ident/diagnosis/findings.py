@@ -51,7 +51,8 @@ class Imitator:
         return place_of_joints(self.joints, self.motors)
 
     def to_dict(self) -> dict[str, Any]:
-        return {"effect": self.effect, "joints": list(self.joints), "motors": list(self.motors), "confidence": self.confidence}
+        tied = {"motors": list(self.motors)} if self.motors else {}
+        return {"effect": self.effect, "joints": list(self.joints), **tied, "confidence": self.confidence}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,7 @@ class Finding:
         return {
             "effect": self.name,
             "joints": list(self.joints),
-            "motors": list(motors_of(self.effect)),
+            **({"motors": list(motors)} if (motors := motors_of(self.effect)) else {}),
             "parameters": [p.to_dict() for p in self.parameters],
             "heldout_gain": self.heldout_gain,
             "evidence": self.evidence,

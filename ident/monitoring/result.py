@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..diagnosis.findings import Finding, FoundParameter
-from ..places import motors_of, on, place_of
+from ..places import on, place_of
 from ..results import result
 from ..torque_error import TorqueError, number
 
@@ -89,8 +89,7 @@ class Change(Finding):
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         found = {key: value for key, value in super().to_dict().items() if key != "advice"}
-        motors = motors_of(self.effect)
-        return {**found, **({"motors": list(motors)} if motors else {}), "how": self.how.value, "text": str(self)}
+        return {**found, "how": self.how.value, "text": str(self)}
 
 
 @dataclass(frozen=True)
