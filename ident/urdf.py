@@ -13,7 +13,7 @@ from lxml import etree
 from .errors import ConfigurationError
 
 _SUPPORTED = {"revolute", "continuous", "prismatic", "fixed"}
-_NOISE = 1e-6  # rad: below this, an angle differs from an exact one by the writer's round-off alone
+_NOISE = 1e-5  # rad: below this, an angle differs from an exact one by how many digits were written
 
 
 @dataclass(frozen=True)

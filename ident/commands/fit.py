@@ -37,6 +37,8 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
     for finding in session.audit.warnings:
         out.say(wrapped(f"audit: {finding}"))
     estimate = session.estimate
+    for note in session.robot.notes:
+        out.say(wrapped(f"note: {note}"))
     out.say(estimate.summary())
     if session.held_by_split and estimate.heldout_error is not None:
         out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")

@@ -1,4 +1,4 @@
-"""What `ident check` prints is read on a terminal, and what it says once is not said again by every fit."""
+"""What `ident check` prints is read on a terminal, and notes are of what matters."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ def test_lines_fit_a_wide_terminal(ident):
     assert max(map(len, ran.out.splitlines())) <= WIDTH
 
 
-def test_notes_on_the_robot_are_said_by_check_alone(ident, arm):
-    flags = ("--urdf", arm.urdf, "--log", arm.train, *FRICTION, "--quiet")
-    note = "rpy of shoulder"
-    assert note in ident("check", *flags).out
-    assert note not in ident("fit", *flags).out
+def test_how_many_digits_of_pi_were_written_is_not_worth_a_note(ident, arm, tmp_path):
+    """1.5708 is said by nobody; 1.57 moves the joint, and is."""
+    coarse = tmp_path / "coarse.urdf"
+    coarse.write_text(arm.urdf.read_text().replace("1.5708", "1.57"))
+    for urdf, said in ((arm.urdf, False), (coarse, True)):
+        for command in ("check", "fit"):
+            ran = ident(command, "--urdf", urdf, "--log", arm.train, *FRICTION, "--quiet")
+            assert ("rpy of" in ran.out) == said, command
