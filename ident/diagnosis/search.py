@@ -27,12 +27,14 @@ _BEYOND = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Hit:
-    """A candidate at a shape: `fit_gain` is the fall of the loss on all blocks; `columns` (n, M, k) whitened."""
+    """A candidate at a shape: `fit_gain` is the fall of the loss on all blocks; `columns` (n, M, k) whitened; `also`: other shapes of
+    the grid from which the best one may be reached."""
 
     candidate: Candidate
     effect: Effect
     fit_gain: float
     columns: Array = field(repr=False)
+    also: tuple[Effect, ...] = ()
 
     def __str__(self) -> str:
         shape = ", ".join(f"{p.name} = {getattr(self.effect, p.name):.4g}" for p in self.effect.shape())
@@ -94,12 +96,21 @@ class Search:
             peaks = promising_orders(found, self.frame, self.motions) if found is not None else []
             variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks] or variants
         best: Hit | None = None
+        gains = []
         for effect, columns in zip(variants, self.bank.columns(self.motions, variants), strict=True):
             Z = self.frame.whitened(columns)
             hit = self.hit(candidate, effect, Z)
+            gains.append(hit.fit_gain)
             if best is None or hit.fit_gain > best.fit_gain:
                 best = hit
-        return best
+        if best is None or len(best.effect.shape()) < 2:
+            return best
+        # One for each value of the last shape: what acts alike at one end of it may hide the best at another.
+        last = best.effect.shape()[-1].name
+        tops: dict[float, tuple[float, Effect]] = {}
+        for gain, effect in zip(gains, variants, strict=True):
+            tops[getattr(effect, last)] = max(tops.get(getattr(effect, last), (-np.inf, effect)), (gain, effect), key=lambda x: x[0])
+        return replace(best, also=tuple(effect for _, effect in tops.values() if effect != best.effect))
 
     def hit(self, candidate: Candidate, effect: Effect, Z: Array | None = None) -> Hit:
         """A candidate at a shape. Where its parameters must have certain values, that is what they gain with these: a spring that is
@@ -114,7 +125,8 @@ class Search:
             return hit
         ranges = hit.effect.search_range(self.motions.parts[0][1], self.robot)
         if len(parameters) > 1:
-            return self._together(hit, ranges)
+            starts = [hit, *(self.hit(hit.candidate, effect) for effect in hit.also)]
+            return max((self._together(start, ranges) for start in starts), key=lambda h: h.fit_gain)
         p = parameters[0]
         low, high = ranges[p.name]
         return self._along(hit, p.name, low, high, p.log and low > 0, order_parameter(hit.effect) is not None)

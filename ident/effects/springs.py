@@ -84,7 +84,8 @@ class Counterbalance(JointEffect):
     ratio: float = 0.4
 
     def shape(self) -> tuple[ShapeParameter, ...]:
-        return (ShapeParameter("angle", "rad", -np.pi, np.pi, 0.0, points=12), ShapeParameter("ratio", "1", 0.02, 0.95, 0.4, points=4))
+        # An odd number of angles: a spring's mirror image, half a turn away, is on the grid too.
+        return (ShapeParameter("angle", "rad", -np.pi, np.pi, 0.0, points=13), ShapeParameter("ratio", "1", 0.02, 0.95, 0.4, points=4))
 
     def at(self, robot: Robot) -> list[int]:
         """The joints that turn; a slide has no angle. Raises ConfigurationError where one is asked for."""
