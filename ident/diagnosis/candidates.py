@@ -58,14 +58,13 @@ def candidates(model: Model, motion: Motion) -> tuple[Candidate, ...]:
         for place in _places(kind, model.robot):
             if any(_covers(e, place, model.robot) for e in model.effects):
                 continue
-            for number, choice in enumerate(_choices(place)):
+            for choice in _choices(place):
                 # Columns of different choices of one place are different things, but only one of them can be found at a time.
                 try:
                     variants = tuple(_shapes(choice, motion, model.robot))
                     variants[0].parameters(model.robot)
                 except IdentError:
                     continue  # an effect that this robot cannot have (a payload without a link to hold it)
-                del number
                 found.append(Candidate(name, _joints(place), variants))
     return tuple(found)
 

@@ -24,7 +24,7 @@ from ident.robot import Robot
 from ident.simulate import Feedback, ForceModel, Hold, Plant, Schedule, simulate, simulate_batch
 from ident.transmission import Side
 
-pytestmark = pytest.mark.skipif(native() is None, reason="the compiled kernel is not built")
+pytestmark = pytest.mark.skipif(rigid.kernel() is not native(), reason="the compiled kernel is not built, or not asked for")
 COMPILED = pytest.mark.parametrize("kernel", [k for k in kernels() if k != "numpy"])
 
 
