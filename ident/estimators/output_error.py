@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: A step below this many standard deviations ends the iteration.
 _SETTLED = 0.1
+#: And where nothing but round-off and integration is left, whose size says nothing of the parameters.
+_SETTLED_EXACT = 1e-3
 #: Where no step lowers the torque error, one below this many of the estimate's standard deviations counts as the end.
 _NEAR = 0.5
 #: Steps are cut this often before a start is given up.
@@ -184,7 +186,7 @@ class _Search:
                 return replace(point, steps=tuple(steps), cuts=cuts, settled=length < 1.0)
             gain = point.cost - trial.cost
             point = trial
-            if length < _SETTLED or gain < 1e-4 * point.cost:
+            if length < (_SETTLED if point.cost > least else _SETTLED_EXACT) or gain < 1e-4 * point.cost:
                 return replace(point, steps=tuple(steps), cuts=cuts, settled=True)
         return replace(point, steps=tuple(steps), cuts=cuts, settled=steps[-1] < 1.0)
 

@@ -121,7 +121,7 @@ REPEATS = {"didim"}
 INTEGRALS = {"sequential"}
 #: Relative accuracy without noise where it is not round-off: a semidefinite program ends at its solver's tolerance, a repeated
 #: simulation at its integrator's (compiled steps and the NumPy path's differ by about 2e-8), where its steps stop counting.
-ACCURACY = {"physical": 1e-4, "sequential": 1e-6, "didim": 1e-7}
+ACCURACY = {"physical": 1e-4, "sequential": 1e-6}
 #: Intervals of another kind: a prior moves the estimate, and physical bounds make it one-sided. They may be too wide, not too narrow.
 OTHER_INTERVALS = {"prior", "physical"}
 TYPES = sorted(estimator_types())
