@@ -15,7 +15,6 @@ from ..effect import Effect, Need, effect_types
 from ..errors import IdentError
 from ..model import Model
 from ..motion import Motion
-from ..transmission import Side
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -117,6 +116,3 @@ def _shapes(effect: Effect, motion: Motion, robot: Robot) -> Iterator[Effect]:
         grids.append(np.geomspace(low, high, points) if p.log and low > 0 else np.linspace(low, high, points))
     for values in itertools.product(*grids):
         yield effect.with_shape(**{p.name: float(v) for p, v in zip(parameters, values, strict=True)})
-
-
-__all__ = ["Candidate", "Side", "candidates"]

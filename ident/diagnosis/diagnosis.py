@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..effect import Effect
 from ..errors import ConfigurationError
 from ..places import on
 from ..results import result
@@ -184,6 +183,3 @@ def _fitted(estimator: Estimator, model: Model, signals: Signals, like: Estimate
     from ..problem import Problem
 
     return replace(estimator.solve(Problem(model, signals)), inputs=like.inputs, signals_config=signals.report.to_dict())
-
-
-__all__ = ["Diagnosis", "Effect", "diagnose"]

@@ -260,6 +260,3 @@ def parameter_std(columns: Array, frame: Frame) -> Array:
     scale = np.sqrt(np.maximum(np.diag(z.T @ z), 1e-300))
     covariance = np.linalg.pinv(own / scale[:, None] / scale, rcond=1e-10, hermitian=True) / scale[:, None] / scale
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
-
-
-__all__ = ["Bank", "Hit", "Judged", "Search", "implausible", "parameter_std", "replace"]

@@ -17,7 +17,7 @@ from .candidates import Candidate, candidates
 from .floor import noise_floor
 from .frame import Frame, Motions, raw_columns
 from .null import Null
-from .search import Bank, Hit, Judged, Search, parameter_std
+from .search import Bank, Hit, Judged, Search
 from .signatures import signatures
 from .weights import weights
 
@@ -307,6 +307,3 @@ def touched(columns: Array) -> Array:
 
 def _moved(new: Array, old: Array) -> bool:
     return bool(np.any(np.abs(new - old) > 1e-3 * (np.abs(new) + np.abs(old) + 1e-12)))
-
-
-__all__ = ["Found", "Selection", "Stage", "described", "parameter_std", "ranked", "select", "start", "surplus", "threshold", "touched"]
