@@ -35,6 +35,13 @@ class Reference:
     model: Model
     values: Array
 
+    def values_of(self, effect: Effect, robot: Robot) -> Array:
+        """Values (k,) that the parameters of a correction have here; zero where the model does not hold it. A correction that is not
+        linear in its size takes its columns there."""
+        names = self.model.names
+        found = [names.index(p.name) if p.name in names else -1 for p in effect.parameters(robot)]
+        return np.array([self.values[i] if i >= 0 else 0.0 for i in found])
+
     def torque(self, motion: Motion, side: Side | None = None) -> Array:
         """Predicted torque (N, n) on a side (the measured one if None)."""
         return self.part(motion, side)

@@ -81,6 +81,15 @@ def detectable(record: dict[str, Any]) -> bool:
     return "failed" in record or all(o["detectable"] for o in record["oracle"])
 
 
+def leaves_a_trace(record: dict[str, Any], records: Iterable[dict[str, Any]]) -> bool:
+    """Whether the declared model's held-out error on a case, over all joints or on any, is larger than on every clean log of that arm."""
+    clean = [r["before"] for r in kinds(records, "clean") if "failed" not in r and r["arm"] == record["arm"]]
+    if "failed" in record or not clean:
+        return True
+    usual = np.nanmax(np.array(clean, float), axis=0)
+    return bool(np.any(np.array(record["before"], float) > usual))
+
+
 def kinds(records: Iterable[dict[str, Any]], kind: str) -> list[dict[str, Any]]:
     return [r for r in records if r["kind"] == kind]
 
@@ -91,6 +100,8 @@ def requirements(records: Sequence[dict[str, Any]]) -> list[Requirement]:
     seen = [r for r in singles if detectable(r)]
     hidden = [r for r in singles if not detectable(r)]
     done = [r for r in seen if "failed" not in r]
+    traced = [r for r in outside if leaves_a_trace(r, records)]
+    both = [r for r in pairs if detectable(r)]
     scores = coverage(records)
     out = [
         Requirement(
@@ -120,21 +131,27 @@ def requirements(records: Sequence[dict[str, Any]]) -> list[Requirement]:
             sum("failed" in r or r["verdict"] != "clean" for r in clean), len(clean), 0.01, most=True, least=200,
         ),
         Requirement(
-            "outside: unexplained or ambiguous", "faults that the catalogue does not hold, all of them; the verdict",
-            sum("failed" not in r and r["verdict"] in ("unexplained", "ambiguous") for r in outside), len(outside), 0.95, least=30,
+            "outside: unexplained or ambiguous", "faults that the catalogue does not hold and that leave a trace: the declared model's"
+            " held-out error, over all joints or on one, is above that of every clean log of the same arm; the verdict",
+            sum("failed" not in r and r["verdict"] in ("unexplained", "ambiguous") for r in traced), len(traced), 0.95, least=30,
         ),
         Requirement(
-            "outside: a name above one half", "the same; any finding with a confidence above 0.5 (every name is wrong)",
+            "… of all of them, traced or not", "the same without that condition",
+            sum("failed" not in r and r["verdict"] in ("unexplained", "ambiguous") for r in outside), len(outside),
+        ),
+        Requirement(
+            "outside: a name above one half", "faults that the catalogue does not hold, all of them; any finding with a confidence above"
+            " 0.5 (every name is wrong)",
             sum(_sure(r) for r in outside), len(outside), 0.10, most=True, least=30,
         ),
         Requirement(
-            "pairs: both and only both", "two faults on two joints, all pairs; each is named (as for single faults) by a finding of its"
-            " own, and there is no further one",
-            sum(_good(r, "all") for r in pairs), len(pairs), 0.90, least=30,
+            "pairs: both and only both", "two faults on two joints, each of which lowers the held-out loss beyond chance beside the other;"
+            " each is named (as for single faults) by a finding of its own, and there is no further one",
+            sum(_good(r, "all") for r in both), len(both), 0.90, least=30,
         ),
         Requirement(
-            "pairs, both to be seen", "the same, of pairs in which each fault lowers the held-out loss beyond chance beside the other",
-            sum(_good(r, "all") for r in pairs if detectable(r)), sum(detectable(r) for r in pairs),
+            "… of all pairs", "the same of those in which one fault cannot be seen, too",
+            sum(_good(r, "all") for r in pairs), len(pairs),
         ),
         Requirement(
             "single: error after ≤ 1.05 × noise floor", "cases as in the first line; held-out rms after the refit, over all joints, rows"

@@ -21,9 +21,11 @@ from ident.effect import Effect
 from ident.logs import Log, LogSet
 from ident.model import Model
 from ident.problem import Problem
+from ident.robot import Robot
 from ident.session import like
 from ident.signals import Signals, ZeroPhase
 from ident.torque_error import number
+from ident.transmission import Side
 
 from .arms import Arm, arm
 from .oracle import Oracle, residual, same_place
@@ -173,9 +175,18 @@ def _coverage(found: Any, parts: list[dict[str, Any]]) -> list[dict[str, Any]]:
             for p in f.parameters:
                 symbol = _symbol(p.name, names, part["truth"])
                 if symbol and np.isfinite(p.std) and p.std > 0:
-                    value, truth = p.value, part["truth"][symbol]
-                    out.append({"effect": f.name, "parameter": symbol, "value": value, "std": p.std, "truth": truth})
+                    factor = _orders_per_order(f.effect, found.before.model.robot) if symbol == "order" else 1.0
+                    truth = part["truth"][symbol]
+                    out.append({"effect": f.name, "parameter": symbol, "value": factor * p.value, "std": factor * p.std, "truth": truth})
     return out
+
+
+def _orders_per_order(effect: Effect, robot: Robot) -> float:
+    """What an order found is in cycles of the angle that the truth counts: the usual side of the effect."""
+    side, usual = effect.angle, type(effect).__dataclass_fields__["angle"].default  # type: ignore[attr-defined]
+    j = effect.at(robot)[0]
+    ratio = float(abs(robot.transmission.K_inverse[j, j]))
+    return 1.0 if side == usual else ratio if usual == Side.JOINT else 1.0 / ratio
 
 
 def _symbol(name: str, joints: Sequence[str], truth: dict[str, float]) -> str:

@@ -189,7 +189,7 @@ class Search:
     def judge(self, hit: Hit) -> Judged:
         """Cross-validated score of a hit, and why it is not plausible, if so."""
         score = self.frame.score(hit.columns)
-        return Judged(hit, score, implausible(hit, score, self.frame, self.robot))
+        return Judged(hit, score, implausible(hit.effect, score.values, parameter_std(hit.columns, self.frame), self.robot))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,16 +239,15 @@ class Bank:
         return [self._kept[e] for e in effects]
 
 
-def implausible(hit: Hit, score: Score, frame: Frame, robot: Robot) -> str:
-    """Why the parameters found cannot be: beyond their physical bounds by more than chance."""
-    parameters = hit.effect.parameters(robot)
-    std = parameter_std(hit.columns, frame)
-    for p, value, s in zip(parameters, score.values, std, strict=True):
+def implausible(effect: Effect, values: Array, std: Array, robot: Robot) -> str:
+    """Why parameters found (k,) with these standard deviations cannot be: beyond their physical bounds by more than chance."""
+    parameters = effect.parameters(robot)
+    for p, value, s in zip(parameters, values, std, strict=True):
         if value < p.lower - _BEYOND * s or value > p.upper + _BEYOND * s:
             return f"{p.name} = {value:.4g} {p.unit} is beyond its bound"
         if p.lower == 0.0 and value <= 0.0 and len(parameters) == 1:
             return f"{p.name} = {value:.4g} {p.unit} must be positive"
-    return hit.effect.implausible(robot, score.values, std)
+    return effect.implausible(robot, values, std)
 
 
 def parameter_std(columns: Array, frame: Frame) -> Array:

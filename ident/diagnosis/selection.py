@@ -17,7 +17,8 @@ from .candidates import Candidate, candidates
 from .floor import noise_floor
 from .frame import Frame, Motions, raw_columns
 from .null import Null
-from .search import Bank, Hit, Judged, Search
+from .precision import found_parameters, settled
+from .search import Bank, Hit, Judged, Search, implausible
 from .signatures import signatures
 from .weights import weights
 
@@ -125,6 +126,12 @@ def _stage(problem: Problem, white: Whitener, bank: Bank, like: Motions, found: 
 
 
 def threshold(hit: Hit, number: int) -> float:
+    """Evidence from which on a candidate counts. Columns made of the measured torque hold its noise, which follows itself: there, weak
+    evidence is none."""
+    return max(by_chance(hit, number), WEAK if Need.TORQUE in hit.effect.needs else 0.0)
+
+
+def by_chance(hit: Hit, number: int) -> float:
     """Evidence that chance reaches with probability FALSE_ALARM over `number` candidates, for this one's parameters and shapes."""
     from scipy.stats import chi2
 
@@ -182,6 +189,7 @@ def select(
         else:
             # With the strongest effect in the model, what is left tells the noise better than the saturated model did.
             first, stage = _with_noise(first, stage, bank)
+    stage, found = _settled(first, stage, found, bank, say)
     return Selection(first, stage, tuple(found), tuple(trail))
 
 
@@ -206,7 +214,7 @@ def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> F
     for _ in range(_TRIES):
         if not worth:
             break
-        w = weights(worth, [threshold(j.hit, stage.number) for j in worth])
+        w = weights(worth, [by_chance(j.hit, stage.number) for j in worth])
         best = int(np.argmax(w))
         if stage.null.exceeded(worth[best].hit.candidate, worth[best].evidence):
             order = [best, *(i for i in np.argsort(-w) if i != best)]
@@ -258,6 +266,30 @@ def _re_examined(first: Stage, stage: Stage, found: list[Found], bank: Bank, say
     return stage, found
 
 
+def _settled(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Callable[[str], None]) -> tuple[Stage, list[Found]]:
+    """Stage and findings at the shapes that fit best together; without those that cannot be what they are called there."""
+    robot, among = stage.problem.model.robot, stage.search.candidates
+
+    def rebuilt(own: Sequence[Effect]) -> Stage:
+        return _with(first, own, stage, bank, among)
+
+    while found:
+        best, effects = settled(stage, [f.effect for f in found], rebuilt)
+        worst: tuple[float, int, str] | None = None
+        for i, (f, parameters) in enumerate(zip(found, found_parameters(best, effects), strict=True)):
+            linear = parameters[: len(effects[i].parameters(robot))]
+            why = implausible(effects[i], np.array([p.value for p in linear]), np.nan_to_num([p.std for p in linear]), robot)
+            if why and (worst is None or f.judged.evidence < worst[0]):
+                worst = (f.judged.evidence, i, why)
+        if worst is None:
+            hits = [replace(f.judged.hit, effect=e, columns=best.search.whitened(e)) for f, e in zip(found, effects, strict=True)]
+            return best, [replace(f, judged=replace(f.judged, hit=hit)) for f, hit in zip(found, hits, strict=True)]
+        say(f"dropped: {found[worst[1]].judged.hit}, at its best shape: {worst[2]}")
+        found = [f for i, f in enumerate(found) if i != worst[1]]
+        stage = _with(first, [f.effect for f in found], stage, bank)
+    return stage, found
+
+
 def _hit_in(stage: Stage, found: Found) -> Hit | None:
     """A finding as a hit of another stage."""
     for candidate in stage.search.candidates:
@@ -269,14 +301,14 @@ def _hit_in(stage: Stage, found: Found) -> Hit | None:
     return None
 
 
-def _with(first: Stage, effects: Sequence[Effect], like: Stage, bank: Bank) -> Stage:
-    """The declared model with effects, the reference taken over as far as parameters are the same."""
+def _with(first: Stage, effects: Sequence[Effect], like: Stage, bank: Bank, among: tuple[Candidate, ...] | None = None) -> Stage:
+    """The declared model with effects, the reference taken over as far as parameters are the same. `among`: its candidates, if known."""
     model = first.problem.model
     for effect in effects:
         model = model + effect
     old = dict(zip(like.problem.model.names, like.problem.reference, strict=True)) if like.problem.reference is not None else {}
     reference = np.array([old.get(name, 0.0) for name in model.names])
-    return _stage(Problem(model, first.problem.signals, reference=reference), first.white, bank, like.motions)
+    return _stage(Problem(model, first.problem.signals, reference=reference), first.white, bank, like.motions, among)
 
 
 def _labelled(found: Found, model: Model) -> Found:

@@ -27,6 +27,8 @@ def diagnosis_text(d: Diagnosis) -> str:
         for p in f.parameters:
             doubt = f" ± {p.std:.2g}" if np.isfinite(p.std) else ""
             lines.append(f"     {p.name} = {p.value:.4g}{doubt} {p.unit}")
+        if f.configuration:
+            lines.append("     " + ", ".join(f"{name}: {value}" for name, value in f.configuration.items()))
         if f.imitators:
             named = "; ".join(f"{m.effect}{on(m.place)} ({m.confidence:.2f})" for m in f.imitators)
             lines.append(f"     could also be: {named}")

@@ -62,8 +62,10 @@ def step_time() -> ShapeParameter:
 
 
 def after(motion: Motion, t_0: float) -> Array:
-    """1 from t_0 on, 0 before, (N,)."""
-    return (motion.clock >= t_0).astype(float)
+    """1 from t_0 on, 0 before, (N,); in between for the sample whose period (half of it either side) holds t_0."""
+    if motion.rate <= 0.0:
+        return (motion.clock >= t_0).astype(float)
+    return np.clip((motion.clock - t_0) * motion.rate + 0.5, 0.0, 1.0)
 
 
 def inside(motion: Motion) -> tuple[float, float]:

@@ -30,7 +30,8 @@ _LENGTH_STEP = 0.1
 @register
 @dataclass(frozen=True, kw_only=True)
 class GearCoupling(Effect):
-    """An entry of θ = K θ_m that is not as declared: τ = Σ K_ij ∂τ/∂K_ij of the whole drive, K_ij the true less the declared entry.
+    """An entry of θ = K θ_m that is not as declared: τ = Σ K_ij ∂τ/∂K_ij of the whole drive, K_ij the true less the declared entry,
+    the slopes taken half way to the entries that the reference holds.
 
     The torque of link i appears at motor j, and the motors of joint i turn with motor j. `joints`: rows i; `motors`: columns
     j, by the names of their joints; every other motor if None. `encoder`: the side whose positions were measured; if it is
@@ -77,6 +78,9 @@ class GearCoupling(Effect):
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         reference = motion.needed_reference(f"effect {self.name!r}")
+        declared, values = robot.transmission, reference.values_of(self, robot)
+        if values.any():
+            robot, motion, reference = self._half_way(motion, robot, reference, values)
         transmission = robot.transmission
         measured = transmission.measured
         links = motion.remembered(("acting on joints", reference), lambda: reference.part(motion, Side.JOINT, acting=Side.JOINT))
@@ -95,8 +99,23 @@ class GearCoupling(Effect):
                 more = reference.along(motion, np.eye(robot.n)[i], shift, acting=Side.JOINT)
                 slope = slope + transmission.torque(more, Side.JOINT, measured)
             slope = slope + self._drive(loaded, reference, entry, (i, j))
-            out[:, :, column] = transmission.torque(slope, measured, self.side)
+            out[:, :, column] = declared.torque(slope, measured, self.side)
         return out
+
+    def _half_way(self, motion: Motion, robot: Robot, reference: Reference, values: Array) -> tuple[Robot, Motion, Reference]:
+        """Robot, motion and prediction with half of what the reference holds of these entries: the torque is all but quadratic in K, and
+        the slope at half way times the whole way is then the whole change."""
+        there = self.applied(robot, 0.5 * values)
+        moved = self._behind(motion, there)
+        return there, moved, replace(reference, model=replace(reference.model, robot=there))
+
+    def _behind(self, motion: Motion, other: Robot) -> Motion:
+        """The motion that was measured, behind another transmission."""
+        if self.encoder == Side.JOINT:
+            return motion.moved(other, motion.joint)
+        motor, drive = motion.motor, other.transmission
+        joint = Coordinates(drive.joint_position(motor.q), drive.joint_rate(motor.dq), drive.joint_rate(motor.ddq))
+        return replace(motion.moved(other, joint), motor=motor)
 
     def _drive(self, motion: Motion, reference: Reference, entry: Array, pair: tuple[int, int]) -> Array:
         """Slope (N, n), measured side, of what acts on the motors, over an entry of K, at the motion that was measured."""
@@ -107,12 +126,9 @@ class GearCoupling(Effect):
         ends = []
         for step in (h, -h):
             other = robot.with_transmission(replace(transmission, K=transmission.K + step * entry))
+            there = self._behind(motion, other)
             if self.encoder == Side.JOINT:
-                there = replace(motion.moved(other, motion.joint), load=motion.load)
-            else:
-                motor, drive = motion.motor, other.transmission
-                joint = Coordinates(drive.joint_position(motor.q), drive.joint_rate(motor.dq), drive.joint_rate(motor.ddq))
-                there = replace(motion.moved(other, joint), motor=motor)
+                there = replace(there, load=motion.load)
             ends.append(reference.part(there, transmission.measured, other, acting=Side.MOTOR))
         return (ends[0] - ends[1]) / (2.0 * h)
 
@@ -152,10 +168,12 @@ class LinkLength(Effect):
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         reference = motion.needed_reference(f"effect {self.name!r}")
-        at = self.at(robot)
+        at, values = self.at(robot), reference.values_of(self, robot)
         out = np.zeros((len(motion), robot.n, len(at)))
         for column, j in enumerate(at):
-            ends = [reference.load(motion, _lengthened(robot, j, step)) for step in (_LENGTH_STEP, -_LENGTH_STEP)]
+            # Half way to the length that the reference holds: there the slope is that of the whole way.
+            steps = [0.5 * values[column] + step for step in (_LENGTH_STEP, -_LENGTH_STEP)]
+            ends = [reference.load(motion, _lengthened(robot, j, step)) for step in steps]
             out[:, :, column] = robot.transmission.torque((ends[0] - ends[1]) / (2.0 * _LENGTH_STEP), Side.JOINT, self.side)
         return out
 

@@ -33,13 +33,14 @@ class _Mounting(Effect):
 
     side: Side = Side.JOINT
 
-    def fields(self, robot: Robot) -> list[Array]:
-        """For each column the change of gravity (3,) per unit parameter. Raises ConfigurationError."""
+    def fields(self, robot: Robot, values: Array) -> list[Array]:
+        """For each of the columns that act on the reference the change of gravity (3,) per unit parameter, at parameter values (k,): the
+        values times the columns are the whole change. Raises ConfigurationError."""
         raise NotImplementedError
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         reference = motion.needed_reference(f"effect {self.name!r}")
-        torque = [reference.gravity(motion, field) for field in self.fields(robot)]
+        torque = [reference.gravity(motion, field) for field in self.fields(robot, reference.values_of(self, robot))]
         return np.stack([robot.transmission.torque(t, Side.JOINT, self.side) for t in torque], axis=2)
 
     def gravity(self, robot: Robot) -> Array:
@@ -59,9 +60,10 @@ class BaseTilt(_Mounting):
     """A base that is not level: turned by tiltx, tilty (rad) about two axes of the base square to gravity.
 
     The axes are x and y of the base if gravity is along its z; else x (or the base axis squarest to gravity) made square to
-    gravity, and the one square to both. τ = Σ tilt_i ∂τ/∂tilt_i, with gravity in the base's frame turned by −tilt; first
-    order in the tilt. A tilted base also shows first moments that no torque showed before (those of what turns about a vertical
-    axis): each is a parameter of its own, its product with a tilt."""
+    gravity, and the one square to both. Gravity in the base's frame is turned by −tilt: τ = Σ tilt_i c_i, c_i the mean of ∂τ/∂tilt_i on
+    the way from level to the tilt that the reference holds, so that at this tilt the sum is exact. A tilted base also shows first
+    moments that no torque showed before (those of what turns about a vertical axis): each is a parameter of its own, its product
+    with a tilt."""
 
     name: ClassVar[str] = "base_tilt"
     title: ClassVar[str] = "tilted base"
@@ -71,13 +73,19 @@ class BaseTilt(_Mounting):
         shown = [Parameter(f"tilt{'xy'[m.axis]}_{m.name}{self.label}", m.unit, self.name) for m in newly_shown(robot)]
         return (*(Parameter(f"tilt{axis}{self.label}", "rad", self.name) for axis in "xy"), *shown)
 
-    def fields(self, robot: Robot) -> list[Array]:
-        return tilt_fields(self.gravity(robot))
+    def fields(self, robot: Robot, values: Array) -> list[Array]:
+        gravity = self.gravity(robot)
+        axes = tilt_axes(gravity)
+        turn = values[0] * axes[0] + values[1] * axes[1]
+        # Gravity there less gravity here is the integral of its change on the way (Gauss, Legendre: exact to the sixth power).
+        places, shares = np.polynomial.legendre.leggauss(3)
+        on_the_way = [(0.5 * share, _rotated(gravity, -0.5 * (1.0 + x) * turn)) for x, share in zip(places, shares, strict=True)]
+        return [-np.sum([share * np.cross(axis, there) for share, there in on_the_way], axis=0) for axis in axes]
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         from ..reference import Reference
 
-        rigid, fields = robot.rigid_body(), self.fields(robot)
+        rigid, fields = robot.rigid_body(), tilt_fields(self.gravity(robot))
         torque = [Reference(rigid, m.inertia).gravity(motion, fields[m.axis]) for m in newly_shown(robot)]
         more = [robot.transmission.torque(t, Side.JOINT, self.side)[:, :, None] for t in torque]
         return np.concatenate([super().columns(motion, robot), *more], axis=2)
@@ -101,13 +109,16 @@ class GravityMagnitude(_Mounting):
         self.gravity(robot)
         return (Parameter(f"dg{self.label}", "m/s^2", self.name),)
 
-    def fields(self, robot: Robot) -> list[Array]:
+    def fields(self, robot: Robot, values: Array) -> list[Array]:
+        return [self._direction(robot)]
+
+    def _direction(self, robot: Robot) -> Array:
         gravity = self.gravity(robot)
-        return [gravity / np.linalg.norm(gravity)]
+        return np.asarray(gravity / np.linalg.norm(gravity))
 
     def applied(self, robot: Robot, values: Array) -> Robot:
         """The robot in the field of the magnitude found."""
-        return robot.with_gravity((self.gravity(robot) + self.fields(robot)[0] * float(values[0])).tolist())
+        return robot.with_gravity((self.gravity(robot) + self._direction(robot) * float(values[0])).tolist())
 
 
 @dataclass(frozen=True, eq=False)

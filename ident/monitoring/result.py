@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..diagnosis.findings import Finding, FoundParameter
+from ..diagnosis.findings import Finding
+from ..diagnosis.precision import FoundParameter
 from ..places import on, place_of
 from ..results import result
 from ..torque_error import TorqueError, number

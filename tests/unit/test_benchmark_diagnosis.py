@@ -28,7 +28,7 @@ def record(kind: str, verdict: str, findings: list[dict[str, Any]], named: list[
     return {
         "id": f"{kind}_{verdict}", "arm": "scara", "kind": kind, "parts": parts, "size": [1.0] * len(parts), "verdict": verdict,
         "findings": findings, "named": list(named), "oracle": [dict(seen) for _ in parts], "unexplained": [], "coverage": [],
-        "before": [2.0], "after": [1.0], "reported_floor": [1.0], "seconds": 1.0, "wall_seconds": 1.0, **more,
+        "before": [2.0, 2.0], "after": [1.0], "reported_floor": [1.0], "seconds": 1.0, "wall_seconds": 1.0, **more,
     }  # fmt: skip
 
 
@@ -71,8 +71,10 @@ def test_clean_outside_and_pairs():
     two = [finding("offset", "joint2"), finding("stribeck", "joint1")]
     found = by_title(
         [
-            record("clean", "clean", []),
-            record("clean", "unexplained", []),
+            record("clean", "clean", [], before=[1.0, 1.1]),
+            record("clean", "unexplained", [], before=[1.1, 1.0]),
+            record("outside", "clean", [], before=[1.05, 1.05]),
+            record("outside", "clean", [], before=[1.0, 1.2]),
             record("outside", "unexplained", [finding("stribeck", "joint1", 0.4)]),
             record("outside", "ambiguous", [finding("stribeck", "joint1", 0.6)]),
             record("outside", "explained", [finding("stribeck", "joint1", 0.9)]),
@@ -82,9 +84,14 @@ def test_clean_outside_and_pairs():
         ]
     )
     assert found["clean: false alarms"].hits == 1, "structure said to be unexplained is an alarm, too"
-    assert found["outside: unexplained or ambiguous"].hits == 2
+    traced, every = found["outside: unexplained or ambiguous"], found["… of all of them, traced or not"]
+    assert (traced.hits, traced.count, every.hits, every.count) == (2, 4, 2, 5), "one lies below what clean logs show"
     assert found["outside: a name above one half"].hits == 2
     assert (found["pairs: both and only both"].hits, found["pairs: both and only both"].count) == (1, 3)
+    hidden = record("pair", "explained", two[:1], both[:1])
+    hidden["oracle"][1]["detectable"] = False
+    found = by_title([hidden, record("pair", "explained", two, both)])
+    assert (found["pairs: both and only both"].count, found["… of all pairs"].count) == (1, 2)
 
 
 def test_too_few_cases_meet_nothing():

@@ -123,6 +123,41 @@ def test_base_tilt_and_gravity_are_slopes_over_the_field(robot_name: str) -> Non
     np.testing.assert_allclose(stronger, g - 0.3 * up, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("name", "configuration", "size", "relative"),
+    [
+        ("base_tilt", {}, [0.25, -0.2], 1e-6),
+        ("gravity_magnitude", {}, [1.5], 1e-9),
+        ("link_length", {"joints": "j4"}, [0.1], 1e-6),
+        ("gear_coupling", {"joints": "j2", "motors": "j1", "encoder": "joint"}, [0.2], 1e-2),
+        ("gear_coupling", {"joints": "j2", "motors": "j1", "encoder": "motor"}, [0.2], 1e-2),
+    ],
+)
+def test_a_large_correction_is_whole_where_the_reference_holds_it(
+    name: str, configuration: dict[str, str], size: list[float], relative: float
+) -> None:
+    """A slope at zero would be off by far more: tilts by a tenth, couplings by half."""
+    robot, values, state, motion = case("seven")
+    effect = make_effect(name, **configuration)
+    found = np.zeros(len(effect.parameters(robot)))
+    found[: len(size)] = size
+    if name == "gear_coupling":
+        found *= abs(robot.transmission.K[1, 1])
+    model, _ = declared(robot)
+    itself = motion.with_reference(Reference(model + effect, np.append(values, found)))
+    other = effect.applied(robot, found)
+    if configuration.get("encoder") == "motor":
+        m, K = motion.motor, other.transmission.K
+        state = (m.q @ K.T + other.transmission.zero, m.dq @ K.T, m.ddq @ K.T)
+    perturbed = {"K": other.transmission.K, "gravity": other.model.gravity.linear, "model": other.model}
+    whole = reading(robot, *state, values, direction=motion.motor.direction, **perturbed) - motion.predicted
+    T = robot.transmission
+    there, at_zero = (T.torque(effect.columns(m, robot) @ found, effect.side, T.measured) for m in (itself, motion))
+    close(there, whole, relative)
+    if name in ("base_tilt", "gear_coupling"):
+        assert np.abs(there - whole).max() < 0.1 * np.abs(at_zero - whole).max()
+
+
 @pytest.mark.parametrize("robot_name", list(ROBOTS))
 def test_a_tilted_base_shows_moments_that_a_level_one_hides(robot_name: str) -> None:
     robot, values, state, motion = case(robot_name)

@@ -1,0 +1,177 @@
+"""How exactly a finding's parameters and shapes are known: all of them sought together once more, and their standard deviations.
+
+The search finds each shape beside what was known then, to a few steps of a grid. Here the shapes of all findings are moved together
+with every linear parameter by Gauss-Newton steps until nothing is gained. Standard deviations are those of the same linearised
+problem; where the residual is not what the noise floor promises (structure that nothing explains, a law that is not quite exact),
+the scatter of its blocks of time is larger than that, and counts instead (H. White, Econometrica 48 (1980), by blocks)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..effect import Effect, Need
+
+if TYPE_CHECKING:
+    from .selection import Stage
+
+Array = np.ndarray
+#: Steps over all shapes, and halvings of one that gains nothing.
+_STEPS = 6
+_HALVINGS = 3
+#: A step is not worth taking that promises less than this (twice a log-likelihood).
+_LEAST = 0.01
+#: Relative step of a difference quotient over a shape.
+_DIFFERENCE = 1e-3
+
+
+@dataclass(frozen=True)
+class FoundParameter:
+    """A parameter of a finding: linear ones and shapes alike."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+
+    def to_dict(self) -> dict[str, float | str]:
+        return {"name": self.name, "value": self.value, "std": self.std, "unit": self.unit}
+
+
+@dataclass(frozen=True, eq=False)
+class _Slopes:
+    """Derivatives of the whitened torque over shapes: `columns` (n, M, s); `place` (s,): index of the effect and name of the shape."""
+
+    columns: Array
+    place: tuple[tuple[int, str], ...]
+
+
+def settled(stage: Stage, effects: Sequence[Effect], rebuilt: Callable[[Sequence[Effect]], Stage]) -> tuple[Stage, tuple[Effect, ...]]:
+    """The stage, and its effects, at the shapes that fit best together. `rebuilt`: makes the stage of the same model with effects."""
+    best, own = stage, tuple(effects)
+    for _ in range(_STEPS):
+        slopes = _slopes(best, own)
+        if not slopes.place:
+            break
+        step, promised = _step(best, slopes)
+        if promised < _LEAST:
+            break
+        for halving in range(_HALVINGS):
+            moved = _moved(own, slopes, 0.5**halving * step)
+            tried = rebuilt(moved)
+            if tried.frame.loss < best.frame.loss:
+                break
+        else:
+            break
+        gained = best.frame.loss - tried.frame.loss
+        best, own = tried, moved
+        if gained < _LEAST:
+            break
+    return best, own
+
+
+def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[FoundParameter, ...]]:
+    """Of each effect of a stage its values with standard deviations, linear ones first."""
+    robot, names = stage.problem.model.robot, list(stage.problem.model.names)
+    values = stage.problem.base.expand(stage.frame.base_values)
+    slopes = _slopes(stage, effects)
+    std, shape_std = _deviations(stage, slopes)
+    out = []
+    for i, effect in enumerate(effects):
+        linear = [
+            FoundParameter(p.name, float(values[names.index(p.name)]), std.get(p.name, np.nan), p.unit) for p in effect.parameters(robot)
+        ]
+        shapes = []
+        for shape in effect.shape():
+            value, s = float(getattr(effect, shape.name)), shape_std.get((i, shape.name), np.nan)
+            if shape.log:
+                s *= value
+            if shape.unit == "s" and Need.TIME in effect.needs:
+                # A moment is not known better than the sampling lets tell.
+                s = float(np.hypot(s, 1.0 / (np.sqrt(12.0) * stage.problem.signals.rate)))
+            shapes.append(FoundParameter(shape.name, value, s, shape.unit))
+        out.append((*linear, *shapes))
+    return out
+
+
+def _slopes(stage: Stage, effects: Sequence[Effect]) -> _Slopes:
+    names = list(stage.problem.model.names)
+    values = stage.problem.base.expand(stage.frame.base_values)
+    columns, place = [], []
+    for i, effect in enumerate(effects):
+        own = values[[names.index(p.name) for p in effect.parameters(stage.problem.model.robot)]]
+        for p in effect.shape():
+            columns.append(_slope(stage, effect, own, p.name))
+            place.append((i, p.name))
+    n, M = stage.frame.residual.shape
+    return _Slopes(np.concatenate(columns, axis=2) if columns else np.zeros((n, M, 0)), tuple(place))
+
+
+def _slope(stage: Stage, effect: Effect, values: Array, name: str) -> Array:
+    """Derivative (n, M, 1) of an effect's whitened torque with respect to a shape (its logarithm where that is natural)."""
+    at = float(getattr(effect, name))
+    p = next(p for p in effect.shape() if p.name == name)
+    ends = []
+    for step in (_DIFFERENCE, -_DIFFERENCE):
+        x = at * np.exp(step) if p.log else at + step * (abs(at) + 1e-6)
+        x = float(np.clip(x, p.lower, p.upper))
+        columns = stage.search.whitened(effect.with_shape(**{name: x}))
+        ends.append((columns @ values, np.log(x) if p.log else x))
+    width = ends[0][1] - ends[1][1]
+    return np.asarray(((ends[0][0] - ends[1][0]) / width)[:, :, None] if width else np.zeros((*ends[0][0].shape, 1)))
+
+
+def _step(stage: Stage, slopes: _Slopes) -> tuple[Array, float]:
+    """Gauss-Newton step (s,) over the shapes beside all linear parameters, and what it promises to gain."""
+    S, own, _ = _beside(stage, slopes)
+    right = S.T @ stage.frame.residual.reshape(-1)
+    step = _pinv(own) @ right
+    return step, float(step @ right)
+
+
+def _beside(stage: Stage, slopes: _Slopes) -> tuple[Array, Array, Array]:
+    """Slopes (rows, s); their cross-products (s, s) beside the model's columns; those with the model's columns (b, s)."""
+    X = stage.frame.columns.reshape(-1, stage.frame.columns.shape[2])
+    S = slopes.columns.reshape(len(X), slopes.columns.shape[2])
+    cross = X.T @ S
+    return S, S.T @ S - cross.T @ stage.frame._inverse_gram @ cross, cross
+
+
+def _moved(effects: Sequence[Effect], slopes: _Slopes, step: Array) -> tuple[Effect, ...]:
+    out = list(effects)
+    for (i, name), move in zip(slopes.place, step, strict=True):
+        p = next(p for p in out[i].shape() if p.name == name)
+        at = float(getattr(out[i], name))
+        x = at * float(np.exp(np.clip(move, -1.0, 1.0))) if p.log else at + float(move)
+        out[i] = out[i].with_shape(**{name: float(np.clip(x, p.lower, p.upper))})
+    return tuple(out)
+
+
+def _deviations(stage: Stage, slopes: _Slopes) -> tuple[dict[str, float], dict[tuple[int, str], float]]:
+    """Standard deviations of base parameters by name, and of shapes by place."""
+    frame = stage.frame
+    _, own, cross = _beside(stage, slopes)
+    along, inverse = frame._inverse_gram @ cross, _pinv(own)
+    # Inverse of the whole normal matrix, by blocks; base parameters are `transform` times the columns' coefficients.
+    whole = np.block([[frame._inverse_gram + along @ inverse @ along.T, -along @ inverse], [-inverse @ along.T, inverse]])
+    base, width = frame.transform.shape
+    outputs = np.block([[frame.transform, np.zeros((base, len(own)))], [np.zeros((len(own), width)), np.eye(len(own))]])
+    solved = outputs @ whole
+    plain = np.einsum("ij,ij->i", solved, outputs)
+    scatter = np.zeros(len(plain))
+    D = np.concatenate([frame.columns, slopes.columns], axis=2)
+    for rows in frame.block_rows:
+        scatter += (solved @ (D[:, rows].reshape(-1, D.shape[2]).T @ frame.residual[:, rows].reshape(-1))) ** 2
+    std = np.sqrt(np.maximum(np.maximum(plain, scatter * frame.n_blocks / max(frame.n_blocks - 1, 1)), 0.0))
+    return dict(zip(stage.problem.base.names, std[:base].tolist(), strict=True)), dict(zip(slopes.place, std[base:].tolist(), strict=True))
+
+
+def _pinv(A: Array) -> Array:
+    """Inverse of a symmetric positive semidefinite matrix, scaled; directions below 1e-10 are left at zero."""
+    if not len(A):
+        return A
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    return np.asarray(np.linalg.pinv(A * scale[:, None] * scale, rcond=1e-10, hermitian=True) * scale[:, None] * scale)
