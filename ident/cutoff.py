@@ -33,6 +33,9 @@ _BEYOND = 3.0
 #: Once the share of noise exceeds this, higher frequencies are not looked at any more: beyond a filter in the drive the noise
 #: level falls, and what is noise would pass as motion. A smaller excess may be a stretch of weak motion before a stronger one.
 _TOLERATED = 1e-2
+#: A cut-off of fewer periods than this in the longest piece leaves nothing of it: a joint that asks for one (its position jumps) is
+#: left to its own, as long as others do not ask for it.
+_PERIODS = 40.0
 _WINDOW = 1 << 17
 _MOST_WINDOWS = 32
 
@@ -67,11 +70,12 @@ class JointSpectrum:
 
 @dataclass(frozen=True)
 class CutoffChoice:
-    """The cut-off for all joints and why."""
+    """The cut-off for all joints and why. `unheard`: joints that asked for one that would have left nothing of the log."""
 
     cutoff_hz: float
     reason: str
     joints: tuple[JointSpectrum, ...]
+    unheard: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         return {"cutoff_hz": self.cutoff_hz, "reason": self.reason}
@@ -117,6 +121,10 @@ def choose_cutoff(
         return CutoffChoice(
             float(fallback), "no joint's motion stands out of the noise of its position; a usual value is taken", tuple(found)
         )
+    least = _PERIODS * rate / max(len(p) for p in pieces)
+    heard = [s for s in deciding if s.suggested_hz >= least] or deciding
+    unheard = tuple(s.name for s in deciding if s not in heard)
+    deciding = heard
     quietest = min(deciding, key=lambda s: s.suggested_hz)
     noise = quietest.suggested_hz
     widest = max(deciding, key=lambda s: _motion_band(f, power, names.index(s.name), noise))
@@ -126,11 +134,11 @@ def choose_cutoff(
         why = f"the noise of {quietest.name}'s position allows no more (its share in the acceleration stays below {NOISE_SHARE:g})"
         if noise >= 0.999 * cap:
             why = "a fixed share of the sample rate; neither noise nor motion asks for less"
-        return CutoffChoice(float(noise), why, tuple(found))
+        return CutoffChoice(float(noise), why, tuple(found), unheard)
     why = f"{MOTION_MULTIPLE:g} times {band:.3g} Hz, below which 99 % of {widest.name}'s acceleration lies"
     if needed > MOTION_MULTIPLE * band:
         why = f"the log is short ({duration:.3g} s), and less would leave too few independent rows"
-    return CutoffChoice(float(needed), why, tuple(found))
+    return CutoffChoice(float(needed), why, tuple(found), unheard)
 
 
 def _motion_band(f: Array, power: Array, j: int, upto: float) -> float:

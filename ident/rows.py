@@ -122,6 +122,11 @@ def assemble(
     tau[lost["torque missing"]] = np.nan
     warnings += _warnings(robot, still_joint, rule is not None, cut, prep.saturated, valid, lost)
     warnings += raised_shares(robot, rule, allowed)
+    warnings += [
+        f"the position of {name} is so noisy, or jumps so far, that its accelerations could be had only with a cut-off that leaves nothing"
+        f" of the log; the cut-off of {cutoff:.3g} Hz suits the other joints, and what is fitted from {name}'s motion is not to be trusted."
+        for name in (choice.unheard if prep.cutoff_hz is None else ())
+    ]
     require_motion(rule, still_joint)
     joints = tuple(
         JointReport(

@@ -183,7 +183,9 @@ def _coverage(found: Any, parts: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def _orders_per_order(effect: Effect, robot: Robot) -> float:
     """What an order found is in cycles of the angle that the truth counts: the usual side of the effect."""
-    side, usual = effect.angle, type(effect).__dataclass_fields__["angle"].default  # type: ignore[attr-defined]
+    if not hasattr(effect, "angle"):
+        return 1.0
+    side, usual = effect.angle, type(effect).__dataclass_fields__["angle"].default
     j = effect.at(robot)[0]
     ratio = float(abs(robot.transmission.K_inverse[j, j]))
     return 1.0 if side == usual else ratio if usual == Side.JOINT else 1.0 / ratio

@@ -16,6 +16,7 @@ from ..torque_error import number
 from .advice import advice_for
 from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .findings import Finding, Unexplained, assess
+from .in_plain_sight import apart, jumps
 from .leftover import leftovers
 from .search import Bank
 from .selection import WEAK, Selection, select, start
@@ -143,7 +144,7 @@ def diagnose(
     tell(0.9)
     left = leftovers(selection.final, selection.found)
     verdict, findings, unexplained = assess(selection, left)
-    after = declared if not findings else _fitted(estimator, selection.final.problem.model, wide, before)
+    after = declared if not findings else _fitted(estimator, selection.final.problem.model, wide, before, selection.final.problem.reference)
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     unhelpful = ""
@@ -162,6 +163,8 @@ def diagnose(
                 " do not add them without a longer log."
             )
             verdict, findings = "unexplained", tuple(replace(f, confidence=_UNHELPFUL * f.confidence) for f in findings)
+    if plain := (*jumps(wide), *(apart(after, wide, held) if held is not None else ())):
+        verdict, unexplained = "unexplained", (*unexplained, *plain)
     findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
     tell(1.0)
     said = [unhelpful] if unhelpful else []
@@ -179,7 +182,9 @@ def estimator_of(estimate: Estimate) -> Estimator:
     return make_estimator(estimate.method if estimate.method in estimator_types() else "wls")
 
 
-def _fitted(estimator: Estimator, model: Model, signals: Signals, like: Estimate) -> Estimate:
+def _fitted(estimator: Estimator, model: Model, signals: Signals, like: Estimate, reference: Array | None = None) -> Estimate:
     from ..problem import Problem
 
-    return replace(estimator.solve(Problem(model, signals)), inputs=like.inputs, signals_config=signals.report.to_dict())
+    return replace(
+        estimator.solve(Problem(model, signals, reference=reference)), inputs=like.inputs, signals_config=signals.report.to_dict()
+    )

@@ -97,6 +97,18 @@ def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[Foun
     return out
 
 
+def support(stage: Stage, effect: Effect) -> float:
+    """What the loss of a stage would rise by without one of its effects, the rest refitted (inf where its parameters are tied)."""
+    problem, frame = stage.problem, stage.frame
+    base = list(problem.base.names)
+    names = [p.name for p in effect.parameters(problem.model.robot)]
+    if any(name not in base for name in names):
+        return float("inf")
+    T = frame.transform[[base.index(name) for name in names]]
+    values = T @ frame.coefficients
+    return float(values @ _pinv(T @ frame._inverse_gram @ T.T) @ values)
+
+
 def _slopes(stage: Stage, effects: Sequence[Effect]) -> _Slopes:
     names = list(stage.problem.model.names)
     values = stage.problem.base.expand(stage.frame.base_values)

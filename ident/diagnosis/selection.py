@@ -14,10 +14,11 @@ from ..effect import Effect, Need
 from ..model import Model
 from ..problem import Problem
 from .candidates import Candidate, candidates
+from .consistent import consistent
 from .floor import noise_floor
-from .frame import Frame, Motions, raw_columns
+from .frame import Frame, Motions
 from .null import Null
-from .precision import found_parameters, settled
+from .precision import found_parameters, settled, support
 from .search import Bank, Hit, Judged, Search, implausible
 from .signatures import signatures
 from .weights import weights
@@ -43,7 +44,6 @@ WEAK = 100.0
 _DECOY = 1.5
 #: So many of the best candidates are compared with what they gain for nothing.
 _TRIES = 4
-_PREDICTION = frozenset({Need.LOAD, Need.REFERENCE})
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,18 +107,7 @@ def start(model: Model, signals: Signals, reference: Array, bank: Bank, progress
 
 def _stage(problem: Problem, white: Whitener, bank: Bank, like: Motions, found: tuple[Candidate, ...] | None = None) -> Stage:
     """A frame for a problem, its columns taken at the values that it yields itself; `like`: motions whose columns may serve."""
-    frame = Frame.build(problem, white, raw_columns(problem))
-    # What depends on the prediction is taken at the fit's own prediction.
-    for _ in range(4):
-        values = problem.base.expand(frame.base_values)
-        shift = problem.reference is None or _moved(values, problem.reference)
-        problem = problem.with_reference(values)
-        if not problem.model.needs & _PREDICTION:
-            frame = replace(frame, problem=problem)
-            break
-        frame = Frame.build(problem, white, raw_columns(problem))
-        if not shift:
-            break
+    problem, frame = consistent(problem, white)
     motions = Motions(problem).sharing(like)
     if found is None:
         found = candidates(problem.model, motions.parts[0][1])
@@ -279,12 +268,14 @@ def _settled(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Ca
         for i, (f, parameters) in enumerate(zip(found, found_parameters(best, effects), strict=True)):
             linear = parameters[: len(effects[i].parameters(robot))]
             why = implausible(effects[i], np.array([p.value for p in linear]), np.nan_to_num([p.std for p in linear]), robot)
+            if not why and support(best, effects[i]) < threshold(f.judged.hit, best.number):
+                why = "in this company nothing is gained by it"
             if why and (worst is None or f.judged.evidence < worst[0]):
                 worst = (f.judged.evidence, i, why)
         if worst is None:
             hits = [replace(f.judged.hit, effect=e, columns=best.search.whitened(e)) for f, e in zip(found, effects, strict=True)]
             return best, [replace(f, judged=replace(f.judged, hit=hit)) for f, hit in zip(found, hits, strict=True)]
-        say(f"dropped: {found[worst[1]].judged.hit}, at its best shape: {worst[2]}")
+        say(f"dropped in the end: {found[worst[1]].judged.hit}: {worst[2]}")
         found = [f for i, f in enumerate(found) if i != worst[1]]
         stage = _with(first, [f.effect for f in found], stage, bank)
     return stage, found
@@ -335,7 +326,3 @@ def touched(columns: Array) -> Array:
     """Joints (n,) bool on whose rows whitened columns (n, M, k) weigh."""
     power = np.sum(columns**2, axis=(1, 2))
     return power > 0.05 * power.max(initial=0.0)
-
-
-def _moved(new: Array, old: Array) -> bool:
-    return bool(np.any(np.abs(new - old) > 1e-3 * (np.abs(new) + np.abs(old) + 1e-12)))

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..effect import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
+from ..fixed_point import MOST, Repetition
 from .turning import without_sticking
 
 if TYPE_CHECKING:
@@ -25,8 +26,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from .recursive import RecursiveState
 
-#: Passes of the fixed point between parameters and the load they predict; it contracts fast (friction is the smaller part).
-_LOAD_PASSES = 12
+Array = np.ndarray
 
 
 class Capability(StrEnum):
@@ -73,8 +73,12 @@ class Estimator(ABC):
         estimate = replace(self._solve(problem), sticking=sticking, problem=asked)
         if not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
             return estimate
-        for _ in range(_LOAD_PASSES):
+        repetition: Repetition | None = None
+        for _ in range(MOST):
             values = estimate.all_values
+            if problem.reference is not None:
+                repetition = repetition or Repetition(_weights(estimate))
+                values = repetition.next(problem.reference, values)
             problem = problem.with_reference(values)
             estimate = replace(self._solve(problem), reference=values, sticking=sticking, problem=asked)
             change = np.abs(estimate.values - problem.base.base_values(values)) if len(estimate.values) == problem.base.count else np.inf
@@ -141,6 +145,12 @@ def estimator_types() -> dict[str, type[Estimator]]:
     for module in pkgutil.iter_modules(package.__path__):
         importlib.import_module(f"ident.estimators.{module.name}")
     return dict(sorted(_REGISTRY.items()))
+
+
+def _weights(estimate: Estimate) -> Array:
+    """1 over the standard deviation of each of the model's parameters (k,); 0 for what is not estimated."""
+    std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
+    return np.array([1.0 / std[name] if std.get(name, 0.0) > 0.0 else 0.0 for name in estimate.model.names])
 
 
 def _able(capability: Capability) -> str:
