@@ -123,23 +123,31 @@ def _position(add: Add, log: Log, robot: Robot | None, j: int, name: str, x: Arr
             name,
             held,
         )
-    steps = np.diff(log.t)
-    # Second differences within even stretches: across a gap they are large by themselves.
-    even = (steps[1:] < 2 * np.median(steps)) & (steps[:-1] < 2 * np.median(steps))
-    second = np.where(even, np.abs(np.diff(joined, 2)), 0.0)
-    usual = float(np.percentile(second, 99))
-    spikes = int((second > 50 * max(usual, step, 1e-9 * span)).sum())
-    if usual > 0 and spikes:
-        at = log.t[int(np.argmax(second)) + 1]
+    spikes = position_jumps(log.t, joined)
+    if len(spikes):
+        at = log.t[spikes[0]]
         add(
             "spike",
             Severity.WARNING,
-            f"Position jumps at {at:.6g} s ({spikes} samples stand far out). A single wrong sample bends velocity and"
+            f"Position jumps at {at:.6g} s ({len(spikes)} samples stand far out). A single wrong sample bends velocity and"
             " acceleration around it:"
             " remove it from the log.",
             name,
-            float(second.max()),
+            float(np.abs(np.diff(joined, 2)).max()),
         )
+
+
+def position_jumps(t: Array, x: Array) -> Array:
+    """Samples (J,) at which positions x (N,) at times t (N,) do what no motion does, the worst first."""
+    steps = np.diff(t)
+    # Second differences within even stretches: across a gap they are large by themselves.
+    even = (steps[1:] < 2 * np.median(steps)) & (steps[:-1] < 2 * np.median(steps))
+    second = np.nan_to_num(np.where(even, np.abs(np.diff(x, 2)), 0.0))
+    usual = float(np.percentile(second, 99)) if len(second) else 0.0
+    if usual <= 0.0:
+        return np.zeros(0, int)
+    found = np.flatnonzero(second > 50 * max(usual, _grid_step(x), 1e-9 * float(np.ptp(x))))
+    return np.asarray(found[np.argsort(-second[found])] + 1)
 
 
 def _unit(add: Add, robot: Robot | None, j: int, name: str, x: Array, prismatic: bool, step: float) -> bool:

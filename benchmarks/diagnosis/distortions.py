@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ident.motion import Coordinates
 from ident.simulation.sensors import Distortion, Readings
@@ -78,14 +79,14 @@ class DeadZone(Distortion):
 
 @dataclass(frozen=True, eq=False)
 class Late(Distortion):
-    """Torque of joint j is `seconds` old."""
+    """Torque of joint j is `seconds` old. Between samples a cubic spline: a straight line would be a low-pass of its own."""
 
     j: int
     seconds: float
 
     def apply(self, readings: Readings, rng: np.random.Generator) -> Readings:
         tau = readings.tau.copy()
-        tau[:, self.j] = np.interp(readings.t - self.seconds, readings.t, tau[:, self.j])
+        tau[:, self.j] = CubicSpline(readings.t, tau[:, self.j])(np.maximum(readings.t - self.seconds, readings.t[0]))
         return replace(readings, tau=tau)
 
 

@@ -10,7 +10,7 @@ from ident.simulation.sensors import TorqueScale
 from ident.transmission import Side
 
 from .distortions import Bent, Reading, Ripple
-from .fault import Fault, Setting, dry_law, fault, motor_scales, on_measured_side, on_one, smooth_law
+from .fault import Fault, Setting, dry_law, fault, motor_scales, on_one, smooth_law
 from .laws import Bristle, Dry, Smooth, Soft, Whole
 
 Array = np.ndarray
@@ -93,22 +93,20 @@ def temperature_drift_coulomb(s: Setting) -> Fault:
 @fault
 def offset(s: Setting) -> Fault:
     d = s.sign() * 0.05 * s.size * motor_scales(s)[0]
-    return Fault("offset", (s.joint,), {"offset": on_measured_side(s, d)}, distortions=(Reading(on_one(s, d), lambda t, m, x: x),))
+    return Fault("offset", (s.joint,), {"offset": d}, distortions=(Reading(on_one(s, d), lambda t, m, x: x),))
 
 
 @fault
 def offset_drift(s: Setting) -> Fault:
     d = s.sign() * 0.1 * s.size * motor_scales(s)[0] / s.seconds
-    return Fault(
-        "offset_drift", (s.joint,), {"drift": on_measured_side(s, d)}, distortions=(Reading(on_one(s, d), lambda t, m, x: x * t[:, None]),)
-    )
+    return Fault("offset_drift", (s.joint,), {"drift": d}, distortions=(Reading(on_one(s, d), lambda t, m, x: x * t[:, None]),))
 
 
 @fault
 def offset_step(s: Setting) -> Fault:
     d, at = s.sign() * 0.06 * s.size * motor_scales(s)[0], float(s.rng.uniform(0.2, 0.6) * s.seconds)
     step = Reading(on_one(s, d), lambda t, m, x: x * (t[:, None] >= at))
-    return Fault("offset_step", (s.joint,), {"step": on_measured_side(s, d), "t_0": at}, distortions=(step,))
+    return Fault("offset_step", (s.joint,), {"step": d, "t_0": at}, distortions=(step,))
 
 
 @fault

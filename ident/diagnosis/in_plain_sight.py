@@ -17,15 +17,28 @@ _FEW = 100
 
 def jumps(signals: Signals) -> tuple[Unexplained, ...]:
     """Joints whose recorded position jumps (an encoder that slips, a wrong sample): what is around a jump is lost to any fit."""
-    from ..audit_checks import check_columns
+    from ..audit_checks import position_jumps, positions
+    from ..logs import unwrapped
 
-    found = {}
+    found: dict[str, Unexplained] = {}
     for log in () if signals.source is None else signals.source:
-        for finding in check_columns(log, signals.robot):
-            if finding.code == "spike" and finding.where not in found:
-                said = f"{finding.where}: {finding.text} (log {log.name}) If it stays away after that, the encoder or a coupling slipped."
-                found[finding.where] = Unexplained(finding.where, "a jump of its position", said, 0.0)
+        q = positions(log, signals.robot)
+        for j, joint in enumerate(signals.robot.joint_names):
+            x = q[:, j] if signals.robot.joints[j].prismatic else unwrapped(q[:, j : j + 1])[:, 0]
+            here = [at for at in log.t[position_jumps(log.t, x)] if _rests_on(signals, float(at))]
+            if here and joint not in found:
+                said = (
+                    f"{joint}: its position jumps at {here[0]:.6g} s (log {log.name}), as no motion does: a wrong sample, or, if it stays"
+                    " away after that, an encoder or a coupling that slipped. Cut it out; what is fitted around it is worth nothing"
+                )
+                found[joint] = Unexplained(joint, "a jump of its position", said, 0.0)
     return tuple(found.values())
+
+
+def _rests_on(signals: Signals, at: float) -> bool:
+    """Whether rows lie on both sides of a moment; at the ends of a log the filters leave it out."""
+    times = (signals.row_time[rows] for rows in signals.row_runs)
+    return any(len(t) and t[0] < at < t[-1] for t in times)
 
 
 def apart(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained, ...]:

@@ -21,6 +21,10 @@ Array = np.ndarray
 _STEPS = 14
 #: First steps of a search over several, as a share of their ranges.
 _SIMPLEX = 0.1
+#: Directions of a candidate's parameters that the data show less than this (a share of what they would without the model's) are not
+#: known at all, nor is any parameter that has more than such a part in one.
+_SHOWN = 1e-9
+_TOUCHED = 1e-3
 #: Parameters may lie beyond a bound by this many of their standard deviations before a candidate is dropped for it.
 _BEYOND = 3.0
 
@@ -251,11 +255,15 @@ def implausible(effect: Effect, values: Array, std: Array, robot: Robot) -> str:
 
 
 def parameter_std(columns: Array, frame: Frame) -> Array:
-    """Standard deviations (k,) of a candidate's parameters beside the model's, for white noise of unit variance."""
+    """Standard deviations (k,) of a candidate's parameters beside the model's, for white noise of unit variance; inf for one that
+    the model's own parameters can take up (the ideal part of a counterbalance, which looks like the link's gravity)."""
     X = frame.columns.reshape(-1, frame.columns.shape[2])
     z = columns.reshape(-1, columns.shape[2])
     cross = X.T @ z
     own = z.T @ z - cross.T @ frame._inverse_gram @ cross
-    scale = np.sqrt(np.maximum(np.diag(z.T @ z), 1e-300))
-    covariance = np.linalg.pinv(own / scale[:, None] / scale, rcond=1e-10, hermitian=True) / scale[:, None] / scale
-    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(z.T @ z), 1e-300))
+    values, vectors = np.linalg.eigh(own * scale[:, None] * scale)
+    shown = values > _SHOWN
+    variance = (vectors[:, shown] ** 2) @ (1.0 / values[shown])
+    variance[np.any(np.abs(vectors[:, ~shown]) > _TOUCHED, axis=1)] = np.inf
+    return scale * np.sqrt(variance)

@@ -35,7 +35,8 @@ class GearCoupling(Effect):
 
     The torque of link i appears at motor j, and the motors of joint i turn with motor j. `joints`: rows i; `motors`: columns
     j, by the names of their joints; every other motor if None. `encoder`: the side whose positions were measured; if it is
-    the motor side, the joint positions themselves follow from K."""
+    the motor side, the joint positions themselves follow from K. `sensor`: the side whose torque was measured, whatever side it was
+    converted to with the declared K: that of the motors (currents), or that of the joints (torque sensors behind the gears)."""
 
     name: ClassVar[str] = "gear_coupling"
     title: ClassVar[str] = "coupling missing from the transmission"
@@ -44,10 +45,12 @@ class GearCoupling(Effect):
 
     motors: tuple[str, ...] | None = None
     encoder: Side = Side.JOINT
+    sensor: Side = Side.MOTOR
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "encoder", choice(Side, self.encoder, "encoder", self.name))
+        for key in ("encoder", "sensor"):
+            object.__setattr__(self, key, choice(Side, getattr(self, key), key, self.name))
         if self.motors is not None:
             object.__setattr__(self, "motors", (self.motors,) if isinstance(self.motors, str) else tuple(self.motors))
 
@@ -66,6 +69,8 @@ class GearCoupling(Effect):
         return [(i, j) for i in rows for j in columns]
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        if self.sensor == Side.JOINT and robot.transmission.measured == Side.MOTOR:
+            raise ConfigurationError(f'effect {self.name!r}: sensor = "joint", but robot {robot.name!r} is logged with motor torque.')
         return tuple(
             Parameter(
                 f"{self.named('K', robot, i)}_{robot.joint_names[j]}",
@@ -81,8 +86,7 @@ class GearCoupling(Effect):
         declared, values = robot.transmission, reference.values_of(self, robot)
         if values.any():
             robot, motion, reference = self._half_way(motion, robot, reference, values)
-        transmission = robot.transmission
-        measured = transmission.measured
+        transmission, side = robot.transmission, self.sensor
         links = motion.remembered(("acting on joints", reference), lambda: reference.part(motion, Side.JOINT, acting=Side.JOINT))
         loaded = replace(motion, load=motion.remembered(("load", reference), lambda: reference.load(motion)))
         pairs = self.pairs(robot)
@@ -91,15 +95,15 @@ class GearCoupling(Effect):
             entry = np.zeros_like(transmission.K)
             entry[i, j] = 1.0
             # τ_m = Kᵀ τ: the motor sees the torque of the joint it now moves.
-            slope = links @ entry if measured == Side.MOTOR else np.zeros_like(links)
+            slope = links @ entry if side == Side.MOTOR else np.zeros_like(links)
             if self.encoder == Side.MOTOR:
                 # The joint moves by as much more as the motor turns.
                 motor = motion.motor
                 shift = (motor.q[:, j], motor.dq[:, j], motor.ddq[:, j])
                 more = reference.along(motion, np.eye(robot.n)[i], shift, acting=Side.JOINT)
-                slope = slope + transmission.torque(more, Side.JOINT, measured)
+                slope = slope + transmission.torque(more, Side.JOINT, side)
             slope = slope + self._drive(loaded, reference, entry, (i, j))
-            out[:, :, column] = declared.torque(slope, measured, self.side)
+            out[:, :, column] = declared.torque(slope, side, self.side)
         return out
 
     def _half_way(self, motion: Motion, robot: Robot, reference: Reference, values: Array) -> tuple[Robot, Motion, Reference]:
@@ -118,7 +122,7 @@ class GearCoupling(Effect):
         return replace(motion.moved(other, joint), motor=motor)
 
     def _drive(self, motion: Motion, reference: Reference, entry: Array, pair: tuple[int, int]) -> Array:
-        """Slope (N, n), measured side, of what acts on the motors, over an entry of K, at the motion that was measured."""
+        """Slope (N, n), on the sensor's side, of what acts on the motors, over an entry of K, at the motion that was measured."""
         robot = reference.model.robot
         transmission, (i, j) = robot.transmission, pair
         size = float(np.linalg.norm(transmission.K[i]))
@@ -129,11 +133,11 @@ class GearCoupling(Effect):
             there = self._behind(motion, other)
             if self.encoder == Side.JOINT:
                 there = replace(there, load=motion.load)
-            ends.append(reference.part(there, transmission.measured, other, acting=Side.MOTOR))
+            ends.append(reference.part(there, self.sensor, other, acting=Side.MOTOR))
         return (ends[0] - ends[1]) / (2.0 * h)
 
     def applied(self, robot: Robot, values: Array) -> Robot:
-        """The robot with the entries found in its transmission."""
+        """The robot with the entries found in its transmission. Motor torque that was converted with the old K is to be converted anew."""
         K = robot.transmission.K.copy()
         for (i, j), value in zip(self.pairs(robot), values, strict=True):
             K[i, j] += value

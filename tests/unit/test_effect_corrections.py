@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from ident.effect import make_effect
 from ident.effects.compliance import response, responses
 from ident.effects.timing import derivative, low_pass
+from ident.errors import ConfigurationError
 from ident.friction import Coulomb
 from ident.motion import Motion
 from ident.reference import Reference
@@ -63,12 +64,17 @@ def test_the_prediction_is_that_of_rnea(robot_name: str) -> None:
 
 
 @pytest.mark.parametrize("encoder", list(Side))
+@pytest.mark.parametrize("sensor", list(Side))
 @pytest.mark.parametrize("robot_name", ["seven", "scara", "wrist"])
-def test_gear_coupling_is_the_slope_over_the_entry(robot_name: str, encoder: Side) -> None:
+def test_gear_coupling_is_the_slope_over_the_entry(robot_name: str, sensor: Side, encoder: Side) -> None:
     robot, values, state, motion = case(robot_name)
     T = robot.transmission
     direction = motion.motor.direction
-    effect = make_effect("gear_coupling", encoder=encoder, joints=["j1", "j3"], motors=["j2", "j3"])
+    effect = make_effect("gear_coupling", encoder=encoder, sensor=sensor, joints=["j1", "j3"], motors=["j2", "j3"])
+    if sensor == Side.JOINT and T.measured == Side.MOTOR:
+        with pytest.raises(ConfigurationError, match="motor torque"):
+            effect.parameters(robot)
+        return
     assert [p.name for p in effect.parameters(robot)] == ["K_j1_j2", "K_j1_j3", "K_j3_j2", "K_j3_j3"]
     for k, (i, j) in enumerate([(0, 1), (0, 2), (2, 1), (2, 2)]):
         h = 1e-6 * abs(T.K[i, i])
@@ -76,10 +82,12 @@ def test_gear_coupling_is_the_slope_over_the_entry(robot_name: str, encoder: Sid
         def at(step: float, i: int = i, j: int = j) -> Array:
             K = T.K.copy()
             K[i, j] += step
-            if encoder == Side.JOINT:
-                return reading(robot, *state, values, K=K, direction=direction)
             m = motion.motor
-            return reading(robot, m.q @ K.T + T.zero, m.dq @ K.T, m.ddq @ K.T, values, K=K, direction=direction)
+            there = state if encoder == Side.JOINT else (m.q @ K.T + T.zero, m.dq @ K.T, m.ddq @ K.T)
+            torque = reading(robot, *there, values, K=K, direction=direction)
+            # Motor torque that the log's writer converted with the K that he knew.
+            converted = sensor == Side.MOTOR and T.measured == Side.JOINT
+            return torque @ K @ np.linalg.inv(T.K) if converted else torque
 
         close(column(effect, motion, robot, k), (at(h) - at(-h)) / (2 * h), 2e-6)
 
@@ -90,7 +98,7 @@ def test_a_coupling_left_out_of_K_is_found_by_applying_the_finding() -> None:
     true_K[2, 0] += 0.004
     measured = reading(robot, *state, values, K=true_K)
     model, _ = declared(robot)
-    effect = make_effect("gear_coupling", joints="j3", motors="j1")
+    effect = make_effect("gear_coupling", joints="j3", motors="j1", sensor=robot.transmission.measured)
     for _ in range(4):
         motion = Motion.of(robot, *state).with_reference(Reference(type(model)(robot, model.effects), values))
         slope = column(effect, motion, robot).ravel()
@@ -129,8 +137,8 @@ def test_base_tilt_and_gravity_are_slopes_over_the_field(robot_name: str) -> Non
         ("base_tilt", {}, [0.25, -0.2], 1e-6),
         ("gravity_magnitude", {}, [1.5], 1e-9),
         ("link_length", {"joints": "j4"}, [0.1], 1e-6),
-        ("gear_coupling", {"joints": "j2", "motors": "j1", "encoder": "joint"}, [0.2], 1e-2),
-        ("gear_coupling", {"joints": "j2", "motors": "j1", "encoder": "motor"}, [0.2], 1e-2),
+        ("gear_coupling", {"joints": "j2", "motors": "j1", "encoder": "joint", "sensor": "joint"}, [0.2], 1e-2),
+        ("gear_coupling", {"joints": "j2", "motors": "j1", "encoder": "motor", "sensor": "joint"}, [0.2], 1e-2),
     ],
 )
 def test_a_large_correction_is_whole_where_the_reference_holds_it(
