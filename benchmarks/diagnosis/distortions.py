@@ -92,7 +92,7 @@ class Late(Distortion):
 
 @dataclass(frozen=True, eq=False)
 class Lagged(Distortion):
-    """Torque of joint j passes an RC low-pass of `seconds`."""
+    """Torque of joint j passes an RC low-pass of `seconds`; the exact answer to straight lines between the samples."""
 
     j: int
     seconds: float
@@ -104,7 +104,9 @@ class Lagged(Distortion):
         step = np.diff(readings.t)
         for i in range(1, len(x)):
             keep = np.exp(-step[i - 1] / self.seconds)
-            y[i] = keep * y[i - 1] + (1 - keep) * 0.5 * (x[i] + x[i - 1])
+            slope = (x[i] - x[i - 1]) / step[i - 1]
+            # Behind a ramp the output follows, late by the time constant; what it was off by dies away.
+            y[i] = x[i] - slope * self.seconds + keep * (y[i - 1] - x[i - 1] + slope * self.seconds)
         tau = readings.tau.copy()
         tau[:, self.j] = y
         return replace(readings, tau=tau)

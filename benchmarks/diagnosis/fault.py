@@ -22,7 +22,8 @@ Array = np.ndarray
 class Setting:
     """Where a fault goes: the arm, joint `j`, size, a generator of random choices, and the scales of the motion.
 
-    Motor side: `tau` (n,) rms torque, `speed` (n,) 95th percentile of speed. `seconds` of the log; `reach` (n, 2) of q."""
+    Motor side: `tau` (n,) rms torque, `speed` (n,) 95th percentile of speed, `torque` (N, n) that the motion asks for. `seconds` of
+    the log; `reach` (n, 2) of q."""
 
     arm: Arm
     j: int
@@ -31,6 +32,7 @@ class Setting:
     tau: Array
     speed: Array
     reach: Array
+    torque: Array
     seconds: float
 
     @property

@@ -65,7 +65,7 @@ def settings(a: Arm, case: Case) -> tuple[list[Setting], Array, Array]:
     out = []
     for name, j, size in case.parts:
         rng = np.random.default_rng([case.seed, j, zlib.crc32(name.encode())])
-        out.append(Setting(a, j, size, rng, rms, speed, reach, case.seconds))
+        out.append(Setting(a, j, size, rng, rms, speed, reach, tau, case.seconds))
     return out, rms, reach
 
 

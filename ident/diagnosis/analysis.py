@@ -85,7 +85,12 @@ def thinned(signals: Signals) -> Signals:
         runs=tuple(slice(a, b) for a, b in itertools.pairwise(edges)),
         rate=signals.rate / d,
         row_filter=fewer,
-        report=replace(signals.report, rate_hz=signals.rate / d),
+        # Fewer samples with as much noise in a band would each have less of it.
+        report=replace(
+            signals.report,
+            rate_hz=signals.rate / d,
+            joints=tuple(replace(j, noise=j.noise / np.sqrt(d)) for j in signals.report.joints),
+        ),
     )
 
 

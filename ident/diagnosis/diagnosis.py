@@ -16,7 +16,7 @@ from ..torque_error import number
 from .advice import advice_for
 from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .findings import Finding, Unexplained, assess
-from .in_plain_sight import apart, jumps
+from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
 from .search import Bank
 from .selection import WEAK, Selection, select, start
@@ -163,7 +163,7 @@ def diagnose(
                 " do not add them without a longer log."
             )
             verdict, findings = "unexplained", tuple(replace(f, confidence=_UNHELPFUL * f.confidence) for f in findings)
-    if plain := (*jumps(wide), *(apart(after, wide, held) if held is not None else ())):
+    if plain := (*jumps(wide), *lost(wide), *(apart(after, wide, held) if held is not None else ())):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
     findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
     tell(1.0)

@@ -1,8 +1,11 @@
-"""What no search over effects sees, but anyone who looks: positions that jump, held-out data that are of another kind."""
+"""What no search over effects sees, but anyone who looks: positions that jump, joints that are lost,
+held-out data that are of another kind."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from .findings import Unexplained
 
@@ -13,6 +16,9 @@ if TYPE_CHECKING:
 #: Errors on held-out data that are so many times those on fitted data are no scatter, from so many rows on.
 _APART = 2.0
 _FEW = 100
+#: A joint of fewer usable rows than this share is lost, if it moved by more than so many deviations of its position's noise.
+_LOST = 0.02
+_SPAN = 1e3
 
 
 def jumps(signals: Signals) -> tuple[Unexplained, ...]:
@@ -39,6 +45,24 @@ def _rests_on(signals: Signals, at: float) -> bool:
     """Whether rows lie on both sides of a moment; at the ends of a log the filters leave it out."""
     times = (signals.row_time[rows] for rows in signals.row_runs)
     return any(len(t) and t[0] < at < t[-1] for t in times)
+
+
+def lost(signals: Signals) -> tuple[Unexplained, ...]:
+    """Joints that move, but so restlessly (knocks, shaking, jumps) that next to none of their rows can be used."""
+    robot, found = signals.robot, []
+    rows = signals.valid.sum(axis=0)
+    for j, (joint, report) in enumerate(zip(robot.joint_names, signals.report.joints, strict=True)):
+        if rows[j] > _LOST * len(signals.valid) or not np.isfinite(signals.tau[:, j]).any():
+            continue
+        speed = np.abs(signals.dq[:, j])
+        moving = float(np.mean(speed > 0.05 * np.quantile(speed, 0.95))) if len(speed) else 0.0
+        if moving > 0.5 and float(np.ptp(signals.q[:, j])) > _SPAN * max(report.noise, 1e-12):
+            said = (
+                f"{joint}: it moves, but {rows[j]} of {len(signals.valid)} rows can be used: so restlessly that the sense of its speed"
+                " cannot be told (it shakes, jumps or knocks). Nothing is said about this joint"
+            )
+            found.append(Unexplained(joint, "rows that had to be left out", said, 0.0))
+    return tuple(found)
 
 
 def apart(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained, ...]:

@@ -7,7 +7,7 @@ log so made is prepared and scored like the real one. What a candidate gains the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -60,6 +60,8 @@ class Null:
         config = {**signals.report.config, **{key: value for key, value in cutoffs.items() if value is not None}}
         try:
             again = make_preparation(**config)(self._logs(np.random.default_rng([seed, 17])), signals.robot)
+            # What happens at a time happens at that time of the real log, of which the made one lacks the beginning.
+            again = replace(again, origins=tuple(signals.origins[int(name)] for name in again.run_names))
             problem = Problem(self.problem.model, thinned(without_reversals(less_noise(again))), reference=self.problem.reference)
             frame = Frame.build(problem, self.white.on(problem.signals.valid, problem.signals.row_runs), raw_columns(problem))
         except IdentError:
@@ -73,12 +75,12 @@ class Null:
         gain = 1.0 if signals.row_filter is None else float(np.sqrt(np.sum(np.asarray(signals.row_filter.taps) ** 2)))
         side = signals.robot.transmission.measured.value
         logs = []
-        for block, name in zip(signals.blocks(None), signals.run_names, strict=True):
+        for i, block in enumerate(signals.blocks(None)):
             motion, part = problem.motion(block.samples), block.samples
             tau = problem.model.torque(motion, _values(problem)) + self.white.std / gain * rng.normal(size=signals.q[part].shape)
             tau = np.where(np.isfinite(signals.torque[part]), tau, np.nan)
             q = signals.q[part] + position_noise(signals) * rng.normal(size=tau.shape)
-            logs.append(Log(name, signals.t[part], q=q, dq=signals.dq[part], ddq=signals.ddq[part], tau={side: tau}))
+            logs.append(Log(f"{i}", signals.t[part], q=q, dq=signals.dq[part], ddq=signals.ddq[part], tau={side: tau}))
         return LogSet(tuple(logs), robot=signals.robot)
 
 
