@@ -23,6 +23,8 @@ AMBIGUOUS = 0.2
 _NAMED = 0.01
 #: A finding is trusted no further than this: the catalogue may lack the true one.
 _MOST = 0.99
+#: Share of its confidence that a finding keeps beside something larger that nothing explains.
+_OVERSHADOWED = 0.3
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,9 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
     rows = touched(found.judged.hit.columns)
     weight = max((x.weight for x in left if rows[x.joint]), default=0.0)
     trust = min(_MOST, 1.0 / (1.0 + weight**2)) if weight >= 1.0 else _MOST
+    # What nothing explains on one joint shows on others, through all that they share: what is smaller than it is not to be trusted.
+    if any(x.weight >= 1.0 and x.evidence > found.judged.evidence for x in left):
+        trust *= _OVERSHADOWED
 
     def place(hit: Hit) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
         # The same effect at the same place in another configuration (an angle on the other side) is no rival.

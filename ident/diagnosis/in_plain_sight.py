@@ -3,22 +3,27 @@ held-out data that are of another kind."""
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effect import Need
 from .findings import Unexplained
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
     from ..signals import Signals
 
+Array = np.ndarray
 #: Errors on held-out data that are so many times those on fitted data are no scatter, from so many rows on.
 _APART = 2.0
 _FEW = 100
 #: A joint of fewer usable rows than this share is lost, if it moved by more than so many deviations of its position's noise.
 _LOST = 0.02
 _SPAN = 1e3
+#: Stretches of a run in which an error is looked at apart.
+_STRETCHES = 10
 
 
 def jumps(signals: Signals) -> tuple[Unexplained, ...]:
@@ -67,7 +72,7 @@ def lost(signals: Signals) -> tuple[Unexplained, ...]:
 
 def apart(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained, ...]:
     """Joints on which the fit fails on held-out data as it does not on its own: something is there that was not before."""
-    inside, outside = after.torque_error(fitted).rms, after.torque_error(held).rms
+    inside, outside = _error(after, fitted), _error(after, held)
     enough = (fitted.valid.sum(axis=0) >= _FEW) & (held.valid.sum(axis=0) >= _FEW)
     found = []
     for j in enough.nonzero()[0].tolist():
@@ -79,3 +84,15 @@ def apart(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained,
             )
             found.append(Unexplained(joint, "the part of the logs held out", said, float(held.valid[:, j].sum() * (ratio**2 - 1.0))))
     return tuple(found)
+
+
+def _error(estimate: Estimate, signals: Signals) -> Array:
+    """Root mean square error (n,). Where an effect remembers the motion before, nobody knows what it was before a run began: then that
+    of the stretch in the middle of all, ordered by it."""
+    if Need.HISTORY not in estimate.model.needs:
+        return estimate.torque_error(signals).rms
+    residual = estimate.residual(signals)
+    parts = (residual[part] for run in signals.row_runs for part in np.array_split(np.arange(run.start, run.stop), _STRETCHES))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a stretch without a row of some joint
+        return np.asarray(np.nanmedian([np.sqrt(np.nanmean(part**2, axis=0)) for part in parts if len(part)], axis=0))

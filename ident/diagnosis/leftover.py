@@ -7,17 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .selection import FALSE_ALARM, Found, Stage, touched
+from .selection import COMPANION, FALSE_ALARM, LARGE, Found, Stage, touched
 from .signatures import signatures, tones
 
 if TYPE_CHECKING:
     from .frame import Score
 
 Array = np.ndarray
-#: A leftover counts if it is this share of what the findings explain on the same joint: laws are never exact.
-INEXACT = 0.02
-#: And whatever was explained, if it is as large as this beside the noise (rms).
-_LARGE = 1.0
 #: A residual of this many times the noise floor is not noise, whatever it follows; so many rows tell.
 _BEYOND = 1.3
 _FEW = 100
@@ -29,8 +25,8 @@ _TRIED = 500.0
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """Structure on one joint: `signature` says against what it shows, `evidence` its held-out gain, `share` of what the findings
-    there explain (inf without any), `rms` of it over the noise's."""
+    """Structure on one joint, which counts where a further finding would. `signature` says against what it shows, `evidence` its
+    held-out gain, `share` of what the findings there explain (inf without any), `rms` of it over the noise's."""
 
     joint: int
     signature: str
@@ -42,7 +38,7 @@ class Leftover:
     @property
     def weight(self) -> float:
         """From 1 on, something is left that counts."""
-        return max(self.share / INEXACT, self.rms / _LARGE)
+        return max(self.share / COMPANION, self.rms / LARGE)
 
     def text(self, joint_name: str) -> str:
         """For people."""

@@ -35,6 +35,10 @@ _REFINED = 14
 _MOST_FINDINGS = 8
 #: Beside effects that explain G on a joint's rows, another one there must explain this share of G: laws are never exact.
 COMPANION = 0.02
+#: Or be as large as this beside the noise (rms).
+LARGE = 1.0
+#: A companion must reach the threshold so many times over.
+_BESIDE = 2.0
 #: A finding must lower the loss of the rows it is on by this share: what it adds must matter, not only be there.
 _MATTERS = 0.01
 #: Held-out gain over its standard error: what is seen in a single block of time has one, what is seen in all has many.
@@ -199,7 +203,9 @@ def described(j: Judged, number: int) -> str:
 
 def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Found | None:
     """The most probable of the candidates, with its rivals, if it is worth accepting."""
-    worth = [j for j in plausible if surplus(j, stage.number) > 0 and _often(j) and _worth(j, beside, stage)]
+    # Beside others, chance has had more than one try, and what is explained there is never quite so.
+    times = _BESIDE if beside else 1.0
+    worth = [j for j in plausible if j.evidence > times * threshold(j.hit, stage.number) and _often(j) and _worth(j, beside, stage)]
     for _ in range(_TRIES):
         if not worth:
             break
@@ -317,9 +323,11 @@ def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     """Whether a candidate matters on its rows, and is more than the inexactness of those accepted there."""
     rows = touched(judged.hit.columns)
     explained = sum(f.judged.evidence for f in beside if (touched(f.judged.hit.columns) & rows).any())
+    # As much as the noise itself is no inexactness, however much was explained before.
+    inexact = min(COMPANION * explained, LARGE**2 * float(stage.problem.signals.valid[:, rows].sum()))
     power = np.sum(judged.hit.columns**2, axis=(1, 2))
     loss = float(power @ np.sum(stage.frame.residual**2, axis=1) / max(float(power.sum()), 1e-300))
-    return judged.evidence > max(COMPANION * explained, _MATTERS * loss)
+    return judged.evidence > max(inexact, _MATTERS * loss)
 
 
 def touched(columns: Array) -> Array:
