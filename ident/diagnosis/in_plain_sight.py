@@ -19,8 +19,10 @@ Array = np.ndarray
 #: Errors on held-out data that are so many times those on fitted data are no scatter, from so many rows on.
 _APART = 2.0
 _FEW = 100
-#: A joint of fewer usable rows than this share is lost, if it moved by more than so many deviations of its position's noise.
+#: A joint of fewer usable rows than this share is lost, if it moved for so much of the time, by more than so many deviations of its
+#: position's noise.
 _LOST = 0.02
+_MOVING = 0.2
 _SPAN = 1e3
 #: Stretches of a run in which an error is looked at apart.
 _STRETCHES = 10
@@ -61,7 +63,7 @@ def lost(signals: Signals) -> tuple[Unexplained, ...]:
             continue
         speed = np.abs(signals.dq[:, j])
         moving = float(np.mean(speed > 0.05 * np.quantile(speed, 0.95))) if len(speed) else 0.0
-        if moving > 0.5 and float(np.ptp(signals.q[:, j])) > _SPAN * max(report.noise, 1e-12):
+        if moving > _MOVING and float(np.ptp(signals.q[:, j])) > _SPAN * max(report.noise, 1e-12):
             said = (
                 f"{joint}: it moves, but {rows[j]} of {len(signals.valid)} rows can be used: so restlessly that the sense of its speed"
                 " cannot be told (it shakes, jumps or knocks). Nothing is said about this joint"

@@ -26,6 +26,10 @@ _HALVINGS = 3
 _LEAST = 0.01
 #: Relative step of a difference quotient over a shape.
 _DIFFERENCE = 1e-3
+#: Slopes over a shape that are smaller than this beside the noise (root sum of squares over the whole log), or of whose square less
+#: than this share is not in the model's own columns, tell nothing of it.
+_FELT = 1e-6
+_SHOWN = 1e-9
 
 
 @dataclass(frozen=True)
@@ -165,7 +169,7 @@ def _moved(effects: Sequence[Effect], slopes: _Slopes, step: Array) -> tuple[Eff
 def _deviations(stage: Stage, slopes: _Slopes) -> tuple[dict[str, float], dict[tuple[int, str], float]]:
     """Standard deviations of base parameters by name, and of shapes by place."""
     frame = stage.frame
-    _, own, cross = _beside(stage, slopes)
+    S, own, cross = _beside(stage, slopes)
     along, inverse = frame._inverse_gram @ cross, _pinv(own)
     # Inverse of the whole normal matrix, by blocks; base parameters are `transform` times the columns' coefficients.
     whole = np.block([[frame._inverse_gram + along @ inverse @ along.T, -along @ inverse], [-inverse @ along.T, inverse]])
@@ -177,7 +181,12 @@ def _deviations(stage: Stage, slopes: _Slopes) -> tuple[dict[str, float], dict[t
     D = np.concatenate([frame.columns, slopes.columns], axis=2)
     for rows in frame.block_rows:
         scatter += (solved @ (D[:, rows].reshape(-1, D.shape[2]).T @ frame.residual[:, rows].reshape(-1))) ** 2
-    std = np.sqrt(np.maximum(np.maximum(plain, scatter * frame.n_blocks / max(frame.n_blocks - 1, 1)), 0.0))
+    variance = np.maximum(plain, scatter * frame.n_blocks / max(frame.n_blocks - 1, 1))
+    std = np.sqrt(np.maximum(variance, 0.0))
+    # A shape that makes no difference, or none that linear parameters do not make as well, is not known at all.
+    size = np.sqrt(np.maximum(np.einsum("ij,ij->j", S, S), 1e-300))
+    shown = np.diag(own) > _SHOWN * size**2
+    std[base:][~shown | (size < _FELT)] = np.inf
     return dict(zip(stage.problem.base.names, std[:base].tolist(), strict=True)), dict(zip(slopes.place, std[base:].tolist(), strict=True))
 
 

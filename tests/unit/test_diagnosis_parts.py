@@ -1,0 +1,241 @@
+"""The newer parts of the diagnosis: shapes settled together, their deviations, fits that depend on themselves, what anyone can see."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_robots import ROBOTS, declared
+
+from ident.audit_checks import position_jumps
+from ident.cutoff import choose_cutoff
+from ident.diagnosis.consistent import consistent
+from ident.diagnosis.findings import Finding
+from ident.diagnosis.frame import Frame, Motions, raw_columns
+from ident.diagnosis.in_plain_sight import apart, jumps, lost
+from ident.diagnosis.null import Null
+from ident.diagnosis.precision import found_parameters, settled, support
+from ident.diagnosis.search import Bank, Search, parameter_std
+from ident.diagnosis.selection import Stage
+from ident.diagnosis.whitening import Whitener, plain_whitener
+from ident.effect import Effect, make_effect
+from ident.estimators import WeightedLeastSquares
+from ident.fixed_point import MOST, Repetition
+from ident.logs import Log, LogSet
+from ident.model import Model
+from ident.motion import Motion
+from ident.problem import Problem
+from ident.reference import Reference
+from ident.robot import Robot
+from ident.signals import Signals, ZeroPhase
+from ident.trajectory import FourierTrajectory
+
+Array = np.ndarray
+RATE = 200.0
+NOISE = 0.05
+
+
+def recorded(robot: Robot, model: Model, values: Array, seed: int, seconds: float = 38.0, noise: float = NOISE) -> Log:
+    """A log of an arm along sines, with white torque noise."""
+    rng = np.random.default_rng(seed)
+    order = np.arange(1, 25)
+    weight = (1.0 / (4.0 + order))[:, None] * np.where([j.prismatic for j in robot.joints], 0.1, 1.0)
+    motion = FourierTrajectory(np.zeros(robot.n), rng.normal(size=(24, robot.n)) * weight, rng.normal(size=(24, robot.n)) * weight, 0.025)
+    t = np.arange(round(seconds * RATE)) / RATE
+    c = motion.sample(t)
+    still = Motion.of(robot, c.q, c.dq, c.ddq, t, rate=RATE)
+    tau = model.torque(still.with_reference(Reference(model, values)), values)
+    tau = tau + noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.normal(size=tau.shape)
+    return Log("run", t, q=c.q, tau={robot.transmission.measured.value: tau})
+
+
+def stage_of(seed: int, effects: list[Effect], true: list[Effect], sizes: list[float]) -> tuple[Stage, Whitener]:
+    """A stage of the declared model with `effects`, on a log that holds the `true` ones with these sizes."""
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    whole = model
+    for effect in true:
+        whole = whole + effect
+    log = recorded(robot, whole, np.append(values, sizes), seed)
+    prepared = ZeroPhase(cutoff_hz=15.0)(LogSet((log,), robot=robot))
+    white = plain_whitener(Problem(whole, prepared), WeightedLeastSquares().solve(Problem(whole, prepared)).residual(prepared))
+    return rebuilt(model, prepared, white, effects), white
+
+
+def rebuilt(model: Model, prepared: Signals, white: Whitener, effects: list[Effect] | tuple[Effect, ...]) -> Stage:
+    for effect in effects:
+        model = model + effect
+    problem, frame = consistent(Problem(model, prepared), white)
+    motions = Motions(problem)
+    return Stage(problem, white, frame, motions, Search(frame, motions, (), Bank()))
+
+
+def settle(seed: int) -> tuple[Stage, tuple[Effect, ...]]:
+    """Two effects with shapes, begun at wrong ones."""
+    true = [make_effect("stribeck", joints="j1", v_s=15.0), make_effect("offset_step", joints="j2", t_0=8.003)]
+    begun = [make_effect("stribeck", joints="j1", v_s=20.0), make_effect("offset_step", joints="j2", t_0=8.05)]
+    stage, white = stage_of(seed, begun, true, [1.0, 2.0])
+    model, _ = declared(stage.problem.model.robot)
+    return settled(stage, begun, lambda own: rebuilt(model, stage.problem.signals, white, own))
+
+
+def test_shapes_of_all_effects_settle_together_where_nothing_more_is_gained() -> None:
+    stage, effects = settle(1)
+    white = stage.white
+    model, _ = declared(stage.problem.model.robot)
+    for i, (name, step) in enumerate((("v_s", 0.5), ("t_0", 0.02))):
+        for sign in (1.0, -1.0):
+            moved = effects[i].with_shape(**{name: getattr(effects[i], name) + sign * step})
+            other = rebuilt(model, stage.problem.signals, white, [moved if k == i else e for k, e in enumerate(effects)])
+            assert other.frame.loss > stage.frame.loss - 0.02
+
+
+def test_deviations_of_parameters_and_shapes_cover_the_truth() -> None:
+    truth = {"Fs": 1.0, "v_s": 15.0, "step": 2.0, "t_0": 8.003}
+    scores = []
+    for seed in range(12):
+        stage, effects = settle(100 + seed)
+        for own in found_parameters(stage, effects):
+            for p in own:
+                symbol = p.name.removesuffix("_j1").removesuffix("_j2")
+                scores.append((p.value - truth[symbol]) / p.std)
+    z = np.abs(scores)
+    # 48 scores: 95 % intervals that hold cover fewer than 40 of them once in a few thousand tries.
+    assert np.sum(z < 1.96) >= 40
+    assert np.median(z) > 0.2, "intervals that are far too wide say nothing"
+
+
+def test_an_effect_that_gains_nothing_has_no_support() -> None:
+    true = [make_effect("asymmetric_viscous", joints="j1")]
+    both = [*true, make_effect("asymmetric_viscous", joints="j2")]
+    stage, white = stage_of(5, both, true, [0.05])
+    model, _ = declared(stage.problem.model.robot)
+    assert support(stage, both[0]) > 100.0
+    assert support(stage, both[1]) < 20.0
+    without = rebuilt(model, stage.problem.signals, white, both[1:])
+    assert support(stage, both[0]) == pytest.approx(without.frame.loss - stage.frame.loss, rel=1e-3)
+
+
+def test_what_the_model_takes_up_itself_is_not_known() -> None:
+    stage, _ = stage_of(6, [], [], [])
+    frame = stage.frame
+    stribeck = stage.search.whitened(make_effect("stribeck", joints="j1", v_s=15.0))
+    std = parameter_std(np.concatenate([stribeck, frame.columns[:, :, :1]], axis=2), frame)
+    assert np.isfinite(std[0])
+    assert np.isinf(std[1])
+    # Against the inverse of the whole normal matrix.
+    X = np.concatenate([frame.columns, stribeck], axis=2).reshape(-1, frame.columns.shape[2] + 1)
+    assert std[0] == pytest.approx(np.sqrt(np.linalg.inv(X.T @ X)[-1, -1]), rel=1e-6)
+
+
+@pytest.mark.parametrize("rate", [0.5, 0.95, -1.3])
+def test_repetition_finds_values_that_reproduce_themselves(rate: float) -> None:
+    """Plain repetition would creep (0.95) or swing ever wider (-1.3)."""
+    rng = np.random.default_rng(0)
+    Q = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    A = Q @ np.diag([rate, 0.3, 0.1, 0.0, 0.0, 0.0]) @ Q.T
+    right = rng.normal(size=6)
+    x, repetition = np.zeros(6), Repetition(np.ones(6))
+    for _ in range(MOST):
+        x = repetition.next(x, right + A @ (x - right))
+    np.testing.assert_allclose(x, right, atol=1e-6)
+
+
+def test_a_fit_is_consistent_with_its_own_prediction() -> None:
+    stage, white = stage_of(
+        7, [make_effect("load_dependent_friction", joints="j1")], [make_effect("load_dependent_friction", joints="j1")], [0.2]
+    )
+    values = stage.problem.base.expand(stage.frame.base_values)
+    again = stage.problem.with_reference(values)
+    fresh = Frame.build(again, white, raw_columns(again))
+    np.testing.assert_allclose(fresh.base_values, stage.frame.base_values, rtol=1e-3, atol=1e-6)
+
+
+def test_jumps_are_told_from_motion() -> None:
+    t = np.arange(4000) / RATE
+    rng = np.random.default_rng(1)
+    x = np.sin(1.3 * t) + 0.3 * np.sin(7.0 * t) + 1e-5 * rng.normal(size=len(t))
+    assert len(position_jumps(t, x)) == 0
+    slipped = x + 0.2 * (t >= 11.0)
+    assert abs(t[position_jumps(t, slipped)[0]] - 11.0) <= 1.5 / RATE
+    glitch = x.copy()
+    glitch[1234] += 0.05
+    assert 1234 in position_jumps(t, glitch)
+    # A hole in the log is no jump.
+    keep = (t < 5.0) | (t > 6.0)
+    assert len(position_jumps(t[keep], x[keep])) == 0
+
+
+def test_a_position_that_jumps_is_said_where_rows_rest_on_it() -> None:
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    log = recorded(robot, model, values, 3)
+    slipped = log.q.copy()
+    slipped[2500:, 1] += 0.3
+    prepared = ZeroPhase(cutoff_hz=15.0)(LogSet((replace(log, q=slipped),), robot=robot))
+    (found,) = jumps(prepared)
+    assert found.joint == "j2"
+    assert "12.5 s" in found.evidence or "12.495 s" in found.evidence
+    early = log.q.copy()
+    early[:2, 1] += 0.3
+    assert jumps(ZeroPhase(cutoff_hz=15.0)(LogSet((replace(log, q=early),), robot=robot))) == ()
+
+
+def test_held_out_data_of_another_kind_are_said() -> None:
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    log = recorded(robot, model, values, 4)
+    fit, same = (ZeroPhase(cutoff_hz=15.0)(part) for part in LogSet((log,), robot=robot).split(by="fraction", held=0.4))
+    estimate = WeightedLeastSquares().solve(Problem(model, fit))
+    assert apart(estimate, fit, same) == ()
+    side = robot.transmission.measured.value
+    other = log.tau[side].copy()
+    other[:, 2] += 0.5 * np.sqrt(np.mean(other[:, 2] ** 2)) * np.sign(np.sin(3.0 * log.t))
+    _, held = LogSet((replace(log, tau={side: other}),), robot=robot).split(by="fraction", held=0.4)
+    assert [u.joint for u in apart(estimate, fit, ZeroPhase(cutoff_hz=15.0)(held))] == ["j3"]
+
+
+def test_a_joint_that_moves_without_a_usable_row_is_said_and_one_that_stands_is_not() -> None:
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    log = recorded(robot, model, values, 8)
+    prepared = ZeroPhase(cutoff_hz=15.0)(LogSet((log,), robot=robot))
+    assert lost(prepared) == ()
+    valid = prepared.valid.copy()
+    valid[:, 1] = False
+    assert [u.joint for u in lost(replace(prepared, valid=valid))] == ["j2"]
+    still = replace(prepared, valid=valid, q=np.where(np.arange(robot.n) == 1, 0.3, prepared.q))
+    assert lost(still) == ()
+
+
+def test_a_joint_whose_position_jumps_does_not_take_the_cutoff_of_all() -> None:
+    rng = np.random.default_rng(2)
+    t = np.arange(6000) / RATE
+    q = np.stack([np.sin(2.0 * t), np.cos(1.5 * t), np.sin(1.1 * t + 1.0)], axis=1) + 1e-6 * rng.normal(size=(len(t), 3))
+    names, prismatic = ["a", "b", "c"], [False] * 3
+    plain = choose_cutoff([q], RATE, names, prismatic)
+    assert plain.unheard == ()
+    q[3000:, 1] += 0.2
+    slipped = choose_cutoff([q], RATE, names, prismatic)
+    assert slipped.unheard == ("b",)
+    assert slipped.cutoff_hz > 0.5 * plain.cutoff_hz
+
+
+def test_a_null_log_keeps_the_clock_of_the_log_it_stands_for() -> None:
+    """Else what is known to happen at a time would be late there by the edge that filters cut off, and look like an effect."""
+    step = make_effect("offset_step", joints="j1", t_0=9.0)
+    stage, white = stage_of(9, [step], [step], [20.0])
+    null = Null(stage.problem, white)
+    for search in null.searches:
+        power = np.sum(search.frame.residual**2, axis=1) / np.maximum(search.frame.problem.signals.valid.sum(axis=0), 1)
+        assert np.all(power < 2.0)
+        assert search.frame.problem.signals.origins == stage.problem.signals.origins
+
+
+def test_a_finding_says_which_angle_its_order_counts() -> None:
+    for angle in ("joint", "motor"):
+        effect = make_effect("cogging", joints="j1", angle=angle)
+        told = Finding(effect, ("j1",), (), 0.1, 50.0, 0.9, ())
+        assert told.to_dict()["configuration"] == {"angle": angle}
+    assert "configuration" not in Finding(make_effect("offset", joints="j1"), ("j1",), (), 0.1, 50.0, 0.9, ()).to_dict()
