@@ -195,10 +195,10 @@ def _orthogonal(Z: Array, Q: Array) -> Array:
 def _unwhitened(frame: Frame, residual: Array) -> Array:
     """Whitened residuals (n, M) as they were before, (M, n); zero in rows that are not used."""
     valid = frame.problem.signals.valid
-    return np.stack([_solve_white(frame.white, residual[j], j, valid[:, j]) for j in range(len(residual))], axis=1)
+    return np.stack([unwhitened_rows(frame.white, residual[j], j, valid[:, j]) for j in range(len(residual))], axis=1)
 
 
-def _solve_white(white: Whitener, rows: Array, joint: int, valid: Array) -> Array:
+def unwhitened_rows(white: Whitener, rows: Array, joint: int, valid: Array) -> Array:
     """Undo whitening: the matrix is lower triangular on the rows in use."""
     from scipy.sparse.linalg import spsolve_triangular
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .irregular import irregular
 from .selection import COMPANION, FALSE_ALARM, LARGE, Found, Stage, touched
 from .signatures import signatures, tones
 
@@ -14,9 +15,6 @@ if TYPE_CHECKING:
     from .frame import Score
 
 Array = np.ndarray
-#: A residual of this many times the noise floor is not noise, whatever it follows; so many rows tell.
-_BEYOND = 1.3
-_FEW = 100
 #: Tones that are tried at a time.
 _TONES = (1, 3)
 #: Independent frequencies among which a tone is the strongest.
@@ -79,26 +77,11 @@ def leftovers(stage: Stage, found: tuple[Found, ...]) -> list[Leftover]:
         new = Leftover(family.joint, family.name, evidence, score.standard_error, float(share), _rms(score, rows))
         if family.joint not in best or per_parameter(new, k) > per_parameter(best[family.joint], k):
             best[family.joint] = new
-    for j, found_more in enumerate(_beyond_floor(stage, explained)):
-        if found_more is not None and j not in best:
-            best[j] = found_more
+    for j in range(n):
+        if j not in best and (more := irregular(stage, j)) is not None:
+            share = more.evidence / explained[j] if explained[j] > 0 else np.inf
+            best[j] = Leftover(j, more.name, more.evidence, more.standard_error, float(share), more.rms)
     return sorted(best.values(), key=lambda x: -x.evidence)
-
-
-def _beyond_floor(stage: Stage, explained: Array) -> list[Leftover | None]:
-    """For each joint what exceeds the noise floor by far without following any one quantity; None where nothing does."""
-    out: list[Leftover | None] = []
-    for j, residual in enumerate(stage.frame.residual):
-        rows = int(stage.problem.signals.valid[:, j].sum())
-        power = float(np.sum(residual**2)) / max(rows, 1)
-        if rows < _FEW or power <= _BEYOND**2:
-            out.append(None)
-            continue
-        evidence = rows * (power - 1.0)
-        share = evidence / explained[j] if explained[j] > 0 else np.inf
-        name = "no single quantity (with whatever any effect can take up, noise would be less)"
-        out.append(Leftover(j, name, evidence, float(np.sqrt(2.0 * rows) * power), float(share), float(np.sqrt(power - 1.0))))
-    return out
 
 
 def per_parameter(leftover: Leftover, k: int) -> float:

@@ -1,0 +1,96 @@
+"""What is left and follows no quantity: a tone, bursts, or simply more than the noise floor.
+
+The noise floor's colour and level come from the log itself, so that a tone would pass as colour and bursts as a high level: both
+are looked for apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .floor import unwhitened_rows
+
+if TYPE_CHECKING:
+    from .selection import Stage
+
+Array = np.ndarray
+#: So many rows tell.
+_FEW = 100
+#: A residual of this many times the noise floor is not noise, whatever it follows.
+_BEYOND = 1.3
+#: Noise has a root mean square of 1.48 times its median size; of so many times that it comes in bursts.
+_BURSTS = 1.5
+#: A line stands so far above the median of its neighbours in the spectrum (chance among a thousand: once in 10⁹), and holds at least
+#: this share of all power.
+_LINE = 40.0
+_SHARE = 0.1
+#: Neighbours on each side, and the part of a line's power that a window spreads over them.
+_NEAR = 30
+_WIDTH = 3
+
+
+@dataclass(frozen=True)
+class Irregular:
+    """`evidence`: twice a log-likelihood; `rms`: over the noise's."""
+
+    name: str
+    evidence: float
+    standard_error: float
+    rms: float
+
+
+def irregular(stage: Stage, joint: int) -> Irregular | None:
+    """What is left on a joint's rows that is not noise of one level and a smooth colour; None where nothing is."""
+    valid = stage.problem.signals.valid[:, joint]
+    residual = stage.frame.residual[joint]
+    rows = int(valid.sum())
+    if rows < _FEW:
+        return None
+    return _line(stage, joint) or _bursts(residual[valid]) or _beyond(residual[valid])
+
+
+def _line(stage: Stage, joint: int) -> Irregular | None:
+    from scipy.ndimage import median_filter
+
+    signals = stage.problem.signals
+    valid = signals.valid[:, joint]
+    rate = signals.rate / (signals.row_filter.factor if signals.row_filter else 1)
+    raw = unwhitened_rows(stage.white, stage.frame.residual[joint], joint, valid)
+    best: tuple[float, float, float] | None = None
+    for run in signals.row_runs:
+        x = raw[run]
+        if len(x) < _FEW:
+            continue
+        power = np.abs(np.fft.rfft(x * np.hanning(len(x) + 2)[1:-1])) ** 2
+        height = power / np.maximum(median_filter(power, 2 * _NEAR + 1), 1e-300)
+        height[: _WIDTH + 1] = 0.0
+        at = int(np.argmax(height))
+        share = float(power[max(0, at - _WIDTH) : at + _WIDTH + 1].sum() / max(power.sum(), 1e-300))
+        if height[at] > _LINE and share > _SHARE and (best is None or share > best[1]):
+            best = at * rate / len(x), min(share, 1.0 - 1e-9), float(valid[run].sum())
+    if best is None:
+        return None
+    hertz, share, rows = best
+    return Irregular(
+        f"a tone of {hertz:.3g} Hz", -rows * float(np.log(1.0 - share)), float(np.sqrt(2.0 * rows)), float(np.sqrt(share / (1.0 - share)))
+    )
+
+
+def _bursts(residual: Array) -> Irregular | None:
+    usual = float(np.median(residual**2)) / 0.4549  # the median of a χ² of one degree of freedom
+    power = float(np.mean(residual**2)) / max(usual, 1e-300)
+    if power <= _BURSTS**2:
+        return None
+    share = float(np.mean(residual**2 > 9.0 * usual))
+    name = f"no quantity, but comes in bursts ({100 * share:.2g} % of the rows hold most of it)"
+    return Irregular(name, len(residual) * (power - 1.0), float(np.sqrt(2.0 * len(residual)) * power), float(np.sqrt(power - 1.0)))
+
+
+def _beyond(residual: Array) -> Irregular | None:
+    power = float(np.mean(residual**2))
+    if power <= _BEYOND**2:
+        return None
+    name = "no single quantity (with whatever any effect can take up, noise would be less)"
+    return Irregular(name, len(residual) * (power - 1.0), float(np.sqrt(2.0 * len(residual)) * power), float(np.sqrt(power - 1.0)))
