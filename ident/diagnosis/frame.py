@@ -63,7 +63,9 @@ class Frame:
         tau = np.where(signals.valid, signals.tau, 0.0)
         torque = np.stack([white(tau[:, j], j) for j in range(n)])
         R = np.linalg.qr(columns.reshape(-1, columns.shape[2]), mode="r")
-        scale = np.maximum(np.linalg.norm(R, axis=0), 1e-300)
+        # A column of nothing (a step after the end of a log) has no part in anything.
+        scale = np.linalg.norm(R, axis=0)
+        scale = np.where(scale > 1e-12 * scale.max(initial=0.0), scale, np.inf)
         _, s, Vt = np.linalg.svd(R / scale)
         live = s > _RANK * s[0]
         transform = (Vt[live].T / s[live]) / scale[:, None]

@@ -29,6 +29,7 @@ _DIFFERENCE = 1e-3
 #: Slopes over a shape that are smaller than this beside the noise (root sum of squares over the whole log), or of whose square less
 #: than this share is not in the model's own columns, tell nothing of it.
 _FELT = 1e-6
+_NOTHING = 1e-250
 _SHOWN = 1e-9
 
 
@@ -191,8 +192,10 @@ def _deviations(stage: Stage, slopes: _Slopes) -> tuple[dict[str, float], dict[t
 
 
 def _pinv(A: Array) -> Array:
-    """Inverse of a symmetric positive semidefinite matrix, scaled; directions below 1e-10 are left at zero."""
+    """Inverse of a symmetric positive semidefinite matrix, scaled; directions below 1e-10, or of nothing at all, are left at
+    zero."""
     if not len(A):
         return A
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    size = np.diag(A)
+    scale = np.where(size > _NOTHING, 1.0 / np.sqrt(np.maximum(size, _NOTHING)), 0.0)
     return np.asarray(np.linalg.pinv(A * scale[:, None] * scale, rcond=1e-10, hermitian=True) * scale[:, None] * scale)

@@ -117,6 +117,16 @@ def test_an_effect_that_gains_nothing_has_no_support() -> None:
     assert support(stage, both[0]) == pytest.approx(without.frame.loss - stage.frame.loss, rel=1e-3)
 
 
+def test_an_effect_without_a_trace_in_the_log_has_no_support_and_breaks_nothing() -> None:
+    late = make_effect("offset_step", joints="j1", t_0=900.0)
+    stage, white = stage_of(5, [late], [], [])
+    assert support(stage, late) == 0.0
+    (own,) = found_parameters(stage, [late])
+    assert not np.isfinite(own[1].std)
+    model, _ = declared(stage.problem.model.robot)
+    settled(stage, [late], lambda effects: rebuilt(model, stage.problem.signals, white, effects))
+
+
 def test_what_the_model_takes_up_itself_is_not_known() -> None:
     stage, _ = stage_of(6, [], [], [])
     frame = stage.frame
