@@ -55,16 +55,11 @@ def noise_floor(
     progress: Callable[[float], None] | None = None,
 ) -> Floor:
     """Whitener of the noise of a problem's rows. `generic`: further columns (M, n, k) that saturate the model. `progress`: called
-    with the share done."""
+    with the share done. Where the bank remembers a floor of the same rows, only what gained anything there is looked at."""
     tell = progress or (lambda _: None)
     signals = problem.signals
     raw = raw_columns(problem)
-    bank.prepare(motions, candidates)
-    blocks: list[Array] = []
-    for i, c in enumerate(candidates):
-        blocks += bank.columns(motions, c.variants)
-        tell(0.5 * (i + 1) / len(candidates))
-    blocks += generic
+    blocks = [*bank.saturating, *generic] if bank.saturating else [*_columns(motions, candidates, bank, tell), *generic]
     white = plain_whitener(problem, signals.tau)
     chosen: list[Array] = []
     used = np.zeros(signals.tau.shape[1])
@@ -78,7 +73,18 @@ def noise_floor(
         freed = residual / np.sqrt(np.maximum(1.0 - used / np.maximum(signals.valid.sum(axis=0), 1), 0.5))
         white = plain_whitener(problem, freed) if attempt == 0 else whitener(freed, signals.valid, signals.row_runs)
         tell(0.5 + 0.5 * (attempt + 1) / _ROUNDS)
+    bank.saturating = chosen + blocks
     return Floor(white, used)
+
+
+def _columns(motions: Motions, candidates: tuple[Candidate, ...], bank: Bank, tell: Callable[[float], None]) -> list[Array]:
+    """Columns (M, n, k) of every candidate at every shape of its grid."""
+    bank.prepare(motions, candidates)
+    blocks: list[Array] = []
+    for i, c in enumerate(candidates):
+        blocks += bank.columns(motions, c.variants)
+        tell(0.5 * (i + 1) / len(candidates))
+    return blocks
 
 
 def _saturated(frame: Frame, blocks: list[Array]) -> tuple[Array, list[Array], Array, list[Array]]:

@@ -78,16 +78,17 @@ class Search:
         """Whitened columns (n, M, k) of an effect."""
         return self.frame.whitened(self.motions.columns(effect))
 
-    def scan(self, progress: Callable[[float], None] | None = None) -> list[Hit]:
-        """Every candidate at the best shape of its grid, the largest gain first."""
+    def scan(self, progress: Callable[[float], None] | None = None, joints: frozenset[str] | None = None) -> list[Hit]:
+        """Every candidate at the best shape of its grid, the largest gain first. `joints`: only what sits on one of these, or on none."""
         hits = []
-        self.bank.prepare(self.motions, self.candidates)
-        for i, candidate in enumerate(self.candidates):
+        chosen = [c for c in self.candidates if joints is None or not c.joints or joints & set(c.joints)]
+        self.bank.prepare(self.motions, chosen)
+        for i, candidate in enumerate(chosen):
             hit = self.first(candidate)
             if hit is not None:
                 hits.append(hit)
             if progress is not None:
-                progress((i + 1) / len(self.candidates))
+                progress((i + 1) / len(chosen))
         hits.sort(key=lambda h: -h.fit_gain)
         return hits
 
@@ -214,6 +215,8 @@ class Bank:
     """Columns (M, n, k) of effects that do not depend on the model's prediction, kept; others are made anew."""
 
     def __init__(self) -> None:
+        #: What gained anything when the noise floor was last sought, (M, n, k) each.
+        self.saturating: list[Array] = []
         self._kept: dict[Effect, Array] = {}
         self._harmonics: dict[Effect, Harmonics | None] = {}
 

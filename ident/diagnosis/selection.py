@@ -32,7 +32,7 @@ Array = np.ndarray
 FALSE_ALARM = 2e-3
 #: Best hits of a scan whose shapes are refined and which are judged on held-out blocks.
 _REFINED = 14
-_MOST_FINDINGS = 8
+_MOST_FINDINGS = 6
 #: Beside effects that explain G on a joint's rows, another one there must explain this share of G: laws are never exact.
 COMPANION = 0.02
 #: Or be as large as this beside the noise (rms).
@@ -139,9 +139,12 @@ def surplus(judged: Judged, number: int) -> float:
     return judged.evidence - threshold(judged.hit, number)
 
 
-def ranked(stage: Stage, also: Sequence[Hit] = (), progress: Callable[[float], None] | None = None) -> list[Judged]:
-    """The best candidates beside a stage's model, refined and judged, the largest surplus first. `also`: further hits."""
-    hits = stage.search.scan(progress)
+def ranked(
+    stage: Stage, also: Sequence[Hit] = (), progress: Callable[[float], None] | None = None, joints: frozenset[str] | None = None
+) -> list[Judged]:
+    """The best candidates beside a stage's model, refined and judged, the largest surplus first. `also`: further hits; `joints`: of
+    candidates on these joints alone."""
+    hits = stage.search.scan(progress, joints)
     hits.sort(key=lambda h: -(h.fit_gain - threshold(h, stage.number)))
     judged = [stage.search.judge(stage.search.refined(h)) for h in [*also, *hits[:_REFINED]]]
     judged.sort(key=lambda j: -surplus(j, stage.number))
@@ -188,8 +191,7 @@ def select(
 
 def _with_noise(first: Stage, stage: Stage, bank: Bank) -> tuple[Stage, Stage]:
     """Both stages under the noise floor beneath the second one's model."""
-    generic = [s.placed(stage.problem.model.robot.n) for s in signatures(stage.motions)]
-    white = noise_floor(stage.problem, stage.motions, stage.search.candidates, bank, generic).white
+    white = noise_floor(stage.problem, stage.motions, stage.search.candidates, bank, []).white
     again = [_stage(s.problem, white, bank, s.motions, s.search.candidates) for s in (first, stage)]
     return again[0], again[1]
 
@@ -247,7 +249,9 @@ def _re_examined(first: Stage, stage: Stage, found: list[Found], bank: Bank, say
         others = [f for f in found if f is not one]
         without = _with(first, [f.effect for f in others], stage, bank)
         own = _hit_in(without, one)
-        new = _chosen(without, _undecoyed(ranked(without, () if own is None else (own,))), others)
+        # What sits on other joints cannot stand in its place.
+        at = frozenset(np.array(stage.problem.model.robot.joint_names)[touched(one.judged.hit.columns)].tolist())
+        new = _chosen(without, _undecoyed(ranked(without, () if own is None else (own,), joints=at)), others)
         if new is None:
             say(f"dropped: {one.judged.hit}")
             found, stage, changed = others, without, True
