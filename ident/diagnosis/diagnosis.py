@@ -15,11 +15,13 @@ from ..results import result
 from ..torque_error import number
 from .advice import advice_for
 from .analysis import analysis_signals, stretches, thinned, without_reversals
+from .evidence import WEAK
 from .findings import Finding, Unexplained, assess
 from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
 from .search import Bank
-from .selection import WEAK, Selection, select, start
+from .selection import Selection, select
+from .stage import start
 
 if TYPE_CHECKING:
     from ..comparison import Comparison

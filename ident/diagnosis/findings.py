@@ -11,10 +11,11 @@ import numpy as np
 
 from ..effect import Effect
 from ..places import motors_of, place_of, place_of_joints
+from .evidence import touched
 from .leftover import Leftover
 from .precision import FoundParameter, found_parameters
 from .search import Hit
-from .selection import Found, Selection, touched
+from .selection import Found, Selection
 
 Array = np.ndarray
 #: A finding is ambiguous when its rivals together are at least this probable.

@@ -13,7 +13,7 @@ import numpy as np
 from .floor import unwhitened_rows
 
 if TYPE_CHECKING:
-    from .selection import Stage
+    from .stage import Stage
 
 Array = np.ndarray
 #: So many rows tell.

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .evidence import FALSE_ALARM, touched
 from .irregular import irregular
-from .selection import COMPANION, FALSE_ALARM, LARGE, Found, Stage, touched
+from .selection import COMPANION, LARGE, Found
 from .signatures import signatures, tones
+from .stage import Stage
 
 if TYPE_CHECKING:
     from .frame import Score

@@ -16,7 +16,7 @@ import numpy as np
 from ..effect import Effect, Need
 
 if TYPE_CHECKING:
-    from .selection import Stage
+    from .stage import Stage
 
 Array = np.ndarray
 #: Steps over all shapes, and halvings of one that gains nothing.

@@ -5,31 +5,18 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect, Need
+from ..effect import Effect
 from ..model import Model
-from ..problem import Problem
-from .candidates import Candidate, candidates
-from .consistent import consistent
-from .floor import noise_floor
-from .frame import Frame, Motions
-from .null import Null
+from .evidence import WEAK, by_chance, surplus, threshold, touched
 from .precision import found_parameters, settled, support
-from .search import Bank, Hit, Judged, Search, implausible
-from .signatures import signatures
+from .search import Bank, Hit, Judged, implausible
+from .stage import Stage, with_effects, with_noise_beneath
 from .weights import weights
 
-if TYPE_CHECKING:
-    from ..signals import Signals
-    from .whitening import Whitener
-
 Array = np.ndarray
-#: Probability that chance alone carries any candidate of the whole catalogue over the threshold.
-FALSE_ALARM = 2e-3
 #: Best hits of a scan whose shapes are refined and which are judged on held-out blocks.
 _REFINED = 14
 _MOST_FINDINGS = 6
@@ -43,32 +30,10 @@ _BESIDE = 2.0
 _MATTERS = 0.01
 #: Held-out gain over its standard error: what is seen in a single block of time has one, what is seen in all has many.
 _STRETCHES = 1.5
-#: Evidence below which a candidate is weak, and by how much a decoy (a fit that cannot be: a negative stiffness) outdoes it.
-WEAK = 100.0
+#: By how much a decoy (a fit that cannot be: a negative stiffness) outdoes a weak candidate.
 _DECOY = 1.5
 #: So many of the best candidates are compared with what they gain for nothing.
 _TRIES = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Stage:
-    """A model on the analysis signals, with everything that scores candidates beside it."""
-
-    problem: Problem
-    white: Whitener
-    frame: Frame
-    motions: Motions
-    search: Search
-
-    @property
-    def number(self) -> int:
-        """Candidates that are tried."""
-        return len(self.search.candidates)
-
-    @cached_property
-    def null(self) -> Null:
-        """Logs that hold this model and nothing else."""
-        return Null(self.problem, self.white)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,46 +62,6 @@ class Selection:
     final: Stage
     found: tuple[Found, ...]
     trail: tuple[str, ...] = ()
-
-
-def start(model: Model, signals: Signals, reference: Array, bank: Bank, progress: Callable[[float], None] | None = None) -> Stage:
-    """The declared model with its noise floor. `progress`: called with the share done."""
-    problem = Problem(model, signals, reference=reference)
-    motions = Motions(problem)
-    found = candidates(model, motions.parts[0][1])
-    generic = [s.placed(model.robot.n) for s in signatures(motions)]
-    white = noise_floor(problem, motions, found, bank, generic, progress).white
-    return _stage(problem, white, bank, motions, found)
-
-
-def _stage(problem: Problem, white: Whitener, bank: Bank, like: Motions, found: tuple[Candidate, ...] | None = None) -> Stage:
-    """A frame for a problem, its columns taken at the values that it yields itself; `like`: motions whose columns may serve."""
-    problem, frame = consistent(problem, white)
-    motions = Motions(problem).sharing(like)
-    if found is None:
-        found = candidates(problem.model, motions.parts[0][1])
-    return Stage(problem, white, frame, motions, Search(frame, motions, found, bank))
-
-
-def threshold(hit: Hit, number: int) -> float:
-    """Evidence from which on a candidate counts. Columns made of the measured torque hold its noise, which follows itself: there, weak
-    evidence is none."""
-    return max(by_chance(hit, number), WEAK if Need.TORQUE in hit.effect.needs else 0.0)
-
-
-def by_chance(hit: Hit, number: int) -> float:
-    """Evidence that chance reaches with probability FALSE_ALARM over `number` candidates, for this one's parameters and shapes."""
-    from scipy.stats import chi2
-
-    shapes = len(hit.effect.shape())
-    # Independent shapes that a search looks at: a few along a smooth one, many along an order.
-    trials = 4000.0 if hit.candidate.spectral else 4.0 * shapes if shapes else 1.0
-    return float(chi2.isf(FALSE_ALARM / (number * trials), hit.columns.shape[2])) + 2.0 * shapes
-
-
-def surplus(judged: Judged, number: int) -> float:
-    """Evidence above the threshold."""
-    return judged.evidence - threshold(judged.hit, number)
 
 
 def ranked(
@@ -179,21 +104,14 @@ def select(
             break
         say(f"accepted: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
         found.append(_labelled(new, stage.problem.model))
-        stage = _with(first, [f.effect for f in found], stage, bank)
+        stage = with_effects(first, [f.effect for f in found], stage, bank)
         if len(found) > 1:
             stage, found = _re_examined(first, stage, found, bank, say)
         else:
             # With the strongest effect in the model, what is left tells the noise better than the saturated model did.
-            first, stage = _with_noise(first, stage, bank)
+            first, stage = with_noise_beneath(first, stage, bank)
     stage, found = _settled(first, stage, found, bank, say)
     return Selection(first, stage, tuple(found), tuple(trail))
-
-
-def _with_noise(first: Stage, stage: Stage, bank: Bank) -> tuple[Stage, Stage]:
-    """Both stages under the noise floor beneath the second one's model."""
-    white = noise_floor(stage.problem, stage.motions, stage.search.candidates, bank, []).white
-    again = [_stage(s.problem, white, bank, s.motions, s.search.candidates) for s in (first, stage)]
-    return again[0], again[1]
 
 
 def described(j: Judged, number: int) -> str:
@@ -247,7 +165,7 @@ def _re_examined(first: Stage, stage: Stage, found: list[Found], bank: Bank, say
         if one is newest and not changed:
             break
         others = [f for f in found if f is not one]
-        without = _with(first, [f.effect for f in others], stage, bank)
+        without = with_effects(first, [f.effect for f in others], stage, bank)
         own = _hit_in(without, one)
         # What sits on other joints cannot stand in its place.
         at = frozenset(np.array(stage.problem.model.robot.joint_names)[touched(one.judged.hit.columns)].tolist())
@@ -261,7 +179,7 @@ def _re_examined(first: Stage, stage: Stage, found: list[Found], bank: Bank, say
             changed = True
         new = _labelled(new, without.problem.model)
         found = [new if f is one else f for f in found]
-        stage = _with(first, [f.effect for f in found], stage, bank)
+        stage = with_effects(first, [f.effect for f in found], stage, bank)
     return stage, found
 
 
@@ -270,7 +188,7 @@ def _settled(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Ca
     robot, among = stage.problem.model.robot, stage.search.candidates
 
     def rebuilt(own: Sequence[Effect]) -> Stage:
-        return _with(first, own, stage, bank, among)
+        return with_effects(first, own, stage, bank, among)
 
     while found:
         best, effects = settled(stage, [f.effect for f in found], rebuilt)
@@ -287,7 +205,7 @@ def _settled(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Ca
             return best, [replace(f, judged=replace(f.judged, hit=hit)) for f, hit in zip(found, hits, strict=True)]
         say(f"dropped in the end: {found[worst[1]].judged.hit}: {worst[2]}")
         found = [f for i, f in enumerate(found) if i != worst[1]]
-        stage = _with(first, [f.effect for f in found], stage, bank)
+        stage = with_effects(first, [f.effect for f in found], stage, bank)
     return stage, found
 
 
@@ -300,16 +218,6 @@ def _hit_in(stage: Stage, found: Found) -> Hit | None:
             effect = variant.with_shape(**shape) if shape else variant
             return stage.search.hit(candidate, effect)
     return None
-
-
-def _with(first: Stage, effects: Sequence[Effect], like: Stage, bank: Bank, among: tuple[Candidate, ...] | None = None) -> Stage:
-    """The declared model with effects, the reference taken over as far as parameters are the same. `among`: its candidates, if known."""
-    model = first.problem.model
-    for effect in effects:
-        model = model + effect
-    old = dict(zip(like.problem.model.names, like.problem.reference, strict=True)) if like.problem.reference is not None else {}
-    reference = np.array([old.get(name, 0.0) for name in model.names])
-    return _stage(Problem(model, first.problem.signals, reference=reference), first.white, bank, like.motions, among)
 
 
 def _labelled(found: Found, model: Model) -> Found:
@@ -332,9 +240,3 @@ def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     power = np.sum(judged.hit.columns**2, axis=(1, 2))
     loss = float(power @ np.sum(stage.frame.residual**2, axis=1) / max(float(power.sum()), 1e-300))
     return judged.evidence > max(inexact, _MATTERS * loss)
-
-
-def touched(columns: Array) -> Array:
-    """Joints (n,) bool on whose rows whitened columns (n, M, k) weigh."""
-    power = np.sum(columns**2, axis=(1, 2))
-    return power > 0.05 * power.max(initial=0.0)

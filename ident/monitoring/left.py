@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..diagnosis.evidence import FALSE_ALARM
 from ..diagnosis.leftover import leftovers
-from ..diagnosis.selection import FALSE_ALARM
 from .frame import KnownFrame
 from .result import Drift
 
 if TYPE_CHECKING:
-    from ..diagnosis.selection import Found, Stage
+    from ..diagnosis.selection import Found
+    from ..diagnosis.stage import Stage
     from ..effect import Effect
 
 Array = np.ndarray

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..diagnosis.analysis import without_reversals
+from ..diagnosis.evidence import FALSE_ALARM
 from ..diagnosis.frame import Motions, raw_columns
-from ..diagnosis.selection import FALSE_ALARM, Stage
+from ..diagnosis.stage import Stage
 from ..problem import Problem
 from .frame import noise_of
 

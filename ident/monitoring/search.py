@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..diagnosis.candidates import Candidate
+from ..diagnosis.evidence import threshold, touched
 from ..diagnosis.search import Hit, Judged, Search
-from ..diagnosis.selection import Stage, threshold, touched
+from ..diagnosis.stage import Stage
 from .candidates import Place
 from .frame import KnownFrame
 

@@ -10,10 +10,12 @@ import numpy as np
 
 from ..diagnosis.analysis import without_reversals
 from ..diagnosis.candidates import candidates
+from ..diagnosis.evidence import threshold, touched
 from ..diagnosis.findings import Imitator
 from ..diagnosis.frame import Motions, raw_columns
 from ..diagnosis.search import Bank, Hit, Judged, Search
-from ..diagnosis.selection import Found, Stage, ranked, threshold, touched
+from ..diagnosis.selection import Found, ranked
+from ..diagnosis.stage import Stage
 from ..diagnosis.weights import weights
 from ..errors import ConfigurationError, DataError
 from ..places import on, place_of

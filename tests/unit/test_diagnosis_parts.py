@@ -17,7 +17,7 @@ from ident.diagnosis.in_plain_sight import apart, jumps, lost
 from ident.diagnosis.null import Null
 from ident.diagnosis.precision import found_parameters, settled, support
 from ident.diagnosis.search import Bank, Search, parameter_std
-from ident.diagnosis.selection import Stage
+from ident.diagnosis.stage import Stage
 from ident.diagnosis.whitening import Whitener, plain_whitener
 from ident.effect import Effect, make_effect
 from ident.estimators import WeightedLeastSquares

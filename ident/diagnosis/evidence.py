@@ -1,0 +1,45 @@
+"""Evidence: how much of it chance yields, and from which on a candidate counts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..effect import Need
+
+if TYPE_CHECKING:
+    from .search import Hit, Judged
+
+Array = np.ndarray
+#: Probability that chance alone carries any candidate of the whole catalogue over the threshold.
+FALSE_ALARM = 2e-3
+#: Evidence below which a candidate is weak.
+WEAK = 100.0
+
+
+def threshold(hit: Hit, number: int) -> float:
+    """Evidence from which on a candidate counts. Columns made of the measured torque hold its noise, which follows itself: there, weak
+    evidence is none."""
+    return max(by_chance(hit, number), WEAK if Need.TORQUE in hit.effect.needs else 0.0)
+
+
+def by_chance(hit: Hit, number: int) -> float:
+    """Evidence that chance reaches with probability FALSE_ALARM over `number` candidates, for this one's parameters and shapes."""
+    from scipy.stats import chi2
+
+    shapes = len(hit.effect.shape())
+    # Independent shapes that a search looks at: a few along a smooth one, many along an order.
+    trials = 4000.0 if hit.candidate.spectral else 4.0 * shapes if shapes else 1.0
+    return float(chi2.isf(FALSE_ALARM / (number * trials), hit.columns.shape[2])) + 2.0 * shapes
+
+
+def surplus(judged: Judged, number: int) -> float:
+    """Evidence above the threshold."""
+    return judged.evidence - threshold(judged.hit, number)
+
+
+def touched(columns: Array) -> Array:
+    """Joints (n,) bool on whose rows whitened columns (n, M, k) weigh."""
+    power = np.sum(columns**2, axis=(1, 2))
+    return power > 0.05 * power.max(initial=0.0)

@@ -1,0 +1,84 @@
+"""Stages: a model on the analysis signals, with everything that scores candidates beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..problem import Problem
+from .candidates import Candidate, candidates
+from .consistent import consistent
+from .floor import noise_floor
+from .frame import Frame, Motions
+from .null import Null
+from .search import Bank, Search
+from .signatures import signatures
+
+if TYPE_CHECKING:
+    from ..effect import Effect
+    from ..model import Model
+    from ..signals import Signals
+    from .whitening import Whitener
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A model on the analysis signals, with everything that scores candidates beside it."""
+
+    problem: Problem
+    white: Whitener
+    frame: Frame
+    motions: Motions
+    search: Search
+
+    @property
+    def number(self) -> int:
+        """Candidates that are tried."""
+        return len(self.search.candidates)
+
+    @cached_property
+    def null(self) -> Null:
+        """Logs that hold this model and nothing else."""
+        return Null(self.problem, self.white)
+
+
+def start(model: Model, signals: Signals, reference: Array, bank: Bank, progress: Callable[[float], None] | None = None) -> Stage:
+    """The declared model with its noise floor. `progress`: called with the share done."""
+    problem = Problem(model, signals, reference=reference)
+    motions = Motions(problem)
+    found = candidates(model, motions.parts[0][1])
+    generic = [s.placed(model.robot.n) for s in signatures(motions)]
+    white = noise_floor(problem, motions, found, bank, generic, progress).white
+    return staged(problem, white, bank, motions, found)
+
+
+def staged(problem: Problem, white: Whitener, bank: Bank, like: Motions, found: tuple[Candidate, ...] | None = None) -> Stage:
+    """A frame for a problem, its columns taken at the values that it yields itself; `like`: motions whose columns may serve."""
+    problem, frame = consistent(problem, white)
+    motions = Motions(problem).sharing(like)
+    if found is None:
+        found = candidates(problem.model, motions.parts[0][1])
+    return Stage(problem, white, frame, motions, Search(frame, motions, found, bank))
+
+
+def with_effects(first: Stage, effects: Sequence[Effect], like: Stage, bank: Bank, among: tuple[Candidate, ...] | None = None) -> Stage:
+    """The declared model with effects, the reference taken over as far as parameters are the same. `among`: its candidates, if known."""
+    model = first.problem.model
+    for effect in effects:
+        model = model + effect
+    old = dict(zip(like.problem.model.names, like.problem.reference, strict=True)) if like.problem.reference is not None else {}
+    reference = np.array([old.get(name, 0.0) for name in model.names])
+    return staged(Problem(model, first.problem.signals, reference=reference), first.white, bank, like.motions, among)
+
+
+def with_noise_beneath(first: Stage, stage: Stage, bank: Bank) -> tuple[Stage, Stage]:
+    """Both stages under the noise floor beneath the second one's model."""
+    white = noise_floor(stage.problem, stage.motions, stage.search.candidates, bank, []).white
+    again = [staged(s.problem, white, bank, s.motions, s.search.candidates) for s in (first, stage)]
+    return again[0], again[1]
