@@ -181,7 +181,7 @@ def _record(f: Fault) -> dict[str, object]:
 #: Suite → robots, first seed, clean logs a robot. Another first seed gives other motions, joints, noise and random choices.
 SUITES = {
     "development": (("puma560", "xarm7", "scara"), 100, 25),
-    "final": (("puma560", "xarm7", "scara", "ur5"), 5000, 70),
+    "final": (("puma560", "xarm7", "scara", "ur5"), 5000, 51),
 }
 
 

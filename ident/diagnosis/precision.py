@@ -65,7 +65,7 @@ def settled(stage: Stage, effects: Sequence[Effect], rebuilt: Callable[[Sequence
         if promised < _LEAST:
             break
         for halving in range(_HALVINGS):
-            moved = _moved(own, slopes, 0.5**halving * step)
+            moved = _moved(best, own, slopes, 0.5**halving * step)
             tried = rebuilt(moved)
             if tried.frame.loss < best.frame.loss:
                 break
@@ -157,13 +157,17 @@ def _beside(stage: Stage, slopes: _Slopes) -> tuple[Array, Array, Array]:
     return S, S.T @ S - cross.T @ stage.frame._inverse_gram @ cross, cross
 
 
-def _moved(effects: Sequence[Effect], slopes: _Slopes, step: Array) -> tuple[Effect, ...]:
+def _moved(stage: Stage, effects: Sequence[Effect], slopes: _Slopes, step: Array) -> tuple[Effect, ...]:
+    """The effects with their shapes moved, within what is worth searching."""
+    motion, robot = stage.motions.parts[0][1], stage.problem.model.robot
     out = list(effects)
+    ranges = [effect.search_range(motion, robot) for effect in effects]
     for (i, name), move in zip(slopes.place, step, strict=True):
         p = next(p for p in out[i].shape() if p.name == name)
         at = float(getattr(out[i], name))
         x = at * float(np.exp(np.clip(move, -1.0, 1.0))) if p.log else at + float(move)
-        out[i] = out[i].with_shape(**{name: float(np.clip(x, p.lower, p.upper))})
+        low, high = ranges[i][name]
+        out[i] = out[i].with_shape(**{name: float(np.clip(x, min(low, at), max(high, at)))})
     return tuple(out)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from ..effect import Effect
 from ..model import Model
+from ..places import motors_of
 from .evidence import WEAK, by_chance, surplus, threshold, touched
 from .precision import found_parameters, settled, support
 from .search import Bank, Hit, Judged, implausible
@@ -20,6 +22,8 @@ Array = np.ndarray
 #: Best hits of a scan whose shapes are refined and which are judged on held-out blocks.
 _REFINED = 14
 _MOST_FINDINGS = 6
+#: So often may the same thing be accepted: once more than it was dropped.
+_CHANCES = 2
 #: Beside effects that explain G on a joint's rows, another one there must explain this share of G: laws are never exact.
 COMPANION = 0.02
 #: Or be as large as this beside the noise (rms).
@@ -88,7 +92,7 @@ def select(
         if note is not None:
             note(text)
 
-    stage, found = first, list[Found]()
+    stage, found, accepted = first, list[Found](), Counter[tuple[str, tuple[str, ...], tuple[str, ...]]]()
     while len(found) < _MOST_FINDINGS:
         begun = 1.0 - 0.5 ** len(found)
 
@@ -99,9 +103,11 @@ def select(
         all_ranked = ranked(stage, progress=told)
         for j in all_ranked[:8]:
             say(f"    {described(j, stage.number)}")
-        new = _chosen(stage, _undecoyed(all_ranked), found)
+        # Two that make room for each other would do so for ever.
+        new = _chosen(stage, [j for j in _undecoyed(all_ranked) if accepted[_place(j.hit)] < _CHANCES], found)
         if new is None:
             break
+        accepted[_place(new.judged.hit)] += 1
         say(f"accepted: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
         found.append(_labelled(new, stage.problem.model))
         stage = with_effects(first, [f.effect for f in found], stage, bank)
@@ -112,6 +118,11 @@ def select(
             first, stage = with_noise_beneath(first, stage, bank)
     stage, found = _settled(first, stage, found, bank, say)
     return Selection(first, stage, tuple(found), tuple(trail))
+
+
+def _place(hit: Hit) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """What a hit is and where."""
+    return hit.candidate.name, hit.candidate.joints, motors_of(hit.effect)
 
 
 def described(j: Judged, number: int) -> str:

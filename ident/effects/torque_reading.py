@@ -120,7 +120,9 @@ class Saturation(JointEffect):
         if motion.reference is not None and motion.torque is not None:
             off = np.abs((motion.measured_on(self.side) - motion.predicted_on(self.side))[:, at])
             noise = 1.4826 * float(np.nanmax(np.nanmedian(off, axis=0)))
-        low, high = float(np.quantile(size, 0.8, axis=0).min()), top - _CLEAR * noise
+        # A drive that is mostly off, or logs nothing, has no usual torque among its zeros.
+        usual = min((float(np.quantile(x[x > 0.0], 0.8)) for x in size.T if (x > 0.0).any()), default=top)
+        low, high = usual, top - _CLEAR * noise
         # Nothing stands out: no limit below the largest torque is worth a look.
         return self.bounded(limit=(low, high) if high > low else (top, 2.0 * top))
 
