@@ -10,13 +10,16 @@ from effect_robots import ROBOTS, declared
 
 from ident.audit_checks import position_jumps
 from ident.cutoff import choose_cutoff
+from ident.diagnosis import selection
+from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.consistent import consistent
 from ident.diagnosis.findings import Finding
 from ident.diagnosis.frame import Frame, Motions, raw_columns
 from ident.diagnosis.in_plain_sight import apart, jumps, lost
 from ident.diagnosis.null import Null
 from ident.diagnosis.precision import found_parameters, settled, support
-from ident.diagnosis.search import Bank, Search, parameter_std
+from ident.diagnosis.search import Bank, Judged, Search, parameter_std
+from ident.diagnosis.selection import Found
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.whitening import Whitener, plain_whitener
 from ident.effect import Effect, make_effect
@@ -160,6 +163,31 @@ def test_a_fit_is_consistent_with_its_own_prediction() -> None:
     again = stage.problem.with_reference(values)
     fresh = Frame.build(again, white, raw_columns(again))
     np.testing.assert_allclose(fresh.base_values, stage.frame.base_values, rtol=1e-3, atol=1e-6)
+
+
+def test_what_makes_room_for_each_other_is_not_accepted_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage, _ = stage_of(10, [], [], [])
+    effect = make_effect("asymmetric_viscous", joints="j1")
+    candidate = Candidate("asymmetric_viscous", ("j1",), (effect,))
+    stage = replace(stage, search=Search(stage.frame, stage.motions, (candidate,), Bank()))
+    judged = stage.search.judge(stage.search.hit(candidate, effect))
+    rounds = []
+
+    def dropped(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: object) -> tuple[Stage, list[Found]]:
+        return stage, []
+
+    def chosen(stage: Stage, plausible: list[Judged], beside: list[Found]) -> Found | None:
+        rounds.append(len(plausible))
+        assert len(rounds) < 50, "for ever"
+        return Found(plausible[0], (), np.ones(1)) if plausible else None
+
+    monkeypatch.setattr(selection, "ranked", lambda *args, **more: [judged])
+    monkeypatch.setattr(selection, "_chosen", chosen)
+    monkeypatch.setattr(selection, "_re_examined", dropped)
+    monkeypatch.setattr(selection, "with_effects", lambda *args: stage)
+    monkeypatch.setattr(selection, "with_noise_beneath", lambda first, stage, bank: (first, stage))
+    assert selection.select(stage, Bank()).found == ()
+    assert rounds == [1, 1, 0]
 
 
 def test_jumps_are_told_from_motion() -> None:
