@@ -34,6 +34,8 @@ RATE = 200.0
 #: Torque noise (standard deviation at 200 Hz, colour 0.3) as a share of each joint's rms torque.
 NOISE = 0.02
 _LANES = 60
+#: A demand of so many times what a drive can give.
+_LOST = 4.0
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,7 @@ def generate(folder: Path, cases: Iterable[Case]) -> None:
                 print(f"failed: {', '.join(c.id for c, _ in batch)}: {error}", flush=True)
                 continue
             for (case, made), log in zip(batch, logs, strict=True):
-                if not np.all(np.isfinite(log["tau"])):
+                if not np.all(np.isfinite(log["tau"])) or _out_of_hand(a, made, log):
                     print(f"{case.id}: the simulated motion grows without bound", flush=True)
                     continue
                 np.savez_compressed(folder / f"{case.id}.npz", **log)
@@ -150,6 +152,12 @@ def generate(folder: Path, cases: Iterable[Case]) -> None:
                     out.write(json.dumps(record) + "\n")
             done += len(batch)
             print(f"{done} of {len(wanted)} cases, {time.monotonic() - start:.0f} s", flush=True)
+
+
+def _out_of_hand(a: Arm, made: Sequence[Fault], log: dict[str, Array]) -> bool:
+    """Whether a drive with a limit was asked for many times that: the controller has lost the arm, and nobody would keep such a log."""
+    tau = a.robot.transmission.torque(log["tau"], a.robot.transmission.measured, Side.MOTOR)
+    return any(f.limit is not None and bool(np.any(np.abs(tau) > _LOST * f.limit)) for f in made)
 
 
 def _possible(a: Arm, case: Case) -> list[tuple[Case, list[Fault]]]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 #: Errors on held-out data that are so many times those on fitted data are no scatter, from so many rows on.
-_APART = 2.0
+_APART = 3.0
 _FEW = 100
 #: A joint of fewer usable rows than this share is lost, if it moved for so much of the time, by more than so many deviations of its
 #: position's noise.

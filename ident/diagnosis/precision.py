@@ -29,6 +29,9 @@ _DIFFERENCE = 1e-3
 #: Slopes over a shape that are smaller than this beside the noise (root sum of squares over the whole log), or of whose square less
 #: than this share is not in the model's own columns, tell nothing of it.
 _FELT = 1e-6
+#: A moment is moved so much farther at a time, up to so many seconds.
+_WIDER = 1.3
+_LONGEST = 10.0
 _NOTHING = 1e-250
 _SHOWN = 1e-9
 
@@ -95,11 +98,28 @@ def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[Foun
             if shape.log:
                 s *= value
             if shape.unit == "s" and Need.TIME in effect.needs:
-                # A moment is not known better than the sampling lets tell.
-                s = float(np.hypot(s, 1.0 / (np.sqrt(12.0) * stage.problem.signals.rate)))
+                own = np.array([p.value for p in linear])
+                s = max(s, 0.5 * _anywhere_within(stage, effect, own, shape.name))
             shapes.append(FoundParameter(shape.name, value, s, shape.unit))
         out.append((*linear, *shapes))
     return out
+
+
+def _anywhere_within(stage: Stage, effect: Effect, values: Array, name: str) -> float:
+    """How far (s) a moment may be moved, on the side where it may be moved farther, before it shows (by two standard deviations): at
+    least part of a sampling period; up to the next row where rows had to be left out."""
+    residual, at = stage.frame.residual, float(getattr(effect, name))
+    here, least = stage.search.whitened(effect) @ values, float(np.sum(residual**2))
+    farthest = 0.0
+    for side in (1.0, -1.0):
+        reach = 0.5 / stage.problem.signals.rate
+        while reach < _LONGEST:
+            there = stage.search.whitened(effect.with_shape(**{name: max(0.0, at + side * reach)})) @ values
+            if float(np.sum((residual + here - there) ** 2)) > least + 4.0:
+                break
+            reach *= _WIDER
+        farthest = max(farthest, reach)
+    return farthest
 
 
 def support(stage: Stage, effect: Effect) -> float:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Steps of the search for a shape, per shape parameter.
 _STEPS = 14
+_MOST_STEPS = 40
 #: First steps of a search over several, as a share of their ranges.
 _SIMPLEX = 0.1
 #: Directions of a candidate's parameters that the data show less than this (a share of what they would without the model's) are not
@@ -182,7 +183,11 @@ class Search:
 
         ratio = 0.5 * (np.sqrt(5.0) - 1.0)
         c, d = b - ratio * (b - a), a + ratio * (b - a)
-        for _ in range(_STEPS - 2):
+        # A moment is sought until the sampling lets tell no more.
+        fine = 0.5 / self.motions.problem.signals.rate if Need.TIME in hit.effect.needs and not log else np.inf
+        steps = 0
+        while steps < _STEPS - 2 or (b - a > fine and steps < _MOST_STEPS):
+            steps += 1
             if value(c) > value(d):
                 b, d = d, c
                 c = b - ratio * (b - a)

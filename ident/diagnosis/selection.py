@@ -38,6 +38,8 @@ _STRETCHES = 1.5
 _DECOY = 1.5
 #: So many of the best candidates are compared with what they gain for nothing.
 _TRIES = 4
+#: A candidate is near the best if it has this share of its evidence.
+_NEAR = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,13 +142,30 @@ def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> F
     for _ in range(_TRIES):
         if not worth:
             break
-        w = weights(worth, [by_chance(j.hit, stage.number) for j in worth])
+        w = weights(worth, [by_chance(j.hit, stage.number) for j in worth], _once_consistent(worth, stage))
         best = int(np.argmax(w))
         if stage.null.exceeded(worth[best].hit.candidate, worth[best].evidence):
             order = [best, *(i for i in np.argsort(-w) if i != best)]
             return Found(worth[best], tuple(worth[i] for i in order[1:]), w[order])
         worth = [j for i, j in enumerate(worth) if i != best]
     return None
+
+
+def _once_consistent(judged: Sequence[Judged], stage: Stage) -> Array:
+    """What each candidate (m,) gains beyond what it seems to gain beside the present fit, when the fit is made consistent with it.
+
+    Columns that depend on the prediction were made of one that lacks the candidate; with it in the model they are others. Looked at
+    where such a candidate is not far from the best."""
+    out = np.zeros(len(judged))
+    best = max(j.evidence for j in judged)
+    near = [i for i, j in enumerate(judged) if j.hit.candidate.dependent and j.evidence > _NEAR * best]
+    if len(judged) < 2:
+        return out
+    for i in sorted(near, key=lambda i: -judged[i].evidence)[:_TRIES]:
+        hit = judged[i].hit
+        loss = with_effects(stage, [hit.effect], stage, stage.search.bank, stage.search.candidates).frame.loss
+        out[i] = max(0.0, stage.frame.loss - loss - hit.fit_gain)
+    return out
 
 
 def _undecoyed(found: Sequence[Judged]) -> list[Judged]:

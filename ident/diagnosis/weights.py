@@ -28,9 +28,9 @@ PRIOR = {
 }
 
 
-def weights(judged: Sequence[Judged], thresholds: Sequence[float]) -> Array:
+def weights(judged: Sequence[Judged], thresholds: Sequence[float], more: Array | float = 0.0) -> Array:
     """Probabilities (m,) of rivals that would each explain the same thing. `thresholds`: what each one's parameters and shapes
-    gain by chance; more of them count against it."""
+    gain by chance; more of them count against it. `more` (m,): what each gains beyond its evidence once the fit is consistent with it."""
     gains = np.stack([j.score.gain for j in judged])
     # A rival cannot be better on blocks held out than on those it was fitted to: then the model without it was unlucky there.
     best = np.array([j.evidence for j in judged])
@@ -40,7 +40,7 @@ def weights(judged: Sequence[Judged], thresholds: Sequence[float]) -> Array:
     rng = np.random.default_rng(0)
     blocks = gains.shape[1]
     share = rng.dirichlet(np.ones(blocks), _DRAWS) * blocks
-    score = 0.5 * share @ gains.T / (1.0 + _INEXACT * float(best.max(initial=0.0))) + prior
+    score = (0.5 * share @ gains.T + 0.5 * np.asarray(more)) / (1.0 + _INEXACT * float(np.max(best + more, initial=0.0))) + prior
     score -= score.max(axis=1, keepdims=True)
     w = np.exp(score)
     return np.asarray((w / w.sum(axis=1, keepdims=True)).mean(axis=0))
