@@ -95,6 +95,8 @@ class Effect(ABC):
     needs: ClassVar[frozenset[Need]] = frozenset()
     #: Whether it sits on joints one by one. If not, it is one thing for the whole robot; `joints`, if it is of use, says where.
     per_joint: ClassVar[bool] = True
+    #: Effects of one such kind are forms of the same thing: a joint has one of them at most ("": it stands for itself).
+    form_of: ClassVar[str] = ""
 
     joints: tuple[str, ...] | None = None
     side: Side = Side.MOTOR

@@ -81,7 +81,9 @@ def _places(kind: type[Effect], robot: Robot) -> Iterator[Effect]:
 
 
 def _covers(effect: Effect, place: Effect, robot: Robot) -> bool:
-    """Whether the model holds the same thing at the same place already."""
+    """Whether the model holds the same thing, or another form of it, at the same place already."""
+    if place.form_of and place.form_of == effect.form_of and set(place.at(robot)) & set(effect.at(robot)):
+        return True
     if type(effect) is not type(place) or effect.side != place.side:
         return False
     plain = {f.name for f in dataclasses.fields(place)} - {"joints", "label", *(p.name for p in place.shape())}

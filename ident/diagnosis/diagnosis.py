@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
-#: Share of their confidence that findings keep which do not lower the error on held-out data.
+#: Share of their confidence that findings keep which do not lower the error on held-out data, or sit where it does not hold.
 _UNHELPFUL = 0.3
 
 
@@ -167,6 +167,8 @@ def diagnose(
             verdict, findings = "unexplained", tuple(replace(f, confidence=_UNHELPFUL * f.confidence) for f in findings)
     if plain := (*jumps(wide), *lost(wide), *(apart(after, wide, held) if held is not None else ())):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
+        bad = {u.joint for u in plain}
+        findings = tuple(replace(f, confidence=_UNHELPFUL * f.confidence) if bad & set(f.joints) else f for f in findings)
     findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
     tell(1.0)
     said = [unhelpful] if unhelpful else []

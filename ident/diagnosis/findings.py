@@ -26,6 +26,8 @@ _NAMED = 0.01
 _MOST = 0.99
 #: Share of its confidence that a finding keeps beside something larger that nothing explains.
 _OVERSHADOWED = 0.3
+#: So many at one place are taken by their names.
+_TOGETHER = 2
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,7 @@ def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[F
     unexplained = tuple(
         Unexplained(robot.joint_names[x.joint], x.signature, x.text(robot.joint_names[x.joint]), x.evidence) for x in counted
     )
+    unexplained += _drawn(selection.found)
     if unexplained:
         verdict = "unexplained"
     elif any(f.ambiguous for f in findings):
@@ -129,12 +132,33 @@ def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[F
     return verdict, tuple(findings), unexplained
 
 
+def _beside(one: Found, found: Sequence[Found]) -> list[Found]:
+    """What was found at the same place, itself included; what is of the whole robot has no place."""
+    return [f for f in found if f is one or (f.effect.joints is not None and f.effect.joints == one.effect.joints)]
+
+
+def _drawn(found: Sequence[Found]) -> tuple[Unexplained, ...]:
+    """Places where so many effects were found that none of their names says what is there."""
+    out: dict[str, Unexplained] = {}
+    for one in found:
+        here = _beside(one, found)
+        if len(here) > _TOGETHER and one.effect.joints:
+            joint = one.effect.joints[0]
+            names = ", ".join(f.effect.name for f in here)
+            said = f"{joint}: {names} together draw what is there, as others could; none of these names is to be trusted"
+            out[joint] = Unexplained(joint, "several effects together", said, float(sum(f.judged.evidence for f in here)))
+    return tuple(out.values())
+
+
 def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Selection, left: Sequence[Leftover]) -> Finding:
     rows = touched(found.judged.hit.columns)
     weight = max((x.weight for x in left if rows[x.joint]), default=0.0)
     trust = min(_MOST, 1.0 / (1.0 + weight**2)) if weight >= 1.0 else _MOST
     # What nothing explains on one joint shows on others, through all that they share: what is smaller than it is not to be trusted.
     if any(x.weight >= 1.0 and x.evidence > found.judged.evidence for x in left):
+        trust *= _OVERSHADOWED
+    # Several at one place together draw what is there, whatever it is: the more of them, the less is each what it is called.
+    if len(_beside(found, selection.found)) > _TOGETHER:
         trust *= _OVERSHADOWED
 
     def place(hit: Hit) -> tuple[str, tuple[str, ...], tuple[str, ...]]:

@@ -37,6 +37,7 @@ class _Compliance(Effect):
 
     needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE, Need.HISTORY})
     symbol: ClassVar[str]
+    form_of: ClassVar[str] = "spring between motor and link"
 
     side: Side = Side.JOINT
     stiffness: float = 1e4
