@@ -18,17 +18,24 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-def consistent(problem: Problem, white: Whitener) -> tuple[Problem, Frame]:
-    """The problem with the reference that its own fit yields, and its frame; of all that were tried the one that fits best."""
+#: A value has settled if it moves by less than this share of itself, or of its standard deviation.
+_SHARE = 1e-3
+_DEVIATIONS = 0.05
+
+
+def consistent(problem: Problem, white: Whitener, most: int = MOST) -> tuple[Problem, Frame]:
+    """The problem with the reference that its own fit yields, and its frame; of all that were tried (`most` at most) the one that fits
+    best."""
     frame = Frame.build(problem, white, raw_columns(problem))
     values = _fitted(problem, frame)
     if not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
         problem = problem.with_reference(values)
         return problem, replace(frame, problem=problem)
     best: tuple[Problem, Frame] | None = None
-    repetition = Repetition(_weight(problem, frame))
-    for _ in range(MOST):
-        settled = problem.reference is not None and not _moved(values, problem.reference)
+    weight = _weight(problem, frame)
+    repetition = Repetition(weight)
+    for _ in range(most):
+        settled = problem.reference is not None and not _moved(values, problem.reference, weight)
         problem = problem.with_reference(values if problem.reference is None else repetition.next(problem.reference, values))
         frame = Frame.build(problem, white, raw_columns(problem))
         if best is None or settled or frame.loss < best[1].loss:
@@ -56,5 +63,6 @@ def _weight(problem: Problem, frame: Frame) -> Array:
     return out
 
 
-def _moved(new: Array, old: Array) -> bool:
-    return bool(np.any(np.abs(new - old) > 1e-3 * (np.abs(new) + np.abs(old) + 1e-12)))
+def _moved(new: Array, old: Array, weight: Array) -> bool:
+    change = np.abs(new - old)
+    return bool(np.any((change > _SHARE * (np.abs(new) + np.abs(old) + 1e-12)) & (change * weight > _DEVIATIONS)))

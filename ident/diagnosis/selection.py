@@ -40,6 +40,9 @@ _DECOY = 1.5
 _TRIES = 4
 #: A candidate is near the best if it has this share of its evidence.
 _NEAR = 0.8
+#: So many of those are made consistent, in so many passes.
+_LOOKED_AT = 2
+_PASSES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,15 +142,16 @@ def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> F
     # Beside others, chance has had more than one try, and what is explained there is never quite so.
     times = _BESIDE if beside else 1.0
     worth = [j for j in plausible if j.evidence > times * threshold(j.hit, stage.number) and _often(j) and _worth(j, beside, stage)]
+    more = _once_consistent(worth, stage)
     for _ in range(_TRIES):
         if not worth:
             break
-        w = weights(worth, [by_chance(j.hit, stage.number) for j in worth], _once_consistent(worth, stage))
+        w = weights(worth, [by_chance(j.hit, stage.number) for j in worth], more)
         best = int(np.argmax(w))
         if stage.null.exceeded(worth[best].hit.candidate, worth[best].evidence):
             order = [best, *(i for i in np.argsort(-w) if i != best)]
             return Found(worth[best], tuple(worth[i] for i in order[1:]), w[order])
-        worth = [j for i, j in enumerate(worth) if i != best]
+        worth, more = [j for i, j in enumerate(worth) if i != best], np.delete(more, best)
     return None
 
 
@@ -157,13 +161,13 @@ def _once_consistent(judged: Sequence[Judged], stage: Stage) -> Array:
     Columns that depend on the prediction were made of one that lacks the candidate; with it in the model they are others. Looked at
     where such a candidate is not far from the best."""
     out = np.zeros(len(judged))
-    best = max(j.evidence for j in judged)
-    near = [i for i, j in enumerate(judged) if j.hit.candidate.dependent and j.evidence > _NEAR * best]
     if len(judged) < 2:
         return out
-    for i in sorted(near, key=lambda i: -judged[i].evidence)[:_TRIES]:
+    best = max(j.evidence for j in judged)
+    near = [i for i, j in enumerate(judged) if j.hit.candidate.dependent and j.evidence > _NEAR * best]
+    for i in sorted(near, key=lambda i: -judged[i].evidence)[:_LOOKED_AT]:
         hit = judged[i].hit
-        loss = with_effects(stage, [hit.effect], stage, stage.search.bank, stage.search.candidates).frame.loss
+        loss = with_effects(stage, [hit.effect], stage, stage.search.bank, stage.search.candidates, _PASSES).frame.loss
         out[i] = max(0.0, stage.frame.loss - loss - hit.fit_gain)
     return out
 

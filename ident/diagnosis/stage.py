@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..fixed_point import MOST
 from ..problem import Problem
 from .candidates import Candidate, candidates
 from .consistent import consistent
@@ -58,23 +59,28 @@ def start(model: Model, signals: Signals, reference: Array, bank: Bank, progress
     return staged(problem, white, bank, motions, found)
 
 
-def staged(problem: Problem, white: Whitener, bank: Bank, like: Motions, found: tuple[Candidate, ...] | None = None) -> Stage:
+def staged(
+    problem: Problem, white: Whitener, bank: Bank, like: Motions, found: tuple[Candidate, ...] | None = None, most: int = MOST
+) -> Stage:
     """A frame for a problem, its columns taken at the values that it yields itself; `like`: motions whose columns may serve."""
-    problem, frame = consistent(problem, white)
+    problem, frame = consistent(problem, white, most)
     motions = Motions(problem).sharing(like)
     if found is None:
         found = candidates(problem.model, motions.parts[0][1])
     return Stage(problem, white, frame, motions, Search(frame, motions, found, bank))
 
 
-def with_effects(first: Stage, effects: Sequence[Effect], like: Stage, bank: Bank, among: tuple[Candidate, ...] | None = None) -> Stage:
-    """The declared model with effects, the reference taken over as far as parameters are the same. `among`: its candidates, if known."""
+def with_effects(
+    first: Stage, effects: Sequence[Effect], like: Stage, bank: Bank, among: tuple[Candidate, ...] | None = None, most: int = MOST
+) -> Stage:
+    """The declared model with effects, the reference taken over as far as parameters are the same. `among`: its candidates, if known;
+    `most`: repetitions in which the fit may become consistent with its own prediction."""
     model = first.problem.model
     for effect in effects:
         model = model + effect
     old = dict(zip(like.problem.model.names, like.problem.reference, strict=True)) if like.problem.reference is not None else {}
     reference = np.array([old.get(name, 0.0) for name in model.names])
-    return staged(Problem(model, first.problem.signals, reference=reference), first.white, bank, like.motions, among)
+    return staged(Problem(model, first.problem.signals, reference=reference), first.white, bank, like.motions, among, most)
 
 
 def with_noise_beneath(first: Stage, stage: Stage, bank: Bank) -> tuple[Stage, Stage]:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: An excess worth looking at: so many standard deviations of the reading's noise.
 _CLEAR = 6.0
+#: Below a limit the reading is the torque: so much of it (correlation) must the model foretell there.
+_FORETOLD = 0.5
 
 
 @register
@@ -113,16 +115,19 @@ class Saturation(JointEffect):
         torque = motion.measured_on(self.side) if self.clipped == Clipping.DRIVE else motion.predicted_on(self.side)
         at = self.at(robot)
         size = np.abs(torque[:, at])
-        size = size[np.isfinite(size).all(axis=1)]
+        use = np.isfinite(size).all(axis=1)
+        size = size[use]
         if not size.size:
             return self.bounded()
         top, noise = float(size.max()), 0.0
+        # A drive that is mostly off has no usual torque among its zeros.
+        low = min((float(np.quantile(x[x > 0.0], 0.8)) for x in size.T if (x > 0.0).any()), default=top)
         if motion.reference is not None and motion.torque is not None:
-            off = np.abs((motion.measured_on(self.side) - motion.predicted_on(self.side))[:, at])
-            noise = 1.4826 * float(np.nanmax(np.nanmedian(off, axis=0)))
-        # A drive that is mostly off, or logs nothing, has no usual torque among its zeros.
-        usual = min((float(np.quantile(x[x > 0.0], 0.8)) for x in size.T if (x > 0.0).any()), default=top)
-        low, high = usual, top - _CLEAR * noise
+            measured, predicted = motion.measured_on(self.side)[:, at][use], motion.predicted_on(self.side)[:, at][use]
+            noise = 1.4826 * float(np.nanmax(np.nanmedian(np.abs(measured - predicted), axis=0)))
+            if not _follows(measured, predicted, size <= low):
+                low = top
+        high = top - _CLEAR * noise
         # Nothing stands out: no limit below the largest torque is worth a look.
         return self.bounded(limit=(low, high) if high > low else (top, 2.0 * top))
 
@@ -141,3 +146,10 @@ class Saturation(JointEffect):
     def _excess(self, torque: Array) -> Array:
         # A missing reading (NaN) makes no excess; its rows are masked anyway.
         return np.nan_to_num(np.sign(torque) * np.maximum(np.abs(torque) - self.limit, 0.0), nan=0.0)
+
+
+def _follows(measured: Array, predicted: Array, where: Array) -> bool:
+    """Whether readings (N, k) are those of the predicted torques (N, k) on the samples in use (N, k)."""
+    x, y = np.where(where, measured, 0.0), np.where(where, predicted, 0.0)
+    size = np.sqrt(np.sum(x**2, axis=0) * np.sum(y**2, axis=0))
+    return bool(np.all(np.sum(x * y, axis=0) > _FORETOLD * size)) and bool(np.all(size > 0.0))
