@@ -146,12 +146,14 @@ def diagnose(
     tell(0.9)
     left = leftovers(selection.final, selection.found)
     verdict, findings, unexplained = assess(selection, left)
-    after = declared if not findings else _fitted(estimator, selection.final.problem.model, wide, before, selection.final.problem.reference)
+    # Fitted to rows of the kind that the findings were made on: near a reversal some of them (a delay) do not hold.
+    final, plain_rows = selection.final.problem, without_reversals(wide)
+    after = declared if not findings else _fitted(estimator, final.model, plain_rows, before, final.reference)
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     unhelpful = ""
-    if held is not None and findings and compare(declared, after, held).gain <= 0.0:
-        # Data that nothing was chosen on has the last word.
+    if held is not None and findings and compare(declared, after, without_reversals(held)).gain <= 0.0:
+        # Data that nothing was chosen on has the last word, on rows of the kind that the choice was made on.
         if sum(f.evidence for f in findings) < WEAK:
             unhelpful = (
                 f"a weak sign of {findings[0].name}{on(findings[0].place)} was dropped: it does not lower the error on held-out data."

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..effect import Effect
 from ..places import motors_of, place_of, place_of_joints
-from .evidence import touched
+from .evidence import WEAK, touched
 from .leftover import Leftover
 from .precision import FoundParameter, found_parameters
 from .search import Hit
@@ -115,7 +115,7 @@ class Unexplained:
 def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[Finding, ...], tuple[Unexplained, ...]]:
     """Verdict, findings (the strongest first) and what stays unexplained."""
     robot = selection.final.problem.model.robot
-    counted = [x for x in left if x.weight >= 1.0]
+    counted = [x for x in left if x.weight >= 1.0 and x.evidence >= WEAK]
     parameters = found_parameters(selection.final, [f.effect for f in selection.found])
     each = (_finding(f, own, selection, left) for f, own in zip(selection.found, parameters, strict=True))
     findings = sorted(each, key=lambda f: -f.evidence)

@@ -61,7 +61,7 @@ def settled(stage: Stage, effects: Sequence[Effect], rebuilt: Callable[[Sequence
     """The stage, and its effects, at the shapes that fit best together. `rebuilt`: makes the stage of the same model with effects."""
     best, own = stage, tuple(effects)
     for _ in range(_STEPS):
-        slopes = _slopes(best, own)
+        slopes = _slopes(best, own, moving=True)
         if not slopes.place:
             break
         step, promised = _step(best, slopes)
@@ -134,11 +134,15 @@ def support(stage: Stage, effect: Effect) -> float:
     return float(values @ _pinv(T @ frame._inverse_gram @ T.T) @ values)
 
 
-def _slopes(stage: Stage, effects: Sequence[Effect]) -> _Slopes:
+def _slopes(stage: Stage, effects: Sequence[Effect], moving: bool = False) -> _Slopes:
+    """`moving`: only of shapes that may be moved freely. Where parameters must have certain values, the shape was sought with these;
+    free parameters would lead it astray."""
     names = list(stage.problem.model.names)
     values = stage.problem.base.expand(stage.frame.base_values)
     columns, place = [], []
     for i, effect in enumerate(effects):
+        if moving and effect.response(stage.problem.model.robot) is not None:
+            continue
         own = values[[names.index(p.name) for p in effect.parameters(stage.problem.model.robot)]]
         for p in effect.shape():
             columns.append(_slope(stage, effect, own, p.name))

@@ -34,6 +34,9 @@ _BESIDE = 2.0
 _MATTERS = 0.01
 #: Held-out gain over its standard error: what is seen in a single block of time has one, what is seen in all has many.
 _STRETCHES = 1.5
+#: Or so many blocks gain as much as this each.
+_SEVERAL = 4
+_CLEARLY = 10.0
 #: By how much a decoy (a fit that cannot be: a negative stiffness) outdoes a weak candidate.
 _DECOY = 1.5
 #: So many of the best candidates are compared with what they gain for nothing.
@@ -184,8 +187,9 @@ def _undecoyed(found: Sequence[Judged]) -> list[Judged]:
 
 
 def _often(judged: Judged) -> bool:
-    """Whether a candidate gains in more than a stretch or two of the log."""
-    return judged.score.heldout > _STRETCHES * judged.score.standard_error
+    """Whether a candidate gains in more than a stretch or two of the log; what happens seldom, but several times, does."""
+    several = int(np.sum(judged.score.gain > _CLEARLY)) >= _SEVERAL
+    return judged.score.heldout > 0.0 and (several or judged.score.heldout > _STRETCHES * judged.score.standard_error)
 
 
 def _re_examined(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Callable[[str], None]) -> tuple[Stage, list[Found]]:

@@ -49,7 +49,7 @@ def wrist() -> tuple:
         ("temperature_drift_coulomb", {"T": 0.7}, lambda s, w, phi, q, t: [np.exp(-t / 0.7) * s]),
         ("offset", {}, lambda s, w, phi, q, t: [w**0]),
         ("offset_drift", {}, lambda s, w, phi, q, t: [t * w**0]),
-        ("offset_step", {"t_0": 1.0}, lambda s, w, phi, q, t: [(t >= 1.0) * w**0]),
+        ("offset_step", {"t_0": 0.9975}, lambda s, w, phi, q, t: [(t >= 0.9975) * w**0]),
         ("cogging", {"order": 6.0}, lambda s, w, phi, q, t: [np.sin(6 * phi), np.cos(6 * phi)]),
         ("cogging", {"order": 6.0, "angle": "joint"}, lambda s, w, phi, q, t: [np.sin(6 * q), np.cos(6 * q)]),
     ],
