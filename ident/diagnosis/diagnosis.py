@@ -146,9 +146,8 @@ def diagnose(
     tell(0.9)
     left = leftovers(selection.final, selection.found)
     verdict, findings, unexplained = assess(selection, left)
-    # Fitted to rows of the kind that the findings were made on: near a reversal some of them (a delay) do not hold.
-    final, plain_rows = selection.final.problem, without_reversals(wide)
-    after = declared if not findings else _fitted(estimator, final.model, plain_rows, before, final.reference)
+    final = selection.final.problem
+    after = declared if not findings else _fitted(estimator, final.model, wide, before, final.reference)
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     unhelpful = ""
