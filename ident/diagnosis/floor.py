@@ -15,7 +15,7 @@ import numpy as np
 
 from .frame import Frame, Motions, raw_columns
 from .spectral import promising_orders
-from .whitening import Whitener, plain_whitener, whitener
+from .whitening import Whitener, plain_whitener, unwhitened_rows, whitener
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -202,15 +202,3 @@ def _unwhitened(frame: Frame, residual: Array) -> Array:
     """Whitened residuals (n, M) as they were before, (M, n); zero in rows that are not used."""
     valid = frame.problem.signals.valid
     return np.stack([unwhitened_rows(frame.white, residual[j], j, valid[:, j]) for j in range(len(residual))], axis=1)
-
-
-def unwhitened_rows(white: Whitener, rows: Array, joint: int, valid: Array) -> Array:
-    """Undo whitening: the matrix is lower triangular on the rows in use."""
-    from scipy.sparse.linalg import spsolve_triangular
-
-    out = np.zeros(len(rows))
-    at = np.flatnonzero(valid)
-    if len(at):
-        lower = white.matrices[joint].tocsr()[at][:, at]
-        out[at] = spsolve_triangular(lower.tocsr(), rows[at], lower=True)
-    return out

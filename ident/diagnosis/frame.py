@@ -157,14 +157,15 @@ class Frame:
             return 0.0
         z = Z[joints].reshape(-1, Z.shape[2])
         cross = X[joints].reshape(-1, X.shape[2]).T @ z
-        own = z.T @ z - cross.T @ self._inverse_gram @ cross
+        own = z.T @ z - cross.T @ self.inverse_gram @ cross
         right = z.T @ r[joints].reshape(-1)
         if values is not None:
             return float(2.0 * right @ values - values @ own @ values)
         return float(right @ _solve(own, right, np.diag(z.T @ z)))
 
     @cached_property
-    def _inverse_gram(self) -> Array:
+    def inverse_gram(self) -> Array:
+        """Inverse of the columns' own cross-products (b, b): the covariance of their coefficients in units of the whitened noise."""
         G, b = self.gram.sum(axis=0), self.columns.shape[2]
         return np.linalg.pinv(G[:b, :b], hermitian=True)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .floor import unwhitened_rows
+from .whitening import unwhitened_rows
 
 if TYPE_CHECKING:
     from .stage import Stage

@@ -60,8 +60,10 @@ class _Slopes:
 def settled(stage: Stage, effects: Sequence[Effect], rebuilt: Callable[[Sequence[Effect]], Stage]) -> tuple[Stage, tuple[Effect, ...]]:
     """The stage, and its effects, at the shapes that fit best together. `rebuilt`: makes the stage of the same model with effects."""
     best, own = stage, tuple(effects)
+    # Where parameters must have certain values, the shape was sought with these; free parameters would lead it astray.
+    free = [i for i, effect in enumerate(effects) if effect.response(stage.problem.model.robot) is None]
     for _ in range(_STEPS):
-        slopes = _slopes(best, own, moving=True)
+        slopes = _slopes(best, own, free)
         if not slopes.place:
             break
         step, promised = _step(best, slopes)
@@ -85,7 +87,7 @@ def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[Foun
     """Of each effect of a stage its values with standard deviations, linear ones first."""
     robot, names = stage.problem.model.robot, list(stage.problem.model.names)
     values = stage.problem.base.expand(stage.frame.base_values)
-    slopes = _slopes(stage, effects)
+    slopes = _slopes(stage, effects, range(len(effects)))
     std, shape_std = _deviations(stage, slopes)
     out = []
     for i, effect in enumerate(effects):
@@ -131,18 +133,16 @@ def support(stage: Stage, effect: Effect) -> float:
         return float("inf")
     T = frame.transform[[base.index(name) for name in names]]
     values = T @ frame.coefficients
-    return float(values @ _pinv(T @ frame._inverse_gram @ T.T) @ values)
+    return float(values @ _pinv(T @ frame.inverse_gram @ T.T) @ values)
 
 
-def _slopes(stage: Stage, effects: Sequence[Effect], moving: bool = False) -> _Slopes:
-    """`moving`: only of shapes that may be moved freely. Where parameters must have certain values, the shape was sought with these;
-    free parameters would lead it astray."""
+def _slopes(stage: Stage, effects: Sequence[Effect], of: Sequence[int]) -> _Slopes:
+    """Slopes over the shapes of the effects `of` (indices)."""
     names = list(stage.problem.model.names)
     values = stage.problem.base.expand(stage.frame.base_values)
     columns, place = [], []
-    for i, effect in enumerate(effects):
-        if moving and effect.response(stage.problem.model.robot) is not None:
-            continue
+    for i in of:
+        effect = effects[i]
         own = values[[names.index(p.name) for p in effect.parameters(stage.problem.model.robot)]]
         for p in effect.shape():
             columns.append(_slope(stage, effect, own, p.name))
@@ -167,18 +167,18 @@ def _slope(stage: Stage, effect: Effect, values: Array, name: str) -> Array:
 
 def _step(stage: Stage, slopes: _Slopes) -> tuple[Array, float]:
     """Gauss-Newton step (s,) over the shapes beside all linear parameters, and what it promises to gain."""
-    S, own, _ = _beside(stage, slopes)
+    S, own, _ = _crossed(stage, slopes)
     right = S.T @ stage.frame.residual.reshape(-1)
     step = _pinv(own) @ right
     return step, float(step @ right)
 
 
-def _beside(stage: Stage, slopes: _Slopes) -> tuple[Array, Array, Array]:
+def _crossed(stage: Stage, slopes: _Slopes) -> tuple[Array, Array, Array]:
     """Slopes (rows, s); their cross-products (s, s) beside the model's columns; those with the model's columns (b, s)."""
     X = stage.frame.columns.reshape(-1, stage.frame.columns.shape[2])
     S = slopes.columns.reshape(len(X), slopes.columns.shape[2])
     cross = X.T @ S
-    return S, S.T @ S - cross.T @ stage.frame._inverse_gram @ cross, cross
+    return S, S.T @ S - cross.T @ stage.frame.inverse_gram @ cross, cross
 
 
 def _moved(stage: Stage, effects: Sequence[Effect], slopes: _Slopes, step: Array) -> tuple[Effect, ...]:
@@ -198,10 +198,10 @@ def _moved(stage: Stage, effects: Sequence[Effect], slopes: _Slopes, step: Array
 def _deviations(stage: Stage, slopes: _Slopes) -> tuple[dict[str, float], dict[tuple[int, str], float]]:
     """Standard deviations of base parameters by name, and of shapes by place."""
     frame = stage.frame
-    S, own, cross = _beside(stage, slopes)
-    along, inverse = frame._inverse_gram @ cross, _pinv(own)
+    S, own, cross = _crossed(stage, slopes)
+    along, inverse = frame.inverse_gram @ cross, _pinv(own)
     # Inverse of the whole normal matrix, by blocks; base parameters are `transform` times the columns' coefficients.
-    whole = np.block([[frame._inverse_gram + along @ inverse @ along.T, -along @ inverse], [-inverse @ along.T, inverse]])
+    whole = np.block([[frame.inverse_gram + along @ inverse @ along.T, -along @ inverse], [-inverse @ along.T, inverse]])
     base, width = frame.transform.shape
     outputs = np.block([[frame.transform, np.zeros((base, len(own)))], [np.zeros((len(own), width)), np.eye(len(own))]])
     solved = outputs @ whole

@@ -268,7 +268,7 @@ def parameter_std(columns: Array, frame: Frame) -> Array:
     X = frame.columns.reshape(-1, frame.columns.shape[2])
     z = columns.reshape(-1, columns.shape[2])
     cross = X.T @ z
-    own = z.T @ z - cross.T @ frame._inverse_gram @ cross
+    own = z.T @ z - cross.T @ frame.inverse_gram @ cross
     scale = 1.0 / np.sqrt(np.maximum(np.diag(z.T @ z), 1e-300))
     values, vectors = np.linalg.eigh(own * scale[:, None] * scale)
     shown = values > _SHOWN

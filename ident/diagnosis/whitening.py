@@ -113,3 +113,15 @@ def _matrix(valid: Array, runs: list[slice], predictors: list[tuple[Array, float
             columns.append(at - lag)
             values.append(np.full(len(at), coefficient / np.sqrt(variance)))
     return csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(M, M))
+
+
+def unwhitened_rows(white: Whitener, rows: Array, joint: int, valid: Array) -> Array:
+    """Undo whitening: the matrix is lower triangular on the rows in use."""
+    from scipy.sparse.linalg import spsolve_triangular
+
+    out = np.zeros(len(rows))
+    at = np.flatnonzero(valid)
+    if len(at):
+        lower = white.matrices[joint].tocsr()[at][:, at]
+        out[at] = spsolve_triangular(lower.tocsr(), rows[at], lower=True)
+    return out

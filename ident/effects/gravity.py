@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
@@ -33,10 +34,10 @@ class _Mounting(Effect):
 
     side: Side = Side.JOINT
 
+    @abstractmethod
     def fields(self, robot: Robot, values: Array) -> list[Array]:
         """For each of the columns that act on the reference the change of gravity (3,) per unit parameter, at parameter values (k,): the
         values times the columns are the whole change. Raises ConfigurationError."""
-        raise NotImplementedError
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         reference = motion.needed_reference(f"effect {self.name!r}")

@@ -96,7 +96,7 @@ class KnownFrame(Frame):
     @cached_property
     def covariance(self) -> Array:
         """Covariance (b, b) of all coefficients, accepted changes included."""
-        return self._inverse_gram
+        return self.inverse_gram
 
     def changes(self) -> tuple[Array, Array]:
         """Coefficients of the accepted changes and their covariance."""
