@@ -60,9 +60,9 @@ class _Slopes:
 def settled(stage: Stage, effects: Sequence[Effect], rebuilt: Callable[[Sequence[Effect]], Stage]) -> tuple[Stage, tuple[Effect, ...]]:
     """The stage, and its effects, at the shapes that fit best together. `rebuilt`: makes the stage of the same model with effects."""
     best, own = stage, tuple(effects)
-    # Where parameters must have certain values, the shape was sought with these; free parameters would lead it astray.
-    free = [i for i, effect in enumerate(effects) if effect.response(stage.problem.model.robot) is None]
     for _ in range(_STEPS):
+        # Where parameters must have certain values, the shape was sought with these; free parameters would lead it astray.
+        free = [i for i, effect in enumerate(own) if effect.response(stage.problem.model.robot) is None]
         slopes = _slopes(best, own, free)
         if not slopes.place:
             break
