@@ -178,7 +178,7 @@ def _unit(add: Add, robot: Robot | None, j: int, name: str, x: Array, prismatic:
         "unit",
         Severity.WARNING,
         f"Looks like {wrong}, not {right}: {why}. Gravity and inertia would be estimated from a wrong motion."
-        f' If so, name the column q{j + 1}_{suffix}, or map it under [columns] with unit = "{suffix}".',
+        f' If so, name the column q{j + 1}_{suffix}, or map it under [columns]: q{j + 1}_{suffix} = "its name in the file".',
         name,
         reach,
     )

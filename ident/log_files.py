@@ -254,10 +254,10 @@ def bad_text(
             if text.lower() not in _MISSING and not _is_number(text):
                 # A quote that is not closed takes in the rest of the file.
                 shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
-                return DataError(
-                    f"log {path}: column {name!r}, line {line} (data row {row}): {shown!r} is not a number."
-                    " Correct or remove the row; write a missing value as an empty field."
-                )
+                remedy = "Correct or remove the row; write a missing value as an empty field."
+                if _is_number(text.replace(",", ".", 1)):
+                    remedy = "It has a decimal comma: write the file with decimal points."
+                return DataError(f"log {path}: column {name!r}, line {line} (data row {row}): {shown!r} is not a number. {remedy}")
     return DataError(f"log {path}: cannot be read as a table of numbers: {reason}.")
 
 

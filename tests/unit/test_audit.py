@@ -222,7 +222,7 @@ def test_millimetres() -> None:
     q[:, 1] *= 1000
     found = look(replace(log, q=q, dq=None), slide).of("unit")[0]
     assert found.where == "slide"
-    assert 'unit = "mm"' in found.text
+    assert '_mm = "' in found.text
 
 
 def test_notes_of_reading_are_findings(robot: Robot) -> None:

@@ -184,3 +184,10 @@ def test_old_matlab_only(tmp_path: Path) -> None:
     (tmp_path / "a.mat").write_bytes(b"not a mat file at all, but long enough to be looked at " * 10)
     with pytest.raises(DataError, match=r"a\.mat"):
         read_logs(tmp_path / "a.mat")
+
+
+def test_a_decimal_comma_is_told_as_one(tmp_path):
+    path = tmp_path / "comma.csv"
+    path.write_text("t;q1;tau1\n0,00;0,1;1,5\n0,01;0,2;1,6\n")
+    with pytest.raises(DataError, match=r"line 2 .*'0,00' is not a number\. It has a decimal comma"):
+        read_logs([path])
