@@ -175,6 +175,10 @@ class Effect(ABC):
         None: the effect stays a term of the model."""
         return None
 
+    def twins(self) -> tuple[Self, ...]:
+        """The same effect at other shapes that look much like this one, where a search for the best shape may be caught."""
+        return ()
+
     def response(self, robot: Robot) -> Array | None:
         """Values (k,) that the parameters must have for the effect to be what its shape says (a spring's whole response, a filter's own
         lag); None: they are free."""

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError
-from ..places import on
 from ..results import result
 from ..torque_error import number
 from .advice import advice_for
 from .analysis import analysis_signals, stretches, thinned, without_reversals
-from .evidence import WEAK
+from .confirmed import confirmed, refusals
+from .contest import contested
 from .findings import Finding, Unexplained, assess
 from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
 from .search import Bank
 from .selection import Selection, select
-from .stage import start
+from .stage import Stage, start
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
-#: Share of their confidence that findings keep which do not lower the error on held-out data, or sit where it does not hold.
+#: Share of their confidence that findings keep which sit where the model does not hold.
 _UNHELPFUL = 0.3
 
 
@@ -130,8 +130,6 @@ def diagnose(
         raise ConfigurationError(
             "a saved estimate does not hold the signals it was fitted to; give them: diagnose(estimate, held, fit=signals)."
         )
-    from ..comparison import compare
-
     tell = progress or (lambda _: None)
     tell(0.0)
     estimator = estimator or estimator_of(before)
@@ -144,35 +142,39 @@ def diagnose(
     stage = start(before.model, seen, declared.all_values, bank, lambda share: tell(0.05 + 0.35 * share))
     selection = select(stage, bank, note, lambda share: tell(0.4 + 0.5 * share))
     tell(0.9)
-    left = leftovers(selection.final, selection.found)
-    verdict, findings, unexplained = assess(selection, left)
-    final = selection.final.problem
-    after = declared if not findings else _fitted(estimator, final.model, wide, before, final.reference)
+    refused: tuple[tuple[Unexplained, ...], str] = ((), "")
+    said = list[str]()
+    after = declared
     if held is not None:
-        declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
-    unhelpful = ""
-    if held is not None and findings and compare(declared, after, without_reversals(held)).gain <= 0.0:
-        # Data that nothing was chosen on has the last word, on rows of the kind that the choice was made on.
-        if sum(f.evidence for f in findings) < WEAK:
-            unhelpful = (
-                f"a weak sign of {findings[0].name}{on(findings[0].place)} was dropped: it does not lower the error on held-out data."
-            )
-            selection = replace(selection, final=selection.declared, found=())
-            verdict, findings, unexplained = assess(selection, leftovers(selection.declared, ()))
-            after = declared
-        else:
-            unhelpful = (
-                "with the findings the error on held-out data is no smaller, so nothing is explained: their confidence is lowered;"
-                " do not add them without a longer log."
-            )
-            verdict, findings = "unexplained", tuple(replace(f, confidence=_UNHELPFUL * f.confidence) for f in findings)
+        declared = declared.with_heldout(declared.torque_error(held))
+
+    def refit(stage: Stage, turning: tuple[str, ...] = ()) -> Estimate:
+        """The estimate of a stage's model; `turning`: joints whose rows near reversals are left out."""
+        rows = wide.without_turning(turning) if turning else wide
+        estimate = _fitted(estimator, stage.problem.model, rows, before, stage.problem.reference)
+        return replace(estimate, sticking=tuple(dict.fromkeys((*estimate.sticking, *turning))))
+
+    if selection.found and held is not None:
+        judges = without_reversals(held)
+        contest = contested(selection, bank, judges, refit)
+        kept = confirmed(contest.selection, bank, declared, contest.after, judges, refit)
+        selection, after, refused = kept.selection, kept.after, refusals(kept)
+        said += contest.said
+    elif selection.found:
+        after = refit(selection.final)
+    if held is not None:
+        after = after.with_heldout(after.torque_error(held))
+    verdict, findings, unexplained = assess(selection, leftovers(selection.final, selection.found))
+    if refused[0]:
+        verdict, unexplained = "unexplained", (*unexplained, *refused[0])
     if plain := (*jumps(wide), *lost(wide), *(apart(after, wide, held) if held is not None else ())):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
         bad = {u.joint for u in plain}
         findings = tuple(replace(f, confidence=_UNHELPFUL * f.confidence) if bad & set(f.joints) else f for f in findings)
     findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
     tell(1.0)
-    said = [unhelpful] if unhelpful else []
+    if refused[1]:
+        said.append(refused[1])
     if seen is not every:
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")

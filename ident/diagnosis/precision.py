@@ -3,7 +3,8 @@
 The search finds each shape beside what was known then, to a few steps of a grid. Here the shapes of all findings are moved together
 with every linear parameter by Gauss-Newton steps until nothing is gained. Standard deviations are those of the same linearised
 problem; where the residual is not what the noise floor promises (structure that nothing explains, a law that is not quite exact),
-the scatter of its blocks of time is larger than that, and counts instead (H. White, Econometrica 48 (1980), by blocks)."""
+the scatter of its blocks of time is larger than that, and counts instead: the jackknife over them (J. MacKinnon, H. White, Journal of
+Econometrics 29 (1985), by blocks)."""
 
 from __future__ import annotations
 
@@ -33,6 +34,8 @@ _FELT = 1e-6
 _WIDER = 1.3
 _LONGEST = 10.0
 _NOTHING = 1e-250
+#: Least share of what is known of any direction that the blocks other than one are taken to hold.
+_OTHERS = 0.2
 _SHOWN = 1e-9
 
 
@@ -208,15 +211,27 @@ def _deviations(stage: Stage, slopes: _Slopes) -> tuple[dict[str, float], dict[t
     plain = np.einsum("ij,ij->i", solved, outputs)
     scatter = np.zeros(len(plain))
     D = np.concatenate([frame.columns, slopes.columns], axis=2)
+    root = _root(whole)
     for rows in frame.block_rows:
-        scatter += (solved @ (D[:, rows].reshape(-1, D.shape[2]).T @ frame.residual[:, rows].reshape(-1))) ** 2
-    variance = np.maximum(plain, scatter * frame.n_blocks / max(frame.n_blocks - 1, 1))
+        own_columns = D[:, rows].reshape(-1, D.shape[2]) @ root
+        # What a block itself has pulled the fit by is missing in its residual: without it, the residual is that of a fit to the others.
+        share, axes = np.linalg.eigh(own_columns.T @ own_columns)
+        pulled = axes @ ((axes.T @ (own_columns.T @ frame.residual[:, rows].reshape(-1))) / np.maximum(1.0 - share, _OTHERS))
+        scatter += (outputs @ (root @ pulled)) ** 2
+    variance = np.maximum(plain, scatter)
     std = np.sqrt(np.maximum(variance, 0.0))
     # A shape that makes no difference, or none that linear parameters do not make as well, is not known at all.
     size = np.sqrt(np.maximum(np.einsum("ij,ij->j", S, S), 1e-300))
     shown = np.diag(own) > _SHOWN * size**2
     std[base:][~shown | (size < _FELT)] = np.inf
     return dict(zip(stage.problem.base.names, std[:base].tolist(), strict=True)), dict(zip(slopes.place, std[base:].tolist(), strict=True))
+
+
+def _root(A: Array) -> Array:
+    """L with L Lᵀ = A, symmetric positive semidefinite, of any scale in its rows."""
+    scale = np.sqrt(np.maximum(np.diag(A), _NOTHING))
+    values, axes = np.linalg.eigh(A / scale[:, None] / scale)
+    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _pinv(A: Array) -> Array:

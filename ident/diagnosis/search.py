@@ -131,7 +131,8 @@ class Search:
             return hit
         ranges = hit.effect.search_range(self.motions.parts[0][1], self.robot)
         if len(parameters) > 1:
-            starts = [hit, *(self.hit(hit.candidate, effect) for effect in hit.also)]
+            own = (hit.effect, *hit.also)
+            starts = [hit, *(self.hit(hit.candidate, e) for e in (*hit.also, *(twin for e in own for twin in e.twins())))]
             return max((self._together(start, ranges) for start in starts), key=lambda h: h.fit_gain)
         p = parameters[0]
         low, high = ranges[p.name]

@@ -259,14 +259,18 @@ def _hit_in(stage: Stage, found: Found) -> Hit | None:
 
 
 def _labelled(found: Found, model: Model) -> Found:
-    """The finding without the label of candidates, if its parameters' names are free."""
-    effect, taken = found.effect, set(model.names)
+    hit = found.judged.hit
+    return replace(found, judged=replace(found.judged, hit=replace(hit, effect=labelled(hit.effect, model))))
+
+
+def labelled(effect: Effect, model: Model, beside: Sequence[Effect] = ()) -> Effect:
+    """A candidate's effect without the label of candidates, if its parameters' names are free in a model with others beside it."""
+    taken = set(model.names) | {p.name for other in beside for p in other.parameters(model.robot)}
     for label in ("", *(f"{i}" for i in range(2, 20))):
         plain = dataclasses.replace(effect, label=label)
         if not taken & {p.name for p in plain.parameters(model.robot)}:
-            hit = replace(found.judged.hit, effect=plain)
-            return replace(found, judged=replace(found.judged, hit=hit))
-    return found
+            return plain
+    return effect
 
 
 def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:

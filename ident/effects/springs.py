@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -86,6 +86,10 @@ class Counterbalance(JointEffect):
     def shape(self) -> tuple[ShapeParameter, ...]:
         # An odd number of angles: a spring's mirror image, half a turn away, is on the grid too.
         return (ShapeParameter("angle", "rad", -np.pi, np.pi, 0.0, points=13), ShapeParameter("ratio", "1", 0.02, 0.95, 0.4, points=4))
+
+    def twins(self) -> tuple[Counterbalance, ...]:
+        """Half a turn away the spring's torque differs from this one in odd harmonics alone, of which gravity takes up the first."""
+        return (replace(self, angle=self.angle - np.pi if self.angle > 0.0 else self.angle + np.pi),)
 
     def at(self, robot: Robot) -> list[int]:
         """The joints that turn; a slide has no angle. Raises ConfigurationError where one is asked for."""

@@ -69,14 +69,29 @@ def thread_count(threads: int | None = None) -> int:
 
 @dataclass(eq=False)
 class _Compiled:
-    """A tree as the kernel has it. `order` (nb, 10): the kernel's parameter k of a body is Pinocchio's `order[k]`."""
+    """A tree as the kernel has it. `order` (nb, 10): the kernel's parameter k of a body is Pinocchio's `order[k]`.
+
+    What only regressors need is made when the first one is asked for: inverse dynamics of many a tree for a few rows do without.
+    The tree is not kept: that would keep it alive in the table of all."""
 
     handle: Any
     bodies: Array
     order: Array
-    samples: Array = field(repr=False)
-    whole: Any = None
+    _samples: Array | None = field(default=None, repr=False)
+    _whole: Any = None
     plans: dict[tuple[Any, ...], _Plan] = field(default_factory=dict)
+
+    def samples(self, tree: RigidBodyTree) -> Array:
+        """Regressor at a few generic states (16, nv, 10 nb)."""
+        if self._samples is None:
+            self._samples = _sampled(tree)
+        return self._samples
+
+    def whole(self, tree: RigidBodyTree) -> Any:
+        """The kernel's plan of all rows and columns."""
+        if self._whole is None:
+            self._whole = _plan(tree, self, np.eye(tree.nv), np.arange(10 * tree.nb), np.zeros((tree.nv, 0)), False, whole=True).handle
+        return self._whole
 
     def inertia(self, inertia: Array) -> Array:
         """Parameters (10 nb,) in the kernel's frames."""
@@ -157,10 +172,7 @@ def _compile(tree: RigidBodyTree) -> _Compiled:
         body["axes"], body["sign"], body["lever"] = axes, R0[axes, range(3)], (-1.0 if odd else 1.0) * body["p"][axes]
         body["turn"] = u[2]
     handle = _kernel.make_tree(bodies.tobytes(), tree.nv, tree.nq, np.ascontiguousarray(tree.gravity))
-    found = _Compiled(handle, bodies, order, _sampled(tree))
-    every = np.arange(10 * tree.nb)
-    found.whole = _plan(tree, found, np.eye(tree.nv), every, np.zeros((tree.nv, 0)), False, whole=True).handle
-    return found
+    return _Compiled(handle, bodies, order)
 
 
 def _sampled(tree: RigidBodyTree) -> Array:
@@ -175,7 +187,7 @@ def _sampled(tree: RigidBodyTree) -> Array:
 def _plan(tree: RigidBodyTree, own: _Compiled, rows: Array, columns: Array, pattern: Array, dense: bool, whole: bool = False) -> _Plan:
     """`rows` (R, nv): row map; `columns` (k,): chosen of the 10 nb rigid and the extra ones; `pattern` (R, e): the extra ones' factors."""
     rigid = 10 * tree.nb
-    size = np.abs(np.einsum("rv,svc->src", rows, own.samples)).max(axis=0)
+    size = np.abs(np.einsum("rv,svc->src", rows, own.samples(tree))).max(axis=0)
     kind = np.tile([0, 1, 1, 1, 2, 2, 2, 2, 2, 2], tree.nb)
     largest = np.array([size[:, kind == k].max(initial=0.0) for k in range(3)])
     alive = size > _ZERO * largest[kind]
@@ -237,7 +249,7 @@ def regressor(tree: RigidBodyTree, q: Array, dq: Array, ddq: Array, threads: int
     """Joint torque regressor (N, nv, 10 nb), gravity included."""
     own = compiled(tree)
     out = np.zeros((len(q), tree.nv, 10 * tree.nb))
-    _COMPUTE(_REGRESSOR, own.handle, own.whole, None, None, len(q), thread_count(threads), q, dq, ddq, None, out, None)
+    _COMPUTE(_REGRESSOR, own.handle, own.whole(tree), None, None, len(q), thread_count(threads), q, dq, ddq, None, out, None)
     return out
 
 

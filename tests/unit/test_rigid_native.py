@@ -84,7 +84,8 @@ def test_compiled_module_checks_sizes_and_records():
     module = native()
     kernel = module._kernel
     robot = ident.load_robot("puma560")
-    own = module.compiled(robot.tree)
+    tree = robot.tree
+    own = module.compiled(tree)
     q = np.zeros((3, 6))
     out = np.zeros((3, 6))
     inertia = np.zeros(60)
@@ -101,7 +102,7 @@ def test_compiled_module_checks_sizes_and_records():
     with pytest.raises(ValueError, match="array is missing"):
         compute(own.handle, None, q, q, out)
     with pytest.raises(ValueError, match="expected a tree"):
-        compute(own.whole, q, q, q, out)
+        compute(own.whole(tree), q, q, q, out)
     with pytest.raises(TypeError, match="expected 13 arguments, given 1"):
         kernel.compute(own.handle)
     with pytest.raises(ValueError, match="unknown task"):

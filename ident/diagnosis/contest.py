@@ -1,0 +1,124 @@
+"""Rivals on held-out data: what the data fitted cannot tell apart, other motion may.
+
+Each finding is set against the rivals that do nearly as well in its place. Where one foretells the held-out data clearly better than
+the other, the odds between them move with it; where a rival wins, it takes the place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..effect import Effect
+from ..places import motors_of
+from .precision import settled
+from .search import Bank, Hit
+from .selection import Found, Selection, labelled
+from .stage import Stage, with_effects
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+    from ..signals import Signals
+
+Array = np.ndarray
+#: Rivals that are looked at: of at least this weight, or this share of the finding's evidence; so many of one finding.
+_LIKELY = 1e-3
+_NEAR = 0.8
+_MOST = 3
+#: What decides: a difference of so many standard errors over blocks of time, and of this share of the squared error.
+_SURELY = 3.0
+_SHARE = 0.02
+_BLOCKS = 20
+#: Odds move by no more than this (logarithm).
+_FARTHEST = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """The selection with the winners in it, its estimate, and lines that say what was decided."""
+
+    selection: Selection
+    after: Estimate
+    said: tuple[str, ...]
+
+
+def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[Stage], Estimate]) -> Contest:
+    """Every finding against its rivals on held-out data (without rows near reversals)."""
+    found, stage, after = list(selection.found), selection.final, refit(selection.final)
+    said: list[str] = []
+    for i in range(len(found)):
+        one = found[i]
+        contenders = _contenders(one)
+        logs = np.log(np.maximum(one.weights, 1e-12))
+        best: tuple[float, int, Stage, tuple[Effect, ...], Estimate] | None = None
+        for k in contenders:
+            effects = [f.effect for f in found]
+            effects[i] = labelled(one.rivals[k].hit.effect, selection.declared.problem.model, [e for j, e in enumerate(effects) if j != i])
+            there, own = _fitted(selection, effects, stage, bank)
+            other = refit(there)
+            better = _odds(after, other, held)
+            if better == 0.0:
+                continue
+            logs[k + 1] = max(logs[k + 1], np.log(_LIKELY)) + better
+            verb = "better" if better > 0.0 else "worse"
+            said.append(f"{one.rivals[k].hit.candidate} foretells the held-out data clearly {verb} than {one.judged.hit.candidate}")
+            if logs[k + 1] > logs[0] and (best is None or logs[k + 1] > best[0]):
+                best = (float(logs[k + 1]), k, there, own, other)
+        weights = np.exp(logs - logs.max())
+        weights /= weights.sum()
+        if best is None:
+            found[i] = replace(one, weights=weights)
+            continue
+        _, k, stage, own, after = best
+        said.append(
+            f"{one.rivals[k].hit.candidate} takes the place of {one.judged.hit.candidate}: the data fitted hardly tell them apart, those"
+            " held out do. So the error on these is that of the better of two, not of one chosen without them."
+        )
+        rivals = (one.judged, *(r for j, r in enumerate(one.rivals) if j != k))
+        order = [k + 1, 0, *(j + 1 for j in range(len(one.rivals)) if j != k)]
+        found[i] = Found(one.rivals[k], rivals, weights[order])
+        found = [
+            replace(f, judged=replace(f.judged, hit=replace(f.judged.hit, effect=e, columns=stage.search.whitened(e))))
+            for f, e in zip(found, own, strict=True)
+        ]
+    return Contest(replace(selection, final=stage, found=tuple(found)), after, tuple(said))
+
+
+def _contenders(one: Found) -> list[int]:
+    """Indices of the rivals worth looking at, the likeliest first; each thing at each place once."""
+    seen, out = {_place(one.judged.hit)}, list[int]()
+    for k, (rival, weight) in enumerate(zip(one.rivals, one.weights[1:], strict=True)):
+        if _place(rival.hit) not in seen and (weight >= _LIKELY or rival.evidence >= _NEAR * one.judged.evidence):
+            seen.add(_place(rival.hit))
+            out.append(k)
+    return out[:_MOST]
+
+
+def _place(hit: Hit) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    return hit.candidate.name, hit.candidate.joints, motors_of(hit.effect)
+
+
+def _fitted(selection: Selection, effects: Sequence[Effect], like: Stage, bank: Bank) -> tuple[Stage, tuple[Effect, ...]]:
+    """The declared model with effects, at the shapes that fit best together."""
+    among = like.search.candidates
+
+    def rebuilt(own: Sequence[Effect]) -> Stage:
+        return with_effects(selection.declared, own, like, bank, among)
+
+    return settled(rebuilt(effects), effects, rebuilt)
+
+
+def _odds(one: Estimate, other: Estimate, signals: Signals) -> float:
+    """Logarithm of the odds for the other that held-out data give; 0 where they do not decide."""
+    first, second = (e.residual(signals) for e in (one, other))
+    common = np.isfinite(first) & np.isfinite(second)
+    scale = np.maximum(np.fmin(one.fit_error.rms, other.fit_error.rms), 1e-300)
+    squares = [(np.where(common, r, 0.0) / scale) ** 2 for r in (first, second)]
+    parts = [p for run in signals.row_runs for p in np.array_split(np.arange(run.start, run.stop), _BLOCKS) if len(p)]
+    better = np.array([(squares[0][p] - squares[1][p]).sum() for p in parts])
+    error, gain = float(np.sqrt(np.sum((better - better.mean()) ** 2))), float(better.sum())
+    if abs(gain) < max(_SURELY * error, _SHARE * float(min(s.sum() for s in squares))) or error == 0.0:
+        return 0.0
+    return float(np.sign(gain) * min(0.5 * (gain / error) ** 2, _FARTHEST))
