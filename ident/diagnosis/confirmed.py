@@ -25,8 +25,6 @@ Array = np.ndarray
 _BLOCKS = 20
 _SURELY = 2.0
 _SHARE = 0.4
-#: The sum over all joints is no lower if it is higher by this share.
-_LEAST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +56,13 @@ def confirmed(
         if refused:
             after = refit(stage, ())
         harmed = _harmed(declared, after, rows, at)
-        if harmed.any():
+        if harmed.any() and (not refused or len(found) == 1):
             after = refit(stage, tuple(names[np.any(at, axis=0)].tolist()))
             harmed = _harmed(declared, after, rows, at)
-        if not harmed.any():
-            return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused))
         there = [f for f, own in zip(found, at, strict=True) if (own & harmed).any()]
-        worst = min(there or found, key=lambda f: f.judged.evidence)
+        if not there:
+            return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused))
+        worst = min(there, key=lambda f: f.judged.evidence)
         refused.append(worst)
         found = [f for f in found if f is not worst]
         stage = with_effects(selection.declared, [f.effect for f in found], stage, bank) if found else selection.declared
@@ -73,7 +71,8 @@ def confirmed(
 
 def _harmed(before: Estimate, after: Estimate, signals: Signals, at: Sequence[Array]) -> Array:
     """Joints (n,) whose error grows beyond chance; else those on which something was found (`at`, (n,) bool each) that does not lower the
-    error there, weighted by noise; else, if the sum over all joints is no lower, those that make up most of what it grows by."""
+    error there, weighted by noise; else, if the plain sum over all joints
+    grows by more than its standard error, those that make up most of it."""
     first, second = (e.residual(signals) for e in (before, after))
     common = np.isfinite(first) & np.isfinite(second)
     squares = [np.where(common, r, 0.0) ** 2 for r in (first, second)]
@@ -87,7 +86,7 @@ def _harmed(before: Estimate, after: Estimate, signals: Signals, at: Sequence[Ar
     idle = [own for own in at if share[own].sum() >= 0.0]
     if idle:
         return np.asarray(idle[0])
-    if total.sum() > _LEAST * squares[0].sum():
+    if total.sum() > float(np.sqrt(np.sum(grows.sum(axis=1) ** 2))):
         return np.asarray(total >= 0.5 * total.max())
     return np.zeros(len(total), bool)
 

@@ -27,6 +27,8 @@ Array = np.ndarray
 _LIKELY = 1e-3
 _NEAR = 0.8
 _MOST = 3
+#: Of more findings than this each draws a part of what is there, whatever it is: which of two names is better says nothing then.
+_FEW = 3
 #: What decides: a difference of so many standard errors over blocks of time, and of this share of the squared error.
 _SURELY = 3.0
 _SHARE = 0.02
@@ -48,15 +50,15 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
     """Every finding against its rivals on held-out data (without rows near reversals)."""
     found, stage, after = list(selection.found), selection.final, refit(selection.final)
     said: list[str] = []
-    for i in range(len(found)):
+    for i in range(len(found) if len(found) <= _FEW else 0):
         one = found[i]
         contenders = _contenders(one)
         logs = np.log(np.maximum(one.weights, 1e-12))
-        best: tuple[float, int, Stage, tuple[Effect, ...], Estimate] | None = None
+        best: tuple[float, int, list[Effect]] | None = None
         for k in contenders:
             effects = [f.effect for f in found]
             effects[i] = labelled(one.rivals[k].hit.effect, selection.declared.problem.model, [e for j, e in enumerate(effects) if j != i])
-            there, own = _fitted(selection, effects, stage, bank)
+            there = with_effects(selection.declared, effects, stage, bank, stage.search.candidates)
             other = refit(there)
             better = _odds(after, other, held)
             if better == 0.0:
@@ -65,13 +67,15 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
             verb = "better" if better > 0.0 else "worse"
             said.append(f"{one.rivals[k].hit.candidate} foretells the held-out data clearly {verb} than {one.judged.hit.candidate}")
             if logs[k + 1] > logs[0] and (best is None or logs[k + 1] > best[0]):
-                best = (float(logs[k + 1]), k, there, own, other)
+                best = (float(logs[k + 1]), k, effects)
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
         if best is None:
             found[i] = replace(one, weights=weights)
             continue
-        _, k, stage, own, after = best
+        _, k, effects = best
+        stage, own = _settled(selection, effects, stage, bank)
+        after = refit(stage)
         said.append(
             f"{one.rivals[k].hit.candidate} takes the place of {one.judged.hit.candidate}: the data fitted hardly tell them apart, those"
             " held out do. So the error on these is that of the better of two, not of one chosen without them."
@@ -100,7 +104,7 @@ def _place(hit: Hit) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     return hit.candidate.name, hit.candidate.joints, motors_of(hit.effect)
 
 
-def _fitted(selection: Selection, effects: Sequence[Effect], like: Stage, bank: Bank) -> tuple[Stage, tuple[Effect, ...]]:
+def _settled(selection: Selection, effects: Sequence[Effect], like: Stage, bank: Bank) -> tuple[Stage, tuple[Effect, ...]]:
     """The declared model with effects, at the shapes that fit best together."""
     among = like.search.candidates
 
@@ -114,7 +118,8 @@ def _odds(one: Estimate, other: Estimate, signals: Signals) -> float:
     """Logarithm of the odds for the other that held-out data give; 0 where they do not decide."""
     first, second = (e.residual(signals) for e in (one, other))
     common = np.isfinite(first) & np.isfinite(second)
-    scale = np.maximum(np.fmin(one.fit_error.rms, other.fit_error.rms), 1e-300)
+    scale = np.fmin(one.fit_error.rms, other.fit_error.rms)
+    scale = np.where(np.isfinite(scale) & (scale > 0.0), scale, np.inf)
     squares = [(np.where(common, r, 0.0) / scale) ** 2 for r in (first, second)]
     parts = [p for run in signals.row_runs for p in np.array_split(np.arange(run.start, run.stop), _BLOCKS) if len(p)]
     better = np.array([(squares[0][p] - squares[1][p]).sum() for p in parts])

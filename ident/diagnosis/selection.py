@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effect import Effect
+from ..effect import Effect, Need
 from ..model import Model
 from ..places import motors_of
 from .evidence import WEAK, by_chance, surplus, threshold, touched
@@ -26,6 +26,8 @@ _MOST_FINDINGS = 6
 _CHANCES = 2
 #: Beside effects that explain G on a joint's rows, another one there must explain this share of G: laws are never exact.
 COMPANION = 0.02
+#: What follows the model's prediction through time (an elastic joint, a filter) is no more exact than that: there, this share.
+FOLLOWING = 0.3
 #: Or be as large as this beside the noise (rms).
 LARGE = 1.0
 #: A companion must reach the threshold so many times over.
@@ -142,19 +144,22 @@ def described(j: Judged, number: int) -> str:
 
 def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Found | None:
     """The most probable of the candidates, with its rivals, if it is worth accepting."""
-    # Beside others, chance has had more than one try, and what is explained there is never quite so.
+    rivals = [j for j in plausible if j.evidence > threshold(j.hit, stage.number) and _often(j)]
+    # Beside others, chance has had more than one try, and what is explained there is never quite so. What falls short of that is
+    # not accepted, but a rival all the same.
     times = _BESIDE if beside else 1.0
-    worth = [j for j in plausible if j.evidence > times * threshold(j.hit, stage.number) and _often(j) and _worth(j, beside, stage)]
-    more = _once_consistent(worth, stage)
+    worth = [j.evidence > times * threshold(j.hit, stage.number) and _worth(j, beside, stage) for j in rivals]
+    more = _once_consistent(rivals, stage) if any(worth) else np.zeros(len(rivals))
     for _ in range(_TRIES):
-        if not worth:
+        if not any(worth):
             break
-        w = weights(worth, [by_chance(j.hit, stage.number) for j in worth], more)
-        best = int(np.argmax(w))
-        if stage.null.exceeded(worth[best].hit.candidate, worth[best].evidence):
+        w = weights(rivals, [by_chance(j.hit, stage.number) for j in rivals], more)
+        best = int(np.argmax(np.where(worth, w, -1.0)))
+        if stage.null.exceeded(rivals[best].hit.candidate, rivals[best].evidence):
             order = [best, *(i for i in np.argsort(-w) if i != best)]
-            return Found(worth[best], tuple(worth[i] for i in order[1:]), w[order])
-        worth, more = [j for i, j in enumerate(worth) if i != best], np.delete(more, best)
+            return Found(rivals[best], tuple(rivals[i] for i in order[1:]), w[order])
+        rivals, more = [j for i, j in enumerate(rivals) if i != best], np.delete(more, best)
+        worth = [x for i, x in enumerate(worth) if i != best]
     return None
 
 
@@ -276,9 +281,17 @@ def labelled(effect: Effect, model: Model, beside: Sequence[Effect] = ()) -> Eff
 def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     """Whether a candidate matters on its rows, and is more than the inexactness of those accepted there."""
     rows = touched(judged.hit.columns)
-    explained = sum(f.judged.evidence for f in beside if (touched(f.judged.hit.columns) & rows).any())
+    # A candidate on several joints is measured by what was explained on each of them in the share in which it acts there itself.
+    power = np.sum((judged.hit.columns @ judged.score.values) ** 2, axis=1)
+    share = power / max(float(power.sum()), 1e-300)
+    explained = sum(float(share[touched(f.judged.hit.columns)].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
     # As much as the noise itself is no inexactness, however much was explained before.
-    inexact = min(COMPANION * explained, LARGE**2 * float(stage.problem.signals.valid[:, rows].sum()))
-    power = np.sum(judged.hit.columns**2, axis=(1, 2))
-    loss = float(power @ np.sum(stage.frame.residual**2, axis=1) / max(float(power.sum()), 1e-300))
+    inexact = min(explained, LARGE**2 * float(stage.problem.signals.valid[:, rows].sum()))
+    columns = np.sum(judged.hit.columns**2, axis=(1, 2))
+    loss = float(columns @ np.sum(stage.frame.residual**2, axis=1) / max(float(columns.sum()), 1e-300))
     return judged.evidence > max(inexact, _MATTERS * loss)
+
+
+def _inexactness(effect: Effect) -> float:
+    """Share of what an effect explains that its law may fail by."""
+    return FOLLOWING if {Need.REFERENCE, Need.HISTORY} <= effect.needs else COMPANION
