@@ -1,0 +1,116 @@
+"""What data that nothing was chosen on do to a diagnosis: rivals are told apart, what does harm is taken back; intervals by jackknife."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_robots import ROBOTS, declared
+from scipy.signal import lfilter
+
+from ident.diagnosis import diagnose
+from ident.diagnosis.consistent import consistent
+from ident.diagnosis.frame import Motions
+from ident.diagnosis.precision import found_parameters
+from ident.diagnosis.search import Bank, Search
+from ident.diagnosis.stage import Stage
+from ident.diagnosis.whitening import plain_whitener
+from ident.effect import Effect, make_effect
+from ident.effects.springs import Counterbalance
+from ident.estimators import WeightedLeastSquares
+from ident.logs import Log, LogSet
+from ident.motion import Motion
+from ident.problem import Problem
+from ident.signals import Signals, ZeroPhase
+from ident.trajectory import FourierTrajectory
+
+Array = np.ndarray
+RATE = 200.0
+
+
+def prepared(seed: int, effects: list[Effect], sizes: list[float], width: float = 1.0, noise: float = 0.03, colour: float = 0.0) -> Signals:
+    """A log of a SCARA along sines of a width, with effects of these sizes that nobody declares, and noise of a colour."""
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    rng = np.random.default_rng(seed)
+    order = np.arange(1, 25)
+    weight = width * (1.0 / (4.0 + order))[:, None] * np.where([j.prismatic for j in robot.joints], 0.1, 1.0)
+    motion = FourierTrajectory(np.zeros(robot.n), rng.normal(size=(24, robot.n)) * weight, rng.normal(size=(24, robot.n)) * weight, 0.025)
+    t = np.arange(round(38.0 * RATE)) / RATE
+    c = motion.sample(t)
+    exact = Motion.of(robot, c.q, c.dq, c.ddq, t, rate=RATE)
+    tau = model.torque(exact, values)
+    white = rng.normal(size=tau.shape)
+    tau = tau + noise * np.std(tau, axis=0) / width * np.sqrt(1.0 - colour**2) * lfilter([1.0], [1.0, -colour], white, axis=0)
+    whole = model
+    for effect in effects:
+        whole = whole + effect
+    tau = tau + whole.torque(exact, np.append(0.0 * values, sizes))
+    logs = LogSet((Log("run", t, q=c.q, tau={robot.transmission.measured.value: tau}),), robot=robot)
+    return ZeroPhase(cutoff_hz=15.0)(logs)
+
+
+def test_what_does_harm_on_held_out_data_is_taken_back_and_said() -> None:
+    """A step in one log only: the next log, on its own clock, has none."""
+    step = make_effect("offset_step", joints="j2", t_0=17.0)
+    fit, held = prepared(1, [step], [1.0]), prepared(2, [], [])
+    model, _ = declared(fit.robot)
+    found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
+    assert found.verdict == "unexplained"
+    assert not [f for f in found.findings if f.name == "offset_step"]
+    (said,) = [u for u in found.unexplained if u.signature == "held-out data"]
+    assert said.joint == "j2"
+    assert "offset_step" in said.evidence
+    assert any("taken back" in w and "offset_step on j2" in w for w in found.warnings)
+    assert found.comparison.gain >= 0.0
+    # The same step in both logs is what it is.
+    kept = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), prepared(2, [step], [1.0]))
+    assert [(f.name, f.joints) for f in kept.findings] == [("offset_step", ("j2",))]
+    assert kept.verdict == "explained"
+
+
+@pytest.mark.parametrize("name", ["linear_spring", "nonlinear_spring"])
+def test_held_out_motion_decides_between_rivals(name: str) -> None:
+    """Springs that a narrow motion can hardly tell from each other, or from a tilted base; a wide one can."""
+    true = make_effect(name, joints="j1")
+    sizes = [3.0, 0.0] if name == "linear_spring" else [0.0, 0.0, 60.0, 0.0]
+    fit, held = prepared(3, [true], sizes, width=0.2), prepared(4, [true], sizes)
+    model, _ = declared(fit.robot)
+    found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
+    assert found.findings
+    assert (found.findings[0].name, found.findings[0].joints) == (name, ("j1",))
+    if name == "nonlinear_spring":
+        assert any("nonlinear_spring on j1 takes the place of" in w for w in found.warnings)
+
+
+def test_a_counterbalance_half_a_turn_away_differs_in_odd_harmonics_alone() -> None:
+    one = Counterbalance(joints=("j1",), angle=0.7, ratio=0.4)
+    (other,) = one.twins()
+    assert other.twins()[0].angle == pytest.approx(0.7)
+    assert replace(other, angle=0.7) == one
+    robot = ROBOTS["scara"]()
+    q = np.zeros((64, robot.n))
+    q[:, 0] = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+    motion = Motion.of(robot, q, 0.0 * q, 0.0 * q, np.arange(64) / RATE, rate=RATE)
+    harmonics = [np.fft.rfft(effect.columns(motion, robot)[:, 0, 1]) for effect in (one, other)]
+    for k in range(1, 6):
+        np.testing.assert_allclose(harmonics[1][k], (-1.0) ** k * harmonics[0][k], atol=1e-9)
+
+
+def test_deviations_hold_where_the_noise_is_not_what_it_is_taken_for() -> None:
+    """Coloured noise under a floor that takes it for white: the scatter of the blocks tells, less what each block pulled the fit by."""
+    scores: list[float] = []
+    for seed in range(8):
+        signals = prepared(20 + seed, [], [], colour=0.97)
+        model, _ = declared(signals.robot)
+        asked = Problem(model + make_effect("linear_spring"), signals)
+        white = plain_whitener(asked, WeightedLeastSquares().solve(asked).residual(signals))
+        problem, frame = consistent(asked, white)
+        motions = Motions(problem)
+        stage = Stage(problem, white, frame, motions, Search(frame, motions, (), Bank()))
+        (own,) = found_parameters(stage, [problem.model.effects[-1]])
+        scores += [p.value / p.std for p in own if np.isfinite(p.std) and p.std > 0]
+    assert len(scores) >= 30
+    rms = float(np.sqrt(np.mean(np.square(scores))))
+    assert 0.7 < rms < 1.3, rms
