@@ -71,8 +71,8 @@ def confirmed(
 
 def _harmed(before: Estimate, after: Estimate, signals: Signals, at: Sequence[Array]) -> Array:
     """Joints (n,) whose error grows beyond chance; else those on which something was found (`at`, (n,) bool each) that does not lower the
-    error there, weighted by noise; else, if the plain sum over all joints
-    grows by more than its standard error, those that make up most of it."""
+    error there, weighted by noise; else, if the plain sum over all joints grows by more than its standard error, those that make up most
+    of it."""
     first, second = (e.residual(signals) for e in (before, after))
     common = np.isfinite(first) & np.isfinite(second)
     squares = [np.where(common, r, 0.0) ** 2 for r in (first, second)]
@@ -82,7 +82,8 @@ def _harmed(before: Estimate, after: Estimate, signals: Signals, at: Sequence[Ar
     clearly = (total > _SURELY * scatter) & (total > _SHARE * squares[0].sum(axis=0))
     if clearly.any():
         return np.asarray(clearly)
-    share = total / np.maximum(after.fit_error.rms, 1e-300) ** 2
+    noise = after.fit_error.rms
+    share = np.where(noise > 0.0, total / np.where(noise > 0.0, noise, 1.0) ** 2, 0.0)  # no rows of a joint: nan, and no share
     idle = [own for own in at if share[own].sum() >= 0.0]
     if idle:
         return np.asarray(idle[0])
