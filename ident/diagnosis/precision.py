@@ -89,14 +89,17 @@ def settled(stage: Stage, effects: Sequence[Effect], rebuilt: Callable[[Sequence
 def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[FoundParameter, ...]]:
     """Of each effect of a stage its values with standard deviations, linear ones first."""
     robot, names = stage.problem.model.robot, list(stage.problem.model.names)
-    values = stage.problem.base.expand(stage.frame.base_values)
+    values, used = stage.problem.base.expand(stage.frame.base_values), stage.problem.reference
     slopes = _slopes(stage, effects, range(len(effects)))
     std, shape_std = _deviations(stage, slopes)
     out = []
     for i, effect in enumerate(effects):
-        linear = [
-            FoundParameter(p.name, float(values[names.index(p.name)]), std.get(p.name, np.nan), p.unit) for p in effect.parameters(robot)
-        ]
+        linear = []
+        for p in effect.parameters(robot):
+            k = names.index(p.name)
+            # Where the fit did not become consistent with its own prediction, it is known no better than the two agree.
+            apart = 0.0 if used is None else float(values[k] - used[k])
+            linear.append(FoundParameter(p.name, float(values[k]), float(np.hypot(std.get(p.name, np.nan), apart)), p.unit))
         shapes = []
         for shape in effect.shape():
             value, s = float(getattr(effect, shape.name)), shape_std.get((i, shape.name), np.nan)
