@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..places import on, place_of
+from .analysis import without_reversals
+from .contest import contested
 from .evidence import WEAK, touched
 from .findings import Unexplained
 from .search import Bank
@@ -25,6 +27,32 @@ Array = np.ndarray
 _BLOCKS = 20
 _SURELY = 2.0
 _SHARE = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class LastWord:
+    """What is left of a selection, the estimate of its model, what was taken back, and what is to be said about it."""
+
+    selection: Selection
+    after: Estimate
+    unexplained: tuple[Unexplained, ...] = ()
+    said: tuple[str, ...] = ()
+
+
+def last_word(
+    selection: Selection, bank: Bank, declared: Estimate, held: Signals | None, refit: Callable[[Stage, tuple[str, ...]], Estimate]
+) -> LastWord:
+    """Held-out data on a selection: they decide between rivals that the data fitted cannot tell apart, and have what does harm taken
+    back. `refit`: see `confirmed`."""
+    if not selection.found:
+        return LastWord(selection, declared)
+    if held is None:
+        return LastWord(selection, refit(selection.final, ()))
+    rows = without_reversals(held)
+    contest = contested(selection, bank, rows, lambda stage: refit(stage, ()))
+    kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit)
+    unexplained, warning = refusals(kept)
+    return LastWord(kept.selection, kept.after, unexplained, (*contest.said, *([warning] if warning else [])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,7 @@ from ..results import result
 from ..torque_error import number
 from .advice import advice_for
 from .analysis import analysis_signals, stretches, thinned, without_reversals
-from .confirmed import confirmed, refusals
-from .contest import contested
+from .confirmed import last_word
 from .findings import Finding, Unexplained, assess
 from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
@@ -142,39 +141,27 @@ def diagnose(
     stage = start(before.model, seen, declared.all_values, bank, lambda share: tell(0.05 + 0.35 * share))
     selection = select(stage, bank, note, lambda share: tell(0.4 + 0.5 * share))
     tell(0.9)
-    refused: tuple[tuple[Unexplained, ...], str] = ((), "")
-    said = list[str]()
-    after = declared
-    if held is not None:
-        declared = declared.with_heldout(declared.torque_error(held))
 
-    def refit(stage: Stage, turning: tuple[str, ...] = ()) -> Estimate:
+    def refit(stage: Stage, turning: tuple[str, ...]) -> Estimate:
         """The estimate of a stage's model; `turning`: joints whose rows near reversals are left out."""
         rows = wide.without_turning(turning) if turning else wide
         estimate = _fitted(estimator, stage.problem.model, rows, before, stage.problem.reference)
         return replace(estimate, sticking=tuple(dict.fromkeys((*estimate.sticking, *turning))))
 
-    if selection.found and held is not None:
-        judges = without_reversals(held)
-        contest = contested(selection, bank, judges, refit)
-        kept = confirmed(contest.selection, bank, declared, contest.after, judges, refit)
-        selection, after, refused = kept.selection, kept.after, refusals(kept)
-        said += contest.said
-    elif selection.found:
-        after = refit(selection.final)
+    last = last_word(selection, bank, declared, held, refit)
+    selection, after = last.selection, last.after
     if held is not None:
-        after = after.with_heldout(after.torque_error(held))
+        declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     verdict, findings, unexplained = assess(selection, leftovers(selection.final, selection.found))
-    if refused[0]:
-        verdict, unexplained = "unexplained", (*unexplained, *refused[0])
+    if last.unexplained:
+        verdict, unexplained = "unexplained", (*unexplained, *last.unexplained)
     if plain := (*jumps(wide), *lost(wide), *(apart(after, wide, held) if held is not None else ())):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
         bad = {u.joint for u in plain}
         findings = tuple(replace(f, confidence=_UNHELPFUL * f.confidence) if bad & set(f.joints) else f for f in findings)
     findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
     tell(1.0)
-    if refused[1]:
-        said.append(refused[1])
+    said = list(last.said)
     if seen is not every:
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
