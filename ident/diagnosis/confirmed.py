@@ -18,6 +18,7 @@ from .selection import Found, Selection
 from .stage import Stage, with_effects
 
 if TYPE_CHECKING:
+    from ..effect import Effect
     from ..estimate import Estimate
     from ..signals import Signals
 
@@ -31,11 +32,13 @@ _SHARE = 0.4
 
 @dataclass(frozen=True, eq=False)
 class LastWord:
-    """What is left of a selection, the estimate of its model, what was taken back, and what is to be said about it."""
+    """What is left of a selection, the estimate of its model, what was taken back, and what is to be said about it. `doubted`: findings
+    that stay, though held-out data do not show them."""
 
     selection: Selection
     after: Estimate
     unexplained: tuple[Unexplained, ...] = ()
+    doubted: tuple[Effect, ...] = ()
     said: tuple[str, ...] = ()
 
 
@@ -52,16 +55,20 @@ def last_word(
     contest = contested(selection, bank, rows, lambda stage: refit(stage, ()))
     kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit)
     unexplained, warning = refusals(kept)
-    return LastWord(kept.selection, kept.after, unexplained, (*contest.said, *([warning] if warning else [])))
+    names = kept.after.model.robot.joint_names
+    unexplained += tuple(_unseen(f, names) for f in kept.unseen)
+    said = (*contest.said, *([warning] if warning else []))
+    return LastWord(kept.selection, kept.after, unexplained, tuple(f.effect for f in kept.unseen), said)
 
 
 @dataclass(frozen=True, eq=False)
 class Confirmed:
-    """The selection without what does harm, the estimate of its model, and what was refused."""
+    """The selection without what does harm, the estimate of its model, what was refused, and what was kept but gains nothing."""
 
     selection: Selection
     after: Estimate
     refused: tuple[Found, ...] = ()
+    unseen: tuple[Found, ...] = ()
 
 
 def confirmed(
@@ -72,52 +79,83 @@ def confirmed(
     rows: Signals,
     refit: Callable[[Stage, tuple[str, ...]], Estimate],
 ) -> Confirmed:
-    """Take back findings until the error on held-out data is lower than the declared model's, and on no joint clearly higher.
+    """Take back findings until the error on held-out data grows on no joint, and on all together, by more than chance.
 
     `after`: the estimate of the selection's model; `rows`: of the held-out data. `refit`: the estimate of a stage's model on all rows
     but those near reversals of some joints. First on all rows; if that does harm, without those near reversals of the joints of the
-    findings, which were not looked at when the findings were chosen either."""
+    findings, which were not looked at when the findings were chosen either. A strong finding on whose joints nothing is gained, nor lost,
+    stays: the held-out data may not hold what shows it."""
     found, stage, refused = list(selection.found), selection.final, list[Found]()
     names = np.array(declared.model.robot.joint_names)
     while found:
         at = [touched(f.judged.hit.columns) for f in found]
         if refused:
             after = refit(stage, ())
-        harmed = _harmed(declared, after, rows, at)
-        if harmed.any() and (not refused or len(found) == 1):
+        change = Change.of(declared, after, rows)
+        if change.harms(found) and (not refused or len(found) == 1):
             after = refit(stage, tuple(names[np.any(at, axis=0)].tolist()))
-            harmed = _harmed(declared, after, rows, at)
-        there = [f for f, own in zip(found, at, strict=True) if (own & harmed).any()]
-        if not there:
-            return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused))
-        worst = min(there, key=lambda f: f.judged.evidence)
+            change = Change.of(declared, after, rows)
+        harmful = change.harms(found)
+        if not harmful:
+            unseen = tuple(f for f, own in zip(found, at, strict=True) if change.on(own)[0] >= 0.0)
+            return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused), unseen)
+        worst = min(harmful, key=lambda f: f.judged.evidence)
         refused.append(worst)
         found = [f for f in found if f is not worst]
         stage = with_effects(selection.declared, [f.effect for f in found], stage, bank) if found else selection.declared
     return Confirmed(replace(selection, final=stage, found=()), declared, tuple(refused))
 
 
-def _harmed(before: Estimate, after: Estimate, signals: Signals, at: Sequence[Array]) -> Array:
-    """Joints (n,) whose error grows beyond chance; else those on which something was found (`at`, (n,) bool each) that does not lower the
-    error there, weighted by noise; else, if the plain sum over all joints grows by more than its standard error, those that make up most
-    of it."""
-    first, second = (e.residual(signals) for e in (before, after))
-    common = np.isfinite(first) & np.isfinite(second)
-    squares = [np.where(common, r, 0.0) ** 2 for r in (first, second)]
-    parts = [p for run in signals.row_runs for p in np.array_split(np.arange(run.start, run.stop), _BLOCKS) if len(p)]
-    grows = np.array([(squares[1][p] - squares[0][p]).sum(axis=0) for p in parts])
-    total, scatter = grows.sum(axis=0), np.sqrt((grows**2).sum(axis=0))
-    clearly = (total > _SURELY * scatter) & (total > _SHARE * squares[0].sum(axis=0))
-    if clearly.any():
-        return np.asarray(clearly)
-    noise = after.fit_error.rms
-    share = np.where(noise > 0.0, total / np.where(noise > 0.0, noise, 1.0) ** 2, 0.0)  # no rows of a joint: nan, and no share
-    idle = [own for own in at if share[own].sum() >= 0.0]
-    if idle:
-        return np.asarray(idle[0])
-    if total.sum() > float(np.sqrt(np.sum(grows.sum(axis=1) ** 2))):
-        return np.asarray(total >= 0.5 * total.max())
-    return np.zeros(len(total), bool)
+@dataclass(frozen=True, eq=False)
+class Change:
+    """By what squared errors grow from one estimate to another: `grows` (blocks of time, n); `before` (n,): what they were in sum;
+    `noise` (n,): the later one's rms on its own data."""
+
+    grows: Array
+    before: Array
+    noise: Array
+
+    @classmethod
+    def of(cls, before: Estimate, after: Estimate, signals: Signals) -> Change:
+        first, second = (e.residual(signals) for e in (before, after))
+        common = np.isfinite(first) & np.isfinite(second)
+        squares = [np.where(common, r, 0.0) ** 2 for r in (first, second)]
+        parts = [p for run in signals.row_runs for p in np.array_split(np.arange(run.start, run.stop), _BLOCKS) if len(p)]
+        grows = np.array([(squares[1][p] - squares[0][p]).sum(axis=0) for p in parts])
+        return cls(grows, squares[0].sum(axis=0), after.fit_error.rms)
+
+    def on(self, joints: Array) -> tuple[float, float]:
+        """Growth over some joints (n,) bool, each weighted by its noise, and its standard error."""
+        # A joint without rows has no noise that anyone knows, and no share.
+        weight = np.where(joints & (self.noise > 0.0), 1.0 / np.where(self.noise > 0.0, self.noise, 1.0) ** 2, 0.0)
+        blocks = self.grows @ weight
+        return float(blocks.sum()), float(np.sqrt(np.sum(blocks**2)))
+
+    def harms(self, found: Sequence[Found]) -> list[Found]:
+        """Findings that are to blame: on joints whose error grows beyond chance; else those on whose own joints it grows by more than
+        its standard error (at all, if they are weak); else, if the plain sum over all joints grows so, on those that make up most of it."""
+        total, scatter = self.grows.sum(axis=0), np.sqrt((self.grows**2).sum(axis=0))
+        worse = (total > _SURELY * scatter) & (total > _SHARE * self.before)
+        at = [touched(f.judged.hit.columns) for f in found]
+        if blamed := [f for f, own in zip(found, at, strict=True) if (own & worse).any()]:
+            return blamed
+        growth = [self.on(own) for own in at]
+        idle = [f for f, (grown, error) in zip(found, growth, strict=True) if grown >= 0.0 and (grown > error or f.judged.evidence < WEAK)]
+        if idle:
+            return idle
+        whole = self.grows.sum(axis=1)
+        if whole.sum() <= np.sqrt(np.sum(whole**2)):
+            return []
+        return [f for f, own in zip(found, at, strict=True) if (own & (total >= 0.5 * total.max())).any()]
+
+
+def _unseen(one: Found, names: Sequence[str]) -> Unexplained:
+    joints = [names[j] for j in touched(one.judged.hit.columns).nonzero()[0].tolist()]
+    said = (
+        f"{', '.join(joints)}: the held-out data do not show {one.effect.name} (evidence {one.judged.evidence:.0f} in those fitted): the"
+        " error there is no lower with it; log another motion before it is relied on"
+    )
+    return Unexplained(joints[0], "held-out data", said, one.judged.evidence)
 
 
 def refusals(confirmed: Confirmed) -> tuple[tuple[Unexplained, ...], str]:

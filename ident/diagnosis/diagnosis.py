@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
-#: Share of their confidence that findings keep which sit where the model does not hold.
+#: Share of their confidence that findings keep which sit where the model does not hold, or that held-out data do not show.
 _UNHELPFUL = 0.3
 
 
@@ -157,8 +157,10 @@ def diagnose(
         verdict, unexplained = "unexplained", (*unexplained, *last.unexplained)
     if plain := (*jumps(wide), *lost(wide), *(apart(after, wide, held) if held is not None else ())):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
-        bad = {u.joint for u in plain}
-        findings = tuple(replace(f, confidence=_UNHELPFUL * f.confidence) if bad & set(f.joints) else f for f in findings)
+    bad = {u.joint for u in plain}
+    findings = tuple(
+        replace(f, confidence=_UNHELPFUL * f.confidence) if bad & set(f.joints) or f.effect in last.doubted else f for f in findings
+    )
     findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
     tell(1.0)
     said = list(last.said)

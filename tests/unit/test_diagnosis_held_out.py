@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,10 +12,12 @@ from effect_robots import ROBOTS, declared
 from scipy.signal import lfilter
 
 from ident.diagnosis import diagnose
+from ident.diagnosis.confirmed import Change
 from ident.diagnosis.consistent import consistent
 from ident.diagnosis.frame import Motions
 from ident.diagnosis.precision import found_parameters
 from ident.diagnosis.search import Bank, Search
+from ident.diagnosis.selection import Found
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.whitening import plain_whitener
 from ident.effect import Effect, make_effect
@@ -114,3 +118,28 @@ def test_deviations_hold_where_the_noise_is_not_what_it_is_taken_for() -> None:
     assert len(scores) >= 30
     rms = float(np.sqrt(np.mean(np.square(scores))))
     assert 0.7 < rms < 1.3, rms
+
+
+def a_finding(joint: int, evidence: float) -> Found:
+    """A finding on one of three joints, as far as held-out data look at it."""
+    columns = np.zeros((3, 5, 1))
+    columns[joint] = 1.0
+    return cast(Found, SimpleNamespace(judged=SimpleNamespace(hit=SimpleNamespace(columns=columns), evidence=evidence)))
+
+
+def test_only_growth_beyond_chance_is_harm_and_weak_findings_must_gain() -> None:
+    rng = np.random.default_rng(3)
+    noise, before = np.array([1.0, 1.0, np.nan]), np.array([1e4, 1e4, 0.0])
+    chance = rng.normal(size=20)
+    chance -= chance.mean() - 0.01  # grows a little, far below its scatter
+    grows = np.stack([np.full(20, -100.0), chance, np.zeros(20)], axis=1)
+    good, unseen, weak = a_finding(0, 500.0), a_finding(1, 500.0), a_finding(1, 50.0)
+    assert Change(grows, before, noise).harms([good, unseen]) == []
+    assert Change(grows, before, noise).harms([good, weak]) == [weak]
+    # Beyond chance, but little: the finding on that joint is to blame; by much: whatever acts there is.
+    assert Change(grows + [0.0, 2.0, 0.0], before, noise).harms([good, unseen]) == [unseen]
+    assert Change(grows + [0.0, 400.0, 0.0], before, noise).harms([good, unseen, weak]) == [unseen, weak]
+    assert Change(grows + [0.0, 400.0, 0.0], before, noise).harms([good]) == []
+    # No joint by itself, but all together.
+    assert Change(grows + [101.0, 0.0, 0.0], before, noise).harms([a_finding(0, 500.0)]) != []
+    assert Change(grows, before, noise).on(np.array([False, False, True])) == (0.0, 0.0)
