@@ -24,27 +24,37 @@ _DEVIATIONS = 0.05
 
 
 def consistent(problem: Problem, white: Whitener, most: int = MOST) -> tuple[Problem, Frame]:
-    """The problem with the reference that its own fit yields, and its frame; of all that were tried (`most` at most) the one that fits
-    best."""
+    """The problem with the reference that its own fit yields, and its frame; of all that were tried (`most` at most) the one whose values
+    predict best."""
     frame = Frame.build(problem, white, raw_columns(problem))
     values = _fitted(problem, frame)
     if not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
         problem = problem.with_reference(values)
         return problem, replace(frame, problem=problem)
-    best: tuple[Problem, Frame] | None = None
+    best: tuple[float, Problem, Frame] | None = None
     weight = _weight(problem, frame)
     repetition = Repetition(weight)
     for _ in range(most):
         settled = problem.reference is not None and not _moved(values, problem.reference, weight)
         problem = problem.with_reference(values if problem.reference is None else repetition.next(problem.reference, values))
         frame = Frame.build(problem, white, raw_columns(problem))
-        if best is None or settled or frame.loss < best[1].loss:
-            best = problem, frame
+        loss = own_loss(problem, frame)
+        if best is None or loss < best[0]:
+            best = loss, problem, frame
         if settled:
             break
         values = _fitted(problem, frame)
     assert best is not None
-    return best
+    return best[1], best[2]
+
+
+def own_loss(problem: Problem, frame: Frame) -> float:
+    """The loss of the values that the columns were made with. Others may fit those columns better, but make other columns: a fit that is
+    not consistent with its own prediction can seem to explain anything."""
+    if problem.reference is None or not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
+        return frame.loss
+    coefficients = np.linalg.pinv(frame.transform) @ problem.base.base_values(problem.reference)
+    return float(np.sum((frame.torque - frame.columns @ coefficients) ** 2))
 
 
 def _fitted(problem: Problem, frame: Frame) -> Array:

@@ -33,13 +33,14 @@ _BEYOND = 3.0
 @dataclass(frozen=True, eq=False)
 class Hit:
     """A candidate at a shape: `fit_gain` is the fall of the loss on all blocks; `columns` (n, M, k) whitened; `also`: other shapes of
-    the grid from which the best one may be reached."""
+    the grid from which the best one may be reached; `promise`: what parameters that are held would gain there, were they free."""
 
     candidate: Candidate
     effect: Effect
     fit_gain: float
     columns: Array = field(repr=False)
     also: tuple[Effect, ...] = ()
+    promise: float = 0.0
 
     def __str__(self) -> str:
         shape = ", ".join(f"{p.name} = {getattr(self.effect, p.name):.4g}" for p in self.effect.shape())
@@ -102,13 +103,16 @@ class Search:
             peaks = promising_orders(found, self.frame, self.motions) if found is not None else []
             variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks] or variants
         best: Hit | None = None
-        gains = []
+        gains, free, nearest = [], 0.0, variants[0]
         for effect, columns in zip(variants, self.bank.columns(self.motions, variants), strict=True):
             Z = self.frame.whitened(columns)
             hit = self.hit(candidate, effect, Z)
             gains.append(hit.fit_gain)
             if best is None or hit.fit_gain > best.fit_gain:
                 best = hit
+            # Between the points of a grid a knock comes too early or too late; that it comes at all shows in parameters that are free.
+            if effect.response(self.robot) is not None and (gain := self.frame.fit_gain(Z)) > free:
+                free, nearest = gain, effect
         if best is None or len(best.effect.shape()) < 2:
             return best
         # One for each value of the last shape: what acts alike at one end of it may hide the best at another.
@@ -116,7 +120,8 @@ class Search:
         tops: dict[float, tuple[float, Effect]] = {}
         for gain, effect in zip(gains, variants, strict=True):
             tops[getattr(effect, last)] = max(tops.get(getattr(effect, last), (-np.inf, effect)), (gain, effect), key=lambda x: x[0])
-        return replace(best, also=tuple(effect for _, effect in tops.values() if effect != best.effect))
+        also = dict.fromkeys([*(effect for _, effect in tops.values()), *((nearest,) if free > 0.0 else ())])
+        return replace(best, also=tuple(effect for effect in also if effect != best.effect), promise=free)
 
     def hit(self, candidate: Candidate, effect: Effect, Z: Array | None = None) -> Hit:
         """A candidate at a shape. Where its parameters must have certain values, that is what they gain with these: a spring that is

@@ -12,6 +12,7 @@ import numpy as np
 from ..effect import Effect, Need
 from ..model import Model
 from ..places import motors_of
+from .consistent import own_loss
 from .evidence import WEAK, by_chance, surplus, threshold, touched
 from .precision import found_parameters, settled, support
 from .search import Bank, Hit, Judged, implausible
@@ -84,7 +85,7 @@ def ranked(
     """The best candidates beside a stage's model, refined and judged, the largest surplus first. `also`: further hits; `joints`: of
     candidates on these joints alone."""
     hits = stage.search.scan(progress, joints)
-    hits.sort(key=lambda h: -(h.fit_gain - threshold(h, stage.number)))
+    hits.sort(key=lambda h: -(max(h.fit_gain, h.promise) - threshold(h, stage.number)))
     judged = [stage.search.judge(stage.search.refined(h)) for h in [*also, *hits[:_REFINED]]]
     judged.sort(key=lambda j: -surplus(j, stage.number))
     return judged
@@ -175,8 +176,8 @@ def _once_consistent(judged: Sequence[Judged], stage: Stage) -> Array:
     near = [i for i, j in enumerate(judged) if j.hit.candidate.dependent and j.evidence > _NEAR * best]
     for i in sorted(near, key=lambda i: -judged[i].evidence)[:_LOOKED_AT]:
         hit = judged[i].hit
-        loss = with_effects(stage, [hit.effect], stage, stage.search.bank, stage.search.candidates, _PASSES).frame.loss
-        out[i] = max(0.0, stage.frame.loss - loss - hit.fit_gain)
+        there = with_effects(stage, [hit.effect], stage, stage.search.bank, stage.search.candidates, _PASSES)
+        out[i] = max(0.0, stage.frame.loss - own_loss(there.problem, there.frame) - hit.fit_gain)
     return out
 
 

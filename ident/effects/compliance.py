@@ -150,7 +150,9 @@ class Backlash(_Compliance):
     gap: float = 1e-3
 
     def shape(self) -> tuple[ShapeParameter, ...]:
-        return (ShapeParameter("gap", "rad (m)", 1e-8, 10.0, 1e-3, log=True, points=8), *super().shape())
+        # Where a flank is reached, and how hard, depends on the gap by fractions of it, and on what the knock loses.
+        stiffness, damping = super().shape()
+        return (ShapeParameter("gap", "rad (m)", 1e-8, 10.0, 1e-3, log=True, points=12), stiffness, replace(damping, points=3))
 
     @property
     def play(self) -> float:
@@ -161,7 +163,7 @@ class Backlash(_Compliance):
         ranges = super().search_range(motion, robot)
         q = motion.on(self.side).q[:, self.at(robot)]
         span = float(np.ptp(q, axis=0).max()) if q.size else 0.0
-        return self.bounded(**{**ranges, "gap": (1e-5 * span, 0.1 * span)})
+        return self.bounded(**{**ranges, "gap": (1e-5 * span, 0.1 * span), "damping": (0.05, 1.0)})
 
 
 def _settings(effects: Sequence[_Compliance]) -> tuple[Array, Array, Array]:
