@@ -30,7 +30,7 @@ _MOST = 3
 #: Of more findings than this each draws a part of what is there, whatever it is: which of two names is better says nothing then.
 _FEW = 3
 #: What decides: a difference of so many standard errors over blocks of time, and of this share of the squared error.
-_SURELY = 3.0
+_SURELY = 2.0
 _SHARE = 0.02
 _BLOCKS = 20
 #: Odds move by no more than this (logarithm).
