@@ -151,17 +151,27 @@ class Frame:
     def fit_gain(self, Z: Array, values: Array | None = None) -> float:
         """Fall of the loss when candidate columns (n, M, k) are added, nothing held out: cheap, for searching shapes. `values` (k,): what
         their parameters are held at, the model's being refitted beside them."""
-        X, r = self.columns, self.residual
+        return float(self.fit_gains(Z, Z.shape[2], [values])[0][0])
+
+    def fit_gains(self, Z: Array, k: int, values: Sequence[Array | None]) -> tuple[Array, Array]:
+        """`fit_gain` of c candidates of k columns each, side by side in Z (n, M, c k), with each one's `values`; and what they would gain
+        with free parameters; (c,) each."""
+        count = len(values)
         joints = live_joints(Z)
         if not len(joints):
-            return 0.0
-        z = Z[joints].reshape(-1, Z.shape[2])
-        cross = X[joints].reshape(-1, X.shape[2]).T @ z
-        own = z.T @ z - cross.T @ self.inverse_gram @ cross
-        right = z.T @ r[joints].reshape(-1)
-        if values is not None:
-            return float(2.0 * right @ values - values @ own @ values)
-        return float(right @ _solve(own, right, np.diag(z.T @ z)))
+            return np.zeros(count), np.zeros(count)
+        X, z = self.columns[joints].reshape(-1, self.columns.shape[2]), Z[joints].reshape(-1, Z.shape[2])
+        cross = X.T @ z
+        along = self.inverse_gram @ cross
+        right = z.T @ self.residual[joints].reshape(-1)
+        gains, free = np.empty(count), np.empty(count)
+        for i, at in enumerate(values):
+            part = slice(i * k, (i + 1) * k)
+            own = z[:, part].T @ z[:, part]
+            size, own = np.diag(own), own - cross[:, part].T @ along[:, part]
+            free[i] = right[part] @ _solve(own, right[part], size)
+            gains[i] = free[i] if at is None else 2.0 * right[part] @ at - at @ own @ at
+        return gains, free
 
     @cached_property
     def inverse_gram(self) -> Array:

@@ -20,6 +20,8 @@ Array = np.ndarray
 #: Steps of the search for a shape, per shape parameter.
 _STEPS = 14
 _MOST_STEPS = 40
+#: Shapes of a grid that are whitened and scored at a time.
+_AT_ONCE = 64
 #: First steps of a search over several, as a share of their ranges.
 _SIMPLEX = 0.1
 #: Directions of a candidate's parameters that the data show less than this (a share of what they would without the model's) are not
@@ -86,15 +88,13 @@ class Search:
         chosen = [c for c in self.candidates if joints is None or not c.joints or joints & set(c.joints)]
         self.bank.prepare(self.motions, chosen)
         for i, candidate in enumerate(chosen):
-            hit = self.first(candidate)
-            if hit is not None:
-                hits.append(hit)
+            hits.append(self.first(candidate))
             if progress is not None:
                 progress((i + 1) / len(chosen))
         hits.sort(key=lambda h: -h.fit_gain)
         return hits
 
-    def first(self, candidate: Candidate) -> Hit | None:
+    def first(self, candidate: Candidate) -> Hit:
         """The best shape of a candidate's grid, and of the orders that the residual's spectrum suggests."""
         variants = list(candidate.variants)
         name = order_parameter(candidate.variants[0])
@@ -102,26 +102,31 @@ class Search:
             found = self.bank.harmonics(self.frame, self.motions, candidate.variants[0])
             peaks = promising_orders(found, self.frame, self.motions) if found is not None else []
             variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks] or variants
-        best: Hit | None = None
-        gains, free, nearest = [], 0.0, variants[0]
-        for effect, columns in zip(variants, self.bank.columns(self.motions, variants), strict=True):
-            Z = self.frame.whitened(columns)
-            hit = self.hit(candidate, effect, Z)
-            gains.append(hit.fit_gain)
-            if best is None or hit.fit_gain > best.fit_gain:
-                best = hit
-            # Between the points of a grid a knock comes too early or too late; that it comes at all shows in parameters that are free.
-            if effect.response(self.robot) is not None and (gain := self.frame.fit_gain(Z)) > free:
-                free, nearest = gain, effect
-        if best is None or len(best.effect.shape()) < 2:
+        held = [effect.response(self.robot) for effect in variants]
+        every = self.bank.columns(self.motions, variants)
+        k, parts = every[0].shape[2], list[tuple[Array, Array, Array]]()
+        for start in range(0, len(variants), _AT_ONCE):
+            own = slice(start, start + _AT_ONCE)
+            Z = self.frame.whitened(np.concatenate(every[own], axis=2))
+            parts.append((Z, *self.frame.fit_gains(Z, k, held[own])))
+        gains, free = (np.concatenate(x) for x in zip(*((g, f) for _, g, f in parts), strict=True))
+        top = int(np.argmax(gains))
+        columns = parts[top // _AT_ONCE][0][:, :, (top % _AT_ONCE) * k :][:, :, :k]
+        best = Hit(candidate, variants[top], float(gains[top]), np.ascontiguousarray(columns))
+        if len(best.effect.shape()) < 2:
             return best
         # One for each value of the last shape: what acts alike at one end of it may hide the best at another.
         last = best.effect.shape()[-1].name
         tops: dict[float, tuple[float, Effect]] = {}
         for gain, effect in zip(gains, variants, strict=True):
             tops[getattr(effect, last)] = max(tops.get(getattr(effect, last), (-np.inf, effect)), (gain, effect), key=lambda x: x[0])
-        also = dict.fromkeys([*(effect for _, effect in tops.values()), *((nearest,) if free > 0.0 else ())])
-        return replace(best, also=tuple(effect for effect in also if effect != best.effect), promise=free)
+        also = [effect for _, effect in tops.values()]
+        if all(at is None for at in held):
+            return replace(best, also=tuple(effect for effect in also if effect != best.effect))
+        # Between the points of a grid a knock comes too early or too late; that it comes at all shows in parameters that are free.
+        nearest = int(np.argmax(free))
+        also = list(dict.fromkeys([*also, variants[nearest]]))
+        return replace(best, also=tuple(effect for effect in also if effect != best.effect), promise=float(free[nearest]))
 
     def hit(self, candidate: Candidate, effect: Effect, Z: Array | None = None) -> Hit:
         """A candidate at a shape. Where its parameters must have certain values, that is what they gain with these: a spring that is

@@ -86,6 +86,21 @@ def test_values_that_are_held_are_not_fitted(frame: Frame) -> None:
         assert frame.fit_gain(Z, np.array([value])) == pytest.approx(frame.loss - float(left @ left), rel=1e-6)
 
 
+def test_several_candidates_at_once_gain_what_each_gains_by_itself(frame: Frame) -> None:
+    rng = np.random.default_rng(7)
+    n, M, _ = frame.columns.shape
+    Z = rng.normal(size=(n, M, 6)) * frame.problem.signals.valid.T[:, :, None]
+    Z[1:] = 0.0
+    held = [None, np.array([0.2, -1.0]), None]
+    gains, free = frame.fit_gains(Z, 2, held)
+    for i, values in enumerate(held):
+        own = Z[:, :, 2 * i : 2 * i + 2]
+        assert gains[i] == pytest.approx(frame.fit_gain(own, values), rel=1e-9)
+        assert free[i] == pytest.approx(frame.fit_gain(own), rel=1e-9)
+    nothing, _ = frame.fit_gains(np.zeros((n, M, 4)), 2, [None, None])
+    assert nothing.tolist() == [0.0, 0.0]
+
+
 def test_whitened_noise_is_white_on_its_rows_and_on_others() -> None:
     from scipy.signal import lfilter
 
