@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effect import Need
+from .analysis import without_reversals
 from .findings import Unexplained
 
 if TYPE_CHECKING:
@@ -73,7 +74,9 @@ def lost(signals: Signals) -> tuple[Unexplained, ...]:
 
 
 def apart(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained, ...]:
-    """Joints on which the fit fails on held-out data as it does not on its own: something is there that was not before."""
+    """Joints on which the fit fails on held-out data as it does not on its own: something is there that was not before. Near reversals
+    a joint may stick in one part and not in the other; that is not meant."""
+    fitted, held = without_reversals(fitted), without_reversals(held)
     inside, outside = _error(after, fitted), _error(after, held)
     enough = (fitted.valid.sum(axis=0) >= _FEW) & (held.valid.sum(axis=0) >= _FEW)
     found = []
