@@ -95,10 +95,19 @@ def confirmed(
         if change.harms(found) and (not refused or len(found) == 1):
             after = refit(stage, tuple(names[np.any(at, axis=0)].tolist()))
             change = Change.of(declared, after, rows)
-        harmful = change.harms(found)
+        harmful, unseen = change.harms(found), list[Found]()
+        for f in () if harmful else sorted(change.idle(found), key=lambda f: f.judged.evidence):
+            # What is gained elsewhere, by parameters that are free of a bias now, counts as well: compared with the model without it.
+            others = [g.effect for g in found if g is not f]
+            without = refit(with_effects(selection.declared, others, stage, bank), ()) if others else declared
+            grown, error = Change.of(without, after, rows).on(np.ones(len(names), bool))
+            if grown >= 0.0 and (grown > error or f.judged.evidence < WEAK):
+                harmful = [f]
+                break
+            if grown >= 0.0:
+                unseen.append(f)
         if not harmful:
-            unseen = tuple(f for f, own in zip(found, at, strict=True) if change.on(own)[0] >= 0.0)
-            return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused), unseen)
+            return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused), tuple(unseen))
         worst = min(harmful, key=lambda f: f.judged.evidence)
         refused.append(worst)
         found = [f for f in found if f is not worst]
@@ -132,21 +141,18 @@ class Change:
         return float(blocks.sum()), float(np.sqrt(np.sum(blocks**2)))
 
     def harms(self, found: Sequence[Found]) -> list[Found]:
-        """Findings that are to blame: on joints whose error grows beyond chance; else those on whose own joints it grows by more than
-        its standard error (at all, if they are weak); else, if the plain sum over all joints grows so, on those that make up most of it."""
+        """Findings that are to blame: on joints whose error grows beyond chance; else, if the plain sum over all joints grows by more than
+        its standard error, on those that make up most of it."""
         total, scatter = self.grows.sum(axis=0), np.sqrt((self.grows**2).sum(axis=0))
         worse = (total > _SURELY * scatter) & (total > _SHARE * self.before)
-        at = [touched(f.judged.hit.columns) for f in found]
-        if blamed := [f for f, own in zip(found, at, strict=True) if (own & worse).any()]:
-            return blamed
-        growth = [self.on(own) for own in at]
-        idle = [f for f, (grown, error) in zip(found, growth, strict=True) if grown >= 0.0 and (grown > error or f.judged.evidence < WEAK)]
-        if idle:
-            return idle
         whole = self.grows.sum(axis=1)
-        if whole.sum() <= np.sqrt(np.sum(whole**2)):
-            return []
-        return [f for f, own in zip(found, at, strict=True) if (own & (total >= 0.5 * total.max())).any()]
+        if not worse.any() and whole.sum() > np.sqrt(np.sum(whole**2)):
+            worse = total >= 0.5 * total.max()
+        return [f for f in found if (touched(f.judged.hit.columns) & worse).any()]
+
+    def idle(self, found: Sequence[Found]) -> list[Found]:
+        """Findings on whose own joints nothing is gained."""
+        return [f for f in found if self.on(touched(f.judged.hit.columns))[0] >= 0.0]
 
 
 def _unseen(one: Found, names: Sequence[str]) -> Unexplained:

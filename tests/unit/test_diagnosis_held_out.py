@@ -127,19 +127,20 @@ def a_finding(joint: int, evidence: float) -> Found:
     return cast(Found, SimpleNamespace(judged=SimpleNamespace(hit=SimpleNamespace(columns=columns), evidence=evidence)))
 
 
-def test_only_growth_beyond_chance_is_harm_and_weak_findings_must_gain() -> None:
+def test_only_growth_beyond_chance_is_harm() -> None:
     rng = np.random.default_rng(3)
     noise, before = np.array([1.0, 1.0, np.nan]), np.array([1e4, 1e4, 0.0])
     chance = rng.normal(size=20)
     chance -= chance.mean() - 0.01  # grows a little, far below its scatter
     grows = np.stack([np.full(20, -100.0), chance, np.zeros(20)], axis=1)
-    good, unseen, weak = a_finding(0, 500.0), a_finding(1, 500.0), a_finding(1, 50.0)
-    assert Change(grows, before, noise).harms([good, unseen]) == []
-    assert Change(grows, before, noise).harms([good, weak]) == [weak]
-    # Beyond chance, but little: the finding on that joint is to blame; by much: whatever acts there is.
-    assert Change(grows + [0.0, 2.0, 0.0], before, noise).harms([good, unseen]) == [unseen]
-    assert Change(grows + [0.0, 400.0, 0.0], before, noise).harms([good, unseen, weak]) == [unseen, weak]
+    good, other = a_finding(0, 500.0), a_finding(1, 500.0)
+    change = Change(grows, before, noise)
+    assert change.harms([good, other]) == []
+    assert change.idle([good, other]) == [other]
+    # Beyond chance, and by much: whatever acts there is to blame, and nothing else.
+    assert Change(grows + [0.0, 400.0, 0.0], before, noise).harms([good, other]) == [other]
     assert Change(grows + [0.0, 400.0, 0.0], before, noise).harms([good]) == []
     # No joint by itself, but all together.
-    assert Change(grows + [101.0, 0.0, 0.0], before, noise).harms([a_finding(0, 500.0)]) != []
-    assert Change(grows, before, noise).on(np.array([False, False, True])) == (0.0, 0.0)
+    assert Change(grows + [101.0, 0.0, 0.0], before, noise).harms([good, other]) == [good]
+    assert change.on(np.array([False, False, True])) == (0.0, 0.0)
+    assert change.on(np.array([True, False, False])) == pytest.approx((-2000.0, np.sqrt(20.0) * 100.0))
