@@ -10,6 +10,7 @@ import numpy as np
 
 from ..places import on, place_of
 from .analysis import without_reversals
+from .change import Change
 from .contest import contested
 from .evidence import WEAK, touched
 from .findings import Unexplained
@@ -23,11 +24,6 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
-#: Blocks of a run; a joint's squared error grows if it does so by so many standard errors over them, and by this share: what little an
-#: effect that was found elsewhere moves is the price of refitting all parameters with it.
-_BLOCKS = 20
-_SURELY = 2.0
-_SHARE = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,69 +111,28 @@ def confirmed(
     return Confirmed(replace(selection, final=stage, found=()), declared, tuple(refused))
 
 
-@dataclass(frozen=True, eq=False)
-class Change:
-    """By what squared errors grow from one estimate to another: `grows` (blocks of time, n); `before` (n,): what they were in sum;
-    `noise` (n,): the later one's rms on its own data."""
-
-    grows: Array
-    before: Array
-    noise: Array
-
-    @classmethod
-    def of(cls, before: Estimate, after: Estimate, signals: Signals) -> Change:
-        first, second = (e.residual(signals) for e in (before, after))
-        common = np.isfinite(first) & np.isfinite(second)
-        squares = [np.where(common, r, 0.0) ** 2 for r in (first, second)]
-        parts = [p for run in signals.row_runs for p in np.array_split(np.arange(run.start, run.stop), _BLOCKS) if len(p)]
-        grows = np.array([(squares[1][p] - squares[0][p]).sum(axis=0) for p in parts])
-        return cls(grows, squares[0].sum(axis=0), after.fit_error.rms)
-
-    def on(self, joints: Array) -> tuple[float, float]:
-        """Growth over some joints (n,) bool, each weighted by its noise, and its standard error."""
-        # A joint without rows has no noise that anyone knows, and no share.
-        weight = np.where(joints & (self.noise > 0.0), 1.0 / np.where(self.noise > 0.0, self.noise, 1.0) ** 2, 0.0)
-        blocks = self.grows @ weight
-        return float(blocks.sum()), float(np.sqrt(np.sum(blocks**2)))
-
-    def harms(self, found: Sequence[Found]) -> list[Found]:
-        """Findings that are to blame: on joints whose error grows beyond chance; else, if the plain sum over all joints grows by more than
-        its standard error, on those that make up most of it."""
-        total, scatter = self.grows.sum(axis=0), np.sqrt((self.grows**2).sum(axis=0))
-        worse = (total > _SURELY * scatter) & (total > _SHARE * self.before)
-        whole = self.grows.sum(axis=1)
-        if not worse.any() and whole.sum() > np.sqrt(np.sum(whole**2)):
-            worse = total >= 0.5 * total.max()
-        return [f for f in found if (touched(f.judged.hit.columns) & worse).any()]
-
-    def idle(self, found: Sequence[Found]) -> list[Found]:
-        """Findings on whose own joints nothing is gained."""
-        return [f for f in found if self.on(touched(f.judged.hit.columns))[0] >= 0.0]
-
-
 def _unseen(one: Found, names: Sequence[str]) -> Unexplained:
-    joints = [names[j] for j in touched(one.judged.hit.columns).nonzero()[0].tolist()]
-    said = (
-        f"{', '.join(joints)}: the held-out data do not show {one.effect.name} (evidence {one.judged.evidence:.0f} in those fitted): the"
-        " error there is no lower with it; log another motion before it is relied on"
+    return _not_borne_out(
+        one, names, "but the held-out data do not show it: the error there is no lower with it; log another motion before it is relied on"
     )
-    return Unexplained(joints[0], "held-out data", said, one.judged.evidence)
 
 
 def refusals(confirmed: Confirmed) -> tuple[tuple[Unexplained, ...], str]:
     """What was refused: structure that stays unexplained, or, if all of it is a weak sign of something, a warning."""
-    refused, robot = confirmed.refused, confirmed.after.model.robot
+    refused, joints = confirmed.refused, confirmed.after.model.robot.joint_names
     if not refused:
         return (), ""
     names = ", ".join(f"{f.effect.name}{on(place_of(f.effect, f.judged.hit.candidate.joints))}" for f in refused)
     if sum(f.judged.evidence for f in refused) < WEAK:
         return (), f"a weak sign of {names} was dropped: it does not lower the error on held-out data."
-    out = []
-    for f in refused:
-        joints = [robot.joint_names[j] for j in touched(f.judged.hit.columns).nonzero()[0]]
-        said = (
-            f"{', '.join(joints)}: {f.effect.name} lowers the error on the data fitted (evidence {f.judged.evidence:.0f}), but not on"
-            " held-out data, and was taken back: what is there is something else, or does not last; a longer log would tell"
-        )
-        out.append(Unexplained(joints[0], "held-out data", said, f.judged.evidence))
-    return tuple(out), f"taken back, because the error on held-out data is no lower with it: {names}."
+    why = "but not on held-out data, and was taken back: what is there is something else, or does not last; a longer log would tell"
+    return (
+        tuple(_not_borne_out(f, joints, why) for f in refused),
+        f"taken back, because the error on held-out data is no lower with it: {names}.",
+    )
+
+
+def _not_borne_out(one: Found, names: Sequence[str], why: str) -> Unexplained:
+    joints = [names[j] for j in touched(one.judged.hit.columns).nonzero()[0].tolist()]
+    said = f"{', '.join(joints)}: {one.effect.name} lowers the error on the data fitted (evidence {one.judged.evidence:.0f}), {why}"
+    return Unexplained(joints[0], "held-out data", said, one.judged.evidence)

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from .whitening import Whitener
 
 Array = np.ndarray
-
-
 #: A value has settled if it moves by less than this share of itself, or of its standard deviation.
 _SHARE = 1e-3
 _DEVIATIONS = 0.05

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effect import Effect
-from ..places import motors_of
+from .change import squared_errors
 from .precision import settled
-from .search import Bank, Hit
+from .search import Bank
 from .selection import Found, Selection, labelled
 from .stage import Stage, with_effects
 
@@ -32,7 +32,6 @@ _FEW = 3
 #: What decides: a difference of so many standard errors over blocks of time, and of this share of the squared error.
 _SURELY = 2.0
 _SHARE = 0.02
-_BLOCKS = 20
 #: Odds move by no more than this (logarithm).
 _FARTHEST = 30.0
 
@@ -92,16 +91,12 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
 
 def _contenders(one: Found) -> list[int]:
     """Indices of the rivals worth looking at, the likeliest first; each thing at each place once."""
-    seen, out = {_place(one.judged.hit)}, list[int]()
+    seen, out = {one.judged.hit.place}, list[int]()
     for k, (rival, weight) in enumerate(zip(one.rivals, one.weights[1:], strict=True)):
-        if _place(rival.hit) not in seen and (weight >= _LIKELY or rival.evidence >= _NEAR * one.judged.evidence):
-            seen.add(_place(rival.hit))
+        if rival.hit.place not in seen and (weight >= _LIKELY or rival.evidence >= _NEAR * one.judged.evidence):
+            seen.add(rival.hit.place)
             out.append(k)
     return out[:_MOST]
-
-
-def _place(hit: Hit) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-    return hit.candidate.name, hit.candidate.joints, motors_of(hit.effect)
 
 
 def _settled(selection: Selection, effects: Sequence[Effect], like: Stage, bank: Bank) -> tuple[Stage, tuple[Effect, ...]]:
@@ -116,14 +111,11 @@ def _settled(selection: Selection, effects: Sequence[Effect], like: Stage, bank:
 
 def _odds(one: Estimate, other: Estimate, signals: Signals) -> float:
     """Logarithm of the odds for the other that held-out data give; 0 where they do not decide."""
-    first, second = (e.residual(signals) for e in (one, other))
-    common = np.isfinite(first) & np.isfinite(second)
     scale = np.fmin(one.fit_error.rms, other.fit_error.rms)
-    scale = np.where(np.isfinite(scale) & (scale > 0.0), scale, np.inf)
-    squares = [(np.where(common, r, 0.0) / scale) ** 2 for r in (first, second)]
-    parts = [p for run in signals.row_runs for p in np.array_split(np.arange(run.start, run.stop), _BLOCKS) if len(p)]
-    better = np.array([(squares[0][p] - squares[1][p]).sum() for p in parts])
+    weight = np.where(np.isfinite(scale) & (scale > 0.0), 1.0 / np.where(scale > 0.0, scale, 1.0) ** 2, 0.0)
+    first, second = (blocks @ weight for blocks in squared_errors(one, other, signals))
+    better = first - second
     error, gain = float(np.sqrt(np.sum((better - better.mean()) ** 2))), float(better.sum())
-    if abs(gain) < max(_SURELY * error, _SHARE * float(min(s.sum() for s in squares))) or error == 0.0:
+    if abs(gain) < max(_SURELY * error, _SHARE * float(min(first.sum(), second.sum()))) or error == 0.0:
         return 0.0
     return float(np.sign(gain) * min(0.5 * (gain / error) ** 2, _FARTHEST))

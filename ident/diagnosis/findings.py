@@ -14,7 +14,6 @@ from ..places import motors_of, place_of, place_of_joints
 from .evidence import WEAK, touched
 from .leftover import Leftover
 from .precision import FoundParameter, found_parameters
-from .search import Hit
 from .selection import Found, Selection
 
 Array = np.ndarray
@@ -161,14 +160,10 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
     if len(_beside(found, selection.found)) > _TOGETHER:
         trust *= _OVERSHADOWED
 
-    def place(hit: Hit) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-        # The same effect at the same place in another configuration (an angle on the other side) is no rival.
-        return hit.candidate.name, hit.candidate.joints, motors_of(hit.effect)
-
-    own = place(found.judged.hit)
+    own = found.judged.hit.place
     total = {own: found.weight}
     for rival, probability in zip(found.rivals, found.weights[1:], strict=True):
-        total[place(rival.hit)] = total.get(place(rival.hit), 0.0) + float(probability)
+        total[rival.hit.place] = total.get(rival.hit.place, 0.0) + float(probability)
     imitators = tuple(
         Imitator(key[0], key[1], trust * probability, key[2])
         for key, probability in sorted(total.items(), key=lambda x: -x[1])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effect import Effect, Need
+from ..places import motors_of
 from .candidates import Candidate
 from .frame import Frame, Motions, Score
 from .spectral import Harmonics, harmonics, order_parameter, promising_orders
@@ -43,6 +44,11 @@ class Hit:
     columns: Array = field(repr=False)
     also: tuple[Effect, ...] = ()
     promise: float = 0.0
+
+    @property
+    def place(self) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+        """What it is and where: the same effect there in another configuration (an angle on the other side) is the same thing."""
+        return self.candidate.name, self.candidate.joints, motors_of(self.effect)
 
     def __str__(self) -> str:
         shape = ", ".join(f"{p.name} = {getattr(self.effect, p.name):.4g}" for p in self.effect.shape())

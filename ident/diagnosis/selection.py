@@ -11,7 +11,6 @@ import numpy as np
 
 from ..effect import Effect, Need
 from ..model import Model
-from ..places import motors_of
 from .consistent import own_loss
 from .evidence import WEAK, by_chance, surplus, threshold, touched
 from .precision import found_parameters, settled, support
@@ -115,10 +114,10 @@ def select(
         for j in all_ranked[:8]:
             say(f"    {described(j, stage.number)}")
         # Two that make room for each other would do so for ever.
-        new = _chosen(stage, [j for j in _undecoyed(all_ranked) if accepted[_place(j.hit)] < _CHANCES], found)
+        new = _chosen(stage, [j for j in _undecoyed(all_ranked) if accepted[j.hit.place] < _CHANCES], found)
         if new is None:
             break
-        accepted[_place(new.judged.hit)] += 1
+        accepted[new.judged.hit.place] += 1
         say(f"accepted: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
         found.append(_labelled(new, stage.problem.model))
         stage = with_effects(first, [f.effect for f in found], stage, bank)
@@ -129,11 +128,6 @@ def select(
             first, stage = with_noise_beneath(first, stage, bank)
     stage, found = _settled(first, stage, found, bank, say)
     return Selection(first, stage, tuple(found), tuple(trail))
-
-
-def _place(hit: Hit) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-    """What a hit is and where."""
-    return hit.candidate.name, hit.candidate.joints, motors_of(hit.effect)
 
 
 def described(j: Judged, number: int) -> str:

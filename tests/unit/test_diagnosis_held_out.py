@@ -12,7 +12,7 @@ from effect_robots import ROBOTS, declared
 from scipy.signal import lfilter
 
 from ident.diagnosis import diagnose
-from ident.diagnosis.confirmed import Change
+from ident.diagnosis.change import Change
 from ident.diagnosis.consistent import consistent
 from ident.diagnosis.frame import Motions
 from ident.diagnosis.precision import found_parameters

@@ -1,0 +1,70 @@
+"""By how much the error changes from one estimate to another on data that neither was fitted to, and what is to blame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .evidence import touched
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+    from ..signals import Signals
+    from .selection import Found
+
+Array = np.ndarray
+#: Blocks of time of a run.
+_BLOCKS = 20
+#: A joint's squared error grows if it does so by so many standard errors over the blocks, and by this share: what little an effect that was
+#: found elsewhere moves is the price of refitting all parameters with it.
+_SURELY = 2.0
+_SHARE = 0.4
+
+
+def squared_errors(one: Estimate, other: Estimate, signals: Signals) -> tuple[Array, Array]:
+    """Sums of squared errors (blocks of time, n) of two estimates, on the rows that both use."""
+    residuals = [e.residual(signals) for e in (one, other)]
+    common = np.isfinite(residuals[0]) & np.isfinite(residuals[1])
+    squares = [np.where(common, r, 0.0) ** 2 for r in residuals]
+    parts = [p for run in signals.row_runs for p in np.array_split(np.arange(run.start, run.stop), _BLOCKS) if len(p)]
+    first, second = (np.array([s[p].sum(axis=0) for p in parts]) for s in squares)
+    return first, second
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """By what squared errors grow from one estimate to another: `grows` (blocks of time, n); `before` (n,): what they were in sum;
+    `noise` (n,): the later one's rms on its own data."""
+
+    grows: Array
+    before: Array
+    noise: Array
+
+    @classmethod
+    def of(cls, before: Estimate, after: Estimate, signals: Signals) -> Change:
+        first, second = squared_errors(before, after, signals)
+        return cls(second - first, first.sum(axis=0), after.fit_error.rms)
+
+    def on(self, joints: Array) -> tuple[float, float]:
+        """Growth over some joints (n,) bool, each weighted by its noise, and its standard error."""
+        # A joint without rows has no noise that anyone knows, and no share.
+        weight = np.where(joints & (self.noise > 0.0), 1.0 / np.where(self.noise > 0.0, self.noise, 1.0) ** 2, 0.0)
+        blocks = self.grows @ weight
+        return float(blocks.sum()), float(np.sqrt(np.sum(blocks**2)))
+
+    def harms(self, found: Sequence[Found]) -> list[Found]:
+        """Findings that are to blame: on joints whose error grows beyond chance; else, if the plain sum over all joints grows by more than
+        its standard error, on those that make up most of it."""
+        total, scatter = self.grows.sum(axis=0), np.sqrt((self.grows**2).sum(axis=0))
+        worse = (total > _SURELY * scatter) & (total > _SHARE * self.before)
+        whole = self.grows.sum(axis=1)
+        if not worse.any() and whole.sum() > np.sqrt(np.sum(whole**2)):
+            worse = total >= 0.5 * total.max()
+        return [f for f in found if (touched(f.judged.hit.columns) & worse).any()]
+
+    def idle(self, found: Sequence[Found]) -> list[Found]:
+        """Findings on whose own joints nothing is gained."""
+        return [f for f in found if self.on(touched(f.judged.hit.columns))[0] >= 0.0]
