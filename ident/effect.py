@@ -95,6 +95,8 @@ class Effect(ABC):
     needs: ClassVar[frozenset[Need]] = frozenset()
     #: Whether it sits on joints one by one. If not, it is one thing for the whole robot; `joints`, if it is of use, says where.
     per_joint: ClassVar[bool] = True
+    #: Whether one cause may put it on all joints alike (one clock for all readings): then it is sought on all of them at once as well.
+    everywhere: ClassVar[bool] = False
     #: Effects of one such kind are forms of the same thing: a joint has one of them at most ("": it stands for itself).
     form_of: ClassVar[str] = ""
 

@@ -26,7 +26,8 @@ Array = np.ndarray
 class JointReport:
     """How one joint fared. `noise`: standard deviation of its position (rad or m); `suggested_hz`: highest cut-off its noise allows
     (0 if it does not move); `top_speed` and `threshold` on the measured side (rad/s or m/s; below the threshold the joint
-    stands still); `rows` used of all; `lost`: reason → rows lost."""
+    stands still); `rows` used of all; `lost`: reason → rows lost; `repeats`: how often the same noise comes again (0: never, as far
+    as is known), because the motion repeats itself to within it."""
 
     name: str
     noise: float
@@ -35,6 +36,7 @@ class JointReport:
     threshold: float
     rows: int
     lost: dict[str, int]
+    repeats: float = 0.0
 
 
 @dataclass(frozen=True)

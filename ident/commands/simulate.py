@@ -62,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from ..simulate import Plant, simulate
+    from ..simulation.sensors import TorqueWindow
 
     if args.plan:
         return _planned(args)
@@ -79,7 +80,10 @@ def run(args: argparse.Namespace) -> int:
         wave = random_motion(model, args.seed, args.seconds)
         desired, sampled = wave, wave.sample(np.arange(0.0, args.seconds, 0.01))
     typical = np.sqrt(np.mean(model.inverse_dynamics(sampled.q, sampled.dq, sampled.ddq, values) ** 2, axis=0))
+    # A controller holds its torque between instants: averaged over a period it is recorded as it acts, not half a period early.
+    window = TorqueWindow(1.0 / _control_rate(args.rate))
     sensors = _sensors(model, args.counts, args.noise * typical, args.colour)
+    sensors = replace(sensors, distortions=(window, *sensors.distortions))
     made = simulate(
         Plant(model, values), desired=desired, rate=args.rate, control_rate=_control_rate(args.rate), sensors=sensors, seed=args.seed,
         progress=out.progress("simulating"),

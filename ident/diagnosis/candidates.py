@@ -73,11 +73,14 @@ def _joints(place: Effect) -> tuple[str, ...]:
 
 
 def _places(kind: type[Effect], robot: Robot) -> Iterator[Effect]:
-    """Every smallest thing of the kind; the label keeps parameter names apart from those of a declared effect of the kind."""
+    """Every smallest thing of the kind, and what may be on all joints at once; the label keeps parameter names apart from those of a
+    declared effect of the kind."""
     try:
         yield from kind.placements(robot, label="+")
     except IdentError:
         return
+    if kind.everywhere and robot.n > 1:
+        yield kind(joints=robot.joint_names, label="+")
 
 
 def _covers(effect: Effect, place: Effect, robot: Robot) -> bool:

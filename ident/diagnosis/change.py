@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .evidence import touched
+from .evidence import WEAK, touched
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
@@ -65,6 +65,6 @@ class Change:
             worse = total >= 0.5 * total.max()
         return [f for f in found if (touched(f.judged.hit.columns) & worse).any()]
 
-    def idle(self, found: Sequence[Found]) -> list[Found]:
-        """Findings on whose own joints nothing is gained."""
-        return [f for f in found if self.on(touched(f.judged.hit.columns))[0] >= 0.0]
+    def doubtful(self, found: Sequence[Found]) -> list[Found]:
+        """Findings on whose own joints nothing is gained, and weak ones."""
+        return [f for f in found if f.judged.evidence < WEAK or self.on(touched(f.judged.hit.columns))[0] >= 0.0]

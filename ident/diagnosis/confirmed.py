@@ -92,7 +92,7 @@ def confirmed(
             after = refit(stage, tuple(names[np.any(at, axis=0)].tolist()))
             change = Change.of(declared, after, rows)
         harmful, unseen = change.harms(found), list[Found]()
-        for f in () if harmful else sorted(change.idle(found), key=lambda f: f.judged.evidence):
+        for f in () if harmful else sorted(change.doubtful(found), key=lambda f: f.judged.evidence):
             # What is gained elsewhere, by parameters that are free of a bias now, counts as well: compared with the model without it.
             others = [g.effect for g in found if g is not f]
             without = refit(with_effects(selection.declared, others, stage, bank), ()) if others else declared

@@ -4,19 +4,33 @@ Columns made of noisy accelerations bend every fit: what is noise in them follow
 frequencies where there is little motion, and that looks like an effect (an inertia that falls with frequency). If each frequency
 is weighed by the share of motion in its power (N. Wiener, 1949), columns become what the motion most likely was given the log,
 and what is off in them is no longer correlated with them (regression calibration: R. J. Carroll et al., Measurement Error in
-Nonlinear Models, 2006)."""
+Nonlinear Models, 2006).
+
+A periodic motion that comes back to the same count rounds off the same in every period: then blocks of time that were held out
+hold the same noise as those fitted, and it foretells itself. Such noise counts as often as it comes again."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..prepared import Signals
 
+if TYPE_CHECKING:
+    from ..problem import Problem
+
 Array = np.ndarray
 #: The power of a motion is averaged over this share of all frequencies, either side.
 _AVERAGED = 200
+#: Shortest period of a motion, in samples.
+_SHORTEST = 50
+#: A lag at which a motion differs from itself by this share of its power at most may be its period.
+_SAME = 1e-4
+#: Samples in which a period is looked for at most; a joint that is slower than this share of its usual top speed stands still.
+_LOOKED_AT = 200_000
+_STILL = 0.05
 
 
 def position_noise(signals: Signals) -> Array:
@@ -33,7 +47,66 @@ def less_noise(signals: Signals) -> Signals:
             share = noise_share(signals.ddq[run], signals.rate, noise)
             for x in (q, dq, ddq):
                 x[run] = _weighed(x[run], 1.0 - share)
-    return replace(signals, q=q, dq=dq, ddq=ddq)
+    again = repeats(signals, noise)
+    joints = tuple(replace(j, repeats=float(k)) for j, k in zip(signals.report.joints, again, strict=True))
+    return replace(signals, q=q, dq=dq, ddq=ddq, report=replace(signals.report, joints=joints))
+
+
+def repeats(signals: Signals, noise: Array) -> Array:
+    """How often the `noise` (n,) of each joint's positions comes again (n,), as far as periods of the motion differ by less than it."""
+    period = _period(signals.q[:_LOOKED_AT])
+    if period is None:
+        return np.zeros(signals.robot.n)
+    apart, speed = np.abs(signals.q[period:] - signals.q[:-period]), np.abs(signals.dq[:-period])
+    moves = speed > _STILL * np.quantile(speed, 0.95, axis=0)
+    spread = np.array([1.4826 * np.median(a[m]) if m.any() else np.inf for a, m in zip(apart.T, moves.T, strict=True)])
+    band = min(1.0, 2.0 * (signals.report.cutoff_hz or signals.rate) / signals.rate)
+    alike = 1.0 - spread**2 / np.maximum(2.0 * noise**2 * band, 1e-300)
+    return np.where(noise > 0, np.clip(alike, 0.0, 1.0), 0.0) * (len(signals.q) / period - 1.0)
+
+
+def _period(q: Array) -> int | None:
+    """Samples after which positions (N, n) repeat themselves best, the shortest if several do as well; None if none does."""
+    N = len(q)
+    most = N // 2
+    if most <= _SHORTEST:
+        return None
+    x = q - q.mean(axis=0)
+    power = np.sqrt(np.mean(x**2, axis=0))
+    x = x[:, power > 0] / power[power > 0]
+    if not x.shape[1]:
+        return None
+    wave = np.fft.rfft(x, 2 * N, axis=0)
+    products = np.fft.irfft(np.sum(np.abs(wave) ** 2, axis=1))[: most + 1]
+    sums = np.append(0.0, np.cumsum(np.sum(x**2, axis=1)))
+    lag = np.arange(most + 1)
+    apart = (sums[N - lag] + sums[N] - sums[lag] - 2.0 * products) / (N - lag) / (2.0 * x.shape[1])
+    best = float(apart[_SHORTEST:].min())
+    if best > _SAME:
+        return None
+    return int(_SHORTEST + np.argmax(apart[_SHORTEST:] <= max(4.0 * best, 1e-12)))
+
+
+def repeated_rows(problem: Problem) -> Array:
+    """Rows (M, n) of torque that errors of the positions would make which hold, in one, all that their noise counts for in excess of
+    what it shows: white, of its power times how often it comes again."""
+    signals = problem.signals
+    size = position_noise(signals) * np.sqrt([j.repeats for j in signals.report.joints])
+    out = np.zeros(signals.tau.shape)
+    if not np.any(size):
+        return out
+    values = np.zeros(len(problem.model.names)) if problem.reference is None else problem.reference
+    rng = np.random.default_rng(0)
+    for block in signals.blocks(None):
+        motion = problem.motion(block.samples)
+        f = np.fft.rfftfreq(len(motion), 1.0 / signals.rate)[:, None]
+        wave = np.fft.rfft(size * rng.normal(size=motion.joint.ddq.shape), axis=0) * (2.0 * np.pi * f) ** 2
+        ddq = np.fft.irfft(np.where(f <= (signals.report.cutoff_hz or np.inf), wave, 0.0), len(motion), axis=0)
+        shaken = replace(motion, joint=replace(motion.joint, ddq=motion.joint.ddq + ddq))
+        motor = replace(motion.motor, ddq=signals.robot.transmission.motor_rate(shaken.joint.ddq))
+        shaken = replace(shaken, motor=motor)
+        out[block.rows] = block.reduce(problem.model.torque(shaken, values) - problem.model.torque(motion, values))
+    return out
 
 
 def noise_share(ddq: Array, rate: float, noise: Array) -> Array:

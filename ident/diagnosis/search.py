@@ -119,8 +119,9 @@ class Search:
         top = int(np.argmax(gains))
         columns = parts[top // _AT_ONCE][0][:, :, (top % _AT_ONCE) * k :][:, :, :k]
         best = Hit(candidate, variants[top], float(gains[top]), np.ascontiguousarray(columns))
+        nearest = int(np.argmax(free))
         if len(best.effect.shape()) < 2:
-            return best
+            return best if held[0] is None and held[-1] is None else replace(best, promise=float(free[nearest]))
         # One for each value of the last shape: what acts alike at one end of it may hide the best at another.
         last = best.effect.shape()[-1].name
         tops: dict[float, tuple[float, Effect]] = {}
@@ -130,7 +131,6 @@ class Search:
         if all(at is None for at in held):
             return replace(best, also=tuple(effect for effect in also if effect != best.effect))
         # Between the points of a grid a knock comes too early or too late; that it comes at all shows in parameters that are free.
-        nearest = int(np.argmax(free))
         also = list(dict.fromkeys([*also, variants[nearest]]))
         return replace(best, also=tuple(effect for effect in also if effect != best.effect), promise=float(free[nearest]))
 

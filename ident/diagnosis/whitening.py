@@ -49,19 +49,23 @@ class Whitener:
         return self.matrices[joint].T @ rows
 
 
-def whitener(residual: Array, valid: Array, runs: Iterable[slice]) -> Whitener:
-    """From residuals (M, n) that hold noise and nothing else, `valid` (M, n) and the rows of each run."""
+def whitener(residual: Array, valid: Array, runs: Iterable[slice], more: Array | None = None) -> Whitener:
+    """From residuals (M, n) that hold noise and nothing else, `valid` (M, n) and the rows of each run. `more` (M, n): noise that counts
+    beside it, independent of it; `std` does not."""
     runs = list(runs)
     std, predictors = [], []
     for j in range(residual.shape[1]):
         x = np.where(valid[:, j], residual[:, j], np.nan)
         longest = max((r.stop - r.start for r in runs), default=1)
         lags = max(0, min(_MOST_ORDER, longest // 20))
-        gamma, count = autocovariance(x[:, None][:, 0], runs, lags)
+        gamma, count = autocovariance(x, runs, lags)
         if count == 0 or gamma[0] <= 0:
             gamma, lags = np.array([1.0]), 0
-        predictors.append(_predictors(gamma, count))
         std.append(float(np.sqrt(gamma[0])))
+        if more is not None:
+            beside, _ = autocovariance(np.where(valid[:, j], more[:, j], np.nan), runs, len(gamma) - 1)
+            gamma = gamma + beside
+        predictors.append(_predictors(gamma, count))
     return Whitener((), np.array(std), tuple(predictors)).on(valid, runs)
 
 

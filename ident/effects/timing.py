@@ -34,13 +34,15 @@ class Delay(JointEffect):
     title: ClassVar[str] = "delay between motion and torque"
     axis: ClassVar[Axis] = Axis.TIME
     nature: ClassVar[Nature] = Nature.SENSOR
+    everywhere: ClassVar[bool] = True
     needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE, Need.NEIGHBOURS})
     symbols = (("delay", "s", -np.inf),)
 
     late: float = 0.0
 
     def shape(self) -> tuple[ShapeParameter, ...]:
-        return (ShapeParameter("late", "s", -1.0, 1.0, 0.0),)
+        # Of odd number, so that a first grid holds 0: the slope, in which every short delay shows.
+        return (ShapeParameter("late", "s", -1.0, 1.0, 0.0, points=13),)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         torque, rate = motion.predicted_on(self.side)[:, at], motion.needed_rate(f"effect {self.name!r}")
@@ -72,6 +74,7 @@ class FilterLag(JointEffect):
     title: ClassVar[str] = "lag of a filter in the torque reading"
     axis: ClassVar[Axis] = Axis.TIME
     nature: ClassVar[Nature] = Nature.SENSOR
+    everywhere: ClassVar[bool] = True
     needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE, Need.HISTORY})
     symbols = (("lag", "s", 0.0),)
 
