@@ -18,7 +18,7 @@ from .selection import Found, Selection
 
 Array = np.ndarray
 #: A finding is ambiguous when its rivals together are at least this probable.
-AMBIGUOUS = 0.2
+AMBIGUOUS = 0.1
 #: Rivals less probable than this are not worth a word.
 _NAMED = 0.01
 #: A finding is trusted no further than this: the catalogue may lack the true one.

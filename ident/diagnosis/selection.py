@@ -15,6 +15,7 @@ from .consistent import own_loss
 from .evidence import WEAK, by_chance, surplus, threshold, touched
 from .precision import found_parameters, settled, support
 from .search import Bank, Hit, Judged, implausible
+from .total import totalled
 from .stage import Stage, with_effects, with_noise_beneath
 from .weights import weights
 
@@ -240,6 +241,7 @@ def _settled(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Ca
                 worst = (f.judged.evidence, i, why)
         if worst is None:
             hits = [replace(f.judged.hit, effect=e, columns=best.search.whitened(e)) for f, e in zip(found, effects, strict=True)]
+            best = totalled(best)
             return best, [replace(f, judged=replace(f.judged, hit=hit)) for f, hit in zip(found, hits, strict=True)]
         say(f"dropped in the end: {found[worst[1]].judged.hit}: {worst[2]}")
         found = [f for i, f in enumerate(found) if i != worst[1]]

@@ -1,0 +1,100 @@
+"""The least of the loss of effects that correct the model's own prediction, and how sharp it is.
+
+A fit with columns made of the prediction, repeated until it is consistent with itself, solves Xᵀ r = 0, X the columns at the values found.
+But values act through the columns as well: the torque changes by J = X + Σ vᵢ ∂cᵢ/∂π, cᵢ the columns of a correction and vᵢ its
+values. The least loss is where Jᵀ r = 0, and (Jᵀ J)⁻¹ its covariance. For small corrections the two are next to the same; for a base
+tilted under an arm whose joints stand upright, where next to nothing but the tilt shows some moments, they are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..effect import Effect, Need
+from .consistent import own_loss
+from .frame import Frame, Motions, raw_columns
+
+if TYPE_CHECKING:
+    from ..problem import Problem
+    from .stage import Stage
+
+Array = np.ndarray
+#: Gauss-Newton steps, and halvings of one that gains nothing.
+_STEPS = 5
+_HALVINGS = 3
+#: A step that gains less than this (twice a log-likelihood) is the last.
+_LEAST = 1e-3
+#: A derivative is one where its two sides differ by less than this share of it.
+_SMOOTH = 0.2
+
+
+def totalled(stage: Stage) -> Stage:
+    """The stage at the least of its loss, its columns the total derivative of the prediction there; itself where nothing in its model
+    corrects the prediction."""
+    problem = stage.problem
+    dependent = [e for e in problem.model.effects if e.needs & {Need.LOAD, Need.REFERENCE}]
+    if not dependent or problem.reference is None:
+        return stage
+    frame, start = _linearised(stage, problem, dependent)
+    loss = float(np.sum((frame.torque - frame.columns @ start) ** 2))
+    for _ in range(_STEPS):
+        step = frame.transform @ (frame.coefficients - start)
+        for halving in range(_HALVINGS):
+            at = problem.base.base_values(problem.reference) + 0.5**halving * step
+            tried = problem.with_reference(np.asarray(problem.base.expand(at)))
+            new = own_loss(tried, Frame.build(tried, stage.white, raw_columns(tried)))
+            if new < loss:
+                break
+        else:
+            break
+        gained, loss, problem = loss - new, new, tried
+        frame, start = _linearised(stage, problem, dependent)
+        if gained < _LEAST:
+            break
+    return replace(stage, problem=problem, frame=frame, motions=Motions(problem))
+
+
+def _linearised(stage: Stage, problem: Problem, dependent: list[Effect]) -> tuple[Frame, Array]:
+    """The frame of a problem linearised at its reference, and the coefficients (b,) of the reference there."""
+    assert problem.reference is not None
+    raw, values = raw_columns(problem), problem.base.base_values(problem.reference)
+    at_reference = raw @ values
+    frame = Frame.build(problem, stage.white, raw + _through_columns(stage, problem, dependent))
+    start = np.linalg.pinv(frame.transform) @ values
+    left = frame.torque - frame.whitened(at_reference[:, :, None])[:, :, 0]
+    return replace(frame, torque=left + frame.columns @ start), start
+
+
+def _through_columns(stage: Stage, problem: Problem, dependent: list[Effect]) -> Array:
+    """What base parameters change through the columns that depend on them, (M, n, k_base)."""
+    assert problem.reference is not None
+    names, robot = list(problem.model.names), problem.model.robot
+    values = problem.base.base_values(problem.reference)
+    size = np.sqrt(np.einsum("ij,jk,ik->i", stage.frame.transform, stage.frame.inverse_gram, stage.frame.transform))
+    fixed = {e: problem.reference[[names.index(p.name) for p in e.parameters(robot)]] for e in dependent}
+    here = _corrections(problem, fixed)
+    valid = problem.signals.valid
+    out = np.zeros((*valid.shape, len(values)))
+    for k, h in enumerate(size):
+        if not h > 0.0:
+            continue
+        ends = [_corrections(problem.with_reference(_moved(problem, values, k, s * h)), fixed) for s in (1.0, -1.0)]
+        for e in dependent:
+            slope, bend = ends[0][e] - ends[1][e], ends[0][e] + ends[1][e] - 2.0 * here[e]
+            if np.sum(bend**2) <= _SMOOTH**2 * np.sum(slope**2):
+                out[:, :, k] += np.where(valid, slope, 0.0) / (2.0 * h)
+    return out
+
+
+def _moved(problem: Problem, values: Array, k: int, by: float) -> Array:
+    moved = values.copy()
+    moved[k] += by
+    return np.asarray(problem.base.expand(moved))
+
+
+def _corrections(problem: Problem, values: dict[Effect, Array]) -> dict[Effect, Array]:
+    """Torque (M, n) of effects at `values`, their columns taken at the problem's reference."""
+    motions = Motions(problem)
+    return {e: motions.columns(e) @ v for e, v in values.items()}
