@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effect import Effect, Need
+from .normal import Normal, Slopes
 
 if TYPE_CHECKING:
     from .stage import Stage
@@ -52,34 +53,25 @@ class FoundParameter:
         return {"name": self.name, "value": self.value, "std": self.std, "unit": self.unit}
 
 
-@dataclass(frozen=True, eq=False)
-class _Slopes:
-    """Derivatives of the whitened torque over shapes: `columns` (n, M, s); `place` (s,): index of the effect and name of the shape."""
-
-    columns: Array
-    place: tuple[tuple[int, str], ...]
-
-
 def settled(stage: Stage, effects: Sequence[Effect], rebuilt: Callable[[Sequence[Effect]], Stage]) -> tuple[Stage, tuple[Effect, ...]]:
     """The stage, and its effects, at the shapes that fit best together. `rebuilt`: makes the stage of the same model with effects."""
     best, own = stage, tuple(effects)
     for _ in range(_STEPS):
-        # Where parameters must have certain values, the shape was sought with these; free parameters would lead it astray.
-        free = [i for i, effect in enumerate(own) if effect.response(stage.problem.model.robot) is None]
-        slopes = _slopes(best, own, free)
+        slopes = _slopes(best, own)
         if not slopes.place:
             break
-        step, promised = _step(best, slopes)
+        step, promised = _step(best, own, slopes)
         if promised < _LEAST:
             break
+        before = _bound_loss(best, own)
         for halving in range(_HALVINGS):
             moved = _moved(best, own, slopes, 0.5**halving * step)
             tried = rebuilt(moved)
-            if tried.frame.loss < best.frame.loss:
+            gained = before - _bound_loss(tried, moved)
+            if gained > 0.0:
                 break
         else:
             break
-        gained = best.frame.loss - tried.frame.loss
         best, own = tried, moved
         if gained < _LEAST:
             break
@@ -89,9 +81,9 @@ def settled(stage: Stage, effects: Sequence[Effect], rebuilt: Callable[[Sequence
 def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[FoundParameter, ...]]:
     """Of each effect of a stage its values with standard deviations, linear ones first."""
     robot, names = stage.problem.model.robot, list(stage.problem.model.names)
-    values, used = stage.problem.base.expand(stage.frame.base_values), stage.problem.reference
-    slopes = _slopes(stage, effects, range(len(effects)))
-    std, shape_std = _deviations(stage, slopes)
+    values, used = stage.problem.base.expand(stage.frame.transform @ _bound_fit(stage, effects)), stage.problem.reference
+    slopes = _slopes(stage, effects)
+    std, shape_std = _deviations(stage, effects, slopes)
     out = []
     for i, effect in enumerate(effects):
         linear = []
@@ -111,6 +103,15 @@ def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[Foun
             shapes.append(FoundParameter(shape.name, value, s, shape.unit))
         out.append((*linear, *shapes))
     return out
+
+
+def unbound(stage: Stage, effects: Sequence[Effect]) -> list[tuple[Array, Array]]:
+    """Of each effect of a stage the values (k,) of its parameters, and their standard deviations, if its shapes bind none of them."""
+    robot, names = stage.problem.model.robot, list(stage.problem.model.names)
+    values = stage.problem.base.expand(stage.frame.base_values)
+    std, _ = _deviations(stage, (), _slopes(stage, effects))
+    own = [[p.name for p in effect.parameters(robot)] for effect in effects]
+    return [(values[[names.index(name) for name in every]], np.array([std.get(name, np.nan) for name in every])) for every in own]
 
 
 def _anywhere_within(stage: Stage, effect: Effect, values: Array, name: str) -> float:
@@ -142,19 +143,30 @@ def support(stage: Stage, effect: Effect) -> float:
     return float(values @ _pinv(T @ frame.inverse_gram @ T.T) @ values)
 
 
-def _slopes(stage: Stage, effects: Sequence[Effect], of: Sequence[int]) -> _Slopes:
-    """Slopes over the shapes of the effects `of` (indices)."""
-    names = list(stage.problem.model.names)
+def _bound_fit(stage: Stage, effects: Sequence[Effect]) -> Array:
+    """Coefficients (b,) of a stage's columns, parameters that its effects' shapes bind being at what they must be."""
+    nothing = Slopes(np.zeros((*stage.frame.residual.shape, 0)), ())
+    return Normal.of(stage, effects, nothing).solved()[0]
+
+
+def _bound_loss(stage: Stage, effects: Sequence[Effect]) -> float:
+    """The loss of that fit."""
+    return float(np.sum((stage.frame.torque - stage.frame.columns @ _bound_fit(stage, effects)) ** 2))
+
+
+def _slopes(stage: Stage, effects: Sequence[Effect]) -> Slopes:
+    """Slopes over the shapes of effects."""
+    names, robot = list(stage.problem.model.names), stage.problem.model.robot
     values = stage.problem.base.expand(stage.frame.base_values)
     columns, place = [], []
-    for i in of:
-        effect = effects[i]
-        own = values[[names.index(p.name) for p in effect.parameters(stage.problem.model.robot)]]
+    for i, effect in enumerate(effects):
+        bound = effect.response(robot)
+        own = values[[names.index(p.name) for p in effect.parameters(robot)]] if bound is None else bound
         for p in effect.shape():
             columns.append(_slope(stage, effect, own, p.name))
             place.append((i, p.name))
     n, M = stage.frame.residual.shape
-    return _Slopes(np.concatenate(columns, axis=2) if columns else np.zeros((n, M, 0)), tuple(place))
+    return Slopes(np.concatenate(columns, axis=2) if columns else np.zeros((n, M, 0)), tuple(place))
 
 
 def _slope(stage: Stage, effect: Effect, values: Array, name: str) -> Array:
@@ -171,23 +183,14 @@ def _slope(stage: Stage, effect: Effect, values: Array, name: str) -> Array:
     return np.asarray(((ends[0][0] - ends[1][0]) / width)[:, :, None] if width else np.zeros((*ends[0][0].shape, 1)))
 
 
-def _step(stage: Stage, slopes: _Slopes) -> tuple[Array, float]:
+def _step(stage: Stage, effects: Sequence[Effect], slopes: Slopes) -> tuple[Array, float]:
     """Gauss-Newton step (s,) over the shapes beside all linear parameters, and what it promises to gain."""
-    S, own, _ = _crossed(stage, slopes)
-    right = S.T @ stage.frame.residual.reshape(-1)
-    step = _pinv(own) @ right
-    return step, float(step @ right)
+    normal = Normal.of(stage, effects, slopes)
+    found, still = normal.solved()[0], normal.fixed()
+    return found[normal.coefficients :], normal.gain(found) - still.gain(still.solved()[0])
 
 
-def _crossed(stage: Stage, slopes: _Slopes) -> tuple[Array, Array, Array]:
-    """Slopes (rows, s); their cross-products (s, s) beside the model's columns; those with the model's columns (b, s)."""
-    X = stage.frame.columns.reshape(-1, stage.frame.columns.shape[2])
-    S = slopes.columns.reshape(len(X), slopes.columns.shape[2])
-    cross = X.T @ S
-    return S, S.T @ S - cross.T @ stage.frame.inverse_gram @ cross, cross
-
-
-def _moved(stage: Stage, effects: Sequence[Effect], slopes: _Slopes, step: Array) -> tuple[Effect, ...]:
+def _moved(stage: Stage, effects: Sequence[Effect], slopes: Slopes, step: Array) -> tuple[Effect, ...]:
     """The effects with their shapes moved, within what is worth searching."""
     motion, robot = stage.motions.parts[0][1], stage.problem.model.robot
     out = list(effects)
@@ -201,17 +204,16 @@ def _moved(stage: Stage, effects: Sequence[Effect], slopes: _Slopes, step: Array
     return tuple(out)
 
 
-def _deviations(stage: Stage, slopes: _Slopes) -> tuple[dict[str, float], dict[tuple[int, str], float]]:
+def _deviations(stage: Stage, effects: Sequence[Effect], slopes: Slopes) -> tuple[dict[str, float], dict[tuple[int, str], float]]:
     """Standard deviations of base parameters by name, and of shapes by place."""
     frame = stage.frame
-    S, own, cross = _crossed(stage, slopes)
-    along, inverse = frame.inverse_gram @ cross, _pinv(own)
-    # Inverse of the whole normal matrix, by blocks; base parameters are `transform` times the columns' coefficients.
-    whole = np.block([[frame.inverse_gram + along @ inverse @ along.T, -along @ inverse], [-inverse @ along.T, inverse]])
+    normal = Normal.of(stage, effects, slopes)
+    whole = normal.solved()[1]
+    residual = frame.torque - frame.columns @ normal.fixed().solved()[0]
     base, width = frame.transform.shape
-    outputs = np.block([[frame.transform, np.zeros((base, len(own)))], [np.zeros((len(own), width)), np.eye(len(own))]])
-    solved = outputs @ whole
-    plain = np.einsum("ij,ij->i", solved, outputs)
+    shapes = len(slopes.place)
+    outputs = np.block([[frame.transform, np.zeros((base, shapes))], [np.zeros((shapes, width)), np.eye(shapes)]])
+    plain = np.einsum("ij,jk,ik->i", outputs, whole, outputs)
     scatter = np.zeros(len(plain))
     D = np.concatenate([frame.columns, slopes.columns], axis=2)
     root = _root(whole)
@@ -219,13 +221,14 @@ def _deviations(stage: Stage, slopes: _Slopes) -> tuple[dict[str, float], dict[t
         own_columns = D[:, rows].reshape(-1, D.shape[2]) @ root
         # What a block itself has pulled the fit by is missing in its residual: without it, the residual is that of a fit to the others.
         share, axes = np.linalg.eigh(own_columns.T @ own_columns)
-        pulled = axes @ ((axes.T @ (own_columns.T @ frame.residual[:, rows].reshape(-1))) / np.maximum(1.0 - share, _OTHERS))
+        pulled = axes @ ((axes.T @ (own_columns.T @ residual[:, rows].reshape(-1))) / np.maximum(1.0 - share, _OTHERS))
         scatter += (outputs @ (root @ pulled)) ** 2
     variance = np.maximum(plain, scatter)
     std = np.sqrt(np.maximum(variance, 0.0))
     # A shape that makes no difference, or none that linear parameters do not make as well, is not known at all.
-    size = np.sqrt(np.maximum(np.einsum("ij,ij->j", S, S), 1e-300))
-    shown = np.diag(own) > _SHOWN * size**2
+    size = np.sqrt(np.maximum(np.diag(normal.matrix)[width:], 1e-300))
+    known = np.diag(whole)[width:]
+    shown = (known > 0.0) & (1.0 > _SHOWN * size**2 * known)
     std[base:][~shown | (size < _FELT)] = np.inf
     return dict(zip(stage.problem.base.names, std[:base].tolist(), strict=True)), dict(zip(slopes.place, std[base:].tolist(), strict=True))
 

@@ -13,10 +13,10 @@ from ..effect import Effect, Need
 from ..model import Model
 from .consistent import own_loss
 from .evidence import WEAK, by_chance, surplus, threshold, touched
-from .precision import found_parameters, settled, support
+from .precision import settled, support, unbound
 from .search import Bank, Hit, Judged, implausible
-from .total import totalled
 from .stage import Stage, with_effects, with_noise_beneath
+from .total import totalled
 from .weights import weights
 
 Array = np.ndarray
@@ -232,9 +232,8 @@ def _settled(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Ca
     while found:
         best, effects = settled(stage, [f.effect for f in found], rebuilt)
         worst: tuple[float, int, str] | None = None
-        for i, (f, parameters) in enumerate(zip(found, found_parameters(best, effects), strict=True)):
-            linear = parameters[: len(effects[i].parameters(robot))]
-            why = implausible(effects[i], np.array([p.value for p in linear]), np.nan_to_num([p.std for p in linear]), robot)
+        for i, (f, (values, std)) in enumerate(zip(found, unbound(best, effects), strict=True)):
+            why = implausible(effects[i], values, np.nan_to_num(std), robot)
             if not why and support(best, effects[i]) < threshold(f.judged.hit, best.number):
                 why = "in this company nothing is gained by it"
             if why and (worst is None or f.judged.evidence < worst[0]):
