@@ -12,6 +12,7 @@ from ..effect import Effect, Need
 from ..places import motors_of
 from .candidates import Candidate
 from .frame import Frame, Motions, Score
+from .moments import CLOSE, best_moment
 from .spectral import Harmonics, harmonics, order_parameter, promising_orders
 
 if TYPE_CHECKING:
@@ -201,7 +202,12 @@ class Search:
         ratio = 0.5 * (np.sqrt(5.0) - 1.0)
         c, d = b - ratio * (b - a), a + ratio * (b - a)
         # A moment is sought until the sampling lets tell no more.
-        fine = 0.5 / self.motions.problem.signals.rate if Need.TIME in hit.effect.needs and not log else np.inf
+        moment = Need.TIME in hit.effect.needs and not log
+        fine = 0.5 / self.motions.problem.signals.rate if moment else np.inf
+        if moment:
+            at = best_moment(self.frame, self.motions, hit.effect, name, (a, b))
+            a, b = max(bottom, at - CLOSE), min(top, at + CLOSE)
+            c, d = b - ratio * (b - a), a + ratio * (b - a)
         steps = 0
         while steps < _STEPS - 2 or (b - a > fine and steps < _MOST_STEPS):
             steps += 1

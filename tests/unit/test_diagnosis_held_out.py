@@ -136,7 +136,9 @@ def test_only_growth_beyond_chance_is_harm() -> None:
     good, other = a_finding(0, 500.0), a_finding(1, 500.0)
     change = Change(grows, before, noise)
     assert change.harms([good, other]) == []
-    assert change.idle([good, other]) == [other]
+    assert change.doubtful([good, other]) == [other]
+    weak = a_finding(0, 50.0)  # gains on its own joint, and is looked at all the same
+    assert change.doubtful([weak, good]) == [weak]
     # Beyond chance, and by much: whatever acts there is to blame, and nothing else.
     assert Change(grows + [0.0, 400.0, 0.0], before, noise).harms([good, other]) == [other]
     assert Change(grows + [0.0, 400.0, 0.0], before, noise).harms([good]) == []

@@ -1,0 +1,178 @@
+"""What makes findings exact: total derivatives, parameters that shapes bind, moments, noise that comes again, short delays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_robots import ROBOTS, declared
+from test_diagnosis_parts import rebuilt, recorded, stage_of
+
+from ident.diagnosis.candidates import candidates
+from ident.diagnosis.consistent import consistent, own_loss
+from ident.diagnosis.frame import raw_columns
+from ident.diagnosis.moments import CLOSE, best_moment
+from ident.diagnosis.motion_noise import less_noise, repeated_rows, repeats
+from ident.diagnosis.normal import Normal
+from ident.diagnosis.precision import found_parameters, settled, unbound
+from ident.diagnosis.search import Bank, Search
+from ident.diagnosis.stage import Stage
+from ident.diagnosis.total import totalled
+from ident.diagnosis.whitening import plain_whitener, whitener
+from ident.effect import make_effect
+from ident.estimators import WeightedLeastSquares
+from ident.logs import LogSet
+from ident.problem import Problem
+from ident.signals import Signals, ZeroPhase
+
+Array = np.ndarray
+TILT = (0.05, -0.04)
+
+
+def tilted(seed: int) -> Stage:
+    """A stage with a tilted base under a SCARA, on a log of one."""
+    tilt = make_effect("base_tilt")
+    extra = len(tilt.parameters(ROBOTS["scara"]())) - 2
+    return stage_of(seed, [tilt], [tilt], [*TILT, *([0.0] * extra)])[0]
+
+
+def test_the_total_derivative_is_that_of_the_models_own_prediction() -> None:
+    stage = tilted(3)
+    total = totalled(stage)
+    problem, frame = total.problem, total.frame
+    assert problem.reference is not None
+    values = problem.base.base_values(problem.reference)
+    rng = np.random.default_rng(0)
+
+    def predicted(base: Array) -> Array:
+        there = problem.with_reference(np.asarray(problem.base.expand(base)))
+        return frame.whitened((raw_columns(there) @ base)[:, :, None])[:, :, 0]
+
+    for _ in range(2):
+        direction = frame.transform @ rng.normal(size=frame.transform.shape[1])
+        slope = predicted(values + 0.5 * direction) - predicted(values - 0.5 * direction)
+        linear = frame.columns @ (np.linalg.pinv(frame.transform) @ direction)
+        assert np.sqrt(np.mean((slope - linear) ** 2)) < 0.02 * np.sqrt(np.mean(slope**2))
+        # And it matters: the columns alone are something else.
+        alone = stage.frame.columns @ (np.linalg.pinv(stage.frame.transform) @ direction)
+        assert np.sqrt(np.mean((slope - alone) ** 2)) > 0.02 * np.sqrt(np.mean(slope**2))
+
+
+def test_a_totalled_stage_is_no_worse_and_its_intervals_hold() -> None:
+    scores = []
+    for seed in range(8):
+        stage = tilted(40 + seed)
+        total = totalled(stage)
+        assert own_loss(total.problem, total.frame) <= own_loss(stage.problem, stage.frame) + 1e-6 or np.isclose(
+            np.sum(total.frame.residual**2), own_loss(stage.problem, stage.frame), rtol=1e-3
+        )
+        (own,) = found_parameters(total, [total.problem.model.effects[-1]])
+        scores += [(p.value - truth) / p.std for p, truth in zip(own, TILT, strict=False)]
+    z = np.abs(scores)
+    # 16 scores: 95 % intervals that hold cover fewer than 12 of them once in a thousand tries.
+    assert np.sum(z < 1.96) >= 12
+    assert np.median(z) > 0.15
+
+
+def test_a_stage_without_corrections_stays_as_it_is() -> None:
+    spring = make_effect("linear_spring", joints="j2")
+    stage, _ = stage_of(5, [spring], [spring], [2.0] * len(spring.parameters(ROBOTS["scara"]())))
+    assert totalled(stage) is stage
+
+
+def test_bonds_hold_and_are_solved_exactly() -> None:
+    rng = np.random.default_rng(2)
+    D, y = rng.normal(size=(60, 5)) * [1e-3, 1.0, 50.0, 1.0, 7.0], rng.normal(size=60)
+    bonds, bound = np.array([[2.0, 0.0, 0.0, -1.0, 0.5]]), np.array([0.3])
+    found, inverse = Normal(D.T @ D, D.T @ y, bonds, bound, 3).solved()
+    assert bonds @ found == pytest.approx(bound, abs=1e-9)
+    # The fourth is what the bond makes of the others: plain least squares for those.
+    own = np.delete(D, 3, axis=1) + D[:, 3:4] * np.array([2.0, 0.0, 0.0, 0.5])
+    plain = np.linalg.lstsq(own, y + 0.3 * D[:, 3], rcond=None)[0]
+    assert np.delete(found, 3) == pytest.approx(plain, rel=1e-7)
+    assert np.delete(np.delete(inverse, 3, axis=0), 3, axis=1) == pytest.approx(np.linalg.inv(own.T @ own), rel=1e-6)
+
+
+def test_a_shape_that_binds_its_parameter_is_settled_with_it() -> None:
+    true = make_effect("filter_lag", joints="j1", T=0.03)
+    begun = true.with_shape(T=0.02)
+    stage, white = stage_of(8, [begun], [true], [0.03])
+    model, _ = declared(stage.problem.model.robot)
+    best, (own,) = settled(stage, [begun], lambda effects: rebuilt(model, stage.problem.signals, white, list(effects)))
+    ((lag, T),) = found_parameters(best, [own])
+    assert lag.value == pytest.approx(T.value, rel=1e-6)
+    assert T.value == pytest.approx(0.03, abs=4.0 * T.std)
+    assert T.std < 0.005
+    ((free, deviation),) = unbound(best, [own])
+    assert deviation[0] > 0.0
+    assert free[0] == pytest.approx(0.03, abs=5.0 * deviation[0])
+
+
+@pytest.mark.parametrize("moment", [6.21, 19.04, 31.97])
+def test_a_moment_is_found_wherever_it_is(moment: float) -> None:
+    step = make_effect("offset_step", joints="j2", t_0=moment)
+    stage, _ = stage_of(11, [], [step], [1.0])
+    found = best_moment(stage.frame, stage.motions, step.with_shape(t_0=20.0), "t_0", (2.0, 36.0))
+    assert abs(found - moment) <= 2.0 * CLOSE
+
+
+def periodic(counts: float, noise: float) -> Signals:
+    """Four periods of a motion, rounded to so many counts per rad, with noise of the positions."""
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    log = recorded(robot, model, values, 6, seconds=8.0)
+    assert log.q is not None
+    rng = np.random.default_rng(0)
+    t = np.arange(6400) / 200.0
+    whole = 2.0 * np.pi * t[:, None] / 8.0 * np.arange(1, 4)
+    q = np.sin(whole) @ rng.normal(size=(3, robot.n)) * 0.3 + noise * rng.normal(size=(len(t), robot.n))
+    q = np.round(q * counts) / counts if counts else q
+    tau = rng.normal(size=q.shape)
+    return ZeroPhase(cutoff_hz=20.0)(LogSet((replace(log, t=t, q=q, tau={robot.transmission.measured.value: tau}),), robot=robot))
+
+
+def test_rounding_that_comes_again_with_the_motion_counts_again() -> None:
+    signals = periodic(1e4, 0.0)
+    noise = np.array([j.noise for j in signals.report.joints])
+    assert repeats(signals, noise) == pytest.approx(np.full(signals.robot.n, 3.0), abs=0.1)
+    prepared = less_noise(signals)
+    assert all(j.repeats > 2.5 for j in prepared.report.joints)
+    model, values = declared(signals.robot)
+    rows = repeated_rows(Problem(model, prepared, reference=values))
+    assert rows.shape == prepared.tau.shape
+    assert np.all(rows.std(axis=0) > 0.0)
+    # It makes the noise count for more, and leaves what is reported as its level alone.
+    few, many = (whitener(prepared.tau, prepared.valid, prepared.row_runs, more) for more in (None, rows))
+    assert few.std == pytest.approx(many.std)
+    ones = np.ones(len(prepared.tau))
+    assert all(np.sum(many(ones, j) ** 2) < np.sum(few(ones, j) ** 2) for j in range(signals.robot.n))
+
+
+def test_noise_of_its_own_in_every_period_does_not() -> None:
+    signals = periodic(0.0, 1e-4)
+    noise = np.array([j.noise for j in signals.report.joints])
+    assert np.all(repeats(signals, noise) < 0.8)
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    never = ZeroPhase(cutoff_hz=15.0)(LogSet((recorded(robot, model, values, 4),), robot=robot))
+    assert np.all(repeats(never, np.array([j.noise for j in never.report.joints])) == 0.0)
+    assert not repeated_rows(Problem(model, never, reference=values)).any()
+
+
+@pytest.mark.parametrize("delay", [-0.0006, 0.0008])
+def test_a_short_delay_of_all_torques_is_one_thing(delay: float) -> None:
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    log = recorded(robot, model + make_effect("delay"), np.append(values, [delay] * robot.n), 21, noise=0.01)
+    prepared = ZeroPhase(cutoff_hz=15.0)(LogSet((log,), robot=robot))
+    white = plain_whitener(Problem(model, prepared), WeightedLeastSquares().solve(Problem(model, prepared)).residual(prepared))
+    _, frame = consistent(Problem(model, prepared, reference=values), white)
+    stage = rebuilt(model, prepared, white, ())
+    found = [c for c in candidates(model, stage.motions.parts[0][1]) if c.name == "delay"]
+    assert {c.joints for c in found} == {*((name,) for name in robot.joint_names), robot.joint_names}
+    search = Search(frame, stage.motions, tuple(found), Bank())
+    hits = {c.joints: search.refined(search.first(c)) for c in found}
+    judged = search.judge(hits[robot.joint_names])
+    assert judged.score.values == pytest.approx(np.full(robot.n, delay), abs=3e-4)
+    assert max(hits.values(), key=lambda h: h.fit_gain).candidate.joints == robot.joint_names
