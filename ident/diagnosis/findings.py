@@ -13,8 +13,9 @@ from ..effect import Effect
 from ..places import motors_of, place_of, place_of_joints
 from .evidence import WEAK, touched
 from .leftover import Leftover
-from .precision import FoundParameter, found_parameters
+from .precision import FoundParameter, found_parameters, support
 from .selection import Found, Selection
+from .stage import Stage
 
 Array = np.ndarray
 #: A finding is ambiguous when its rivals together are at least this probable.
@@ -116,8 +117,8 @@ def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[F
     robot = selection.final.problem.model.robot
     counted = [x for x in left if x.weight >= 1.0 and x.evidence >= WEAK]
     parameters = found_parameters(selection.final, [f.effect for f in selection.found])
-    each = (_finding(f, own, selection, left) for f, own in zip(selection.found, parameters, strict=True))
-    findings = sorted(each, key=lambda f: -f.evidence)
+    each = [_finding(f, own, selection, left) for f, own in zip(selection.found, parameters, strict=True)]
+    findings = sorted(each, key=lambda f: -_strength(selection.final, f))
     unexplained = tuple(
         Unexplained(robot.joint_names[x.joint], x.signature, x.text(robot.joint_names[x.joint]), x.evidence) for x in counted
     )
@@ -129,6 +130,12 @@ def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[F
     else:
         verdict = "explained" if findings else "clean"
     return verdict, tuple(findings), unexplained
+
+
+def _strength(final: Stage, finding: Finding) -> float:
+    """What is lost without a finding beside all others: evidence was measured when each was found, under what was known of the noise then."""
+    lost = support(final, finding.effect)
+    return lost if np.isfinite(lost) else finding.evidence
 
 
 def _beside(one: Found, found: Sequence[Found]) -> list[Found]:

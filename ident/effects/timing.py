@@ -17,9 +17,8 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 Array = np.ndarray
-#: Delays below this share of a sample are slopes; up to _TOLD s the slope is allowed to be any; and the longest looked for, s.
+#: Delays below this share of a sample are slopes; the longest looked for, s.
 _SHORT = 1e-3
-_TOLD = 1e-4
 _LONGEST = 0.06
 
 
@@ -52,9 +51,9 @@ class Delay(JointEffect):
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         return self.bounded(late=(-_LONGEST, _LONGEST))
 
-    def response(self, robot: Robot) -> Array | None:
-        """The delay itself, unless it is too short to be told from a slope."""
-        return np.full(len(self.at(robot)), self.late) if abs(self.late) > _TOLD else None
+    def response(self, robot: Robot) -> Array:
+        """The delay itself."""
+        return np.full(len(self.at(robot)), self.late)
 
     def applied(self, robot: Robot, values: Array) -> SignalCorrection:
         delay = np.zeros(robot.n)
