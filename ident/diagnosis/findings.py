@@ -133,7 +133,7 @@ def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[F
 
 
 def _strength(final: Stage, finding: Finding) -> float:
-    """What is lost without a finding beside all others: evidence was measured when each was found, under what was known of the noise then."""
+    """What is lost without a finding, beside all others. Its evidence is from when it was found, under the noise as it was known then."""
     lost = support(final, finding.effect)
     return lost if np.isfinite(lost) else finding.evidence
 

@@ -26,6 +26,8 @@ _STEPS = 5
 _HALVINGS = 3
 #: A step that gains less than this (twice a log-likelihood) is the last.
 _LEAST = 1e-3
+#: Once so much is gained, the derivative is taken anew.
+_FAR = 3.0
 #: A derivative is one where its two sides differ by less than this share of it.
 _SMOOTH = 0.2
 
@@ -37,8 +39,9 @@ def totalled(stage: Stage) -> Stage:
     dependent = [e for e in problem.model.effects if e.needs & {Need.LOAD, Need.REFERENCE}]
     if not dependent or problem.reference is None:
         return stage
-    frame, start = _linearised(stage, problem, dependent)
-    loss = float(np.sum((frame.torque - frame.columns @ start) ** 2))
+    through = _through_columns(stage, problem, dependent)
+    frame, start = _linearised(stage, problem, through)
+    loss, again = float(np.sum((frame.torque - frame.columns @ start) ** 2)), 0.0
     for _ in range(_STEPS):
         step = frame.transform @ (frame.coefficients - start)
         for halving in range(_HALVINGS):
@@ -50,18 +53,23 @@ def totalled(stage: Stage) -> Stage:
         else:
             break
         gained, loss, problem = loss - new, new, tried
-        frame, start = _linearised(stage, problem, dependent)
+        again += gained
+        if again > _FAR:
+            # So far away the derivative is another one; it takes as long as all the rest.
+            through, again = _through_columns(stage, problem, dependent), 0.0
+        frame, start = _linearised(stage, problem, through)
         if gained < _LEAST:
             break
     return replace(stage, problem=problem, frame=frame, motions=Motions(problem))
 
 
-def _linearised(stage: Stage, problem: Problem, dependent: list[Effect]) -> tuple[Frame, Array]:
-    """The frame of a problem linearised at its reference, and the coefficients (b,) of the reference there."""
+def _linearised(stage: Stage, problem: Problem, through: Array) -> tuple[Frame, Array]:
+    """The frame of a problem linearised at its reference, and the coefficients (b,) of the reference there. `through` (M, n, k_base):
+    what base parameters change through columns."""
     assert problem.reference is not None
     raw, values = raw_columns(problem), problem.base.base_values(problem.reference)
     at_reference = raw @ values
-    frame = Frame.build(problem, stage.white, raw + _through_columns(stage, problem, dependent))
+    frame = Frame.build(problem, stage.white, raw + through)
     start = np.linalg.pinv(frame.transform) @ values
     left = frame.torque - frame.whitened(at_reference[:, :, None])[:, :, 0]
     return replace(frame, torque=left + frame.columns @ start), start
@@ -71,27 +79,31 @@ def _through_columns(stage: Stage, problem: Problem, dependent: list[Effect]) ->
     """What base parameters change through the columns that depend on them, (M, n, k_base)."""
     assert problem.reference is not None
     names, robot = list(problem.model.names), problem.model.robot
-    values = problem.base.base_values(problem.reference)
+    values, valid = problem.base.base_values(problem.reference), problem.signals.valid
     size = np.sqrt(np.einsum("ij,jk,ik->i", stage.frame.transform, stage.frame.inverse_gram, stage.frame.transform))
     fixed = {e: problem.reference[[names.index(p.name) for p in e.parameters(robot)]] for e in dependent}
-    here = _corrections(problem, fixed)
-    valid = problem.signals.valid
+
+    def moved(by: Array) -> dict[Effect, Array]:
+        return _corrections(problem.with_reference(np.asarray(problem.base.expand(values + by))), fixed)
+
+    here = moved(0.0 * values)
+    along = size * np.random.default_rng(0).choice([-1.0, 1.0], len(size))
+    fixed = {e: v for e, v in fixed.items() if _smooth(here, moved(along), moved(-along), e)}
     out = np.zeros((*valid.shape, len(values)))
-    for k, h in enumerate(size):
-        if not h > 0.0:
-            continue
-        ends = [_corrections(problem.with_reference(_moved(problem, values, k, s * h)), fixed) for s in (1.0, -1.0)]
-        for e in dependent:
-            slope, bend = ends[0][e] - ends[1][e], ends[0][e] + ends[1][e] - 2.0 * here[e]
-            if np.sum(bend**2) <= _SMOOTH**2 * np.sum(slope**2):
-                out[:, :, k] += np.where(valid, slope, 0.0) / (2.0 * h)
+    if not fixed:
+        return out
+    before = sum(here[e] for e in fixed)
+    for k in np.flatnonzero(size > 0.0):
+        by = np.zeros(len(values))
+        by[k] = size[k]
+        out[:, :, k] = np.where(valid, sum(moved(by).values()) - before, 0.0) / size[k]
     return out
 
 
-def _moved(problem: Problem, values: Array, k: int, by: float) -> Array:
-    moved = values.copy()
-    moved[k] += by
-    return np.asarray(problem.base.expand(moved))
+def _smooth(here: dict[Effect, Array], there: dict[Effect, Array], opposite: dict[Effect, Array], effect: Effect) -> bool:
+    """Whether what an effect does changes in proportion: a gear that knocks at other moments has no derivative."""
+    slope, bend = there[effect] - opposite[effect], there[effect] + opposite[effect] - 2.0 * here[effect]
+    return bool(np.sum(bend**2) <= _SMOOTH**2 * np.sum(slope**2))
 
 
 def _corrections(problem: Problem, values: dict[Effect, Array]) -> dict[Effect, Array]:
