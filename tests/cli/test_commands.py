@@ -311,6 +311,33 @@ def test_simulate_fit_validate(ident, tmp_path, name):
     assert "exists; nothing was simulated" in again.err
 
 
+def test_simulated_torque_is_recorded_as_it_acts(ident, tmp_path):
+    """Torque that a controller holds for a period acts half a period late; a record of what it asked for would look early."""
+    from ident.effect import make_effect
+    from ident.logs import read_logs
+    from ident.problem import Problem
+    from ident.robots import load_robot, nominal_values
+    from ident.signals import ZeroPhase
+
+    log = tmp_path / "exact.csv"
+    made = ident(
+        "simulate", "--robot", "double_pendulum", "--log", log, "--seconds", "6", "--noise", "0", "--counts", "0", "--quiet", "--json"
+    )
+    assert made.code == 0, made.err
+    robot = load_robot("double_pendulum")
+    signals = ZeroPhase(cutoff_hz=20.0)(read_logs([log], robot=robot))
+    delay = make_effect("delay")
+    model = robot.rigid_body() + make_effect("rotor_inertia") + make_effect("viscous") + make_effect("coulomb")
+    values = nominal_values(model)
+    (block,) = signals.blocks(None)
+    motion = Problem(model + delay, signals, reference=np.append(values, np.zeros(robot.n))).motion(block.samples)
+    left = signals.tau - block.reduce(model.torque(motion, values))
+    slope = block.reduce(np.einsum("Njj->Nj", delay.columns(motion, robot)))
+    for j in range(robot.n):
+        use = signals.valid[:, j] & np.isfinite(left[:, j])
+        assert abs(slope[use, j] @ left[use, j] / (slope[use, j] @ slope[use, j])) < 1e-4
+
+
 def test_python_m_ident():
     root = Path(__file__).resolve().parents[2]
     environment = os.environ | {"PYTHONPATH": str(root)}

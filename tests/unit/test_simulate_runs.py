@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effect_robots import pendulum, slide
 
-from ident.controller import CascadedPPI, ComputedTorque, PDFeedforward
+from ident.controller import CascadedPPI, ComputedTorque, PDFeedforward, typical_inertia
 from ident.errors import ConfigurationError
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.robots import load_robot, nominal_values
@@ -173,6 +173,34 @@ def test_averaged_torque_shows_no_delay_of_the_hold() -> None:
     mean = run.readings.tau[:, 0]
     inside = slice(5, -5)
     assert np.abs(mean - smooth)[inside].max() < 0.02 * np.abs(run.tau[:, 0] - smooth)[inside].max()
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "xarm7"])
+def test_tuned_gains_bear_joints_that_give_way_to_each_other(name: str) -> None:
+    robot = load_robot(name)
+    model = robot.rigid_body() + RotorInertia() + Viscous() + Coulomb()
+    values = nominal_values(model)
+    own, plant = typical_inertia(model, values, Side.MOTOR), Plant(model, values)
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-2.0, 2.0, (20, robot.n))
+    H = plant.dynamics().rigid.terms(q, np.zeros_like(q))[0] + plant.dynamics().inertia[: robot.n, : robot.n]
+    H = robot.transmission.K.T @ H @ robot.transmission.K
+    # A damper of w D at every joint is stable at a period h while w h λ(H⁻¹ D) < 2.
+    assert 2.0 * np.pi * 10.0 * 1e-3 * np.abs(np.linalg.eigvals(np.linalg.solve(H, np.diag(own)))).max() < 1.5
+    calm = 0.3 * np.ones(robot.n) * np.where([j.prismatic for j in robot.joints], 0.02, 1.0)
+    wave = FourierTrajectory(np.clip(0.0, [j.lower for j in robot.joints], [j.upper for j in robot.joints]), [calm], [0.0 * calm], 0.5)
+    run = simulate(plant, desired=wave, duration=2.0, rate=100.0)
+    assert np.abs(run.q - wave.sample(run.t).q).max() < 0.1
+
+
+def test_gains_of_joints_that_move_alone_heed_the_mean_inertia(puma: Plant) -> None:
+    model, values = puma.model, np.asarray(puma.values)
+    K, n = puma.robot.transmission.K, puma.robot.n
+    rng = np.random.default_rng(0)
+    lower, upper = ([max(j.lower, -np.pi) for j in puma.robot.joints], [min(j.upper, np.pi) for j in puma.robot.joints])
+    q = rng.uniform(lower, upper, (32, n))
+    H = K.T @ (puma.dynamics().rigid.terms(q, np.zeros_like(q))[0] + puma.dynamics().inertia[:n, :n]) @ K
+    np.testing.assert_allclose(typical_inertia(model, values, Side.MOTOR), np.diagonal(H, axis1=1, axis2=2).mean(axis=0), rtol=1e-9)
 
 
 def test_feedback_through_a_coarse_encoder_still_tracks(puma: Plant) -> None:
