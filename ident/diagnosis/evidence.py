@@ -29,8 +29,9 @@ def by_chance(hit: Hit, number: int) -> float:
     from scipy.stats import chi2
 
     shapes = len(hit.effect.shape())
-    # Independent shapes that a search looks at: a few along a smooth one, many along an order.
-    trials = 4000.0 if hit.candidate.spectral else 4.0 * shapes if shapes else 1.0
+    # Independent shapes that a search looks at: a few along a smooth one, some tens of moments, many along an order.
+    moment = Need.TIME in hit.effect.needs and shapes > 0
+    trials = 4000.0 if hit.candidate.spectral else 50.0 if moment else 4.0 * shapes if shapes else 1.0
     return float(chi2.isf(FALSE_ALARM / (number * trials), hit.columns.shape[2])) + 2.0 * shapes
 
 

@@ -20,6 +20,8 @@ from .stage import Stage
 Array = np.ndarray
 #: A finding is ambiguous when its rivals together are at least this probable.
 AMBIGUOUS = 0.1
+#: And when it is less likely than this itself.
+_LIKELY = 0.5
 #: Rivals less probable than this are not worth a word.
 _NAMED = 0.01
 #: A finding is trusted no further than this: the catalogue may lack the true one.
@@ -80,8 +82,8 @@ class Finding:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether its rivals account for the same about as well."""
-        return sum(i.confidence for i in self.imitators) >= AMBIGUOUS
+        """Whether its rivals account for the same about as well, or it is itself no more likely than not."""
+        return self.confidence < _LIKELY or sum(i.confidence for i in self.imitators) >= AMBIGUOUS
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
