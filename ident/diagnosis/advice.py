@@ -39,6 +39,6 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
             [_MOTION[finding.effect.axis].format(joint=joint)] + ([_MOTION[other.axis].format(joint=where)] if other is not None else [])
         )
         return f"{title} or {rival.effect}{on(rival.place)}: to tell them apart, {'; and '.join(ways)}."
-    if verdict == "unexplained" and finding.confidence < 0.5:
+    if verdict in ("unexplained", "ambiguous") and finding.confidence < 0.5:
         return f"{title} explains a part only; take it as a hint, and look at what is left before acting on it."
     return f"Add {finding.name}{on(finding.place)} to the declared model ({title})."

@@ -20,7 +20,7 @@ from .stage import Stage
 Array = np.ndarray
 #: A finding is ambiguous when its rivals together are at least this probable.
 AMBIGUOUS = 0.1
-#: And when it is less likely than this itself.
+#: With a finding that is less likely than this nothing is explained for sure.
 _LIKELY = 0.5
 #: Rivals less probable than this are not worth a word.
 _NAMED = 0.01
@@ -82,8 +82,8 @@ class Finding:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether its rivals account for the same about as well, or it is itself no more likely than not."""
-        return self.confidence < _LIKELY or sum(i.confidence for i in self.imitators) >= AMBIGUOUS
+        """Whether its rivals account for the same about as well."""
+        return sum(i.confidence for i in self.imitators) >= AMBIGUOUS
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -127,7 +127,7 @@ def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[F
     unexplained += _drawn(selection.found)
     if unexplained:
         verdict = "unexplained"
-    elif any(f.ambiguous for f in findings):
+    elif any(f.ambiguous or f.confidence < _LIKELY for f in findings):
         verdict = "ambiguous"
     else:
         verdict = "explained" if findings else "clean"
