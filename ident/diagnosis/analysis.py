@@ -12,7 +12,7 @@ from ..cutoff import HIGHEST
 from ..filters import RowFilter
 from ..prepared import Signals
 from ..transmission import Side
-from .motion_noise import less_noise
+from .motion_noise import less_noise, told_up_to
 
 if TYPE_CHECKING:
     from ..logs import LogSet
@@ -21,6 +21,9 @@ Array = np.ndarray
 #: The rows' low-pass lies where the noise of the positions is one thousandth of the power of the accelerations; that of the
 #: positions themselves lies higher by the share that a preparation puts between the two.
 _ROWS_BELOW = 0.4
+#: A band that is not wider than this is as good as another. Accelerations count as told where noise makes up this share of their power.
+_WIDER = 1.05
+_TOLD = 0.2
 #: Effects are evaluated at this multiple of the positions' cut-off at least: faster samples hold no more of the motion.
 _SAMPLED = 8.0
 #: Rows of all joints together that a search looks at, and the stretches of a longer log that they are taken from.
@@ -47,15 +50,20 @@ def in_wide_band(signals: Signals, held: Signals | None) -> tuple[Signals, Signa
         return signals, held
     from ..signals import make_preparation
 
+    def prepared(source: LogSet, cutoff: float) -> Signals:
+        return make_preparation(**{**signals.report.config, "cutoff_hz": cutoff, "row_cutoff_hz": None})(source, signals.robot)
+
     cutoff = wide_cutoff(signals)
-    if cutoff <= 1.05 * signals.report.cutoff_hz:
+    if cutoff <= _WIDER * signals.report.cutoff_hz:
         return signals, held
-    preparation = make_preparation(**{**signals.report.config, "cutoff_hz": cutoff, "row_cutoff_hz": None})
-
-    def again(source: LogSet) -> Signals:
-        return preparation(source, signals.robot)
-
-    return again(signals.source), None if held is None or held.source is None else again(held.source)
+    wide = prepared(signals.source, cutoff)
+    # Motion that comes in bursts allows a band in which there is mostly noise the rest of the time.
+    calmer = max(told_up_to(wide, _TOLD) / _ROWS_BELOW, signals.report.cutoff_hz)
+    if cutoff > _WIDER * calmer:
+        if calmer <= _WIDER * signals.report.cutoff_hz:
+            return signals, held
+        wide, cutoff = prepared(signals.source, calmer), calmer
+    return wide, None if held is None or held.source is None else prepared(held.source, cutoff)
 
 
 def thinned(signals: Signals) -> Signals:

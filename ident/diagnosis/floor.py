@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .frame import Frame, Motions, raw_columns
-from .motion_noise import repeated_rows
+from .motion_noise import doubtful_rows
 from .spectral import promising_orders
 from .whitening import Whitener, plain_whitener, unwhitened_rows, whitener
 
@@ -64,7 +64,7 @@ def noise_floor(
     white = plain_whitener(problem, signals.tau)
     chosen: list[Array] = []
     used = np.zeros(signals.tau.shape[1])
-    repeated = repeated_rows(problem)
+    doubtful = doubtful_rows(problem)
     for attempt in range(_ROUNDS):
         frame = Frame.build(problem, white, raw)
         if attempt == 0:
@@ -73,7 +73,7 @@ def noise_floor(
         extra = _peaks(frame, motions, candidates, bank, chosen)
         residual, chosen, used, blocks = _saturated(frame, chosen + extra + blocks)
         freed = residual / np.sqrt(np.maximum(1.0 - used / np.maximum(signals.valid.sum(axis=0), 1), 0.5))
-        white = plain_whitener(problem, freed) if attempt == 0 else whitener(freed, signals.valid, signals.row_runs, repeated)
+        white = plain_whitener(problem, freed) if attempt == 0 else whitener(freed, signals.valid, signals.row_runs, doubtful)
         tell(0.5 + 0.5 * (attempt + 1) / _ROUNDS)
     bank.saturating = chosen + blocks
     return Floor(white, used)

@@ -28,6 +28,10 @@ _AVERAGED = 200
 _SHORTEST = 50
 #: A lag at which a motion differs from itself by this share of its power at most may be its period.
 _SAME = 1e-4
+#: No reading of torque tells anything below this share of it (rms): drives are not linear to 80 dB.
+_READABLE = 1e-4
+#: Noise that comes again has at most so many times the power that is usual among the frequencies.
+_MOST_LINES = 9.0
 #: Samples in which a period is looked for at most; a joint that is slower than this share of its usual top speed stands still.
 _LOOKED_AT = 200_000
 _STILL = 0.05
@@ -42,14 +46,29 @@ def less_noise(signals: Signals) -> Signals:
     """Signals whose motion has each frequency weighed by the share of motion in its power, run by run and joint by joint."""
     q, dq, ddq = (x.copy() for x in (signals.q, signals.dq, signals.ddq))
     noise = position_noise(signals)
+    again = repeats(signals, noise)
+    noise = noise * np.where(again > 0.5, _lines(signals, noise), 1.0)
     for run in signals.runs:
         if run.stop - run.start > 16:
             share = noise_share(signals.ddq[run], signals.rate, noise)
             for x in (q, dq, ddq):
                 x[run] = _weighed(x[run], 1.0 - share)
-    again = repeats(signals, noise)
-    joints = tuple(replace(j, repeats=float(k)) for j, k in zip(signals.report.joints, again, strict=True))
+    known = zip(signals.report.joints, noise, again, strict=True)
+    joints = tuple(replace(j, noise=float(s) if np.isfinite(j.noise) else j.noise, repeats=float(k)) for j, s, k in known)
     return replace(signals, q=q, dq=dq, ddq=ddq, report=replace(signals.report, joints=joints))
+
+
+def _lines(signals: Signals, noise: Array) -> Array:
+    """By how much the noise (n,) of positions is larger than a spectrum's usual level says: noise that comes again with a period is all
+    in lines, and hardly any between. From accelerations near the cut-off, where there is little else; 1 at least."""
+    run = max(signals.runs, key=lambda r: r.stop - r.start)
+    cutoff = signals.report.cutoff_hz
+    if cutoff is None or run.stop - run.start <= 16:
+        return np.ones(len(noise))
+    f = np.fft.rfftfreq(run.stop - run.start, 1.0 / signals.rate)
+    over = _noise_over(signals.ddq[run], signals.rate, np.maximum(noise, 1e-300))
+    near = over[(f > 0.6 * cutoff) & (f < 0.9 * cutoff)]
+    return np.sqrt(np.clip(1.0 / np.maximum(np.median(near, axis=0), 1e-300), 1.0, _MOST_LINES)) if len(near) else np.ones(len(noise))
 
 
 def repeats(signals: Signals, noise: Array) -> Array:
@@ -87,38 +106,70 @@ def _period(q: Array) -> int | None:
     return int(_SHORTEST + np.argmax(apart[_SHORTEST:] <= max(4.0 * best, 1e-12)))
 
 
-def repeated_rows(problem: Problem) -> Array:
-    """Rows (M, n) of torque that errors of the positions would make which hold, in one, all that their noise counts for in excess of
-    what it shows: white, of its power times how often it comes again."""
+def doubtful_rows(problem: Problem) -> Array:
+    """Rows (M, n) of what counts as noise in excess of what the residual shows.
+
+    Torque that errors of the positions would make: as often as the same noise comes again; and of what was taken out of the motion as
+    noise, which may have been motion. And the share of the torque below which no reading tells anything."""
     signals = problem.signals
-    size = position_noise(signals) * np.sqrt([j.repeats for j in signals.report.joints])
-    out = np.zeros(signals.tau.shape)
-    if not np.any(size):
-        return out
-    values = np.zeros(len(problem.model.names)) if problem.reference is None else problem.reference
     rng = np.random.default_rng(0)
+    noise, again = position_noise(signals), np.array([j.repeats for j in signals.report.joints])
+    power = np.sum(np.where(signals.valid, signals.tau, 0.0) ** 2, axis=0) / np.maximum(signals.valid.sum(axis=0), 1)
+    out = _READABLE * np.sqrt(power) * rng.normal(size=signals.tau.shape)
+    if not noise.any():
+        return np.asarray(out)
+    values = np.zeros(len(problem.model.names)) if problem.reference is None else problem.reference
     for block in signals.blocks(None):
         motion = problem.motion(block.samples)
         f = np.fft.rfftfreq(len(motion), 1.0 / signals.rate)[:, None]
-        wave = np.fft.rfft(size * rng.normal(size=motion.joint.ddq.shape), axis=0) * (2.0 * np.pi * f) ** 2
+        size = noise * np.sqrt(again + _taken_out(motion.joint.ddq, signals.rate, noise))
+        wave = size * np.fft.rfft(rng.normal(size=motion.joint.ddq.shape), axis=0) * (2.0 * np.pi * f) ** 2
         ddq = np.fft.irfft(np.where(f <= (signals.report.cutoff_hz or np.inf), wave, 0.0), len(motion), axis=0)
         shaken = replace(motion, joint=replace(motion.joint, ddq=motion.joint.ddq + ddq))
         motor = replace(motion.motor, ddq=signals.robot.transmission.motor_rate(shaken.joint.ddq))
         shaken = replace(shaken, motor=motor)
-        out[block.rows] = block.reduce(problem.model.torque(shaken, values) - problem.model.torque(motion, values))
-    return out
+        out[block.rows] += block.reduce(problem.model.torque(shaken, values) - problem.model.torque(motion, values))
+    return np.asarray(out)
 
 
 def noise_share(ddq: Array, rate: float, noise: Array) -> Array:
     """Share (F, n) of noise in the power of accelerations (N, n), at the frequencies of their Fourier transform, for positions with
     white noise of standard deviation `noise` (n,)."""
+    return np.minimum(_noise_over(ddq, rate, noise), 1.0)
+
+
+def _taken_out(ddq: Array, rate: float, noise: Array) -> Array:
+    """The share (F, n) of noise that there was in accelerations (N, n) before it was taken out: s of s / (1 − s)², which is what there
+    would be of it beside what is left."""
+    over = np.maximum(_noise_over(ddq, rate, noise), 1e-12)
+    return np.asarray((2.0 * over + 1.0 - np.sqrt(4.0 * over + 1.0)) / (2.0 * over))
+
+
+def _noise_over(ddq: Array, rate: float, noise: Array) -> Array:
+    """Power of the noise over that of accelerations (N, n) around each frequency, (F, n)."""
     taper = np.hanning(len(ddq) + 2)[1:-1, None]
     power = np.abs(np.fft.rfft(ddq * taper, axis=0)) ** 2 / float(np.sum(taper**2))
     near = np.ones(2 * max(1, len(ddq) // _AVERAGED) + 1)
     known = np.convolve(np.ones(len(power)), near, "same")
     power = np.stack([np.convolve(p, near, "same") / known for p in power.T], axis=1)
     f = np.fft.rfftfreq(len(ddq), 1.0 / rate)[:, None]
-    return np.clip(noise**2 * (2.0 * np.pi * f) ** 4 / np.maximum(power, 1e-300), 0.0, 1.0)
+    return np.asarray(noise**2 * (2.0 * np.pi * f) ** 4 / np.maximum(power, 1e-300))
+
+
+def told_up_to(signals: Signals, most: float) -> float:
+    """Frequency (Hz) up to which noise makes up less than a share of the power of accelerations, at the median of the joints that move, in
+    the longest run."""
+    run = max(signals.runs, key=lambda r: r.stop - r.start)
+    count = run.stop - run.start
+    top = 0.5 * signals.rate
+    moves = np.array([j.suggested_hz > 0 for j in signals.report.joints])
+    if count <= 16 or not moves.any():
+        return top
+    share = np.median(noise_share(signals.ddq[run], signals.rate, position_noise(signals))[:, moves], axis=1)
+    f = np.fft.rfftfreq(count, 1.0 / signals.rate)
+    # From the top of the band downwards: between the harmonics of a motion there may be nothing but noise.
+    good = np.flatnonzero(share < most)
+    return float(f[good[-1]]) if len(good) else 0.0
 
 
 def _weighed(x: Array, gain: Array) -> Array:
