@@ -20,6 +20,8 @@ Array = np.ndarray
 _FEW = 100
 #: A residual of this many times the noise floor is not noise, whatever it follows.
 _BEYOND = 1.3
+#: And one whose power is below this share of what counts as noise is nothing, whatever it looks like.
+_COUNTS = 0.1
 #: Noise has a root mean square of 1.48 times its median size; of so many times that it comes in bursts.
 _BURSTS = 1.5
 #: A line stands so far above the median of its neighbours in the spectrum (chance among a thousand: once in 10⁹), and holds at least
@@ -46,7 +48,7 @@ def irregular(stage: Stage, joint: int) -> Irregular | None:
     valid = stage.problem.signals.valid[:, joint]
     residual = stage.frame.residual[joint]
     rows = int(valid.sum())
-    if rows < _FEW:
+    if rows < _FEW or float(np.mean(residual[valid] ** 2)) < _COUNTS:
         return None
     return _line(stage, joint) or _bursts(residual[valid]) or _beyond(residual[valid])
 

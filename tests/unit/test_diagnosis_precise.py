@@ -9,11 +9,12 @@ import pytest
 from effect_robots import ROBOTS, declared
 from test_diagnosis_parts import rebuilt, recorded, stage_of
 
+from ident.diagnosis import diagnose
 from ident.diagnosis.candidates import candidates
 from ident.diagnosis.consistent import consistent, own_loss
 from ident.diagnosis.frame import raw_columns
 from ident.diagnosis.moments import CLOSE, best_moment
-from ident.diagnosis.motion_noise import doubtful_rows, less_noise, repeats
+from ident.diagnosis.motion_noise import doubtful_rows, less_noise, repeats, told_up_to
 from ident.diagnosis.normal import Normal
 from ident.diagnosis.precision import found_parameters, settled, unbound
 from ident.diagnosis.search import Bank, Search
@@ -22,7 +23,7 @@ from ident.diagnosis.total import totalled
 from ident.diagnosis.whitening import plain_whitener, whitener
 from ident.effect import make_effect
 from ident.estimators import WeightedLeastSquares
-from ident.logs import LogSet
+from ident.logs import Log, LogSet
 from ident.problem import Problem
 from ident.signals import Signals, ZeroPhase
 
@@ -182,3 +183,35 @@ def test_a_short_delay_of_all_torques_is_one_thing(delay: float) -> None:
     judged = search.judge(hits[robot.joint_names])
     assert judged.score.values == pytest.approx(np.full(robot.n, delay), abs=3e-4)
     assert max(hits.values(), key=lambda h: h.fit_gain).candidate.joints == robot.joint_names
+
+
+def test_noise_in_lines_is_not_taken_for_less() -> None:
+    signals = periodic(1e4, 0.0)
+    usual = np.array([j.noise for j in signals.report.joints])
+    known = np.array([j.noise for j in less_noise(signals).report.joints])
+    assert np.all(known >= usual * (1.0 - 1e-12))
+    # Rounding to steps of 1e-4 is uniform within a step.
+    assert np.all(np.abs(np.log(known / (1e-4 / np.sqrt(12.0)))) < np.log(2.0))
+
+
+def test_a_band_ends_where_noise_begins() -> None:
+    robot = ROBOTS["scara"]()
+    t = np.arange(8000) / 400.0
+    rng = np.random.default_rng(2)
+    upto = 12.0
+    f = np.fft.rfftfreq(len(t), 1.0 / 400.0)
+    size = np.where((f > 0.1) & (f < upto), 1.0 / np.maximum(f, 0.1) ** 2, 0.0)[:, None]
+    wave = size * (rng.normal(size=(len(f), robot.n, 2)) @ np.array([1.0, 1.0j]))
+    q = 20.0 * np.fft.irfft(wave, len(t), axis=0) * np.where([j.prismatic for j in robot.joints], 0.1, 1.0)
+    q = q + 1e-5 * rng.normal(size=q.shape)
+    log = Log("run", t, q=q, tau={robot.transmission.measured.value: rng.normal(size=q.shape)})
+    signals = ZeroPhase(cutoff_hz=60.0)(LogSet((log,), robot=robot))
+    assert upto - 4.0 < told_up_to(signals, 0.2) < upto + 4.0
+
+
+def test_a_log_without_noise_is_clean() -> None:
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    signals = ZeroPhase(cutoff_hz=15.0)(LogSet((recorded(robot, model, values, 13, noise=0.0),), robot=robot))
+    estimate = WeightedLeastSquares().solve(Problem(model, signals))
+    assert diagnose(estimate, fit=signals).verdict == "clean"
