@@ -19,7 +19,7 @@ def change(effect: str, values: dict[str, tuple[float, float, float | None]], ho
     made = make_effect(effect, joints=("elbow",), **more)
     return Change(
         effect=made, joints=("elbow",), parameters=parameters, heldout_gain=0.5, evidence=100.0, confidence=0.9,
-        imitators=(Imitator("offset", ("elbow",), 0.1),), how=how,
+        imitators=(Imitator("offset", ("elbow",), 0.05),), how=how,
     )  # fmt: skip
 
 
