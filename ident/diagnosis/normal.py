@@ -14,6 +14,7 @@ import numpy as np
 from ..effect import Effect
 
 if TYPE_CHECKING:
+    from ..robot import Robot
     from .stage import Stage
 
 Array = np.ndarray
@@ -104,13 +105,13 @@ def _bonds(stage: Stage, effects: Sequence[Effect], slopes: Slopes) -> tuple[Arr
     return np.reshape(rows, (len(rows), b + len(slopes.place))), np.array(bound)
 
 
-def _change(effect: Effect, name: str, robot: object) -> Array:
+def _change(effect: Effect, name: str, robot: Robot) -> Array:
     """Derivative (k,) of the values that parameters must have, over a shape (its logarithm where that is natural)."""
     p = next(p for p in effect.shape() if p.name == name)
     at, ends, width = float(getattr(effect, name)), [], []
     for step in (_DIFFERENCE, -_DIFFERENCE):
         x = float(np.clip(at * np.exp(step) if p.log else at + step * (abs(at) + 1e-6), p.lower, p.upper))
-        there = effect.with_shape(**{name: x}).response(robot)  # type: ignore[arg-type]
+        there = effect.with_shape(**{name: x}).response(robot)
         ends.append(np.zeros(1) if there is None else there)
         width.append(np.log(x) if p.log else x)
     return np.asarray((ends[0] - ends[1]) / (width[0] - width[1])) if width[0] != width[1] else 0.0 * ends[0]
