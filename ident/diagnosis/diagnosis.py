@@ -159,7 +159,10 @@ def diagnose(
         verdict, unexplained = "unexplained", (*unexplained, *plain)
     bad = {u.joint for u in plain}
     findings = tuple(
-        replace(f, confidence=_UNHELPFUL * f.confidence) if bad & set(f.joints) or f.effect in last.doubted else f for f in findings
+        replace(f, confidence=_UNHELPFUL * f.confidence)
+        if (bad and (not f.joints or bad & set(f.joints))) or f.effect in last.doubted
+        else f
+        for f in findings
     )
     findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
     tell(1.0)

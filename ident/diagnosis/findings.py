@@ -170,9 +170,14 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
         trust *= _OVERSHADOWED
 
     own = found.judged.hit.place
+    # What is there as well, in each other's company, is no rival.
+    beside = {f.judged.hit.place for f in selection.found if f is not found}
     total = {own: found.weight}
     for rival, probability in zip(found.rivals, found.weights[1:], strict=True):
-        total[rival.hit.place] = total.get(rival.hit.place, 0.0) + float(probability)
+        if rival.hit.place not in beside:
+            total[rival.hit.place] = total.get(rival.hit.place, 0.0) + float(probability)
+    every = max(sum(total.values()), 1e-300)
+    total = {key: probability / every for key, probability in total.items()}
     imitators = tuple(
         Imitator(key[0], key[1], trust * probability, key[2])
         for key, probability in sorted(total.items(), key=lambda x: -x[1])

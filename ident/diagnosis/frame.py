@@ -30,6 +30,7 @@ _BLOCKS = 40
 _FOLDS = 8
 #: Directions of the model that the data show less than this (relative) are left out of every refit.
 _RANK = 1e-8
+_NOTHING = 1e-250
 #: Predictions that differ by less than this share (rms, every joint) make the same columns.
 _ALIKE = 0.01
 
@@ -314,7 +315,8 @@ def _losses(gram: Array, cross: Array, own: Array, theta: Array, z: Array) -> Ar
 
 def _solve(A: Array, y: Array, size: Array | None = None) -> Array:
     """Solve a scaled symmetric positive semidefinite system; directions below 1e-9 of `size` (default: the diagonal) are left at zero."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(A) if size is None else size, 1e-300))
+    size = np.diag(A) if size is None else size
+    scale = np.where(size > _NOTHING, 1.0 / np.sqrt(np.maximum(size, _NOTHING)), 0.0)
     A = A * scale[:, None] * scale
     try:
         L = np.linalg.cholesky(A)

@@ -68,7 +68,7 @@ def settled(stage: Stage, effects: Sequence[Effect], rebuilt: Callable[[Sequence
             moved = _moved(best, own, slopes, 0.5**halving * step)
             tried = rebuilt(moved)
             gained = before - _bound_loss(tried, moved)
-            if gained > 0.0:
+            if gained > 0.0 and all(_possible(e, stage) for e in moved):
                 break
         else:
             break
@@ -76,6 +76,13 @@ def settled(stage: Stage, effects: Sequence[Effect], rebuilt: Callable[[Sequence
         if gained < _LEAST:
             break
     return best, own
+
+
+def _possible(effect: Effect, stage: Stage) -> bool:
+    """Whether nothing speaks against an effect's shape, whatever its parameters are."""
+    robot = stage.problem.model.robot
+    k = len(effect.parameters(robot))
+    return not effect.implausible(robot, np.ones(k), np.full(k, np.inf))
 
 
 def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[FoundParameter, ...]]:
@@ -103,6 +110,12 @@ def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[Foun
             shapes.append(FoundParameter(shape.name, value, s, shape.unit))
         out.append((*linear, *shapes))
     return out
+
+
+def kept(stage: Stage, effect: Effect, effects: Sequence[Effect]) -> float:
+    """The share of an effect's gain in a stage that is left when parameters which shapes of its `effects` bind are at what they must be."""
+    own = support(stage, effect)
+    return 1.0 if not np.isfinite(own) else 1.0 - (_bound_loss(stage, effects) - stage.frame.loss) / max(own, 1e-300)
 
 
 def unbound(stage: Stage, effects: Sequence[Effect]) -> list[tuple[Array, Array]]:

@@ -13,6 +13,8 @@ from ..places import motors_of
 from .candidates import Candidate
 from .frame import Frame, Motions, Score
 from .moments import CLOSE, best_moment
+from .plausible import driven_out, implausible
+from .refit import Refit
 from .spectral import Harmonics, harmonics, order_parameter, promising_orders
 
 if TYPE_CHECKING:
@@ -24,14 +26,10 @@ _STEPS = 14
 _MOST_STEPS = 40
 #: Shapes of a grid that are whitened and scored at a time.
 _AT_ONCE = 64
+#: Starts of a search among possible shapes.
+_FEW = 4
 #: First steps of a search over several, as a share of their ranges.
 _SIMPLEX = 0.1
-#: Directions of a candidate's parameters that the data show less than this (a share of what they would without the model's) are not
-#: known at all, nor is any parameter that has more than such a part in one.
-_SHOWN = 1e-9
-_TOUCHED = 1e-3
-#: Parameters may lie beyond a bound by this many of their standard deviations before a candidate is dropped for it.
-_BEYOND = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +52,11 @@ class Hit:
     def __str__(self) -> str:
         shape = ", ".join(f"{p.name} = {getattr(self.effect, p.name):.4g}" for p in self.effect.shape())
         return f"{self.candidate}{f' ({shape})' if shape else ''}"
+
+
+def fit_gain(hit: Hit) -> float:
+    """What a hit is worth: what it gains."""
+    return hit.fit_gain
 
 
 @dataclass(frozen=True)
@@ -141,8 +144,8 @@ class Search:
         Z = self.whitened(effect) if Z is None else Z
         return Hit(candidate, effect, self.frame.fit_gain(Z, effect.response(self.robot)), Z)
 
-    def refined(self, hit: Hit) -> Hit:
-        """The same candidate at the shape that fits best, sought from a hit on."""
+    def refined(self, hit: Hit, worth: Callable[[Hit], float] = fit_gain) -> Hit:
+        """The same candidate at the shape that is worth most, sought from a hit on."""
         parameters = hit.effect.shape()
         if not parameters:
             return hit
@@ -150,12 +153,29 @@ class Search:
         if len(parameters) > 1:
             own = (hit.effect, *hit.also)
             starts = [hit, *(self.hit(hit.candidate, e) for e in (*hit.also, *(twin for e in own for twin in e.twins())))]
-            return max((self._together(start, ranges) for start in starts), key=lambda h: h.fit_gain)
+            return max((self._together(start, ranges, worth) for start in starts), key=worth)
         p = parameters[0]
         low, high = ranges[p.name]
-        return self._along(hit, p.name, low, high, p.log and low > 0, order_parameter(hit.effect) is not None)
+        return self._along(hit, p.name, low, high, p.log and low > 0, order_parameter(hit.effect) is not None, worth)
 
-    def _together(self, hit: Hit, ranges: dict[str, tuple[float, float]]) -> Hit:
+    def possible(self, candidate: Candidate) -> Hit | None:
+        """A candidate at the best shape at which its parameters are what they can be; None if they are at none of its grid.
+
+        A shape that fits better with parameters that cannot be, a spring that pushes where it should pull, may lie far from it."""
+        own = [self.hit(candidate, effect) for effect in candidate.variants]
+        able = sorted((h for h in own if self._possible_gain(h) > 0.0), key=lambda h: -h.fit_gain)
+        if not able:
+            return None
+        return self.refined(replace(able[0], also=tuple(h.effect for h in able[1:_FEW])), self._possible_gain)
+
+    def _possible_gain(self, hit: Hit) -> float:
+        return -np.inf if self._against(hit) else hit.fit_gain
+
+    def _against(self, hit: Hit, kept: float = 0.0) -> str:
+        refit = Refit.of(self.frame, hit.columns)
+        return implausible(hit.effect, refit.values, refit.std, self.robot, kept) or driven_out(self.frame, refit)
+
+    def _together(self, hit: Hit, ranges: dict[str, tuple[float, float]], worth: Callable[[Hit], float]) -> Hit:
         """Downhill simplex (J. Nelder, R. Mead, 1965) over several shape parameters, each on its natural scale from 0 to 1."""
         from scipy.optimize import minimize
 
@@ -166,7 +186,8 @@ class Search:
         def loss(x: Array) -> float:
             shape = {p.name: min(max(s.value(float(u)), p.lower), p.upper) for p, s, u in zip(parameters, scales, x, strict=True)}
             found.append(self.hit(hit.candidate, hit.effect.with_shape(**shape)))
-            return -found[-1].fit_gain
+            # A simplex cannot go by what is infinite.
+            return -max(worth(found[-1]), 0.0)
 
         start = np.array([s.share(getattr(hit.effect, p.name)) for p, s in zip(parameters, scales, strict=True)])
         # Inwards where the start lies at an end.
@@ -175,9 +196,9 @@ class Search:
         minimize(
             loss, start, method="Nelder-Mead", options={"maxfev": most, "initial_simplex": simplex, "xatol": 1e-4, "fatol": 0.05}
         )  # fmt: skip
-        return max(found, key=lambda h: h.fit_gain)
+        return max(found, key=worth)
 
-    def _along(self, hit: Hit, name: str, low: float, high: float, log: bool, spectral: bool) -> Hit:
+    def _along(self, hit: Hit, name: str, low: float, high: float, log: bool, spectral: bool, worth: Callable[[Hit], float]) -> Hit:
         """Golden-section search along one shape parameter between the neighbours of a grid."""
         to, back = (np.log, np.exp) if log else (lambda x: x, lambda x: x)
         at = float(to(getattr(hit.effect, name)))
@@ -197,7 +218,7 @@ class Search:
             if x not in found:
                 effect = hit.effect.with_shape(**{name: float(np.clip(back(x), low, high))})
                 found[x] = self.hit(hit.candidate, effect)
-            return found[x].fit_gain
+            return worth(found[x])
 
         ratio = 0.5 * (np.sqrt(5.0) - 1.0)
         c, d = b - ratio * (b - a), a + ratio * (b - a)
@@ -217,26 +238,30 @@ class Search:
             else:
                 a, c = c, d
                 d = a + ratio * (b - a)
-        return max(found.values(), key=lambda h: h.fit_gain)
+        return max(found.values(), key=worth)
 
     def judge(self, hit: Hit) -> Judged:
         """Cross-validated score of a hit, and why it is not plausible, if so."""
         score = self.frame.score(hit.columns)
-        return Judged(hit, score, implausible(hit.effect, score.values, parameter_std(hit.columns, self.frame), self.robot))
+        bound = hit.effect.response(self.robot)
+        held = np.inf if bound is None or len(bound) < 2 else hit.fit_gain
+        return Judged(hit, score, self._against(hit, hit.fit_gain / max(score.fit_gain, 1e-300)), held)
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A hit with its score; `against`: why its parameters cannot be those of such a thing ("": nothing against it)."""
+    """A hit with its score; `against`: why its parameters cannot be those of such a thing ("": nothing against it); `held`: of one thing
+    on several joints, what it gains as one."""
 
     hit: Hit
     score: Score
     against: str
+    held: float = np.inf
 
     @property
     def evidence(self) -> float:
         """What counts: the gain on blocks held out, but no more than the gain on all of them."""
-        return min(self.score.heldout, self.score.fit_gain)
+        return min(self.score.heldout, self.score.fit_gain, self.held)
 
 
 class Bank:
@@ -272,29 +297,3 @@ class Bank:
         if new:
             self._kept.update(zip(new, motions.columns_of(new), strict=True))
         return [self._kept[e] for e in effects]
-
-
-def implausible(effect: Effect, values: Array, std: Array, robot: Robot) -> str:
-    """Why parameters found (k,) with these standard deviations cannot be: beyond their physical bounds by more than chance."""
-    parameters = effect.parameters(robot)
-    for p, value, s in zip(parameters, values, std, strict=True):
-        if value < p.lower - _BEYOND * s or value > p.upper + _BEYOND * s:
-            return f"{p.name} = {value:.4g} {p.unit} is beyond its bound"
-        if p.lower == 0.0 and value <= 0.0 and len(parameters) == 1:
-            return f"{p.name} = {value:.4g} {p.unit} must be positive"
-    return effect.implausible(robot, values, std)
-
-
-def parameter_std(columns: Array, frame: Frame) -> Array:
-    """Standard deviations (k,) of a candidate's parameters beside the model's, for white noise of unit variance; inf for one that
-    the model's own parameters can take up (the ideal part of a counterbalance, which looks like the link's gravity)."""
-    X = frame.columns.reshape(-1, frame.columns.shape[2])
-    z = columns.reshape(-1, columns.shape[2])
-    cross = X.T @ z
-    own = z.T @ z - cross.T @ frame.inverse_gram @ cross
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(z.T @ z), 1e-300))
-    values, vectors = np.linalg.eigh(own * scale[:, None] * scale)
-    shown = values > _SHOWN
-    variance = (vectors[:, shown] ** 2) @ (1.0 / values[shown])
-    variance[np.any(np.abs(vectors[:, ~shown]) > _TOUCHED, axis=1)] = np.inf
-    return scale * np.sqrt(variance)

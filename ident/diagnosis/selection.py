@@ -13,8 +13,10 @@ from ..effect import Effect, Need
 from ..model import Model
 from .consistent import own_loss
 from .evidence import WEAK, by_chance, surplus, threshold, touched
-from .precision import settled, support, unbound
-from .search import Bank, Hit, Judged, implausible
+from .light import too_light
+from .plausible import implausible
+from .precision import kept, settled, support, unbound
+from .search import Bank, Hit, Judged
 from .stage import Stage, with_effects, with_noise_beneath
 from .total import totalled
 from .weights import weights
@@ -87,8 +89,24 @@ def ranked(
     hits = stage.search.scan(progress, joints)
     hits.sort(key=lambda h: -(max(h.fit_gain, h.promise) - threshold(h, stage.number)))
     judged = [stage.search.judge(stage.search.refined(h)) for h in [*also, *hits[:_REFINED]]]
+    judged += _as_they_can_be(judged, stage)
     judged.sort(key=lambda j: -surplus(j, stage.number))
     return judged
+
+
+def _as_they_can_be(judged: Sequence[Judged], stage: Stage) -> list[Judged]:
+    """Of candidates that fit best with parameters that cannot be, what they are at their best with such as can."""
+    out = []
+    for j in judged:
+        candidate, shapes = j.hit.candidate, j.hit.effect.shape()
+        if j.against and shapes and not candidate.spectral and j.hit.effect.response(stage.search.robot) is None and _counts(j, stage):
+            hit = stage.search.possible(candidate)
+            out += [] if hit is None else [stage.search.judge(hit)]
+    return out
+
+
+def _counts(judged: Judged, stage: Stage) -> bool:
+    return judged.evidence > threshold(judged.hit, stage.number)
 
 
 def select(
@@ -151,7 +169,7 @@ def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> F
             break
         w = weights(rivals, [by_chance(j.hit, stage.number) for j in rivals], more)
         best = int(np.argmax(np.where(worth, w, -1.0)))
-        if stage.null.exceeded(rivals[best].hit.candidate, rivals[best].evidence):
+        if not too_light(stage, rivals[best]) and stage.null.exceeded(rivals[best].hit.candidate, rivals[best].evidence):
             order = [best, *(i for i in np.argsort(-w) if i != best)]
             return Found(rivals[best], tuple(rivals[i] for i in order[1:]), w[order])
         rivals, more = [j for i, j in enumerate(rivals) if i != best], np.delete(more, best)
@@ -233,7 +251,7 @@ def _settled(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Ca
         best, effects = settled(stage, [f.effect for f in found], rebuilt)
         worst: tuple[float, int, str] | None = None
         for i, (f, (values, std)) in enumerate(zip(found, unbound(best, effects), strict=True)):
-            why = implausible(effects[i], values, np.nan_to_num(std), robot)
+            why = implausible(effects[i], values, np.nan_to_num(std), robot, kept(best, effects[i], effects))
             if not why and support(best, effects[i]) < threshold(f.judged.hit, best.number):
                 why = "in this company nothing is gained by it"
             if why and (worst is None or f.judged.evidence < worst[0]):

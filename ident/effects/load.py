@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..transmission import Side
 from .drift import after, inside, step_time
 
 if TYPE_CHECKING:
+    from ..regressor.tree import RigidBodyTree
     from ..robot import Robot
 
 Array = np.ndarray
@@ -150,8 +152,14 @@ class ExternalForce(_Carried):
         mass = np.zeros(10 * robot.tree.nb)
         mass[10 * body : 10 * body + 4] = (1.0, *self.point)
         state = _tree_motion(replace(motion, joint=replace(motion.joint, dq=still, ddq=still)), robot)
-        tau = inverse_dynamics(replace(robot.tree, gravity=force), mass, *state) @ robot.loop.W
+        tau = inverse_dynamics(_in_field(robot.tree, tuple(np.asarray(force, float).tolist())), mass, *state) @ robot.loop.W
         return robot.transmission.torque(tau, Side.JOINT, self.side)
+
+
+@lru_cache(maxsize=64)
+def _in_field(tree: RigidBodyTree, field: tuple[float, float, float]) -> RigidBodyTree:
+    """The tree in a field of gravity (m/s²): kept, since the kernel prepares every tree that it sees anew."""
+    return replace(tree, gravity=np.array(field))
 
 
 def _tree_motion(motion: Motion, robot: Robot) -> tuple[Any, Any, Any]:

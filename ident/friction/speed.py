@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 Array = np.ndarray
+#: An exponent of speed that is closer to 1 than this is none of its own.
+_OTHER_THAN_VISCOUS = 0.1
 
 
 @register
@@ -70,6 +72,10 @@ class NonlinearViscous(JointEffect):
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         return self.bounded(a=(0.15, 3.0))
+
+    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
+        near = abs(self.a - 1.0) < _OTHER_THAN_VISCOUS
+        return f"friction with an exponent of {self.a:.3g} cannot be told from viscous friction" if near else ""
 
 
 def usual_speed(effect: JointEffect, motion: Motion, robot: Robot) -> float:

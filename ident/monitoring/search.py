@@ -3,13 +3,14 @@ rows tell."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.evidence import threshold, touched
-from ..diagnosis.search import Hit, Judged, Search
+from ..diagnosis.search import Hit, Judged, Search, fit_gain
 from ..diagnosis.stage import Stage
 from .candidates import Place
 from .frame import KnownFrame
@@ -31,8 +32,8 @@ class ChangeSearch(Search):
         super().__init__(stage.frame, stage.motions, stage.search.candidates, stage.search.bank)
         self.own, self.estimate = own, estimate
 
-    def refined(self, hit: Hit) -> Hit:
-        return hit if hit.candidate in self.own else super().refined(hit)
+    def refined(self, hit: Hit, worth: Callable[[Hit], float] = fit_gain) -> Hit:
+        return hit if hit.candidate in self.own else super().refined(hit, worth)
 
     def judge(self, hit: Hit) -> Judged:
         if hit.candidate in self.own:

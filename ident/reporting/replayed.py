@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 _WINDOWS = 12
+_MOST_EVALUATIONS = 20_000
 _SHOWN_WINDOWS = 6
 _SHOWN_JOINTS = 4
 TITLE = "Replayed motion"
@@ -26,7 +27,7 @@ def replay_sections(before: Estimate, after: Estimate, signals: Signals, data: s
     from ..simulation.replay import replay
 
     try:
-        old, new = (replay(e.model, e.all_values, signals, windows=_WINDOWS) for e in (before, after))
+        old, new = (replay(e.model, e.all_values, signals, windows=_WINDOWS, most=_MOST_EVALUATIONS) for e in (before, after))
     except IdentError as error:
         return (Text(TITLE, (f"Not replayed: {error}",)),)
     except (np.linalg.LinAlgError, FloatingPointError) as error:

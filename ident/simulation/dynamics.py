@@ -101,6 +101,8 @@ class Dynamics:
         self._links = [(i, t) for i, t in live if t.link]
         #: The friction contacts.
         self.dry = DryFriction(robot, self.terms, self.rates)
+        #: How often accelerations were asked for.
+        self.evaluations = 0
 
     @cached_property
     def compiled(self) -> CompiledPlant | None:
@@ -163,6 +165,7 @@ class Dynamics:
 
         `guess` (B, m): accelerations to start from where a force depends on them (friction that grows with the load).
         `breaking`: held contacts break loose where their limits do not suffice (see `settle`)."""
+        self.evaluations += 1
         M, bias, H, h = self._rigid_terms(state)
         base = self.motion(state, None, drive.reported)
         free = drive.applied @ self.input - bias

@@ -117,13 +117,15 @@ def replay(
     window: float = 1.0,
     windows: int = 40,
     observer_hz: float = 0.0,
+    most: int | None = None,
 ) -> Replay:
     """Forward simulation of a model with values (k,) against prepared signals, over up to `windows` windows of `window` seconds.
 
     Windows start at the measured state, spread evenly over all runs, and are driven by the measured torque, straight between
     its samples. `observer_hz` > 0: the simulation is pulled towards the measured motion with this natural frequency.
     Effects that cannot be simulated forward (delays, encoders, those with memory but no forward model) act through their
-    torque along the measured motion. Raises DataError if no window of the signals has torque on every joint."""
+    torque along the measured motion. Raises DataError if no window of the signals has torque on every joint, or if accelerations must
+    be evaluated more than `most` times: a model whose contacts let go and catch without end takes as long as one likes."""
     values = np.asarray(values, float)
     if values.shape != (len(model.parameters),):
         raise ConfigurationError(f"replay: the model has {len(model.parameters)} parameters, but the values have shape {values.shape}.")
@@ -143,7 +145,7 @@ def replay(
     dynamics = Plant(forward, own).dynamics()
     measured, rate = signals.q[rows], signals.dq[rows]
     period = stride / signals.rate
-    simulated, simulated_rate, correction = _integrate(dynamics, clock, measured, rate, torque[rows], period, observer_hz)
+    simulated, simulated_rate, correction = _integrate(dynamics, clock, measured, rate, torque[rows], period, observer_hz, most)
     diverged = ~np.isfinite(simulated).all(axis=(0, 2))
     return Replay(
         model.robot,
@@ -211,7 +213,7 @@ def _windows(signals: Signals, torque: Array, span: int, most: int) -> tuple[Arr
 
 
 def _integrate(
-    dynamics: Dynamics, t: Array, q: Array, dq: Array, torque: Array, period: float, observer_hz: float
+    dynamics: Dynamics, t: Array, q: Array, dq: Array, torque: Array, period: float, observer_hz: float, most: int | None
 ) -> tuple[Array, Array, Array]:
     """Positions and velocities (K, B, n) of all windows together; windows that diverge drop out and are NaN from there on."""
     n, (count, lanes) = dynamics.n, q.shape[:2]
@@ -234,6 +236,11 @@ def _integrate(
                 break
             for i in range(substeps):
                 here, there = (with_pull[0] + share / substeps * (with_pull[1] - with_pull[0]) for share in (i, i + 1))
+                if most is not None and dynamics.evaluations > most:
+                    raise DataError(
+                        f"replay: more than {most} evaluations for {k * period:.2g} s of motion: friction lets go and catches without end;"
+                        " a model that does so is seldom physical."
+                    )
                 phase = begin(dynamics, state, Input(here, here), modes, guess)
                 state, modes = advance(dynamics, phase, Input(here, here), Input(there, there), h)
                 guess = phase.response.a

@@ -18,7 +18,8 @@ from ident.diagnosis.frame import Frame, Motions, raw_columns
 from ident.diagnosis.in_plain_sight import apart, jumps, lost
 from ident.diagnosis.null import Null
 from ident.diagnosis.precision import found_parameters, settled, support
-from ident.diagnosis.search import Bank, Judged, Search, parameter_std
+from ident.diagnosis.refit import Refit
+from ident.diagnosis.search import Bank, Judged, Search
 from ident.diagnosis.selection import Found
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.whitening import Whitener, plain_whitener
@@ -134,7 +135,7 @@ def test_what_the_model_takes_up_itself_is_not_known() -> None:
     stage, _ = stage_of(6, [], [], [])
     frame = stage.frame
     stribeck = stage.search.whitened(make_effect("stribeck", joints="j1", v_s=15.0))
-    std = parameter_std(np.concatenate([stribeck, frame.columns[:, :, :1]], axis=2), frame)
+    std = Refit.of(frame, np.concatenate([stribeck, frame.columns[:, :, :1]], axis=2)).std
     assert np.isfinite(std[0])
     assert np.isinf(std[1])
     # Against the inverse of the whole normal matrix.
