@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..effect import Effect
+from ..effect import Axis, Effect
 from ..places import motors_of, place_of, place_of_joints
 from .evidence import WEAK, touched
 from .leftover import Leftover
@@ -28,8 +28,10 @@ _NAMED = 0.01
 _MOST = 0.99
 #: Share of its confidence that a finding keeps beside something larger that nothing explains.
 _OVERSHADOWED = 0.3
-#: So many at one place are taken by their names.
+#: So many at one place are taken by their names; one that makes up less than this share of another which follows the same quantity is a
+#: part of that one's law.
 _TOGETHER = 2
+_SMALL = 0.05
 
 
 @dataclass(frozen=True)
@@ -146,16 +148,34 @@ def _beside(one: Found, found: Sequence[Found]) -> list[Found]:
 
 
 def _drawn(found: Sequence[Found]) -> tuple[Unexplained, ...]:
-    """Places where so many effects were found that none of their names says what is there."""
+    """Places where several effects were found that together draw what is there, so that none of their names says what it is."""
     out: dict[str, Unexplained] = {}
     for one in found:
         here = _beside(one, found)
-        if len(here) > _TOGETHER and one.effect.joints:
+        if one.effect.joints and (_many(here) or _inexact(one, here)):
             joint = one.effect.joints[0]
             names = ", ".join(f.effect.name for f in here)
             said = f"{joint}: {names} together draw what is there, as others could; none of these names is to be trusted"
             out[joint] = Unexplained(joint, "several effects together", said, float(sum(f.judged.evidence for f in here)))
     return tuple(out.values())
+
+
+def _many(here: Sequence[Found]) -> bool:
+    """Whether so many effects at one place draw what is there, whatever it is."""
+    return len(here) > _TOGETHER
+
+
+def _inexact(one: Found, here: Sequence[Found]) -> bool:
+    """Whether something much smaller follows the same quantity at the same place: it makes up for a law that is not the right one."""
+    return any(
+        _alike(one.effect, other.effect) and other.judged.evidence < _SMALL * one.judged.evidence for other in here if other is not one
+    )
+
+
+def _alike(one: Effect, other: Effect) -> bool:
+    """Whether two effects follow the same quantity; a motor's angle and the position are one."""
+    axes = {Axis.POSITION if effect.axis == Axis.MOTOR_ANGLE else effect.axis for effect in (one, other)}
+    return len(axes) == 1
 
 
 def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Selection, left: Sequence[Leftover]) -> Finding:
@@ -165,8 +185,8 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
     # What nothing explains on one joint shows on others, through all that they share: what is smaller than it is not to be trusted.
     if any(x.weight >= 1.0 and x.evidence > found.judged.evidence for x in left):
         trust *= _OVERSHADOWED
-    # Several at one place together draw what is there, whatever it is: the more of them, the less is each what it is called.
-    if len(_beside(found, selection.found)) > _TOGETHER:
+    here = _beside(found, selection.found)
+    if _many(here) or any(_inexact(f, here) for f in here):
         trust *= _OVERSHADOWED
 
     own = found.judged.hit.place

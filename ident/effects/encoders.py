@@ -1,20 +1,21 @@
 """Encoders that read wrong: the prediction is taken at the reading, the torque comes from the true position (SCIENCE.md 7.1).
 
-To first order, a reading error e shifts the prediction by −T e = −(∂τ/∂q e + ∂τ/∂dq de/dt + ∂τ/∂ddq d²e/dt²). Much of this is
-absorbed by base parameters: then there is nothing to find."""
+A reading error e shifts the prediction by −T e = −(∂τ/∂q e + ∂τ/∂dq de/dt + ∂τ/∂ddq d²e/dt²): to first order with T at the reading;
+to second with T halfway to the true position, once an error is known. Much of it is absorbed by base parameters: then there is nothing
+to find."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from ..correction import Harmonic, SignalCorrection
 from ..effect import Axis, Effect, Nature, Need, register
-from ..motion import Motion
+from ..motion import Coordinates, Motion
 from ..parameters import Parameter, ShapeParameter
 from ..transmission import Side
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 Array = np.ndarray
+#: The true position is sought in so many repetitions: each leaves a share of what is off that is the error's own relative size.
+_REPETITIONS = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,15 +53,34 @@ class _EncoderError(Effect):
     def columns(self, motion: Motion, robot: Robot) -> Array:
         reference = motion.needed_reference(f"effect {self.name!r}")
         transmission = robot.transmission
-        own = motion.on(self.side)
+        values = np.reshape(reference.values_of(self, robot), (-1, len(self.symbols)))
+        errors = [self._at_truth(motion.on(self.side).of([j]), own) for j, own in zip(self.at(robot), values, strict=True)]
+        moves = [np.eye(robot.n)[j] if self.side == Side.JOINT else transmission.K[:, j] for j in self.at(robot)]
+        halfway = motion
+        if values.any():
+            known = [
+                [sum(v * e[i] for v, e in zip(own, each, strict=True)) for i in range(3)] for own, each in zip(values, errors, strict=True)
+            ]
+            off = [sum(np.outer(e[i], along) for e, along in zip(known, moves, strict=True)) for i in range(3)]
+            joint = motion.joint
+            there = Coordinates(joint.q - 0.5 * off[0], joint.dq - 0.5 * off[1], joint.ddq - 0.5 * off[2])
+            halfway = replace(motion.moved(robot, there), load=motion.load, reference=reference)
         out = []
-        for j in self.at(robot):
-            moves = np.eye(robot.n)[j] if self.side == Side.JOINT else transmission.K[:, j]
-            for error in self.errors(own.q[:, j], own.dq[:, j], own.ddq[:, j]):
+        for along, each in zip(moves, errors, strict=True):
+            for error in each:
                 # The torque on the measured side is what shifts; `side` is only where it is told.
-                shifted = -reference.along(motion, moves, error)
+                shifted = -reference.along(halfway, along, error)
                 out.append(transmission.torque(shifted, transmission.measured, self.side))
         return np.stack(out, axis=2) if out else np.zeros((len(motion), robot.n, 0))
+
+    def _at_truth(self, reading: Coordinates, values: Array) -> list[tuple[Array, Array, Array]]:
+        """The errors of one encoder, (N,) each, where it truly is if they have these values (c,)."""
+        own = [x[:, 0] for x in (reading.q, reading.dq, reading.ddq)]
+        truth, found = own, list(self.errors(*own))
+        for _ in range(_REPETITIONS if values.any() else 0):
+            truth = [x - sum(v * e[i] for v, e in zip(values, found, strict=True)) for i, x in enumerate(own)]
+            found = list(self.errors(*truth))
+        return found
 
     def _spread(self, robot: Robot, values: Array, column: int) -> Array:
         out = np.zeros(robot.n)

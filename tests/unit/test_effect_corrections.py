@@ -232,6 +232,36 @@ def test_encoder_errors_are_slopes_over_the_reading(robot_name: str, side: Side)
             np.testing.assert_allclose(column(effect, motion, robot, width * j + k), slope, rtol=0, atol=atol)
 
 
+@pytest.mark.parametrize("side", list(Side))
+@pytest.mark.parametrize("robot_name", ["seven", "scara", "wrist"])
+@pytest.mark.parametrize(
+    ("name", "size", "shape"), [("encoder_scale", [0.04], {}), ("encoder_eccentricity", [0.02, -0.015], {"order": 2.0})]
+)
+def test_an_encoder_error_is_whole_where_the_reference_holds_it(
+    name: str, size: list[float], shape: dict[str, float], robot_name: str, side: Side
+) -> None:
+    """The reading is made from the true position; a slope at the reading would miss the square of the error."""
+    robot, values, (q, dq, ddq), motion = case(robot_name)
+    T, model = robot.transmission, declared(robot)[0]
+    effect = make_effect(name, side=side, joints="j2", **shape)
+    own, carries = motion.on(side), np.eye(robot.n)[1] if side == Side.JOINT else T.K[:, 1]
+    found = np.array(size) * (1.0 if side == Side.JOINT or name == "encoder_scale" else 0.5)
+    errors = list(effect.errors(own.q[:, 1], own.dq[:, 1], own.ddq[:, 1]))
+    seen = [x + np.outer(sum(v * e[i] for v, e in zip(found, errors, strict=True)), carries) for i, x in enumerate((q, dq, ddq))]
+    there = Motion.of(robot, *seen)
+    at_zero = there.with_reference(Reference(model, values))
+    itself = there.with_reference(Reference(model + effect, np.append(values, found)))
+    direction = there.motor.direction
+    whole = reading(robot, q, dq, ddq, values, direction=direction) - reading(robot, *seen, values, direction=direction)
+    off, off_at_zero = (
+        float(np.abs(T.torque(effect.columns(m, robot) @ found, effect.side, T.measured) - whole).max()) for m in (itself, at_zero)
+    )
+    scale = float(np.abs(whole).max())
+    if scale > 1e-9 * float(np.abs(motion.predicted).max()):
+        assert off < 2e-3 * scale
+        assert off < 0.2 * off_at_zero
+
+
 def test_eccentricity_has_both_phases() -> None:
     _, _, (q, dq, ddq), _ = case("wrist")
     effect = make_effect("encoder_eccentricity", order=2.0)

@@ -53,6 +53,14 @@ def test_the_true_model_replays_the_motion(arm_run) -> None:
     assert worse.position_error[0] > 10 * result.position_error[0]
 
 
+def test_a_replay_that_takes_too_long_ends_and_says_why(arm_run) -> None:
+    model, values, run = arm_run
+    signals = _signals(model, run)
+    with pytest.raises(DataError, match=r"more than 40 evaluations .* lets go and catches"):
+        replay(model, values, signals, window=0.4, windows=8, most=40)
+    assert len(replay(model, values, signals, window=0.4, windows=2, most=100_000).starts) == 2
+
+
 def test_an_observer_holds_the_simulation_and_reports_its_torque(arm_run) -> None:
     model, values, run = arm_run
     signals = _signals(model, run)

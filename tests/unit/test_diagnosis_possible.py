@@ -1,0 +1,188 @@
+"""What cannot be: shapes with impossible parameters, declared parameters driven out of their bounds, robots without inertia; and what
+counts as a rival, or as part of a law."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from effect_robots import ROBOTS, declared
+from test_diagnosis_parts import NOISE, rebuilt, recorded, stage_of
+
+from ident.diagnosis.candidates import Candidate
+from ident.diagnosis.findings import _finding, _inexact
+from ident.diagnosis.light import too_light
+from ident.diagnosis.plausible import driven_out, implausible
+from ident.diagnosis.refit import Refit
+from ident.diagnosis.search import Hit, Search
+from ident.diagnosis.selection import Found, Selection
+from ident.diagnosis.stage import Stage
+from ident.diagnosis.whitening import plain_whitener
+from ident.effect import Effect, make_effect
+from ident.logs import LogSet
+from ident.problem import Problem
+from ident.signals import ZeroPhase
+
+Array = np.ndarray
+
+
+def grid(effect: Effect, **shapes: list[float]) -> Candidate:
+    """A candidate with a grid of its shapes."""
+    variants = [effect]
+    for name, values in shapes.items():
+        variants = [v.with_shape(**{name: x}) for v in variants for x in values]
+    return Candidate(effect.name, tuple(effect.joints or ()), tuple(variants))
+
+
+def test_a_refit_is_that_of_all_columns_together() -> None:
+    stage, _ = stage_of(2, [], [], [])
+    frame = stage.frame
+    Z = np.concatenate([stage.search.whitened(make_effect(name, joints="j2")) for name in ("offset_drift", "asymmetric_viscous")], axis=2)
+    refit = Refit.of(frame, Z)
+    X = np.concatenate([frame.columns, Z], axis=2).reshape(-1, frame.columns.shape[2] + 2)
+    found, *_ = np.linalg.lstsq(X, frame.torque.reshape(-1), rcond=None)
+    np.testing.assert_allclose(np.append(refit.model, refit.values), found, rtol=1e-6, atol=1e-8)
+    inverse = np.linalg.inv(X.T @ X)
+    np.testing.assert_allclose(refit.covariance, inverse, rtol=1e-5, atol=1e-7 * np.abs(inverse).max())
+    np.testing.assert_allclose(refit.std, np.sqrt(np.diag(inverse)[-2:]), rtol=1e-6)
+
+
+def test_a_candidate_that_needs_negative_friction_of_the_model_is_not_there() -> None:
+    stage, _ = stage_of(3, [], [], [])
+    frame = stage.frame
+    base = list(frame.problem.base.names)
+    i = base.index("Fv_j1")
+    known = Refit.of(frame, stage.search.whitened(make_effect("offset_drift", joints="j1")))
+    assert driven_out(frame, known) == ""
+    value = float(frame.transform[i] @ frame.coefficients)
+    # Along the one direction of the coefficients that moves this parameter and no other.
+    along = np.linalg.pinv(frame.transform)[:, i]
+    out = replace(known, model=frame.coefficients - 1.5 * value * along)
+    assert driven_out(frame, out).startswith("with it Fv_j1 = -")
+    unsure = replace(out, covariance=out.covariance + 1e4 * value**2 * np.pad(np.outer(along, along), (0, 1)))
+    assert driven_out(frame, unsure) == ""
+    kept = replace(known, model=frame.coefficients - 0.9 * value * along)
+    assert driven_out(frame, kept) == ""
+
+
+def test_a_spring_is_sought_where_it_pulls() -> None:
+    """Its best fit on a short way may be one that pushes; the truth is another shape."""
+    spring = make_effect("counterbalance", joints="j2", angle=0.9, ratio=0.45)
+    stage, _ = stage_of(4, [], [spring], [0.0, 30.0])
+    candidate = grid(make_effect("counterbalance", joints="j2"), angle=[-2.0, -1.0, 0.0, 1.0, 2.0], ratio=[0.1, 0.4, 0.8])
+    hit = stage.search.possible(candidate)
+    assert hit is not None
+    refit = Refit.of(stage.frame, hit.columns)
+    assert implausible(hit.effect, refit.values, refit.std, stage.search.robot) == ""
+    assert hit.fit_gain > 0.999 * stage.search.hit(candidate, spring).fit_gain
+    # One that always pushes is at no shape possible, and it is a law of its own whether another one gains as much.
+    stage, _ = stage_of(4, [], [spring], [0.0, -30.0])
+    hit = stage.search.possible(candidate)
+    assert hit is None or hit.fit_gain < 0.99 * stage.search.hit(candidate, spring).fit_gain
+
+
+def test_an_exponent_next_to_one_is_viscous_friction() -> None:
+    robot, one = ROBOTS["scara"](), np.ones(1)
+    assert "cannot be told from viscous" in implausible(make_effect("nonlinear_viscous", joints="j1", a=1.03), one, one, robot)
+    assert implausible(make_effect("nonlinear_viscous", joints="j1", a=0.7), one, one, robot) == ""
+
+
+def test_one_delay_on_all_joints_need_not_suit_each() -> None:
+    robot = ROBOTS["scara"]()
+    late = make_effect("delay", joints=tuple(robot.joint_names), late=-0.003)
+    # Joint 2 would rather have twice as much.
+    wanted, std = -0.003 * np.array([1.0, 2.0, *np.ones(robot.n - 2)]), np.full(robot.n, 1e-5)
+    assert implausible(late, wanted, std, robot, 0.95) == ""
+    assert "the response is 2" in implausible(late, wanted, std, robot, 0.4)
+    single = make_effect("delay", joints="j2", late=-0.003)
+    assert "the response is 2" in implausible(single, wanted[1:2], std[:1], robot, 0.95)
+
+
+def test_one_thing_on_all_joints_counts_for_what_it_gains_as_one() -> None:
+    late = make_effect("delay", joints=("j1", "j2", "j3", "j4"), late=0.004)
+    stage, _ = stage_of(5, [], [], [])
+    hit = stage.search.hit(Candidate("delay", ("j1", "j2", "j3", "j4"), (late,)), late)
+    judged = stage.search.judge(hit)
+    assert judged.held == hit.fit_gain
+    assert judged.evidence <= hit.fit_gain <= judged.score.fit_gain
+
+
+def links_alone(seed: int, body: list[float]) -> Stage:
+    """Links without drives, that carry a body from the middle of the log on."""
+    robot = ROBOTS["seven"]()
+    model, values = robot.rigid_body(), declared(robot)[1][: 10 * robot.n]
+    log = recorded(robot, model + make_effect("payload_step", t_0=19.0), np.append(values, body), seed)
+    prepared = ZeroPhase(cutoff_hz=15.0)(LogSet((log,), robot=robot))
+    return rebuilt(model, prepared, plain_whitener(Problem(model, prepared), NOISE * prepared.tau), [])
+
+
+def switched_off(stage: Stage) -> Stage:
+    """The same motion, but the second half of the log without any torque."""
+    torque = stage.frame.torque.copy()
+    torque[:, torque.shape[1] // 2 :] = 0.0
+    frame = replace(stage.frame, torque=torque)
+    return replace(stage, frame=frame, search=Search(frame, stage.motions, (), stage.search.bank))
+
+
+def payload_step(stage: Stage, t_0: float) -> Hit:
+    effect = make_effect("payload_step", t_0=t_0)
+    return stage.search.hit(Candidate("payload_step", (), (effect,)), effect)
+
+
+def test_no_payload_leaves_a_robot_without_inertia() -> None:
+    nobody = [0.0] * 10
+    off = switched_off(links_alone(6, nobody))
+    nothing = off.search.judge(payload_step(off, 19.0))
+    assert nothing.evidence > 100.0
+    assert too_light(off, nothing) != ""
+    # A payload that is one, and what has nothing to do with inertia.
+    loaded = links_alone(6, [1.5, 0.1, 0.02, 0.05, 0.03, 0.0, 0.03, 0.0, 0.0, 0.02])
+    picked = loaded.search.judge(payload_step(loaded, 19.0))
+    assert picked.evidence > 100.0
+    assert too_light(loaded, picked) == ""
+    drift = make_effect("offset_drift", joints="j1")
+    assert too_light(off, off.search.judge(off.search.hit(Candidate("offset_drift", ("j1",), (drift,)), drift))) == ""
+
+
+def found(effect: Effect, evidence: float, rivals: tuple[Found, ...] = (), weights: tuple[float, ...] = (1.0,)) -> Found:
+    """A finding, as far as its confidence looks at it."""
+    columns = np.zeros((2, 5, 1))
+    columns[0] = 1.0
+    place = (effect.name, tuple(effect.joints or ()), ())
+    hit = SimpleNamespace(place=place, columns=columns, effect=effect, candidate=SimpleNamespace(joints=place[1], name=effect.name))
+    judged = SimpleNamespace(hit=hit, evidence=evidence, score=SimpleNamespace(heldout=evidence))
+    own = SimpleNamespace(
+        judged=judged, effect=effect, rivals=tuple(r.judged for r in rivals), weights=np.array(weights), weight=weights[0]
+    )
+    return cast(Found, own)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "evidence", "part"),
+    [
+        (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 800.0, True),
+        (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 8000.0, False),
+        (make_effect("coulomb", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 800.0, False),
+    ],
+)
+def test_something_small_that_follows_the_same_quantity_is_part_of_the_law(
+    first: Effect, second: Effect, evidence: float, part: bool
+) -> None:
+    here = [found(first, 100_000.0), found(second, evidence)]
+    assert any(_inexact(f, here) for f in here) is part
+
+
+def test_what_is_there_as_well_is_no_rival() -> None:
+    second = found(make_effect("cogging", joints="j2", order=9.0), 900.0)
+    third = found(make_effect("stribeck", joints="j1"), 300.0)
+    first = found(make_effect("offset", joints="j1"), 1000.0, (second, third), (0.5, 0.4, 0.1))
+    declared_stage = SimpleNamespace(frame=SimpleNamespace(heldout_loss=np.ones(4)))
+    alone = cast(Selection, SimpleNamespace(found=(first,), declared=declared_stage))
+    both = cast(Selection, SimpleNamespace(found=(first, second), declared=declared_stage))
+    assert _finding(first, (), alone, []).confidence == pytest.approx(0.5, abs=0.01)
+    with_it = _finding(first, (), both, [])
+    assert with_it.confidence == pytest.approx(5.0 / 6.0, abs=0.01)
+    assert [i.effect for i in with_it.imitators] == ["stribeck"]
