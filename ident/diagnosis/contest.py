@@ -31,7 +31,7 @@ _MOST = 3
 _FEW = 3
 #: What decides: a difference of so many standard errors over blocks of time, and of this share of the squared error.
 _SURELY = 2.0
-_SHARE = 0.02
+_SHARE = 0.01
 #: Odds move by no more than this (logarithm).
 _FARTHEST = 30.0
 
@@ -51,42 +51,67 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
     said: list[str] = []
     for i in range(len(found) if len(found) <= _FEW else 0):
         one = found[i]
-        contenders = _contenders(one)
-        logs = np.log(np.maximum(one.weights, 1e-12))
-        best: tuple[float, int, list[Effect]] | None = None
-        for k in contenders:
+        entries = [_Entry(0, [f.effect for f in found], after)]
+        for k in _contenders(one):
             effects = [f.effect for f in found]
             effects[i] = labelled(one.rivals[k].hit.effect, selection.declared.problem.model, [e for j, e in enumerate(effects) if j != i])
             there = with_effects(selection.declared, effects, stage, bank, stage.search.candidates)
-            other = refit(there)
-            better = _odds(after, other, held)
-            if better == 0.0:
-                continue
-            logs[k + 1] = max(logs[k + 1], np.log(_LIKELY)) + better
-            verb = "better" if better > 0.0 else "worse"
-            said.append(f"{one.rivals[k].hit.candidate} foretells the held-out data clearly {verb} than {one.judged.hit.candidate}")
-            if logs[k + 1] > logs[0] and (best is None or logs[k + 1] > best[0]):
-                best = (float(logs[k + 1]), k, effects)
+            entries.append(_Entry(k + 1, effects, refit(there)))
+        winner, logs, lines = _decided(one, entries, held)
+        said += lines
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
-        if best is None:
+        if not winner.place:
             found[i] = replace(one, weights=weights)
             continue
-        _, k, effects = best
-        stage, own = _settled(selection, effects, stage, bank)
+        stage, own = _settled(selection, winner.effects, stage, bank)
         after = refit(stage)
+        new = one.rivals[winner.place - 1]
         said.append(
-            f"{one.rivals[k].hit.candidate} takes the place of {one.judged.hit.candidate}: the data fitted hardly tell them apart, those"
+            f"{new.hit.candidate} takes the place of {one.judged.hit.candidate}: the data fitted hardly tell them apart, those"
             " held out do. So the error on these is that of the better of two, not of one chosen without them."
         )
-        rivals = (one.judged, *(r for j, r in enumerate(one.rivals) if j != k))
-        order = [k + 1, 0, *(j + 1 for j in range(len(one.rivals)) if j != k)]
-        found[i] = Found(one.rivals[k], rivals, weights[order])
+        order = [winner.place, *(k for k in range(len(logs)) if k != winner.place)]
+        everything = (one.judged, *one.rivals)
+        found[i] = Found(new, tuple(everything[k] for k in order[1:]), weights[order])
         found = [
             replace(f, judged=replace(f.judged, hit=replace(f.judged.hit, effect=e, columns=stage.search.whitened(e))))
             for f, e in zip(found, own, strict=True)
         ]
     return Contest(replace(selection, final=stage, found=tuple(found)), after, tuple(said))
+
+
+@dataclass(frozen=True, eq=False)
+class _Entry:
+    """The model with one in the place of a finding: `place` 0 is the finding itself, then its rivals in their order."""
+
+    place: int
+    effects: list[Effect]
+    estimate: Estimate
+
+
+def _decided(one: Found, entries: Sequence[_Entry], held: Signals) -> tuple[_Entry, Array, list[str]]:
+    """Which of the entries of a contest wins, the logarithm of the probability of each of them and of the rivals that did not enter (up to
+    a constant), and what is to be said. Each is set against the best so far, in the end all against the winner."""
+    logs, lines = np.log(np.maximum(one.weights, 1e-12)), list[str]()
+    entered = [e.place for e in entries]
+    likely = logs.copy()
+    likely[entered] = np.maximum(logs[entered], np.log(_LIKELY))
+    best, ahead = entries[0], 0.0
+    for entry in entries[1:]:
+        better = _odds(best.estimate, entry.estimate, held)
+        if better != 0.0 and likely[entry.place] + better > likely[best.place]:
+            best, ahead = entry, ahead + better
+    for entry in entries:
+        better = _odds(best.estimate, entry.estimate, held) if entry is not best else 0.0
+        logs[entry.place] = (likely if better != 0.0 or entry is best else logs)[entry.place] + ahead + better
+        if better < 0.0:
+            lines.append(f"{_named(one, best)} foretells the held-out data clearly better than {_named(one, entry)}")
+    return best, logs, lines
+
+
+def _named(one: Found, entry: _Entry) -> str:
+    return str((one.judged, *one.rivals)[entry.place].hit.candidate)
 
 
 def _contenders(one: Found) -> list[int]:

@@ -158,7 +158,10 @@ def described(j: Judged, number: int) -> str:
 
 def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Found | None:
     """The most probable of the candidates, with its rivals, if it is worth accepting."""
-    rivals = [j for j in plausible if j.evidence > threshold(j.hit, stage.number) and _often(j)]
+    often = [j for j in plausible if _often(j)]
+    best_evidence = max((j.evidence for j in often if j.evidence > threshold(j.hit, stage.number)), default=np.inf)
+    # One that asks for more, since chance has more ways to it, and has as much: a rival all the same.
+    rivals = [j for j in often if j.evidence > min(threshold(j.hit, stage.number), _NEAR * best_evidence)]
     # Beside others, chance has had more than one try, and what is explained there is never quite so. What falls short of that is
     # not accepted, but a rival all the same.
     times = _BESIDE if beside else 1.0

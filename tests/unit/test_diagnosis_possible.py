@@ -13,6 +13,7 @@ from effect_robots import ROBOTS, declared
 from test_diagnosis_parts import NOISE, rebuilt, recorded, stage_of
 
 from ident.diagnosis.candidates import Candidate
+from ident.diagnosis.contest import _decided, _Entry
 from ident.diagnosis.findings import _finding, _inexact
 from ident.diagnosis.light import too_light
 from ident.diagnosis.plausible import driven_out, implausible
@@ -20,11 +21,13 @@ from ident.diagnosis.refit import Refit
 from ident.diagnosis.search import Hit, Search
 from ident.diagnosis.selection import Found, Selection
 from ident.diagnosis.stage import Stage
+from ident.diagnosis.turning import contradicted
 from ident.diagnosis.whitening import plain_whitener
 from ident.effect import Effect, make_effect
+from ident.estimate import Estimate
 from ident.logs import LogSet
 from ident.problem import Problem
-from ident.signals import ZeroPhase
+from ident.signals import Signals, ZeroPhase
 
 Array = np.ndarray
 
@@ -186,3 +189,47 @@ def test_what_is_there_as_well_is_no_rival() -> None:
     with_it = _finding(first, (), both, [])
     assert with_it.confidence == pytest.approx(5.0 / 6.0, abs=0.01)
     assert [i.effect for i in with_it.imitators] == ["stribeck"]
+
+
+def test_rows_near_reversals_that_say_otherwise_are_left_out() -> None:
+    late = make_effect("delay", joints="j2", late=0.01)
+    stage, _ = stage_of(7, [late], [late], [0.01])
+    names, values = list(stage.problem.model.names), np.asarray(stage.problem.base.expand(stage.frame.base_values))
+
+    def estimate(share: float) -> Estimate:
+        changed = values.copy()
+        changed[names.index(late.parameters(stage.problem.model.robot)[0].name)] *= share
+        return cast(Estimate, SimpleNamespace(all_values=changed))
+
+    assert contradicted(estimate(1.0), stage, [late]) == ()
+    assert contradicted(estimate(0.3), stage, [late]) == ("j2",)
+    assert contradicted(estimate(0.97), stage, [late]) == ()
+    assert contradicted(estimate(0.3), stage, []) == ()
+
+
+def test_what_held_out_data_say_is_told_of_the_winner() -> None:
+    """The finding, a rival that is far better, one a little better, one that did not enter: each against the best."""
+    one = found(
+        make_effect("offset", joints="j1"), 100.0, tuple(found(make_effect("stribeck", joints=j), 90.0) for j in ("j1", "j2", "j3"))
+    )
+    cast(SimpleNamespace, one).weights = np.array([0.7, 0.1, 0.15, 0.05])
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(2000, 1))
+
+    def entry(place: int, error: float) -> _Entry:
+        extra = error * np.sin(np.arange(2000.0))[:, None]
+        fake = SimpleNamespace(fit_error=SimpleNamespace(rms=np.ones(1)), residual=lambda _: noise + extra)
+        return _Entry(place, [], cast(Estimate, fake))
+
+    held = cast(Signals, SimpleNamespace(row_runs=(slice(0, 2000),)))
+    winner, logs, lines = _decided(one, [entry(0, 1.0), entry(1, 0.7), entry(2, 0.1)], held)
+    assert winner.place == 2
+    assert int(np.argmax(logs)) == 2
+    assert logs[1] < logs[2] - 5.0
+    assert logs[0] < logs[2] - 5.0
+    assert logs[3] == pytest.approx(np.log(0.05))
+    assert len(lines) == 2
+    alone, logs, lines = _decided(one, [entry(0, 0.1), entry(1, 0.1)], held)
+    assert alone.place == 0
+    assert lines == []
+    np.testing.assert_allclose(logs, np.log(one.weights))

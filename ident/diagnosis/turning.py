@@ -1,0 +1,38 @@
+"""Rows near reversals in the refit: they were not looked at when the findings were chosen, and may contradict them.
+
+What a delay, an elastic gear or play does at a reversal depends on how the contact holds there; columns that follow the motion as it
+would be without a contact say something else, and a fit of all rows then finds a fraction of what the other rows tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .evidence import touched
+
+if TYPE_CHECKING:
+    from ..effect import Effect
+    from ..estimate import Estimate
+    from .stage import Stage
+
+#: A parameter differs if it does so by this many of its standard deviations without those rows, and by this share of itself.
+_SURELY = 4.0
+_SHARE = 0.1
+
+
+def contradicted(estimate: Estimate, stage: Stage, effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Joints on whose rows an effect sits of which an estimate from all rows finds something else than the stage does."""
+    problem, frame = stage.problem, stage.frame
+    base, robot = list(problem.base.names), problem.model.robot
+    found = dict(zip(problem.model.names, estimate.all_values, strict=True))
+    at = np.zeros(robot.n, bool)
+    for effect in effects:
+        names = [p.name for p in effect.parameters(robot) if p.name in base]
+        T = frame.transform[[base.index(name) for name in names]]
+        values, std = T @ frame.coefficients, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", T, frame.inverse_gram, T), 0.0))
+        off = np.abs(np.array([found[name] for name in names]) - values)
+        if np.any((off > _SURELY * std) & (off > _SHARE * np.abs(values))):
+            at |= touched(stage.search.whitened(effect))
+    return tuple(np.array(robot.joint_names)[at].tolist())
