@@ -17,7 +17,7 @@ Array = np.ndarray
 #: Parameters may lie beyond a bound by this many of their standard deviations before a candidate is dropped for it; those of the declared
 #: model by this share of what they were, too.
 _BEYOND = 3.0
-_OF_ITSELF = 0.1
+_OF_ITSELF = 1.0
 #: Share of a gain on several joints that one thing on all of them must have.
 _AS_ONE = 0.6
 

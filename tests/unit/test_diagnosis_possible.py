@@ -63,11 +63,11 @@ def test_a_candidate_that_needs_negative_friction_of_the_model_is_not_there() ->
     value = float(frame.transform[i] @ frame.coefficients)
     # Along the one direction of the coefficients that moves this parameter and no other.
     along = np.linalg.pinv(frame.transform)[:, i]
-    out = replace(known, model=frame.coefficients - 1.5 * value * along)
+    out = replace(known, model=frame.coefficients - 3.0 * value * along)
     assert driven_out(frame, out).startswith("with it Fv_j1 = -")
     unsure = replace(out, covariance=out.covariance + 1e4 * value**2 * np.pad(np.outer(along, along), (0, 1)))
     assert driven_out(frame, unsure) == ""
-    kept = replace(known, model=frame.coefficients - 0.9 * value * along)
+    kept = replace(known, model=frame.coefficients - 1.5 * value * along)
     assert driven_out(frame, kept) == ""
 
 
