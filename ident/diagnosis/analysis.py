@@ -12,7 +12,8 @@ from ..cutoff import HIGHEST
 from ..filters import RowFilter
 from ..prepared import Signals
 from ..transmission import Side
-from .motion_noise import less_noise, told_up_to
+from .motion_noise import less_noise
+from .motion_spectrum import told_up_to
 
 if TYPE_CHECKING:
     from ..logs import LogSet

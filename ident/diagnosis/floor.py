@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .doubtful import doubtful_rows
 from .frame import Frame, Motions, raw_columns
-from .motion_noise import doubtful_rows
 from .spectral import promising_orders
 from .whitening import Whitener, plain_whitener, unwhitened_rows, whitener
 

@@ -17,7 +17,8 @@ from ..errors import IdentError
 from ..problem import Problem
 from .analysis import thinned, without_reversals
 from .frame import Frame, Motions, raw_columns
-from .motion_noise import less_noise, position_noise
+from .motion_noise import less_noise
+from .motion_spectrum import position_noise
 from .search import Bank, Search
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from effect_robots import ROBOTS, declared
 
 from ident.diagnosis.analysis import stretches, thinned, without_reversals
 from ident.diagnosis.frame import Frame, Motions, raw_columns
-from ident.diagnosis.motion_noise import less_noise, noise_share
+from ident.diagnosis.motion_noise import less_noise
+from ident.diagnosis.motion_spectrum import noise_share
 from ident.diagnosis.spectral import harmonics, promising_orders
 from ident.diagnosis.whitening import plain_whitener, whitener
 from ident.effect import make_effect

@@ -12,11 +12,14 @@ from test_diagnosis_parts import rebuilt, recorded, stage_of
 from ident.diagnosis import diagnose
 from ident.diagnosis.candidates import candidates
 from ident.diagnosis.consistent import consistent, own_loss
+from ident.diagnosis.doubtful import doubtful_rows
 from ident.diagnosis.frame import raw_columns
 from ident.diagnosis.moments import CLOSE, best_moment
-from ident.diagnosis.motion_noise import doubtful_rows, less_noise, repeats, told_up_to
+from ident.diagnosis.motion_noise import less_noise
+from ident.diagnosis.motion_spectrum import told_up_to
 from ident.diagnosis.normal import Normal
 from ident.diagnosis.precision import found_parameters, settled, unbound
+from ident.diagnosis.repeated_noise import repeats
 from ident.diagnosis.search import Bank, Search
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.total import totalled
