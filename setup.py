@@ -9,57 +9,42 @@ import sys
 from setuptools import Extension, setup
 
 FOLDER = "ident/_native"
+WINDOWS = sys.platform == "win32"
 compile_args = ["-std=c++17", "-O3", "-fno-math-errno", "-fvisibility=hidden", "-pthread", "-g0", "-Wall", "-Wextra"]
 link_args = ["-pthread"]
 sanitizers = os.environ.get("IDENT_SANITIZE", "")
 if sanitizers:
     compile_args += [f"-fsanitize={sanitizers}", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer", "-g", "-O1"]
     link_args += [f"-fsanitize={sanitizers}"]
-written_out = ["-fno-tree-vectorize"]  # the kernel's vectors are in its source; a compiler's own slow its short loops down
-if sys.platform == "win32":
-    compile_args, link_args, written_out = ["/std:c++17", "/O2"], [], []
+if WINDOWS:
+    compile_args, link_args = ["/std:c++17", "/O2"], []
+
+
+def extension(name: str, sources: tuple[str, ...] = (), headers: tuple[str, ...] = (), flags: tuple[str, ...] = ()) -> Extension:
+    """`ident._native._<name>`, of <name>.cpp or of `sources`. `flags`: what this one adds for compilers that take them (not MSVC)."""
+    return Extension(
+        f"ident._native._{name}",
+        sources=[f"{FOLDER}/{source}.cpp" for source in sources or (name,)],
+        depends=[f"{FOLDER}/{header}.h" for header in headers],
+        language="c++",
+        extra_compile_args=[*compile_args, *(() if WINDOWS else flags)],
+        extra_link_args=link_args,
+        py_limited_api=True,
+        optional=True,
+    )
+
 
 setup(
     ext_modules=[
-        Extension(
-            "ident._native._kernel",
-            sources=[f"{FOLDER}/{name}.cpp" for name in ("module", "baseline", "avx2", "avx512")],
-            depends=[f"{FOLDER}/{name}.h" for name in ("tree", "lanes", "dynamics", "rows", "information", "integrator", "kernel")],
-            language="c++",
-            extra_compile_args=[*compile_args, *written_out],
-            extra_link_args=link_args,
-            py_limited_api=True,
-            optional=True,
+        extension(
+            "kernel",
+            ("module", "baseline", "avx2", "avx512"),
+            ("tree", "lanes", "dynamics", "rows", "information", "integrator", "kernel"),
+            ("-fno-tree-vectorize",),  # its vectors are in its source; a compiler's own slow its short loops down
         ),
-        Extension(
-            "ident._native._recursions",
-            sources=[f"{FOLDER}/recursions.cpp"],
-            language="c++",
-            extra_compile_args=compile_args,
-            extra_link_args=link_args,
-            py_limited_api=True,
-            optional=True,
-        ),
-        Extension(
-            "ident._native._text",
-            sources=[f"{FOLDER}/text.cpp"],
-            depends=[f"{FOLDER}/buffer.h"],
-            language="c++",
-            extra_compile_args=compile_args,
-            extra_link_args=link_args,
-            py_limited_api=True,
-            optional=True,
-        ),
-        Extension(
-            "ident._native._filters",
-            sources=[f"{FOLDER}/filters.cpp"],
-            depends=[f"{FOLDER}/buffer.h"],
-            language="c++",
-            extra_compile_args=[*compile_args, *([] if sys.platform == "win32" else ["-ffp-contract=off"])],
-            extra_link_args=link_args,
-            py_limited_api=True,
-            optional=True,
-        ),
+        extension("recursions"),
+        extension("text", headers=("buffer",)),
+        extension("filters", headers=("buffer",), flags=("-ffp-contract=off",)),
     ],
     options={"bdist_wheel": {"py_limited_api": "cp311"}},  # one wheel for every Python from 3.11 on
 )
