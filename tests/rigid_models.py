@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ident.regressor import numpy_kernel
+from ident.regressor import numpy_dynamics, numpy_rows
+from ident.regressor.kernel_choice import Kernel
 from ident.regressor.tree import RigidBodyTree
 
 Array = np.ndarray
@@ -32,16 +33,16 @@ def kernels() -> list[str]:
 
 
 @contextmanager
-def using(name: str) -> Iterator[Any]:
-    """The kernel module of that name, with that instruction set for the time being."""
+def using(name: str) -> Iterator[Kernel]:
+    """The kernel of that name, with that instruction set for the time being."""
     module = native()
     if name == "numpy":
-        yield numpy_kernel
+        yield Kernel(numpy_dynamics, numpy_rows)
         return
     assert module is not None
     module.use_instruction_set(name)
     try:
-        yield module
+        yield Kernel(module, module)
     finally:
         module.use_instruction_set(module.instruction_sets()[-1])
 

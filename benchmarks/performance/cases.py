@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 import ident
-from ident.regressor import numpy_kernel, rigid
+from ident.regressor import numpy_dynamics, rigid
 from ident.regressor.tree import RigidBodyTree
 
 Array = np.ndarray
@@ -80,7 +80,7 @@ def base_columns(tree: RigidBodyTree) -> Array:
     q = rng.uniform(-2, 2, (count, tree.nq))
     if tree.floating:
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
-    Y = numpy_kernel.regressor(tree, q, *rng.normal(size=(2, count, tree.nv))).reshape(-1, 10 * tree.nb)
+    Y = numpy_dynamics.regressor(tree, q, *rng.normal(size=(2, count, tree.nv))).reshape(-1, 10 * tree.nb)
     length = np.linalg.norm(Y, axis=0)
     order = [10 * i + k for i in range(tree.nb) for k in (9, 4, 5, 7, 8, 1, 2, 3, 6, 0) if length[10 * i + k] > 1e-9 * length.max()]
     diagonal = np.abs(np.diag(np.linalg.qr(Y[:, order] / length[order], mode="r")))

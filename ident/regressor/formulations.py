@@ -17,7 +17,7 @@ from ..effect import Effect, Need
 from ..effects.rigid_body import RigidBody
 from ..errors import UnsupportedError
 from ..motion import Coordinates, Motion
-from .numpy_kernel import CHUNK, _Chunk, _cross, _into
+from .numpy_dynamics import CHUNK, _Chunk, _cross, _into
 
 if TYPE_CHECKING:
     from ..model import Model

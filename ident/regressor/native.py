@@ -1,6 +1,6 @@
-"""The compiled kernel seen from Python: the functions of `numpy_kernel` with the same numbers.
+"""The compiled kernel seen from Python: the functions of `numpy_dynamics` and `numpy_rows`, with the same numbers.
 
-Importing this module raises ImportError where the extension was not built; `ident.regressor.rigid` then takes NumPy."""
+Importing this module raises ImportError where the extension was not built; `ident.regressor.kernel_choice` then takes NumPy."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ import numpy as np
 
 from .._native import _kernel  # type: ignore[attr-defined, unused-ignore]
 from ..errors import ConfigurationError
-from . import numpy_kernel
 from .native_tree import compiled
-from .numpy_kernel import not_finite, singular
+from .numpy_dynamics import fitting, not_finite, singular
 from .tree import RigidBodyTree
 
 Array = np.ndarray
@@ -186,7 +185,7 @@ class FixedDynamics:
         try:
             stop = _COMPUTE(_FORWARD, self._handle, None, self._inertia, self._added, count, threads, q, dq, None, tau, out, None)
         except ValueError:  # not contiguous float64, or of the wrong size
-            q, dq, tau = numpy_kernel.fitting(q.shape[:-1], q=(q, self._nq), dq=(dq, self._nv), tau=(tau, self._nv))
+            q, dq, tau = fitting(q.shape[:-1], q=(q, self._nq), dq=(dq, self._nv), tau=(tau, self._nv))
             stop = _COMPUTE(_FORWARD, self._handle, None, self._inertia, self._added, count, threads, q, dq, None, tau, out, None)
         if stop >= 0:
             raise singular(stop)
@@ -204,7 +203,7 @@ class FixedDynamics:
         try:
             _COMPUTE(_TERMS, self._handle, None, self._inertia, None, count, threads, q, dq, None, None, bias, mass)
         except ValueError:
-            q, dq = numpy_kernel.fitting(q.shape[:-1], q=(q, self._nq), dq=(dq, n))
+            q, dq = fitting(q.shape[:-1], q=(q, self._nq), dq=(dq, n))
             _COMPUTE(_TERMS, self._handle, None, self._inertia, None, count, threads, q, dq, None, None, bias, mass)
         return mass, bias
 

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from .._native import _kernel  # type: ignore[attr-defined, unused-ignore]
-from . import numpy_kernel
+from . import numpy_dynamics
 from .tree import RigidBodyTree
 
 Array = np.ndarray
@@ -149,7 +149,7 @@ def _sampled(tree: RigidBodyTree) -> Array:
     q = rng.uniform(-np.pi, np.pi, (16, tree.nq))
     if tree.floating:
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
-    return numpy_kernel.regressor(tree, q, rng.normal(size=(16, tree.nv)), rng.normal(size=(16, tree.nv)))
+    return numpy_dynamics.regressor(tree, q, rng.normal(size=(16, tree.nv)), rng.normal(size=(16, tree.nv)))
 
 
 def _plan(tree: RigidBodyTree, own: CompiledTree, rows: Array, columns: Array, pattern: Array, dense: bool, whole: bool = False) -> RowPlan:

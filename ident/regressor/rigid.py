@@ -11,24 +11,17 @@ the same number of threads, and differ by round-off for another."""
 
 from __future__ import annotations
 
-import os
-import warnings
 from dataclasses import dataclass
 from functools import cache
-from types import ModuleType
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from ..errors import ConfigurationError, DataError, UnsupportedError
-from . import numpy_kernel
+from .kernel_choice import kernel
 from .tree import RigidBodyTree
 
 Array = np.ndarray
-
-
-class SlowPathWarning(RuntimeWarning):
-    """The compiled kernel is not there, and NumPy does its work."""
 
 
 def regressor(tree: RigidBodyTree, q: Any, dq: Any, ddq: Any, *, threads: int | None = None) -> Array:
@@ -36,25 +29,25 @@ def regressor(tree: RigidBodyTree, q: Any, dq: Any, ddq: Any, *, threads: int | 
 
     `q` (N, nq) in rad, m; `dq`, `ddq` (N, nv)."""
     q, dq, ddq = _states(tree, q, dq=dq, ddq=ddq)
-    return kernel().regressor(tree, q, dq, ddq, threads)
+    return kernel().dynamics.regressor(tree, q, dq, ddq, threads)
 
 
 def inverse_dynamics(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, ddq: Any, *, threads: int | None = None) -> Array:
     """Joint torque (N, nv) in N m, N. `inertia` (10 nb,) linear parameters; `q` (N, nq); `dq`, `ddq` (N, nv)."""
     q, dq, ddq = _states(tree, q, dq=dq, ddq=ddq)
-    return kernel().inverse_dynamics(tree, _inertia(tree, inertia), q, dq, ddq, threads)
+    return kernel().dynamics.inverse_dynamics(tree, _inertia(tree, inertia), q, dq, ddq, threads)
 
 
 def mass_matrix(tree: RigidBodyTree, inertia: Any, q: Any, *, threads: int | None = None) -> Array:
     """Joint-space mass matrix (N, nv, nv), symmetric; not positive definite where the parameters are not physical."""
     (q,) = _states(tree, q)
-    return kernel().mass_matrix(tree, _inertia(tree, inertia), q, threads)
+    return kernel().dynamics.mass_matrix(tree, _inertia(tree, inertia), q, threads)
 
 
 def bias_torque(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, *, threads: int | None = None) -> Array:
     """Coriolis, centrifugal and gravity torque (N, nv): the torque at zero acceleration."""
     q, dq = _states(tree, q, dq=dq)
-    return kernel().bias_torque(tree, _inertia(tree, inertia), q, dq, threads)
+    return kernel().dynamics.bias_torque(tree, _inertia(tree, inertia), q, dq, threads)
 
 
 def forward_dynamics(
@@ -65,7 +58,7 @@ def forward_dynamics(
     `added` (nv, nv): constant symmetric matrix, such as the reflected rotor inertia K^-T R K^-1; None for none.
     Raises DataError where the matrix is singular."""
     q, dq, tau = _states(tree, q, dq=dq, tau=tau)
-    return kernel().forward_dynamics(tree, _inertia(tree, inertia), q, dq, tau, added_inertia(tree, added), threads)
+    return kernel().dynamics.forward_dynamics(tree, _inertia(tree, inertia), q, dq, tau, added_inertia(tree, added), threads)
 
 
 class Dynamics(Protocol):
@@ -82,7 +75,7 @@ def dynamics(tree: RigidBodyTree, inertia: Any, added: Any = None) -> Dynamics:
     """Dynamics of a tree with fixed parameters: checked once here, then as little as possible around each call.
 
     `inertia` (10 nb,), `added` (nv, nv) as in `forward_dynamics`. States that are not finite raise DataError."""
-    made: Dynamics = kernel().FixedDynamics(tree, _inertia(tree, inertia), added_inertia(tree, added))
+    made: Dynamics = kernel().dynamics.FixedDynamics(tree, _inertia(tree, inertia), added_inertia(tree, added))
     return made
 
 
@@ -134,7 +127,7 @@ def information(
         raise ConfigurationError(f"form={form!r}: must be 'triangle' or 'gram'.")
     counts = np.full(len(work.rows), work.count) if valid is None else valid.sum(axis=0)
     w = work
-    factors = kernel().information(
+    factors = kernel().rows.information(
         tree, w.q, w.dq, w.ddq, tau, w.rows, w.columns, w.extra, w.pattern, valid, weight, form == "gram", threads, w.taps, w.factor
     )
     if not np.isfinite(factors.sum()):  # the kernel looks at every number on its way; who is to blame is only asked now
@@ -166,7 +159,7 @@ def row_columns(
     later ones needs. Raises DataError for input that is not finite."""
     work = _Work.of(tree, q, dq, ddq, rows, columns, extra, pattern, taps, factor)
     w = work
-    out = kernel().row_columns(tree, w.q, w.dq, w.ddq, w.rows, w.columns, w.extra, w.pattern, threads, w.taps, w.factor)
+    out = kernel().rows.row_columns(tree, w.q, w.dq, w.ddq, w.rows, w.columns, w.extra, w.pattern, threads, w.taps, w.factor)
     if not np.isfinite(out.sum()):
         work.blame(None)
         if not np.isfinite(out).all():
@@ -283,35 +276,6 @@ def _extra(extra: Any, pattern: Any, shape: tuple[int, int]) -> tuple[Array, Arr
     raise ConfigurationError(
         f"extra: expected shape ({n}, {r}, e), or ({n}, e) with pattern ({r}, e), but it is {extra.shape} with pattern {given}."
     )
-
-
-def kernel() -> ModuleType:
-    """The module that does the work: `native` or `numpy_kernel`, as IDENT_KERNEL says or as there is."""
-    return _kernel(os.environ.get("IDENT_KERNEL", "").strip().lower())
-
-
-@cache
-def _kernel(name: str) -> ModuleType:
-    if name not in ("", "native", "numpy"):
-        raise ConfigurationError(f"IDENT_KERNEL={name!r}: must be 'native' or 'numpy', or not set.")
-    if name == "numpy":
-        return numpy_kernel
-    try:
-        from . import native
-    except ImportError as error:
-        if name == "native":
-            raise ConfigurationError(
-                f"IDENT_KERNEL=native, but the compiled kernel is not there ({error}):"
-                " install a wheel, or a C++ compiler and then ident again."
-            ) from None
-        warnings.warn(
-            "the compiled kernel is not there: NumPy takes its place, with the same numbers, ten to fifty times slower."
-            " Install a wheel, or a C++ compiler and then ident again; IDENT_KERNEL=numpy silences this.",
-            SlowPathWarning,
-            stacklevel=4,
-        )
-        return numpy_kernel
-    return native
 
 
 def _numbers(name: str, values: Any) -> Array:

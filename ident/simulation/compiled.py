@@ -63,11 +63,11 @@ class CompiledPlant:
     @classmethod
     def of(cls, dynamics: Dynamics) -> CompiledPlant | None:
         """The plant, or None where some force of it is not of the kind, or the kernel was not built."""
-        from ..regressor import numpy_kernel, rigid
+        from ..regressor.kernel_choice import kernel
 
-        kernel = rigid.kernel()
+        chosen = kernel()
         plain = dynamics.flexible is None and dynamics.robot.loop.is_trivial and not dynamics.dry.redundant
-        if kernel is numpy_kernel or not plain or any(not t.idle and t.parts is None for t in dynamics.terms):
+        if not chosen.compiled or not plain or any(not t.idle and t.parts is None for t in dynamics.terms):
             return None
         n, dry = dynamics.n, dynamics.dry
         offset, stiffness, damping, level = np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros((dry.count, n))
@@ -90,7 +90,7 @@ class CompiledPlant:
             return None
         plant = tuple(np.ascontiguousarray(x, float) for x in (dynamics.rigid.inertia, offset, dry.contacts, level))
         forces = _records(("row", "column"), position=stiffness, speed=damping, acceleration=dynamics.inertia)
-        return cls(kernel, dynamics, plant, forces, _records(("contact", "coordinate"), direction=dry.contacts, level=level))
+        return cls(chosen.dynamics, dynamics, plant, forces, _records(("contact", "coordinate"), direction=dry.contacts, level=level))
 
     def run(
         self,

@@ -26,7 +26,8 @@ class RigidDynamics:
     `inertia` (10 nb,): linear parameters of all bodies; they need not be physical. Raises UnsupportedError for a free-flyer."""
 
     def __init__(self, robot: Robot, inertia: Array) -> None:
-        from ..regressor import numpy_kernel, rigid
+        from ..regressor import rigid
+        from ..regressor.kernel_choice import kernel
 
         require_fixed_base(robot)
         self._robot = robot
@@ -35,8 +36,7 @@ class RigidDynamics:
         #: Linear parameters (10 nb,) of all bodies.
         self.inertia = inertia = np.asarray(inertia, float)
         # One state in NumPy costs a thousand calls of it; without the compiled kernel Pinocchio is the faster way.
-        slow = rigid.kernel() is numpy_kernel
-        self._tree: _Terms = PinocchioTerms(robot, inertia) if slow else rigid.dynamics(robot.tree, inertia)
+        self._tree: _Terms = rigid.dynamics(robot.tree, inertia) if kernel().compiled else PinocchioTerms(robot, inertia)
 
     def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """`H` (B, n, n) and `h` (B, n) at states q, dq (B, n) of the independent joints."""

@@ -19,14 +19,14 @@ def check_tree(seed: int, name: str, joints: int, floating: bool, samples: int) 
     q, dq, ddq = states(model, rng, samples)
     wanted = oracle(model, q, dq, ddq)
     with using(name) as kernel:
-        found = kernel.regressor(tree, q, dq, ddq)
+        found = kernel.dynamics.regressor(tree, q, dq, ddq)
         assert difference(found, wanted["regressor"]) < 1e-12
-        assert difference(kernel.inverse_dynamics(tree, inertia, q, dq, ddq), wanted["inverse"]) < 1e-12
-        assert difference(kernel.bias_torque(tree, inertia, q, dq), wanted["bias"]) < 1e-12
-        assert difference(kernel.mass_matrix(tree, inertia, q), wanted["mass"]) < 1e-12
+        assert difference(kernel.dynamics.inverse_dynamics(tree, inertia, q, dq, ddq), wanted["inverse"]) < 1e-12
+        assert difference(kernel.dynamics.bias_torque(tree, inertia, q, dq), wanted["bias"]) < 1e-12
+        assert difference(kernel.dynamics.mass_matrix(tree, inertia, q), wanted["mass"]) < 1e-12
         added = np.diag(rng.uniform(0, 1, model.nv))
         tau = wanted["inverse"] + ddq @ added
-        back = kernel.forward_dynamics(tree, inertia, q, dq, tau, added)
+        back = kernel.dynamics.forward_dynamics(tree, inertia, q, dq, tau, added)
         assert difference(back, ddq) < 1e-13 * max(np.linalg.cond(wanted["mass"] + added).max(), 10.0)
         check_information(kernel, tree, rng, q, dq, ddq, wanted["regressor"])
 
@@ -39,7 +39,7 @@ def check_information(kernel, tree, rng, q, dq, ddq, regressor) -> None:
     stacked = np.concatenate([np.einsum("rv,nvc->nrc", rows, regressor)[:, :, columns], tau[:, :, None]], axis=2)
     wanted = np.einsum("nrc,nrd->rcd", stacked, stacked)
     for gram in (False, True):
-        found = kernel.information(tree, q, dq, ddq, tau, rows, columns, none, np.zeros((tree.nv, 0)), None, None, gram, 1)
+        found = kernel.rows.information(tree, q, dq, ddq, tau, rows, columns, none, np.zeros((tree.nv, 0)), None, None, gram, 1)
         if not gram:
             found = np.swapaxes(found, 1, 2) @ found
         for row in range(tree.nv):
@@ -75,12 +75,12 @@ def test_torque_is_linear_and_energy_is_conserved(name, seed, size):
     with using(name) as kernel:
 
         def torque(inertia):
-            return kernel.inverse_dynamics(tree, inertia, q, dq, ddq)
+            return kernel.dynamics.inverse_dynamics(tree, inertia, q, dq, ddq)
 
         assert difference(torque(first + second), torque(first) + torque(second)) < 1e-12
         h = 1e-6
-        energy = [np.einsum("ni,nij,nj->n", dq, kernel.mass_matrix(tree, first, q + s * h * dq), dq) / 2 for s in (-1, 1)]
-        still = kernel.bias_torque(tree, first, q, 0 * dq)
-        coriolis = kernel.bias_torque(tree, first, q, dq) - still
+        energy = [np.einsum("ni,nij,nj->n", dq, kernel.dynamics.mass_matrix(tree, first, q + s * h * dq), dq) / 2 for s in (-1, 1)]
+        still = kernel.dynamics.bias_torque(tree, first, q, 0 * dq)
+        coriolis = kernel.dynamics.bias_torque(tree, first, q, dq) - still
         scale = np.abs(dq * coriolis).sum(axis=1).max() + np.abs(energy).max()
         assert np.abs((energy[1] - energy[0]) / (2 * h) - (dq * coriolis).sum(axis=1)).max() < 1e-7 * scale

@@ -30,11 +30,11 @@ def test_equals_pinocchio(name, floating):
     wanted = oracle(model, q, dq, ddq)
     zero = np.zeros((model.nv, model.nv))
     with using(name) as kernel:
-        assert difference(kernel.regressor(tree, q, dq, ddq), wanted["regressor"]) < TIGHT
-        assert difference(kernel.inverse_dynamics(tree, inertia, q, dq, ddq), wanted["inverse"]) < TIGHT
-        assert difference(kernel.bias_torque(tree, inertia, q, dq), wanted["bias"]) < TIGHT
-        assert difference(kernel.mass_matrix(tree, inertia, q), wanted["mass"]) < TIGHT
-        found = kernel.forward_dynamics(tree, inertia, q, dq, wanted["inverse"], zero)
+        assert difference(kernel.dynamics.regressor(tree, q, dq, ddq), wanted["regressor"]) < TIGHT
+        assert difference(kernel.dynamics.inverse_dynamics(tree, inertia, q, dq, ddq), wanted["inverse"]) < TIGHT
+        assert difference(kernel.dynamics.bias_torque(tree, inertia, q, dq), wanted["bias"]) < TIGHT
+        assert difference(kernel.dynamics.mass_matrix(tree, inertia, q), wanted["mass"]) < TIGHT
+        found = kernel.dynamics.forward_dynamics(tree, inertia, q, dq, wanted["inverse"], zero)
     assert difference(found, ddq) < 1e-14 * np.linalg.cond(wanted["mass"]).max()
 
 
@@ -88,9 +88,9 @@ def _compare(name, model, tree=None):
     inertia = parameters(model)
     with using(name) as kernel:
         tree = tree_of(model) if tree is None else tree
-        assert difference(kernel.regressor(tree, q, dq, ddq), wanted["regressor"]) < TIGHT
-        assert difference(kernel.inverse_dynamics(tree, inertia, q, dq, ddq), wanted["inverse"]) < TIGHT
-        assert difference(kernel.mass_matrix(tree, inertia, q), wanted["mass"]) < TIGHT
+        assert difference(kernel.dynamics.regressor(tree, q, dq, ddq), wanted["regressor"]) < TIGHT
+        assert difference(kernel.dynamics.inverse_dynamics(tree, inertia, q, dq, ddq), wanted["inverse"]) < TIGHT
+        assert difference(kernel.dynamics.mass_matrix(tree, inertia, q), wanted["mass"]) < TIGHT
 
 
 def _bounded(model):
@@ -113,9 +113,9 @@ def test_branches_in_any_order(name):
     q = rng.normal(size=(3, 7))
     zero = np.zeros_like(q)
     with using(name) as kernel:
-        bias = kernel.bias_torque(tree, inertia, q, zero)
-        columns = [kernel.inverse_dynamics(tree, inertia, q, zero, np.tile(e, (3, 1))) - bias for e in np.eye(7)]
-        assert difference(kernel.mass_matrix(tree, inertia, q), np.stack(columns, axis=2)) < TIGHT
+        bias = kernel.dynamics.bias_torque(tree, inertia, q, zero)
+        columns = [kernel.dynamics.inverse_dynamics(tree, inertia, q, zero, np.tile(e, (3, 1))) - bias for e in np.eye(7)]
+        assert difference(kernel.dynamics.mass_matrix(tree, inertia, q), np.stack(columns, axis=2)) < TIGHT
 
 
 @pytest.mark.parametrize("name", kernels())
@@ -127,11 +127,11 @@ def test_parameters_need_not_be_physical(name, puma):
     inertia[0::10] = 0.0
     q, dq, ddq = states(puma.model, rng, 20)
     with using(name) as kernel:
-        tau = kernel.inverse_dynamics(tree, inertia, q, dq, ddq)
-        assert difference(tau, kernel.regressor(tree, q, dq, ddq) @ inertia) < TIGHT
-        mass = kernel.mass_matrix(tree, inertia, q)
+        tau = kernel.dynamics.inverse_dynamics(tree, inertia, q, dq, ddq)
+        assert difference(tau, kernel.dynamics.regressor(tree, q, dq, ddq) @ inertia) < TIGHT
+        mass = kernel.dynamics.mass_matrix(tree, inertia, q)
         assert np.array_equal(mass, np.swapaxes(mass, 1, 2))
-        acceleration = kernel.forward_dynamics(tree, inertia, q, dq, tau, np.zeros((6, 6)))  # indefinite: LU with pivoting
+        acceleration = kernel.dynamics.forward_dynamics(tree, inertia, q, dq, tau, np.zeros((6, 6)))  # indefinite: LU with pivoting
     assert np.abs(acceleration - ddq).max() < 1e-13 * np.linalg.cond(mass).max() * np.abs(ddq).max()
 
 
@@ -143,8 +143,8 @@ def test_added_inertia(name, puma):
     added = K_inverse.T @ np.diag(rng.uniform(1e-4, 3e-4, 6)) @ K_inverse
     q, dq, tau = rng.normal(size=(3, 50, 6))
     with using(name) as kernel:
-        ddq = kernel.forward_dynamics(tree, inertia, q, dq, tau, added)
-        back = kernel.inverse_dynamics(tree, inertia, q, dq, ddq) + ddq @ added
+        ddq = kernel.dynamics.forward_dynamics(tree, inertia, q, dq, tau, added)
+        back = kernel.dynamics.inverse_dynamics(tree, inertia, q, dq, ddq) + ddq @ added
     assert np.abs(back - tau).max() < 1e-11
 
 
@@ -154,8 +154,8 @@ def test_fixed_dynamics_for_integrators(name, puma):
     added = np.diag(rng.uniform(0.1, 1, 6))
     q, dq, tau = rng.normal(size=(3, 9, 6))
     with using(name) as kernel:
-        wanted = kernel.forward_dynamics(puma.tree, puma.nominal, q, dq, tau, added)
-        fixed = kernel.FixedDynamics(puma.tree, puma.nominal, added)
+        wanted = kernel.dynamics.forward_dynamics(puma.tree, puma.nominal, q, dq, tau, added)
+        fixed = kernel.dynamics.FixedDynamics(puma.tree, puma.nominal, added)
         assert difference(fixed.forward(q, dq, tau), wanted) < 1e-13
         single = fixed.forward(q[4], dq[4], tau[4])
         assert single.shape == (6,)
@@ -164,8 +164,8 @@ def test_fixed_dynamics_for_integrators(name, puma):
         assert np.array_equal(fixed.forward(np.asfortranarray(q)[:, :], dq, tau), fixed.forward(q, dq, tau))
         for some in (slice(None), 3):
             mass, bias = fixed.terms(q[some], dq[some])
-            assert difference(mass, kernel.mass_matrix(puma.tree, puma.nominal, q)[some]) < 1e-14
-            assert difference(bias, kernel.bias_torque(puma.tree, puma.nominal, q, dq)[some]) < 1e-13
+            assert difference(mass, kernel.dynamics.mass_matrix(puma.tree, puma.nominal, q)[some]) < 1e-14
+            assert difference(bias, kernel.dynamics.bias_torque(puma.tree, puma.nominal, q, dq)[some]) < 1e-13
         with pytest.raises(DataError, match="not finite"):
             fixed.forward(np.full(6, np.nan), dq[0], tau[0])
         with pytest.raises(ConfigurationError, match="expected shape"):
@@ -184,7 +184,7 @@ def test_large_angles(name):
     inertia = np.zeros(10)
     inertia[2:4] = 1.0, 0.5
     with using(name) as kernel:
-        tau = kernel.inverse_dynamics(tree, inertia, q, 0 * q, 0 * q)[:, 0]
+        tau = kernel.dynamics.inverse_dynamics(tree, inertia, q, 0 * q, 0 * q)[:, 0]
     assert np.abs(tau - 9.81 * (np.cos(q) - 0.5 * np.sin(q))[:, 0]).max() < 9.81 * 4e-16
 
 
@@ -193,9 +193,9 @@ def test_few_samples(name, puma):
     with using(name) as kernel:
         for n in (0, 1, 2, 7, 8, 9):
             q = np.random.default_rng(n).normal(size=(n, 6))
-            assert kernel.regressor(puma.tree, q, q, q).shape == (n, 6, 60)
-            assert kernel.mass_matrix(puma.tree, puma.nominal, q).shape == (n, 6, 6)
-            assert kernel.forward_dynamics(puma.tree, puma.nominal, q, q, q, np.eye(6)).shape == (n, 6)
+            assert kernel.dynamics.regressor(puma.tree, q, q, q).shape == (n, 6, 60)
+            assert kernel.dynamics.mass_matrix(puma.tree, puma.nominal, q).shape == (n, 6, 6)
+            assert kernel.dynamics.forward_dynamics(puma.tree, puma.nominal, q, q, q, np.eye(6)).shape == (n, 6)
 
 
 @pytest.mark.parametrize("name", kernels())
@@ -204,7 +204,7 @@ def test_singular_mass_matrix_is_named(name):
     model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "j")
     q = np.zeros((5, 1))
     with using(name) as kernel, pytest.raises(DataError, match="singular at sample 0"):
-        kernel.forward_dynamics(tree_of(model), np.zeros(10), q, q, q, np.zeros((1, 1)))
+        kernel.dynamics.forward_dynamics(tree_of(model), np.zeros(10), q, q, q, np.zeros((1, 1)))
 
 
 def test_input_that_is_not_finite_is_refused(puma):

@@ -11,7 +11,7 @@ from rigid_models import kernels, random_model, states, tree_of, using
 import ident
 from ident.errors import ConfigurationError, DataError, UnsupportedError
 from ident.regressor import rigid
-from ident.regressor.numpy_kernel import regressor as plain_regressor
+from ident.regressor.numpy_dynamics import regressor as plain_regressor
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from rigid_models import native
 
 import ident
 from ident.errors import ConfigurationError
-from ident.regressor import numpy_kernel, rigid
+from ident.regressor import kernel_choice
 
 ROOT = Path(__file__).resolve().parents[2]
 needs_native = pytest.mark.skipif(native() is None, reason="the compiled kernel is not built")
@@ -28,16 +28,16 @@ needs_native = pytest.mark.skipif(native() is None, reason="the compiled kernel 
 
 def test_environment_chooses_the_kernel(monkeypatch):
     monkeypatch.setenv("IDENT_KERNEL", "numpy")
-    assert rigid.kernel() is numpy_kernel
+    assert not kernel_choice.kernel().compiled
     monkeypatch.setenv("IDENT_KERNEL", "fortran")
     with pytest.raises(ConfigurationError, match="IDENT_KERNEL='fortran'"):
-        rigid.kernel()
+        kernel_choice.kernel()
 
 
 @needs_native
 def test_native_is_the_default(monkeypatch):
     monkeypatch.delenv("IDENT_KERNEL", raising=False)
-    assert rigid.kernel() is native()
+    assert kernel_choice.kernel().dynamics is native()
 
 
 def test_says_once_that_it_is_slower(monkeypatch):
@@ -45,18 +45,18 @@ def test_says_once_that_it_is_slower(monkeypatch):
     monkeypatch.delenv("IDENT_KERNEL", raising=False)
     monkeypatch.setitem(sys.modules, "ident.regressor.native", None)
     monkeypatch.delattr("ident.regressor.native", raising=False)
-    rigid._kernel.cache_clear()
+    kernel_choice._kernel.cache_clear()
     try:
-        with pytest.warns(rigid.SlowPathWarning, match="IDENT_KERNEL=numpy silences"):
-            assert rigid.kernel() is numpy_kernel
+        with pytest.warns(kernel_choice.SlowPathWarning, match="IDENT_KERNEL=numpy silences"):
+            assert not kernel_choice.kernel().compiled
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            assert rigid.kernel() is numpy_kernel
+            assert not kernel_choice.kernel().compiled
         monkeypatch.setenv("IDENT_KERNEL", "native")
         with pytest.raises(ConfigurationError, match="compiled kernel is not there"):
-            rigid.kernel()
+            kernel_choice.kernel()
     finally:
-        rigid._kernel.cache_clear()
+        kernel_choice._kernel.cache_clear()
 
 
 @needs_native

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from rigid_models import kernels, native, using
+from rigid_models import kernels, using
 
 import ident
 from ident import friction as fr
@@ -20,11 +20,12 @@ from ident.effects.springs import LinearSpring
 from ident.errors import DataError
 from ident.motion import Coordinates, Motion
 from ident.regressor import rigid
+from ident.regressor.kernel_choice import kernel as kernel_here
 from ident.robot import Robot
 from ident.simulate import Feedback, ForceModel, Hold, Plant, Schedule, simulate, simulate_batch
 from ident.transmission import Side
 
-pytestmark = pytest.mark.skipif(rigid.kernel() is not native(), reason="the compiled kernel is not built, or not asked for")
+pytestmark = pytest.mark.skipif(not kernel_here().compiled, reason="the compiled kernel is not built, or not asked for")
 COMPILED = pytest.mark.parametrize("kernel", [k for k in kernels() if k != "numpy"])
 
 

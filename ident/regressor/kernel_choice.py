@@ -1,0 +1,61 @@
+"""Which code does the rigid-body work: the compiled kernel where it was built, NumPy elsewhere, with the same numbers."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+
+from ..errors import ConfigurationError
+from . import numpy_dynamics, numpy_rows
+
+
+class SlowPathWarning(RuntimeWarning):
+    """The compiled kernel is not there, and NumPy does its work."""
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """The modules that do the work: `dynamics` of a tree, and `rows` of the regression equation with their information."""
+
+    dynamics: ModuleType
+    rows: ModuleType
+
+    @property
+    def compiled(self) -> bool:
+        """It is the compiled one."""
+        return self.dynamics is not numpy_dynamics
+
+
+def kernel() -> Kernel:
+    """The kernel that IDENT_KERNEL asks for ("native" or "numpy"), else the compiled one, else NumPy, which is said once.
+
+    Raises ConfigurationError for another name, and where the compiled one is asked for and not there."""
+    return _kernel(os.environ.get("IDENT_KERNEL", "").strip().lower())
+
+
+@cache
+def _kernel(name: str) -> Kernel:
+    plain = Kernel(numpy_dynamics, numpy_rows)
+    if name not in ("", "native", "numpy"):
+        raise ConfigurationError(f"IDENT_KERNEL={name!r}: must be 'native' or 'numpy', or not set.")
+    if name == "numpy":
+        return plain
+    try:
+        from . import native
+    except ImportError as error:
+        if name == "native":
+            raise ConfigurationError(
+                f"IDENT_KERNEL=native, but the compiled kernel is not there ({error}):"
+                " install a wheel, or a C++ compiler and then ident again."
+            ) from None
+        warnings.warn(
+            "the compiled kernel is not there: NumPy takes its place, with the same numbers, ten to fifty times slower."
+            " Install a wheel, or a C++ compiler and then ident again; IDENT_KERNEL=numpy silences this.",
+            SlowPathWarning,
+            stacklevel=4,
+        )
+        return plain
+    return Kernel(native, native)
