@@ -184,10 +184,19 @@ class Output:
 
     def path(self, name: str) -> Path | None:
         """Path of an artefact in the folder, or None."""
-        if self.folder is None:
-            return None
-        self.folder.mkdir(parents=True, exist_ok=True)
-        return self.folder / name
+        self.open()
+        return None if self.folder is None else self.folder / name
+
+    def open(self) -> None:
+        """Make the folder, if there is one: now there is something to keep."""
+        if self.folder is not None:
+            self.folder.mkdir(parents=True, exist_ok=True)
+
+    def target(self, given: str | None, name: str) -> Path:
+        """Path of the file that a command is there to write: where it was `given`, else `name` in the folder, else `name` here."""
+        if given is not None:
+            return Path(given)
+        return Path(name) if self.folder is None else self.folder / name
 
     @contextmanager
     def together(self) -> Iterator[Path | None]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..effect import make_effect
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
 HELP = "design an exciting trajectory within limits, and tell the accuracy to expect"
 _FAMILIES = ("fourier", "bspline")
 _MEASURES = ("both", "volume", "condition")
+#: Name of the file, where none is given.
+_TRAJECTORY = "excitation.csv"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fit", metavar="FILE", help="saved fit (fit.json) instead of a study: its model, values and noise")
     parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects beside the rigid body")
     parser.add_argument(
-        "--trajectory", metavar="FILE", default="excitation.csv", help="file to write: t, q, dq, ddq (default: %(default)s)"
+        "--trajectory",
+        metavar="FILE",
+        help=f"file to write: t, q, dq, ddq (default: {_TRAJECTORY}, in --out if it is given)",
     )
     parser.add_argument("--seconds", type=positive, default=10.0, help="length (default: %(default)s)")
     parser.add_argument("--rate", type=positive, default=200.0, help="samples per second (default: %(default)s)")
@@ -46,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from ..excitation import excite
 
     out = Output(args)
-    target = Path(args.trajectory)
+    target = out.target(args.trajectory, _TRAJECTORY)
     if target.exists() and not args.force:
         raise ConfigurationError(f"{target} exists; nothing was designed. Choose another --trajectory, or add --force.")
     estimate = Estimate.load(args.fit) if args.fit else None
@@ -70,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
         progress=out.progress("searching"),
     )
     out.say(found)
+    out.open()
     path = found.to_csv(target, force=args.force)
     out.say(f"wrote {path}")
     out.result(result("ident.excitation/1", {"trajectory": str(path), **found.to_dict()}), "excitation")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +23,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Encoder counts a motor turn, where nothing asks for more.
 _COUNTS = 4000.0
+#: Name of the log, where none is given.
+_LOG = "simulated.csv"
 HELP = "simulate a robot along a trajectory in closed loop and write the log"
 
 
@@ -31,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)
     parser.add_argument("--fit", metavar="FILE", help="saved fit (fit.json) instead of nominal parameters")
     parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects beside the rigid body")
-    parser.add_argument("--log", metavar="FILE", default="simulated.csv", help="log to write, .csv or .csv.gz (default: %(default)s)")
+    parser.add_argument("--log", metavar="FILE", help=f"log to write, .csv or .csv.gz (default: {_LOG}, in --out if it is given)")
     parser.add_argument(
         "--trajectory", metavar="FILE", help="CSV with t, q1 … qn to follow; without it, a random Fourier motion within the limits"
     )
@@ -69,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     if args.tests:
         raise ConfigurationError("--tests chooses tests of a plan; give the plan's manifest with --plan.")
     out = Output(args)
-    target = Path(args.log)
+    target = out.target(args.log, _LOG)
     if target.exists() and not args.force:
         raise ConfigurationError(f"{target} exists; nothing was simulated. Choose another --log, or add --force.")
     model, values = _plant(args)
@@ -88,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
         Plant(model, values), desired=desired, rate=args.rate, control_rate=_control_rate(args.rate), sensors=sensors, seed=args.seed,
         progress=out.progress("simulating"),
     )  # fmt: skip
+    out.open()
     path = made.to_csv(target, force=args.force)
     out.say(f"wrote {path}: {len(made.t)} samples at {args.rate:g} Hz of {model.robot.name} ({', '.join(model.robot.joint_names)})")
     data = {"log": str(path), "samples": len(made.t), "rate": args.rate, "joints": list(model.robot.joint_names), "seed": args.seed}
@@ -103,6 +105,8 @@ def _planned(args: argparse.Namespace) -> int:
 
     if args.trajectory:
         raise ConfigurationError("--plan and --trajectory are different motions; give one of them.")
+    if args.log is not None:
+        raise ConfigurationError("--log names one log, but a plan has one for each test and names them; leave it out, they go to --out.")
     if args.out is None:
         raise ConfigurationError("--plan needs --out DIR, the folder for the tests' logs.")
     plan = read_plan(args.plan)

@@ -311,6 +311,35 @@ def test_simulate_fit_validate(ident, tmp_path, name):
     assert "exists; nothing was simulated" in again.err
 
 
+def test_out_keeps_the_file_that_was_made(ident, tmp_path, monkeypatch):
+    """The log or trajectory is an artefact as any other: in --out, unless its own flag says where."""
+    monkeypatch.chdir(tmp_path)
+    robot, short = ("--robot", "double_pendulum"), ("--seconds", "2", "--quiet", "--json")
+    for command, flag, name, key, more in (
+        ("simulate", "--log", "simulated.csv", "log", ()),
+        ("excite", "--trajectory", "excitation.csv", "trajectory", ("--starts", "1")),
+    ):
+        made = ident(command, *robot, *short, *more, "--out", f"new/{command}")
+        assert made.code == 0, made.err
+        assert made.json[key] == str(Path("new") / command / name)
+        summary = {"simulate": "simulation.json", "excite": "excitation.json"}[command]
+        assert sorted(p.name for p in (tmp_path / "new" / command).iterdir()) == sorted([name, summary])
+        assert not (tmp_path / name).exists()
+        before = (tmp_path / "new" / command / name).read_bytes()
+        again = ident(command, *robot, *short, *more, "--out", f"new/{command}")
+        assert (again.code, "--force" in again.err) == (2, True)
+        over = ident(command, *robot, *short, *more, "--seed", "1", "--out", f"new/{command}", "--force")
+        assert over.code == 0, over.err
+        assert (tmp_path / "new" / command / name).read_bytes() != before
+        said = ident(command, *robot, *short, *more, "--out", f"other/{command}", flag, f"{command}.csv")
+        assert said.code == 0, said.err
+        assert said.json[key] == f"{command}.csv"
+        assert (tmp_path / f"{command}.csv").is_file()
+        assert [p.name for p in (tmp_path / "other" / command).iterdir()] == [summary]
+        alone = ident(command, *robot, *short, *more)
+        assert (alone.code, alone.json[key]) == (0, name)
+
+
 def test_simulated_torque_is_recorded_as_it_acts(ident, tmp_path):
     """Torque that a controller holds for a period acts half a period late; a record of what it asked for would look early."""
     from ident.effect import make_effect

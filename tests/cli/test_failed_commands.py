@@ -36,7 +36,12 @@ def test_no_folder_is_left_by_others(ident, arm, saved_fit, short, tmp_path):
     ):
         assert ident(*command, *out).code == DATA, command
         assert not (tmp_path / "new").exists(), command
-    for command in (("export", saved_fit, tmp_path / "x.nonsense"), ("judge", saved_fit, "--repair", "nonsense")):
+    for command in (
+        ("simulate", "--urdf", arm.urdf, "--effects", "nonsense"),
+        ("excite", "--urdf", arm.urdf, "--effects", "nonsense"),
+        ("export", saved_fit, tmp_path / "x.nonsense"),
+        ("judge", saved_fit, "--repair", "nonsense"),
+    ):
         assert ident(*command, *out).code == CONFIGURATION, command
         assert not (tmp_path / "new").exists(), command
 

@@ -85,5 +85,7 @@ def test_refusals(ident, planned: Path, tmp_path: Path) -> None:
         assert (ran.code, "broken.toml" in ran.err) == (2, True)
     method = ident("fit", "--robot", "scara", "--method", "wls", "--plan", manifest)
     assert (method.code, "sequential" in method.err) == (2, True)
+    named = ident("simulate", "--plan", manifest, "--log", "x.csv", "--out", tmp_path / "c")
+    assert (named.code, "--log" in named.err, (tmp_path / "c").exists()) == (2, True, False)
     loose = ident("simulate", "--robot", "scara", "--tests", "x")
     assert (loose.code, "--plan" in loose.err) == (2, True)
