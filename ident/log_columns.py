@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .errors import ConfigurationError, DataError, unknown_name
-from .log_units import Unit, expected_units, split_unit, unit_of
+from .log_units import Unit, expected_units, is_unit, split_unit, unit_of
 
 Array = np.ndarray
 
@@ -97,7 +97,8 @@ def resolve_columns(
     """Resolve a header into a plan.
 
     `joints`: the robot's joints; without them their number is taken from the columns. `mapping`: quantity (`q1`, `tau_m2`,
-    `t`, `<joint>.position`) → column name, or a table {column, unit, scale, offset}. `where` names the file in messages.
+    `t`, `<joint>.position`, or with a unit, `q1_deg`) → column name; from Python, where a sign or an offset is wanted, also a dict of
+    "column" and any of "unit", "scale", "offset" (SI value = unit * (scale * x + offset)). `where` names the file in messages.
     Raises ConfigurationError for a wrong mapping or unit, DataError where columns are missing or too many."""
     duplicate = sorted({h for h in header if list(header).count(h) > 1})
     if duplicate:
@@ -218,13 +219,15 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
         or set(options) - {"column", "unit", "scale", "offset"}
     ):
         raise ConfigurationError(
-            f"[columns] {key}: give a column's name, or a table"
-            f' {{ column = "...", unit = "deg", scale = 1.0, offset = 0.0 }}, not {value!r}.'
+            f"[columns] {key}: give the name of a column as text, not {value!r}. A unit may stand in the key, as in q1_deg."
+            ' From Python also a dict of "column" and any of "unit", "scale", "offset".'
         )
     source = options["column"]
     if source not in header:
         raise unknown_name(f"column of {where} in [columns] {key} =", source, header)
     suffix = options.get("unit") or target.unit or None
+    if suffix is not None and not is_unit(suffix):
+        raise unknown_name(f"unit in [columns] {key}", suffix, _known_suffixes(target.quantity))
     guessed = split_unit(source)[1] if suffix is None else None
     if guessed is not None and unit_of(guessed).dimension in expected_units(target.quantity):
         suffix = guessed

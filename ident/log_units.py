@@ -52,6 +52,11 @@ def expected_units(quantity: str) -> set[str]:
     return _EXPECTED[quantity]
 
 
+def is_unit(name: object) -> bool:
+    """Whether a suffix names a unit, as `unit_of` takes it."""
+    return isinstance(name, str) and name.lower() in {u.name.lower() for u in _TABLE}
+
+
 def unit_of(name: str) -> Unit:
     """The unit with this suffix (as it stands, or without regard to case where that is not ambiguous)."""
     if name in UNITS:

@@ -273,8 +273,8 @@ def read_logs(
     """Read log files (CSV, also compressed; Parquet; MAT).
 
     `paths`: a file, a pattern (`runs/*.csv`), or several. `robot`: checks the joint count, matches columns by joint name, and
-    allows motor-side positions to be carried to the joints. `columns`: the study file's [columns] table. `missing`: "refuse"
-    blocks of missing positions, or leave them out as a "gap". `extra`: read columns that are nothing of ours, too.
+    allows motor-side positions to be carried to the joints. `columns`: the study file's [columns] table (`resolve_columns` takes more).
+    `missing`: "refuse" blocks of missing positions, or leave them out as a "gap". `extra`: read columns that are nothing of ours, too.
     Raises DataError (file, column, row) and ConfigurationError (mapping)."""
     if missing not in ("refuse", "gap"):
         raise unknown_name("treatment of missing positions", missing, ("refuse", "gap"))

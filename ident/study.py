@@ -198,7 +198,7 @@ def read_study(path: str | Path) -> Study:
     missing = logs.pop("missing", None)
     strategies = {table: _strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
     try:
-        columns = table_of(text, 'a table of column = "name in the file"')(data.get("columns", {}))
+        columns = table_of(text, 'a table of column = "name in the file", with a unit as in q1_deg = "..."')(data.get("columns", {}))
     except Unfit as expected:
         raise ConfigurationError(f"{where}: [columns] must be {expected}.") from None
     return Study(

@@ -115,6 +115,16 @@ def test_mapping_with_units_scale_and_offset(tmp_path: Path, robot: Robot) -> No
     assert log.tau["joint"][0] == pytest.approx([-6.0, 2.0])
 
 
+def test_mapping_with_the_unit_on_either_side(tmp_path: Path, robot: Robot) -> None:
+    """What a study's [columns] can say: texts alone, the unit with the quantity or with the file's name."""
+    rows = [[k * 10.0, 90.0, 100.0, 2000.0, 3.0] for k in range(40)]
+    path = write(tmp_path / "a.csv", "stamp,pan,height_mm,force,load", rows)
+    log = read_logs(path, robot, {"t_ms": "stamp", "q1_deg": "pan", "q2": "height_mm", "tau1_mNm": "force", "tau2": "load"})[0]
+    assert log.t[:2] == pytest.approx([0.0, 0.01])
+    assert log.q[0] == pytest.approx([math.pi / 2, 0.1])
+    assert log.tau["joint"][0] == pytest.approx([2.0, 3.0])
+
+
 def test_mapping_that_renumbers_switches_numbers_off(tmp_path: Path, robot: Robot) -> None:
     """q1 = "q2": what else is numbered counts other joints, and must not be taken for the robot's."""
     path = write(tmp_path / "a.csv", "t,q1,q2,q3,dq1,dq2,dq3,tau2,tau3", table(columns=8))

@@ -145,8 +145,9 @@ def test_mapped_quantity_that_is_none(tmp_path: Path) -> None:
 
 def test_mapping_of_a_wrong_kind(tmp_path: Path) -> None:
     path = csv(tmp_path / "a.csv", "t,a,tau1")
-    raises(path, "[columns] q1", columns={"q1": 3}, code=2)
-    raises(path, "[columns] q1", columns={"q1": {"column": "a", "units": "deg"}}, code=2)
+    raises(path, "[columns] q1", "as text, not 3", "q1_deg", columns={"q1": 3}, code=2)
+    raises(path, "[columns] q1", "'units'", columns={"q1": {"column": "a", "units": "deg"}}, code=2)
+    raises(path, "[columns] q1", "'degree'; did you mean 'deg'", columns={"q1": {"column": "a", "unit": "degree"}}, code=2)
 
 
 def test_text_in_a_number_names_the_place(tmp_path: Path) -> None:

@@ -131,6 +131,7 @@ def test_loops_are_declared(folder):
         ("[logs]\nfit = 3", r"\[logs\] fit must be a text or a list of texts, not 3"),
         ("[logs]\nfits = 'x'", r"unknown key of \[logs\] .*'fits'; did you mean 'fit'"),
         ("[columns]\nq1 = 3", r"\[columns\] must be a table of column ="),
+        ("[columns]\nq1 = { column = 'a', unit = 'deg' }", r'\[columns\] must be .*, with a unit as in q1_deg = "\.\.\."'),
         ("[estimator]\nmethod = 3", r"\[estimator\] method must be a text, not 3"),
         ("signals = 3", r"\[signals\] must be a table"),
     ],
