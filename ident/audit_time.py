@@ -10,10 +10,11 @@ import numpy as np
 from .audit import Finding, Severity
 from .logs import Log
 from .resample import Clock, is_even
+from .spacing import GAP
 
 Array = np.ndarray
-#: A step longer than this multiple of the usual one is a gap.
-GAP = 3.5
+#: Share of samples missing, one or two at a time, from which on it is a warning: 1 % moves estimates by a tenth of their deviation.
+_FEW = 0.01
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Stamps:
 
 
 def check_time(log: Log) -> list[Finding]:
-    """Sample rate, jitter, gaps, stamps that repeat or run backwards."""
+    """Sample rate, jitter, missing samples, gaps, stamps that repeat or run backwards."""
     if len(log) < 3:
         return [*repairs(log.name, log.notes), _short(log.name, len(log))]
     steps = np.diff(log.t)
@@ -97,8 +98,24 @@ def stamp_findings(name: str, stamps: Stamps) -> list[Finding]:
             " Log with a real-time buffer if they are many.",
             stamps.longest,
         )
+    if clock.missing:
+        share = clock.missing / (stamps.samples + clock.missing)
+        add(
+            "missing_samples",
+            Severity.WARNING if share > _FEW else Severity.INFO,
+            f"{clock.missing} sample{'s are' if clock.missing > 1 else ' is'} missing ({share:.2%}), one or two at a time: the steps about"
+            f" them are whole multiples of the period of {clock.step * 1e3:.4g} ms. Positions and torques there are bridged by splines,"
+            + (
+                " not measured: from some per cent on, parameters shift and their intervals widen. Find out why the recorder drops samples."
+                if share > _FEW
+                else " which hardly moves an estimate as long as they are so few."
+            ),
+            share,
+        )
     uneven = clock.jitter / clock.step
-    if not stamps.even and uneven > 0.005:
+    # Rounding of the stamps alone makes steps differ by no more than half of their resolution (rms).
+    rounded = stamps.even or (clock.missing > 0 and clock.jitter <= 0.51 * clock.resolution)
+    if not rounded and uneven > 0.005:
         add(
             "jitter",
             Severity.WARNING if uneven > 0.05 else Severity.INFO,

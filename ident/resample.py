@@ -5,10 +5,15 @@ Time stamps are believed, except for what their own resolution rounds off. Nothi
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import Any
 
 import numpy as np
+
+from .spacing import GAP, Spacing
 
 Array = np.ndarray
 #: A stamp nearer than this share of the usual step to the one before brings no motion, only the noise of both.
@@ -18,24 +23,49 @@ _NEAREST = 0.2
 @dataclass(frozen=True, eq=False)
 class Clock:
     """How a run was sampled: `step` (s, the usual distance of stamps), `resolution` of the stamps (s, 0 if none is seen),
-    `jitter` (s, root mean square of the deviation of a step from the usual one, gaps left out)."""
+    `jitter` (s, root mean square of the deviation of a step from the usual one, gaps left out); `missing`: samples that were left
+    out, one or two at a time. Where some are, steps are compared with their nearest multiple of the usual one."""
 
     step: float
     resolution: float
     jitter: float
+    missing: int = 0
 
     @classmethod
     def of(cls, t: Array) -> Clock:
         """The clock behind rising stamps (N,)."""
         steps = np.diff(t)
         step = float(np.median(steps))
-        resolution = stamp_resolution(t, step)
-        usual = steps[steps < 3 * step]
-        # The mean is sharper than the median where steps are alike but for rounding; else it would mix in dropped samples.
-        if len(usual) and np.ptp(usual) < max(0.2 * step, 2.1 * resolution if resolution < 0.5 * step else 0.0):
-            step = float(usual.mean())
-        jitter = float(np.sqrt(np.mean((usual - step) ** 2))) if len(usual) else 0.0
-        return cls(step, resolution, jitter)
+        return cls.behind(step, stamp_resolution(t, step), lambda: [(steps, 1)])
+
+    @classmethod
+    def behind(cls, step: float, resolution: float, pieces: Callable[[], Iterable[tuple[Array, Any]]]) -> Clock:
+        """The clock of which the median `step` and the `resolution` are known; `pieces`: all steps, and how often each occurs."""
+        if not step > 0:
+            return cls(step, resolution, 0.0)
+
+        def total(of: Callable[[Array], Array]) -> float:
+            return float(sum(np.sum(of(steps) * times) for steps, times in pieces()))
+
+        def mean(of: Callable[[Array], Array], below: float) -> float:
+            return total(lambda s: np.where(s < below, of(s), 0.0)) / total(lambda s: s < below)
+
+        if total(lambda s: (s > 1.5 * step) & (s < GAP * step)):
+            one = mean(lambda s: s, 1.5 * step)
+            missing = reduce(add, (Spacing.of(steps, times, one) for steps, times in pieces())).missing
+            if missing:
+                # A step counts as the periods it holds, so that what stamps are rounded by cancels from one to the next.
+                longest = GAP * one
+                period = mean(lambda s: s, longest) / mean(lambda s: np.rint(s / one), longest)
+                spread = mean(lambda s: (s - np.maximum(np.rint(s / period), 1.0) * period) ** 2, longest)
+                return cls(period, resolution, float(np.sqrt(spread)), missing)
+        longest = 3 * step
+        low = min(float(np.min(steps, initial=np.inf)) for steps, _ in pieces())
+        high = max(float(np.max(steps, initial=0.0, where=steps < longest)) for steps, _ in pieces())
+        # The mean is sharper than the median where steps are alike but for rounding; else it would mix in late ones.
+        if high - low < max(0.2 * step, 2.1 * resolution if resolution < 0.5 * step else 0.0):
+            step = mean(lambda s: s, longest)
+        return cls(step, resolution, float(np.sqrt(mean(lambda s: (s - step) ** 2, longest))))
 
 
 def stamp_resolution(t: Array, step: float) -> float:

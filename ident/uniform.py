@@ -137,7 +137,9 @@ def resampling_text(runs: int, uneven: int, rate: float, recordings: Sequence[tu
             raise DataError(f"the longest log has {longest} samples: too few to differentiate. Record longer runs.")
         raise DataError("no stretch of the logs is long enough: the time stamps have gaps everywhere. See `ident check`.")
     jitter = max(clock.jitter / clock.step for _, clock in recordings)
-    text = f"{uneven} of {runs} stretches resampled to {rate:.6g} Hz (steps vary by {jitter:.1%} rms)" if uneven else f"even, {rate:.6g} Hz"
+    missing = sum(clock.missing for _, clock in recordings)
+    why = [f"{missing} samples missing"] * (missing > 0) + [f"steps vary by {jitter:.1%} rms"] * (not missing or jitter > 0.001)
+    text = f"{uneven} of {runs} stretches resampled to {rate:.6g} Hz ({', '.join(why)})" if uneven else f"even, {rate:.6g} Hz"
     text += f"; {gaps} gap{'s' * (gaps > 1)} cut the runs" if gaps else ""
     return text + (f"; {thinned} samples too close to the one before left out" if thinned else "")
 

@@ -11,8 +11,9 @@ import numpy as np
 from ..audit import Audit, Finding, Severity, _merged
 from ..audit_checks import _limits, check_columns
 from ..audit_motion import check_motion
-from ..audit_time import GAP, Stamps, repairs, stamp_findings
+from ..audit_time import Stamps, repairs, stamp_findings
 from ..robot import Robot
+from ..spacing import GAP
 from .clock import clock_of, deviation, steps_of
 from .stored import StoredLog
 

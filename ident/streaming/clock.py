@@ -25,19 +25,7 @@ def clock_of(t: DiskArray) -> Clock:
     tallies: Callable[[], Iterable[tuple[Array, Any]]] = lambda: [few] if few else ((steps, 1) for steps in steps_of(t))  # noqa: E731
     step = _tallied_median(*few) if few else median(lambda: steps_of(t), len(t) - 1)
     resolution = stamp_resolution(t, step)  # type: ignore[arg-type]
-    count, total, low, high = 0, 0.0, np.inf, -np.inf
-    for steps, times in tallies():
-        flag = steps < 3 * step
-        if flag.any():
-            usual, often = steps[flag], np.broadcast_to(times, steps.shape)[flag]
-            count += int(often.sum())
-            total += float(usual @ often)
-            low, high = min(low, float(usual.min())), max(high, float(usual.max()))
-    kept = 3 * step
-    if count and high - low < max(0.2 * step, 2.1 * resolution if resolution < 0.5 * step else 0.0):
-        step = total / count
-    squares = sum(float(np.sum(np.where(steps < kept, steps - step, 0.0) ** 2 * times)) for steps, times in tallies())
-    return Clock(step, resolution, float(np.sqrt(squares / count)) if count else 0.0)
+    return Clock.behind(step, resolution, tallies)
 
 
 def _tally(t: DiskArray) -> tuple[Array, Array] | None:

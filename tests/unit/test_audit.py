@@ -79,8 +79,18 @@ def jittered(log: Log, t: Array) -> Log:
     return replace(log, t=t, q=np.column_stack([np.interp(t, log.t, c) for c in log.q.T]), dq=None)
 
 
+def thinned(log: Log, share: float, seed: int = 5) -> tuple[Log, int]:
+    """The log without a share of its rows, never three in a row, and how many were left out."""
+    drop = np.random.default_rng(seed).random(len(log)) < share
+    drop[[0, -1]] = False
+    for k in np.flatnonzero(drop[2:] & drop[1:-1] & drop[:-2]) + 2:
+        drop[k] &= not (drop[k - 1] and drop[k - 2])
+    return log.rows(np.flatnonzero(~drop)), int(drop.sum())
+
+
 CASES: dict[str, tuple[Callable[[Log], Log], str, Severity]] = {
     "jitter": (lambda log: jittered(log, log.t + 4e-4 * np.random.default_rng(1).uniform(-1, 1, len(log))), "", Severity.WARNING),
+    "missing_samples": (lambda log: thinned(log, 0.03)[0], "", Severity.WARNING),
     "gaps": (lambda log: log.rows(np.flatnonzero((log.t < 10) | (log.t > 10.5))), "", Severity.WARNING),
     "time_backwards": (lambda log: replace(log, t=put(log.t[:, None].copy(), slice(77, 78), 0, 0.0)[:, 0]), "", Severity.ERROR),
     "time_repeated": (lambda log: replace(log, t=put(log.t[:, None].copy(), slice(77, 78), 0, log.t[76])[:, 0]), "", Severity.ERROR),
@@ -128,7 +138,7 @@ def test_each_fault_is_found_where_it_is(robot: Robot, code: str) -> None:
     assert audit.ok == (severity != Severity.ERROR)
 
 
-@pytest.mark.parametrize("code", ["jitter", "gaps", "quantisation", "wrapped", "torque_nan", "velocity_scale"])
+@pytest.mark.parametrize("code", ["jitter", "missing_samples", "gaps", "quantisation", "wrapped", "torque_nan", "velocity_scale"])
 def test_faults_that_need_no_robot(robot: Robot, code: str) -> None:
     fault, _, _ = CASES[code]
     assert look(fault(good(robot)), None).of(code)
@@ -151,6 +161,61 @@ def test_no_fault_raises_the_alarm_of_another(robot: Robot) -> None:
         for f in look(fault(good(robot)), robot).findings:
             if f.severity != Severity.INFO and f.code != code:
                 assert f.code in follow.get(code, set()) | {"torque_unrelated"}, f"{code}: {f}"
+
+
+@pytest.mark.parametrize("share", [2e-4, 0.005, 0.03, 0.15])
+@pytest.mark.parametrize("rate", [100.0, 300.0, 1000.0])
+def test_missing_samples_are_no_jitter(robot: Robot, rate: float, share: float) -> None:
+    log, missing = thinned(good(robot, rate), share)
+    assert missing > 0
+    audit = look(log, robot)
+    (found,) = audit.of("missing_samples")
+    assert found.value == pytest.approx(missing / (len(log) + missing))
+    assert found.text.startswith(f"{missing} sample{'s are' if missing > 1 else ' is'} missing ({found.value:.2%})")
+    assert found.severity == (Severity.WARNING if share > 0.01 else Severity.INFO)
+    assert "bridged" in found.text
+    assert not audit.of("jitter")
+    assert not audit.of("gaps")
+    assert audit.of("sample_rate")[0].value == pytest.approx(rate, rel=1e-9)
+
+
+def test_missing_samples_under_rounded_stamps(robot: Robot) -> None:
+    """Stamps in whole milliseconds at 300 Hz make steps of 3 and 4 ms: neither jitter nor a rate of 333 Hz."""
+    log, missing = thinned(good(robot, 300.0), 0.03)
+    audit = look(replace(log, t=np.round(log.t, 3)), robot)
+    assert audit.of("missing_samples")[0].value == pytest.approx(missing / (len(log) + missing))
+    assert audit.of("sample_rate")[0].value == pytest.approx(300, rel=1e-4)
+    assert not audit.of("jitter")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.1])
+@pytest.mark.parametrize("scatter", [0.02, 0.06, 0.1])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_jitter_and_missing_samples_are_told_apart(robot: Robot, scatter: float, share: float, seed: int) -> None:
+    """Instants that scatter about the period by a share of it (standard deviation), with and without rows cut out."""
+    whole = good(robot)
+    rng = np.random.default_rng(seed)
+    log, missing = thinned(jittered(whole, np.sort(whole.t + scatter / 500 * rng.standard_normal(len(whole)))), share, seed)
+    audit = look(log, robot)
+    # Steps lie between two instants; what multiples hide of them, and resting on few, is left some room.
+    assert audit.of("jitter")[0].value == pytest.approx(np.sqrt(2) * scatter, rel=0.05)
+    assert audit.of("sample_rate")[0].value == pytest.approx(500, rel=3e-3)
+    if share:
+        assert audit.of("missing_samples")[0].value == pytest.approx(missing / (len(log) + missing), rel=0.03)
+    else:
+        assert not audit.of("missing_samples")
+
+
+@pytest.mark.parametrize("scatter", [0.2, 0.3, 0.5])
+def test_wild_jitter_is_not_taken_for_missing_samples(robot: Robot, scatter: float) -> None:
+    whole = good(robot)
+    rng = np.random.default_rng(8)
+    instants = np.sort(whole.t + scatter / 500 * rng.standard_normal(len(whole)))
+    late = np.cumsum(1 + scatter * rng.exponential(size=len(whole))) / 500
+    for t in (instants, late):
+        audit = look(jittered(whole, t), robot)
+        assert audit.of("jitter")
+        assert not audit.of("missing_samples")
 
 
 @pytest.mark.parametrize("delay", [-0.012, 0.02])

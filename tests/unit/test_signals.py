@@ -451,6 +451,16 @@ def test_wrapped_angles_are_joined() -> None:
     assert any("full turn" in w for w in signals.report.warnings)
 
 
+def test_the_report_tells_missing_samples_from_jitter() -> None:
+    t = clock("dropped", 500.0, 20.0)
+    text = ZeroPhase(cutoff_hz=12)(Truth().log(t), robot()).report.resampled
+    k = np.diff(np.rint(t * 500))
+    assert f"resampled to 500 Hz ({int((k[k < 3.5] - 1).sum())} samples missing)" in text
+    text = ZeroPhase(cutoff_hz=12)(Truth().log(clock("jitter", 500.0, 20.0)), robot()).report.resampled
+    assert "steps vary by" in text
+    assert "missing" not in text
+
+
 def test_rounded_stamps_are_not_jitter() -> None:
     """3 kHz written with four decimals: the steps look uneven by a third, the samples are not."""
     truth = Truth()

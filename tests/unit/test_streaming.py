@@ -115,6 +115,10 @@ def damaged(kind: str, table: dict[str, Array]) -> dict[str, Array]:
         out["tau_m1"][2000:2003] = np.inf, -np.inf, np.nan
     elif kind == "position holes":
         out["q3"][1000:1004] = np.nan
+    elif kind == "missing samples":
+        keep = rng.random(len(out["t"])) > 0.03
+        moved = out["t"] + 2e-4 * rng.uniform(-1, 1, len(out["t"]))
+        out = {"t": moved[keep]} | {k: np.interp(moved, out["t"], v)[keep] for k, v in out.items() if k != "t"}
     elif kind == "jitter":
         moved = out["t"] + 5e-4 * rng.uniform(-1, 1, len(out["t"]))
         out = {"t": moved} | {k: np.interp(moved, out["t"], v) for k, v in out.items() if k != "t"}
@@ -133,7 +137,18 @@ def damaged(kind: str, table: dict[str, Array]) -> dict[str, Array]:
     return out
 
 
-KINDS = ("gap", "torque holes", "position holes", "jitter", "wrapped", "saturated", "repeated stamps", "two runs", "degrees")
+KINDS = (
+    "gap",
+    "torque holes",
+    "position holes",
+    "missing samples",
+    "jitter",
+    "wrapped",
+    "saturated",
+    "repeated stamps",
+    "two runs",
+    "degrees",
+)
 
 
 @pytest.mark.parametrize("kind", KINDS)
