@@ -39,7 +39,8 @@ def positions(log: Log, robot: Robot | None) -> Array:
 def torque_of(log: Log, robot: Robot | None) -> tuple[Array | None, str]:
     """Torque on the measured side (or as logged, without a robot), and why there is none."""
     if robot is None:
-        return (next(iter(log.tau.values())), "") if log.tau else (None, "the log holds no torque or current column.")
+        asked = f"; {log.hint}" if log.hint else "."
+        return (next(iter(log.tau.values())), "") if log.tau else (None, f"the log holds no torque or current column{asked}")
     try:
         return measured(log, robot.transmission).torque, ""
     except IdentError as error:

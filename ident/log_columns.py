@@ -6,13 +6,14 @@ tables or pieces of tables that have these columns."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from .errors import ConfigurationError, DataError, unknown_name
+from .log_hints import lookalikes, question, torque_question
 from .log_units import Unit, expected_units, is_unit, split_unit, unit_of
 
 Array = np.ndarray
@@ -52,13 +53,15 @@ class Column:
 
 @dataclass(frozen=True)
 class ColumnPlan:
-    """The resolved columns of a log. `joints`: names, where the header gives them; `extra`: columns that are nothing of ours."""
+    """The resolved columns of a log. `joints`: names, where the header gives them; `extra`: columns that are nothing of ours; `hint`:
+    where there is no torque, which of those look like it, as a question."""
 
     columns: tuple[Column, ...]
     n: int
     joints: tuple[str, ...] = ()
     extra: tuple[str, ...] = ()
     notes: tuple[str, ...] = field(default=())
+    hint: str = ""
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -130,13 +133,16 @@ def resolve_columns(
             taken.add(source)
         elif present.source not in mapped:
             notes.append(f"{where}: columns {present.source!r} and {source!r} hold the same quantity; the first is used.")
-    n = _joint_count(found, joints, where, header, taken)
+    unknown = [h for h in header if h not in taken]
+    n = _joint_count(found, joints, where, unknown)
     _check_units(found, joints, where, notes)
-    found = _complete(found, n, joints, where, notes)
+    found = _complete(found, n, joints, where, notes, unknown)
     columns = tuple(sorted(found.values(), key=lambda c: (QUANTITIES.index(c.quantity), c.joint)))
     used = {c.source for c in columns}
     known = joints.names if joints else tuple(names)
-    return ColumnPlan(columns, n, known if len(known) == n else (), tuple(h for h in header if h not in used), tuple(notes))
+    known = known if len(known) == n else ()
+    hint = "" if any(c.quantity.startswith("tau") for c in columns) else torque_question(unknown, range(n), known)
+    return ColumnPlan(columns, n, known, tuple(h for h in header if h not in used), tuple(notes), hint)
 
 
 def _parse(source: str, joints: JointNames | None, where: str, *, strict: bool, names: list[str] | None = None) -> Column | None:
@@ -245,18 +251,15 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
     return Column(source, target.quantity, target.joint, unit.scale * scale, unit.scale * offset, suffix or "")
 
 
-def _joint_count(
-    found: Mapping[tuple[str, int], Column], joints: JointNames | None, where: str, header: Sequence[str], taken: Iterable[str]
-) -> int:
+def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | None, where: str, unknown: Sequence[str]) -> int:
     sides = [sorted({j for quantity, j in found if quantity == side}) for side in ("q", "q_motor")]
     positions = sides[0] if len(sides[0]) >= len(sides[1]) else sides[1]
     others = sorted({j for quantity, j in found if quantity != "t"})
     if not positions:
-        unused = [h for h in header if h not in set(taken)]
         raise DataError(
             f"{where}: no joint position found (q1, q2, … or q_m1, … or <joint>.position)."
-            f" Columns not understood: {_listed(unused) or 'none'}. Name them under [columns], for example q1 ="
-            f" {unused[0] if unused else 'angle'!r}."
+            f" Columns not understood: {_listed(unknown) or 'none'}. Name them under [columns], for example q1 ="
+            f" {unknown[0] if unknown else 'angle'!r}."
         )
     count = len(joints.names) if joints else positions[-1] + 1
     missing = [j for j in range(count) if j not in positions]
@@ -269,8 +272,11 @@ def _joint_count(
             if missing
             else f"too many: {_listed([f'q{j + 1}' for j in surplus])}"
         )
+        side = "q" if positions is sides[0] else "q_motor"
+        asked = question(lookalikes(unknown, side, missing, joints.names if joints else ()), side)
         raise DataError(
-            f"{where}: wrong joint count: {expected}, but the log has positions of {len(positions)} ({have}); {what}."
+            f"{where}: wrong joint count: {expected}, but the log has positions of {len(positions)} ({have}); {what}"
+            f"{f'; {asked}' if asked else '.'}"
             " Choose the robot that was logged, lock the joints that were not ([robot] locked), or map columns under [columns]."
         )
     stray = [j for j in others if j >= count]
@@ -305,7 +311,7 @@ def _check_units(found: dict[tuple[str, int], Column], joints: JointNames | None
 
 
 def _complete(
-    found: dict[tuple[str, int], Column], n: int, joints: JointNames | None, where: str, notes: list[str]
+    found: dict[tuple[str, int], Column], n: int, joints: JointNames | None, where: str, notes: list[str], unknown: Sequence[str]
 ) -> dict[tuple[str, int], Column]:
     """Drop quantities that are measured on some joints only, unless it is torque, which may be."""
     out = dict(found)
@@ -313,9 +319,11 @@ def _complete(
         have = [j for q, j in found if q == quantity]
         if not have or len(have) == n:
             continue
-        missing = _listed([joints.names[j] if joints else f"joint {j + 1}" for j in range(n) if j not in have])
+        lacking = [j for j in range(n) if j not in have]
+        missing = _listed([joints.names[j] if joints else f"joint {j + 1}" for j in lacking])
         if quantity.startswith("tau"):
-            notes.append(f"{where}: no {_TEXT[quantity]} logged for {missing}.")
+            asked = question(lookalikes(unknown, quantity, lacking, joints.names if joints else ()), quantity)
+            notes.append(f"{where}: no {_TEXT[quantity]} logged for {missing}{f'; {asked}' if asked else '.'}")
         else:
             notes.append(f"{where}: {_TEXT[quantity]} is not logged for {missing}, so no {_TEXT[quantity]} is taken from the log.")
             out = {k: v for k, v in out.items() if k[0] != quantity}

@@ -33,7 +33,8 @@ class Log:
     `t` (N,) s, rising, otherwise as recorded; `q` (N, n) on the joint side, or None where only `q_motor` (N, n) was logged.
     `dq`, `ddq`, `dq_motor` (N, n): measured ones, else None. `tau`: by "joint", "motor" (torque) or "current" → (N, n); a joint
     without torque has a column of NaN. `source`, `sha256`: the file. `extra`: other numeric columns (N,).
-    `notes`: what was repaired or left out when reading. `origin`: time at which the recording began, where this is a part of it."""
+    `notes`: what was repaired or left out when reading. `origin`: time at which the recording began, where this is a part of it.
+    `hint`: where there is no torque, which columns of the file look like it."""
 
     name: str
     t: Array
@@ -48,6 +49,7 @@ class Log:
     extra: Mapping[str, Array] = field(default_factory=dict, repr=False)
     notes: tuple[str, ...] = ()
     origin: float | None = None
+    hint: str = ""
 
     def __post_init__(self) -> None:
         positions = self.q if self.q is not None else self.q_motor
@@ -352,6 +354,7 @@ def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | No
                 sha256=digest,
                 extra={k: v[cut] for k, v in extras.items()},
                 notes=(*plan.notes, *pieces.notes),
+                hint=plan.hint,
             )
         )
     return logs

@@ -114,7 +114,7 @@ def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[f
         what = "one row of data; a log needs many." if state.place.rows else "there is a header, but no row of data."
         raise DataError(f"{where}: {what}")
     stem = path.name.split(".")[0]
-    log = StoredLog(stem, arrays, str(path), sums, (), tuple(state.blocks))
+    log = StoredLog(stem, arrays, str(path), sums, (), tuple(state.blocks), hint=plan.hint)
     runs = [log] if state.rising and state.kept >= 2 else _runs(log, state, where, notes)
     noted = (*plan.notes, *notes)
     named = [replace(r, notes=noted, origin=None, name=stem if len(runs) == 1 else f"{stem} run {i + 1}") for i, r in enumerate(runs)]

@@ -30,6 +30,7 @@ class StoredLog:
     notes: tuple[str, ...] = ()
     blocks: tuple[Surveyed, ...] = ()
     origin: float | None = None
+    hint: str = ""
 
     def __len__(self) -> int:
         return len(self.t)
@@ -62,7 +63,7 @@ class StoredLog:
     def read(self, start: int, stop: int) -> Log:
         """Some rows in memory."""
         piece = {k: a[start:stop] for k, a in self.arrays.items()}
-        return log_of(self.name, piece, self.source, self.sha256, self.notes, self.began)
+        return replace(log_of(self.name, piece, self.source, self.sha256, self.notes, self.began), hint=self.hint)
 
     def part(self, start: int, stop: int, name: str | None = None) -> StoredLog:
         """Some rows, still on disk."""

@@ -189,6 +189,17 @@ def test_missing_torque_column(fit, arm, tmp_path):
     assert {"Fv_elbow", "Fc_elbow"} <= set(ran.json["not_determined"])
 
 
+def test_torque_column_by_another_name(fit, arm, tmp_path):
+    named = {("torque_3" if k == "tau3" else k): v for k, v in arm.table.items()}
+    ran = fit(write_csv(tmp_path / "named.csv", named), "--json")
+    assert ran.code == 0
+    assert any("for elbow; did you mean 'torque_3'?" in w and 'tau3 = "torque_3"' in w for w in ran.json["warnings"])
+    named = {(f"effort_{JOINTS[int(k[3:]) - 1]}" if k.startswith("tau") else k): v for k, v in arm.table.items()}
+    ran = fit(write_csv(tmp_path / "efforts.csv", named))
+    assert ran.code == DATA
+    assert re.search(r"did you mean 'effort_slide', .*\[columns\]: tau1 = \"effort_slide\", tau2", ran.err), ran.err
+
+
 def test_log_that_is_too_short(fit, arm, tmp_path):
     ran = fit(write_csv(tmp_path / "short.csv", {k: v[:20] for k, v in arm.table.items()}))
     assert ran.code == DATA
