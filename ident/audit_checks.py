@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from .audit import Finding, Severity
+from .audit_jumps import find_jumps
 from .errors import IdentError
 from .logs import Log, measured, unwrapped
 from .masks import find_saturation
@@ -130,25 +131,17 @@ def _position(add: Add, log: Log, robot: Robot | None, j: int, name: str, x: Arr
         add(
             "spike",
             Severity.WARNING,
-            f"Position jumps at {at:.6g} s ({len(spikes)} samples stand far out). A single wrong sample bends velocity and"
-            " acceleration around it:"
-            " remove it from the log.",
+            f"Position jumps at {at:.6g} s ({len(spikes)} sample{'s stand' if len(spikes) > 1 else ' stands'} far out). A single wrong"
+            " sample bends velocity and acceleration around it: remove it from the log. Where the position stays away, an encoder or a"
+            " coupling slipped: cut the log there.",
             name,
-            float(np.abs(np.diff(joined, 2)).max()),
+            float(np.abs(np.diff(joined, 2))[spikes[0] - 1]),
         )
 
 
 def position_jumps(t: Array, x: Array) -> Array:
     """Samples (J,) at which positions x (N,) at times t (N,) do what no motion does, the worst first."""
-    steps = np.diff(t)
-    # Second differences within even stretches: across a gap they are large by themselves.
-    even = (steps[1:] < 2 * np.median(steps)) & (steps[:-1] < 2 * np.median(steps))
-    second = np.nan_to_num(np.where(even, np.abs(np.diff(x, 2)), 0.0))
-    usual = float(np.percentile(second, 99)) if len(second) else 0.0
-    if usual <= 0.0:
-        return np.zeros(0, int)
-    found = np.flatnonzero(second > 50 * max(usual, _grid_step(x), 1e-9 * float(np.ptp(x))))
-    return np.asarray(found[np.argsort(-second[found])] + 1)
+    return find_jumps(t, x, _grid_step(x))
 
 
 def _unit(add: Add, robot: Robot | None, j: int, name: str, x: Array, prismatic: bool, step: float) -> bool:

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident.audit_checks import position_jumps
 from ident.effects.offset import Offset
 from ident.estimators import WeightedLeastSquares
 from ident.friction.drive import Coulomb, RotorInertia, Viscous
-from ident.logs import LogSet, read_logs
+from ident.logs import LogSet, read_logs, unwrapped
 from ident.problem import Problem
 from ident.robot import Robot
 from ident.signals import Standstill, ZeroPhase
@@ -109,6 +110,16 @@ def test_audit_of_tx40_panda_and_pendulum(data_folder: Path) -> None:
     assert driven.of("quantisation")[0].value == pytest.approx(2 * np.pi / 4096 / 4, rel=0.02)
     off = read_logs(data_folder / "dfki_double_pendulum/dp_A0_0812_exc1.csv.gz", pendulum).audit()
     assert off.of("torque_zero")[0].value == pytest.approx(0.5, abs=0.01)
+
+
+def test_no_position_of_a_real_log_jumps(data_folder: Path) -> None:
+    files = sorted(data_folder.glob("*/*.csv.gz"))
+    assert len(files) >= 19
+    for file in files:
+        log = read_logs(file)[0]
+        q = log.q if log.q is not None else log.q_motor
+        for j, x in enumerate(unwrapped(q).T):
+            assert len(position_jumps(log.t, x)) == 0, (file.name, j + 1)
 
 
 def test_tiago_currents_through_a_mapping(data_folder: Path) -> None:

@@ -163,6 +163,18 @@ def test_no_fault_raises_the_alarm_of_another(robot: Robot) -> None:
                 assert f.code in follow.get(code, set()) | {"torque_unrelated"}, f"{code}: {f}"
 
 
+def test_a_small_slip_in_fast_motion_is_told(robot: Robot) -> None:
+    log = good(robot)
+    at = int(np.argmax(np.abs(np.diff(log.q[1000:-1000, 0])))) + 1000
+    slipped = with_q(lambda q: put(q, slice(at, None), 0, q[at:, 0] + 4e-3))(log)
+    assert not look(log, robot).of("spike")
+    (found,) = look(slipped, robot).of("spike")
+    assert found.where == "shoulder"
+    assert f"jumps at {log.t[at]:.6g} s" in found.text or f"jumps at {log.t[at - 1]:.6g} s" in found.text
+    assert "slipped" in found.text
+    assert found.value == pytest.approx(4e-3, rel=0.2)
+
+
 @pytest.mark.parametrize("share", [2e-4, 0.005, 0.03, 0.15])
 @pytest.mark.parametrize("rate", [100.0, 300.0, 1000.0])
 def test_missing_samples_are_no_jitter(robot: Robot, rate: float, share: float) -> None:
@@ -176,6 +188,7 @@ def test_missing_samples_are_no_jitter(robot: Robot, rate: float, share: float) 
     assert "bridged" in found.text
     assert not audit.of("jitter")
     assert not audit.of("gaps")
+    assert not audit.of("spike")
     assert audit.of("sample_rate")[0].value == pytest.approx(rate, rel=1e-9)
 
 
