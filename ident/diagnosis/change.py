@@ -55,6 +55,11 @@ class Change:
         blocks = self.grows @ weight
         return float(blocks.sum()), float(np.sqrt(np.sum(blocks**2)))
 
+    @property
+    def shares(self) -> float:
+        """Growth as a share of what there was, summed over the joints: whatever the noise is taken for."""
+        return float(np.sum(self.grows.sum(axis=0) / np.maximum(self.before, 1e-300), where=self.before > 0.0))
+
     def harms(self, found: Sequence[Found]) -> list[Found]:
         """Findings that are to blame: on joints whose error grows beyond chance; else, if the plain sum over all joints grows by more than
         its standard error, on those that make up most of it."""

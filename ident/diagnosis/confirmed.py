@@ -104,11 +104,31 @@ def confirmed(
                 unseen.append(f)
         if not harmful:
             return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused), tuple(unseen))
-        worst = min(harmful, key=lambda f: f.judged.evidence)
+        worst = harmful[0] if len(harmful) == 1 else _to_blame(harmful, found, selection.declared, stage, bank, declared, rows, refit)
         refused.append(worst)
         found = [f for f in found if f is not worst]
         stage = with_effects(selection.declared, [f.effect for f in found], stage, bank) if found else selection.declared
     return Confirmed(replace(selection, final=stage, found=()), declared, tuple(refused))
+
+
+def _to_blame(
+    harmful: Sequence[Found],
+    found: Sequence[Found],
+    first: Stage,
+    stage: Stage,
+    bank: Bank,
+    declared: Estimate,
+    rows: Signals,
+    refit: Callable[[Stage, tuple[str, ...]], Estimate],
+) -> Found:
+    """Of several that may do harm the one without which least is left of it."""
+
+    def harm(one: Found) -> float:
+        others = [f.effect for f in found if f is not one]
+        without = refit(with_effects(first, others, stage, bank), ()) if others else declared
+        return Change.of(declared, without, rows).shares
+
+    return min(harmful, key=harm)
 
 
 def _unseen(one: Found, names: Sequence[str]) -> Unexplained:

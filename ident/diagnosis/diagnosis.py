@@ -21,7 +21,7 @@ from .leftover import leftovers
 from .search import Bank
 from .selection import Selection, select
 from .stage import Stage, start
-from .turning import contradicted
+from .turning import agreeing
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
@@ -144,14 +144,15 @@ def diagnose(
     tell(0.9)
 
     def refit(stage: Stage, turning: tuple[str, ...]) -> Estimate:
-        """The estimate of a stage's model; `turning`: joints whose rows near reversals are left out, as they are where they contradict
-        the rest."""
+        """The estimate of a stage's model; `turning`: joints whose rows near reversals are left out."""
         model = stage.problem.model
-        rows = wide.without_turning(turning) if turning else wide
-        estimate = _fitted(estimator, model, rows, before, stage.problem.reference)
-        estimate = replace(estimate, sticking=tuple(dict.fromkeys((*estimate.sticking, *turning))))
-        against = contradicted(estimate, stage, model.effects[len(before.model.effects) :])
-        return estimate if set(against) <= set(estimate.sticking) else refit(stage, (*turning, *against))
+
+        def fitted(left_out: tuple[str, ...]) -> Estimate:
+            rows = wide.without_turning(left_out) if left_out else wide
+            estimate = _fitted(estimator, model, rows, before, stage.problem.reference)
+            return replace(estimate, sticking=tuple(dict.fromkeys((*estimate.sticking, *left_out))))
+
+        return agreeing(stage, model.effects[len(before.model.effects) :], wide, turning, fitted)
 
     last = last_word(selection, bank, declared, held, refit)
     selection, after = last.selection, last.after

@@ -5,7 +5,7 @@ would be without a contact say something else, and a fit of all rows then finds 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,15 +15,37 @@ from .evidence import touched
 if TYPE_CHECKING:
     from ..effect import Effect
     from ..estimate import Estimate
+    from ..signals import Signals
     from .stage import Stage
 
 #: A parameter differs if it does so by this many of its standard deviations without those rows, and by this share of itself.
 _SURELY = 4.0
 _SHARE = 0.1
+#: Rows of a joint are left out where at least this share of them is kept.
+_KEPT = 0.6
+#: And where no standard deviation of what was found grows more than this many times.
+_VAGUER = 2.0
 
 
-def contradicted(estimate: Estimate, stage: Stage, effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Joints on whose rows an effect sits of which an estimate from all rows finds something else than the stage does."""
+def agreeing(
+    stage: Stage, effects: Sequence[Effect], rows: Signals, turning: tuple[str, ...], fitted: Callable[[tuple[str, ...]], Estimate]
+) -> Estimate:
+    """The estimate of a stage's model, `effects` being what the declared one lacks of it. `rows`: that are fitted; `turning`: joints whose
+    rows near reversals are left out, as they are where they contradict the rest and tell nothing that it does not. `fitted`: the
+    estimate without those rows of some joints."""
+    whole = fitted(turning)
+    against = contradicted(whole, stage, effects, rows)
+    if set(against) <= set(whole.sticking):
+        return whole
+    less = fitted(tuple(dict.fromkeys((*turning, *against))))
+    names = {p.name for effect in effects for p in effect.parameters(stage.problem.model.robot)} & set(whole.names) & set(less.names)
+    known = all(less.std[less.index(name)] < _VAGUER * whole.std[whole.index(name)] for name in names)
+    return less if known else whole
+
+
+def contradicted(estimate: Estimate, stage: Stage, effects: Sequence[Effect], rows: Signals) -> tuple[str, ...]:
+    """Joints on whose rows an effect sits of which an estimate from all rows finds something else than the stage does, and that have rows
+    enough without those near reversals."""
     problem, frame = stage.problem, stage.frame
     base, robot = list(problem.base.names), problem.model.robot
     found = dict(zip(problem.model.names, estimate.all_values, strict=True))
@@ -35,4 +57,6 @@ def contradicted(estimate: Estimate, stage: Stage, effects: Sequence[Effect]) ->
         off = np.abs(np.array([found[name] for name in names]) - values)
         if np.any((off > _SURELY * std) & (off > _SHARE * np.abs(values))):
             at |= touched(stage.search.whitened(effect))
+    turning = np.zeros_like(rows.valid) if rows.turning is None else rows.turning
+    at &= (rows.valid & ~turning).sum(axis=0) >= _KEPT * rows.valid.sum(axis=0)
     return tuple(np.array(robot.joint_names)[at].tolist())

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 from scipy.signal import lfilter
 
+from ident.diagnosis import confirmed as confirmed_module
 from ident.diagnosis import diagnose
 from ident.diagnosis.change import Change
 from ident.diagnosis.consistent import consistent
@@ -146,3 +147,23 @@ def test_only_growth_beyond_chance_is_harm() -> None:
     assert Change(grows + [101.0, 0.0, 0.0], before, noise).harms([good, other]) == [good]
     assert change.on(np.array([False, False, True])) == (0.0, 0.0)
     assert change.on(np.array([True, False, False])) == pytest.approx((-2000.0, np.sqrt(20.0) * 100.0))
+
+
+def test_growth_as_a_share_needs_no_noise() -> None:
+    grows = np.stack([np.full(20, -5.0), np.full(20, 1.0), np.zeros(20)], axis=1)
+    change = Change(grows, np.array([1000.0, 10.0, 0.0]), np.array([1e-30, 1.0, np.nan]))
+    assert change.shares == pytest.approx(-0.1 + 2.0)
+
+
+def test_of_several_the_one_without_which_least_harm_is_left_is_to_blame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not the one with the least evidence: that may be the only one that is there."""
+    first, second, third = (a_finding(0, evidence) for evidence in (100.0, 500.0, 900.0))
+    for one, name in ((first, "a"), (second, "b"), (third, "c")):
+        cast(SimpleNamespace, one).effect = name
+    left = {("b", "c"): 3.0, ("a", "c"): -2.0, ("a", "b"): 1.0}
+    monkeypatch.setattr(confirmed_module, "with_effects", lambda _, effects, *rest: tuple(effects))
+    monkeypatch.setattr(confirmed_module.Change, "of", lambda before, after, rows: SimpleNamespace(shares=left[after]))
+    anything = cast(Any, None)
+    args = (anything, anything, anything, anything, anything)
+    blamed = confirmed_module._to_blame([first, second, third], [first, second, third], *args, refit=lambda stage, turning: stage)
+    assert blamed is second

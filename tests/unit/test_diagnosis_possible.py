@@ -201,10 +201,14 @@ def test_rows_near_reversals_that_say_otherwise_are_left_out() -> None:
         changed[names.index(late.parameters(stage.problem.model.robot)[0].name)] *= share
         return cast(Estimate, SimpleNamespace(all_values=changed))
 
-    assert contradicted(estimate(1.0), stage, [late]) == ()
-    assert contradicted(estimate(0.3), stage, [late]) == ("j2",)
-    assert contradicted(estimate(0.97), stage, [late]) == ()
-    assert contradicted(estimate(0.3), stage, []) == ()
+    signals = stage.problem.signals
+    assert contradicted(estimate(1.0), stage, [late], signals) == ()
+    assert contradicted(estimate(0.3), stage, [late], signals) == ("j2",)
+    assert contradicted(estimate(0.97), stage, [late], signals) == ()
+    assert contradicted(estimate(0.3), stage, [], signals) == ()
+    # A joint that hardly does anything else than turn keeps its rows.
+    always = replace(signals, turning=np.ones_like(signals.valid))
+    assert contradicted(estimate(0.3), stage, [late], always) == ()
 
 
 def test_what_held_out_data_say_is_told_of_the_winner() -> None:
