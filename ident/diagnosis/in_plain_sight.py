@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
-#: Errors on held-out data that are so many times those on fitted data are no scatter, from so many rows on.
-_APART = 3.0
+#: Errors on held-out data that are so many times those on fitted data are no scatter, from so many rows on (on 378 clean logs of the test
+#: bed no joint came above 1.5).
+_APART = 2.2
 _FEW = 100
 #: A joint of fewer usable rows than this share is lost, if it moved for so much of the time, by more than so many deviations of its
 #: position's noise.

@@ -24,6 +24,9 @@ _BEYOND = 1.3
 _COUNTS = 0.1
 #: Noise has a root mean square of 1.48 times its median size; of so many times that it comes in bursts.
 _BURSTS = 1.5
+#: So many rows beyond so many standard deviations are bursts as well: noise has one in two million.
+_FAR = 5.0
+_SEVERAL = 4
 #: A line stands so far above the median of its neighbours in the spectrum (chance among a thousand: once in 10⁹), and holds at least
 #: this share of all power.
 _LINE = 40.0
@@ -82,12 +85,18 @@ def _line(stage: Stage, joint: int) -> Irregular | None:
 
 def _bursts(residual: Array) -> Irregular | None:
     usual = float(np.median(residual**2)) / 0.4549  # the median of a χ² of one degree of freedom
-    power = float(np.mean(residual**2)) / max(usual, 1e-300)
-    if power <= _BURSTS**2:
+    squares = residual**2 / max(usual, 1e-300)
+    power, far = float(np.mean(squares)), squares > _FAR**2
+    if power <= _BURSTS**2 and int(far.sum()) < _SEVERAL:
         return None
-    share = float(np.mean(residual**2 > 9.0 * usual))
+    share = float(np.mean(squares > 9.0))
     name = f"no quantity, but comes in bursts ({100 * share:.2g} % of the rows hold most of it)"
-    return Irregular(name, len(residual) * (power - 1.0), float(np.sqrt(2.0 * len(residual)) * power), float(np.sqrt(power - 1.0)))
+    # What few rows hold may be little beside the noise of all others: it is they that count.
+    held = float(squares[far].sum())
+    evidence, error = max(
+        (len(residual) * (power - 1.0), float(np.sqrt(2.0 * len(residual))) * power), (held, held / np.sqrt(max(1.0, float(far.sum()))))
+    )
+    return Irregular(name, evidence, error, float(np.sqrt(evidence / len(residual))))
 
 
 def _beyond(residual: Array) -> Irregular | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .evidence import FALSE_ALARM, touched
+from .evidence import FALSE_ALARM, WEAK, touched
 from .irregular import irregular
 from .selection import COMPANION, LARGE, Found
 from .signatures import signatures, tones
@@ -80,7 +80,8 @@ def leftovers(stage: Stage, found: tuple[Found, ...]) -> list[Leftover]:
         if family.joint not in best or per_parameter(new, k) > per_parameter(best[family.joint], k):
             best[family.joint] = new
     for j in range(n):
-        if j not in best and (more := irregular(stage, j)) is not None:
+        # A quantity that it hardly follows says less than that it comes in bursts.
+        if (j not in best or best[j].evidence < WEAK) and (more := irregular(stage, j)) is not None:
             share = more.evidence / explained[j] if explained[j] > 0 else np.inf
             best[j] = Leftover(j, more.name, more.evidence, more.standard_error, float(share), more.rms)
     return sorted(best.values(), key=lambda x: -x.evidence)

@@ -15,6 +15,7 @@ from test_diagnosis_parts import NOISE, rebuilt, recorded, stage_of
 from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.contest import _decided, _Entry
 from ident.diagnosis.findings import _finding, _inexact
+from ident.diagnosis.irregular import _bursts
 from ident.diagnosis.light import too_light
 from ident.diagnosis.plausible import driven_out, implausible
 from ident.diagnosis.refit import Refit
@@ -237,3 +238,23 @@ def test_what_held_out_data_say_is_told_of_the_winner() -> None:
     assert alone.place == 0
     assert lines == []
     np.testing.assert_allclose(logs, np.log(one.weights))
+
+
+def test_a_few_rows_far_beyond_the_noise_are_bursts() -> None:
+    rng = np.random.default_rng(1)
+    noise = rng.normal(size=900)
+    assert _bursts(noise) is None
+    few = noise.copy()
+    few[[100, 500]] = 9.0
+    assert _bursts(few) is None, "one bad sample spreads over a row or two"
+    knocks = noise.copy()
+    knocks[[100, 101, 400, 401, 700]] = (8.0, -7.0, 9.0, -6.0, 7.0)
+    found = _bursts(knocks)
+    assert found is not None
+    assert "bursts" in found.name
+    assert found.evidence == pytest.approx(64 + 49 + 81 + 36 + 49, rel=0.2)
+    assert found.evidence > 3.0 * found.standard_error / np.sqrt(5.0)
+    # Noise of any level is none, and what swells for a while is.
+    assert _bursts(1e-6 * noise) is None
+    swelling = noise * np.where(np.arange(900) < 100, 6.0, 1.0)
+    assert _bursts(swelling) is not None
