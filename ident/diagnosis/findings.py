@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..effect import Axis, Effect
 from ..places import motors_of, place_of, place_of_joints
+from ..transmission import Side
 from .evidence import WEAK, touched
 from .leftover import Leftover
 from .precision import FoundParameter, found_parameters, support
 from .selection import Found, Selection
 from .stage import Stage
+
+if TYPE_CHECKING:
+    from ..robot import Robot
 
 Array = np.ndarray
 #: A finding is ambiguous when its rivals together are at least this probable.
@@ -28,10 +32,11 @@ _NAMED = 0.01
 _MOST = 0.99
 #: Share of its confidence that a finding keeps beside something larger that nothing explains.
 _OVERSHADOWED = 0.3
-#: So many at one place are taken by their names; one that makes up less than this share of another which follows the same quantity is a
-#: part of that one's law.
+#: So many at one place are taken by their names; one that makes up less than this share of another which follows the position as well is a
+#: part of that one's law, unless it is a ripple of so many radians a radian.
 _TOGETHER = 2
 _SMALL = 0.05
+_RIPPLE = 20.0
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,7 @@ def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[F
     unexplained = tuple(
         Unexplained(robot.joint_names[x.joint], x.signature, x.text(robot.joint_names[x.joint]), x.evidence) for x in counted
     )
-    unexplained += _drawn(selection.found)
+    unexplained += _drawn(selection.found, robot)
     if unexplained:
         verdict = "unexplained"
     elif any(f.ambiguous or f.confidence < _LIKELY for f in findings):
@@ -147,12 +152,12 @@ def _beside(one: Found, found: Sequence[Found]) -> list[Found]:
     return [f for f in found if f is one or (f.effect.joints is not None and f.effect.joints == one.effect.joints)]
 
 
-def _drawn(found: Sequence[Found]) -> tuple[Unexplained, ...]:
+def _drawn(found: Sequence[Found], robot: Robot) -> tuple[Unexplained, ...]:
     """Places where several effects were found that together draw what is there, so that none of their names says what it is."""
     out: dict[str, Unexplained] = {}
     for one in found:
         here = _beside(one, found)
-        if one.effect.joints and (_many(here) or _inexact(one, here)):
+        if one.effect.joints and (_many(here) or _inexact(one, here, robot)):
             joint = one.effect.joints[0]
             names = ", ".join(f.effect.name for f in here)
             said = f"{joint}: {names} together draw what is there, as others could; none of these names is to be trusted"
@@ -165,17 +170,21 @@ def _many(here: Sequence[Found]) -> bool:
     return len(here) > _TOGETHER
 
 
-def _inexact(one: Found, here: Sequence[Found]) -> bool:
-    """Whether something much smaller follows the same quantity at the same place: it makes up for a law that is not the right one."""
-    return any(
-        _alike(one.effect, other.effect) and other.judged.evidence < _SMALL * one.judged.evidence for other in here if other is not one
+def _inexact(one: Found, here: Sequence[Found], robot: Robot) -> bool:
+    """Whether something much smaller that follows the position, too, stands at the same place: it makes up for a law that is not the right
+    one. Friction is different: what grows with speed and what does not are two things."""
+    return _of_position(one.effect, robot) and any(
+        _of_position(other.effect, robot) and other.judged.evidence < _SMALL * one.judged.evidence for other in here if other is not one
     )
 
 
-def _alike(one: Effect, other: Effect) -> bool:
-    """Whether two effects follow the same quantity; a motor's angle and the position are one."""
-    axes = {Axis.POSITION if effect.axis == Axis.MOTOR_ANGLE else effect.axis for effect in (one, other)}
-    return len(axes) == 1
+def _of_position(effect: Effect, robot: Robot) -> bool:
+    """Whether an effect follows the position, a motor's angle being one, and not in so fine a ripple that no other law has it."""
+    order = float(getattr(effect, "order", 0.0))
+    if order and effect.joints and getattr(effect, "angle", effect.side) == Side.MOTOR:
+        j = robot.joint_index(effect.joints[0])
+        order /= max(abs(float(robot.transmission.K[j, j])), 1e-300)
+    return effect.axis in (Axis.POSITION, Axis.MOTOR_ANGLE) and order < _RIPPLE
 
 
 def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Selection, left: Sequence[Leftover]) -> Finding:
@@ -186,7 +195,7 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
     if any(x.weight >= 1.0 and x.evidence > found.judged.evidence for x in left):
         trust *= _OVERSHADOWED
     here = _beside(found, selection.found)
-    if _many(here) or any(_inexact(f, here) for f in here):
+    if _many(here) or any(_inexact(f, here, selection.final.problem.model.robot) for f in here):
         trust *= _OVERSHADOWED
 
     own = found.judged.hit.place

@@ -167,16 +167,20 @@ def found(effect: Effect, evidence: float, rivals: tuple[Found, ...] = (), weigh
 @pytest.mark.parametrize(
     ("first", "second", "evidence", "part"),
     [
-        (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 800.0, True),
-        (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 8000.0, False),
+        (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", angle="joint", order=1.0), 800.0, True),
+        (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", angle="joint", order=1.0), 8000.0, False),
+        (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", angle="joint", order=60.0), 800.0, False),
+        # Once a turn of a motor behind a gear.
+        (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 800.0, False),
         (make_effect("coulomb", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 800.0, False),
+        (make_effect("coulomb", joints="j1"), make_effect("viscous", joints="j1"), 800.0, False),
     ],
 )
-def test_something_small_that_follows_the_same_quantity_is_part_of_the_law(
+def test_something_small_that_follows_the_position_too_is_part_of_the_law(
     first: Effect, second: Effect, evidence: float, part: bool
 ) -> None:
     here = [found(first, 100_000.0), found(second, evidence)]
-    assert any(_inexact(f, here) for f in here) is part
+    assert any(_inexact(f, here, ROBOTS["scara"]()) for f in here) is part
 
 
 def test_what_is_there_as_well_is_no_rival() -> None:
@@ -184,8 +188,9 @@ def test_what_is_there_as_well_is_no_rival() -> None:
     third = found(make_effect("stribeck", joints="j1"), 300.0)
     first = found(make_effect("offset", joints="j1"), 1000.0, (second, third), (0.5, 0.4, 0.1))
     declared_stage = SimpleNamespace(frame=SimpleNamespace(heldout_loss=np.ones(4)))
-    alone = cast(Selection, SimpleNamespace(found=(first,), declared=declared_stage))
-    both = cast(Selection, SimpleNamespace(found=(first, second), declared=declared_stage))
+    final = SimpleNamespace(problem=SimpleNamespace(model=SimpleNamespace(robot=ROBOTS["scara"]())))
+    alone = cast(Selection, SimpleNamespace(found=(first,), declared=declared_stage, final=final))
+    both = cast(Selection, SimpleNamespace(found=(first, second), declared=declared_stage, final=final))
     assert _finding(first, (), alone, []).confidence == pytest.approx(0.5, abs=0.01)
     with_it = _finding(first, (), both, [])
     assert with_it.confidence == pytest.approx(5.0 / 6.0, abs=0.01)
