@@ -83,6 +83,11 @@ def confirmed(
     stays: the held-out data may not hold what shows it."""
     found, stage, refused = list(selection.found), selection.final, list[Found]()
     names = np.array(declared.model.robot.joint_names)
+
+    def without(one: Found) -> Estimate:
+        others = [f.effect for f in found if f is not one]
+        return refit(with_effects(selection.declared, others, stage, bank), ()) if others else declared
+
     while found:
         at = [touched(f.judged.hit.columns) for f in found]
         if refused:
@@ -94,9 +99,7 @@ def confirmed(
         harmful, unseen = change.harms(found), list[Found]()
         for f in () if harmful else sorted(change.doubtful(found), key=lambda f: f.judged.evidence):
             # What is gained elsewhere, by parameters that are free of a bias now, counts as well: compared with the model without it.
-            others = [g.effect for g in found if g is not f]
-            without = refit(with_effects(selection.declared, others, stage, bank), ()) if others else declared
-            grown, error = Change.of(without, after, rows).on(np.ones(len(names), bool))
+            grown, error = Change.of(without(f), after, rows).on(np.ones(len(names), bool))
             if grown >= 0.0 and (grown > error or f.judged.evidence < WEAK):
                 harmful = [f]
                 break
@@ -104,31 +107,16 @@ def confirmed(
                 unseen.append(f)
         if not harmful:
             return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused), tuple(unseen))
-        worst = harmful[0] if len(harmful) == 1 else _to_blame(harmful, found, selection.declared, stage, bank, declared, rows, refit)
+        worst = harmful[0] if len(harmful) == 1 else _to_blame(harmful, without, declared, rows)
         refused.append(worst)
         found = [f for f in found if f is not worst]
         stage = with_effects(selection.declared, [f.effect for f in found], stage, bank) if found else selection.declared
     return Confirmed(replace(selection, final=stage, found=()), declared, tuple(refused))
 
 
-def _to_blame(
-    harmful: Sequence[Found],
-    found: Sequence[Found],
-    first: Stage,
-    stage: Stage,
-    bank: Bank,
-    declared: Estimate,
-    rows: Signals,
-    refit: Callable[[Stage, tuple[str, ...]], Estimate],
-) -> Found:
-    """Of several that may do harm the one without which least is left of it."""
-
-    def harm(one: Found) -> float:
-        others = [f.effect for f in found if f is not one]
-        without = refit(with_effects(first, others, stage, bank), ()) if others else declared
-        return Change.of(declared, without, rows).shares
-
-    return min(harmful, key=harm)
+def _to_blame(harmful: Sequence[Found], without: Callable[[Found], Estimate], declared: Estimate, rows: Signals) -> Found:
+    """Of several that may do harm the one without which least is left of it. `without`: the estimate of the model that lacks one."""
+    return min(harmful, key=lambda one: Change.of(declared, without(one), rows).shares)
 
 
 def _unseen(one: Found, names: Sequence[str]) -> Unexplained:

@@ -160,10 +160,7 @@ def test_of_several_the_one_without_which_least_harm_is_left_is_to_blame(monkeyp
     first, second, third = (a_finding(0, evidence) for evidence in (100.0, 500.0, 900.0))
     for one, name in ((first, "a"), (second, "b"), (third, "c")):
         cast(SimpleNamespace, one).effect = name
-    left = {("b", "c"): 3.0, ("a", "c"): -2.0, ("a", "b"): 1.0}
-    monkeypatch.setattr(confirmed_module, "with_effects", lambda _, effects, *rest: tuple(effects))
+    left = {"a": 3.0, "b": -2.0, "c": 1.0}
     monkeypatch.setattr(confirmed_module.Change, "of", lambda before, after, rows: SimpleNamespace(shares=left[after]))
     anything = cast(Any, None)
-    args = (anything, anything, anything, anything, anything)
-    blamed = confirmed_module._to_blame([first, second, third], [first, second, third], *args, refit=lambda stage, turning: stage)
-    assert blamed is second
+    assert confirmed_module._to_blame([first, second, third], lambda one: cast(Any, one.effect), anything, anything) is second
