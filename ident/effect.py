@@ -99,6 +99,8 @@ class Effect(ABC):
     everywhere: ClassVar[bool] = False
     #: Effects of one such kind are forms of the same thing: a joint has one of them at most ("": it stands for itself).
     form_of: ClassVar[str] = ""
+    #: Whether it acts now and then, but hard (knocks): a plain fit of a model without it is bent by that.
+    abrupt: ClassVar[bool] = False
 
     joints: tuple[str, ...] | None = None
     side: Side = Side.MOTOR

@@ -55,7 +55,8 @@ class Motion:
     that the links ask for on the joint side, as the model predicts it (effects that depend on load must not use the noisy
     measured torque). `torque` (N, n), if known: the measured torque on the measured side. `rate`: samples per second
     where the samples are one uniform run, else 0. `reference`, if known: the model's prediction, for effects that correct
-    it. `start`: time of the first sample of the run. `transmission`: what is between the sides."""
+    it. `start`: time of the first sample of the run. `transmission`: what is between the sides. `cutoff_hz`: up to which
+    frequency the preparation of the signals let the motion through (inf: it is as it was)."""
 
     t: Array
     joint: Coordinates
@@ -66,6 +67,7 @@ class Motion:
     reference: Reference | None = None
     start: float = 0.0
     transmission: Transmission | None = None
+    cutoff_hz: float = float("inf")
 
     @classmethod
     def of(
@@ -79,6 +81,7 @@ class Motion:
         rate: float = 0.0,
         torque: Array | None = None,
         start: float | None = None,
+        cutoff_hz: float | None = None,
     ) -> Motion:
         """From joint-side arrays (N, n). Without `t` the samples are unrelated in time (t = 0); without `start` the run
         starts with the first sample."""
@@ -87,7 +90,8 @@ class Motion:
         time = np.zeros(len(q)) if t is None else t
         if start is None:
             start = float(time[0]) if len(time) else 0.0
-        return cls(time, Coordinates(q, dq, ddq), motor, None, torque, rate, None, start, transmission)
+        cutoff = float("inf") if cutoff_hz is None else cutoff_hz
+        return cls(time, Coordinates(q, dq, ddq), motor, None, torque, rate, None, start, transmission, cutoff)
 
     def __len__(self) -> int:
         return len(self.joint.q)

@@ -135,6 +135,7 @@ class Problem:
             rate=s.rate,
             torque=s.torque[samples],
             start=s.origins[run],
+            cutoff_hz=s.report.cutoff_hz,
         )
         if (model.needs | needs) & {Need.LOAD, Need.REFERENCE}:
             reference = np.zeros(len(model.parameters)) if self.reference is None else self.reference

@@ -118,6 +118,9 @@ def _shapes(effect: Effect, motion: Motion, robot: Robot) -> Iterator[Effect]:
     for p in parameters:
         low, high = ranges[p.name]
         points = p.points or usual
+        if points == 1:
+            grids.append(np.array([min(max(p.typical, low), high)]))
+            continue
         grids.append(np.geomspace(low, high, points) if p.log and low > 0 else np.linspace(low, high, points))
     for values in itertools.product(*grids):
         yield effect.with_shape(**{p.name: float(v) for p, v in zip(parameters, values, strict=True)})

@@ -10,6 +10,7 @@ import numpy as np
 from ..effect import Need
 from ..fixed_point import MOST, Repetition
 from .frame import Frame, raw_columns
+from .steady import steady_values
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -19,20 +20,23 @@ Array = np.ndarray
 #: A value has settled if it moves by less than this share of itself, or of its standard deviation.
 _SHARE = 1e-3
 _DEVIATIONS = 0.05
+#: Passes in which a fit with an abrupt effect goes by the rows that follow it, until knocks come when they should.
+_STEADY = 3
 
 
 def consistent(problem: Problem, white: Whitener, most: int = MOST) -> tuple[Problem, Frame]:
     """The problem with the reference that its own fit yields, and its frame; of all that were tried (`most` at most) the one whose values
     predict best."""
     frame = Frame.build(problem, white, raw_columns(problem))
-    values = _fitted(problem, frame)
+    steady = _STEADY if any(e.abrupt for e in problem.model.effects) else 0
+    values = steady_values(frame) if steady else _fitted(problem, frame)
     if not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
         problem = problem.with_reference(values)
         return problem, replace(frame, problem=problem)
     best: tuple[float, Problem, Frame] | None = None
     weight = _weight(problem, frame)
     repetition = Repetition(weight)
-    for _ in range(most):
+    for i in range(most):
         settled = problem.reference is not None and not _moved(values, problem.reference, weight)
         problem = problem.with_reference(values if problem.reference is None else repetition.next(problem.reference, values))
         frame = Frame.build(problem, white, raw_columns(problem))
@@ -41,7 +45,7 @@ def consistent(problem: Problem, white: Whitener, most: int = MOST) -> tuple[Pro
             best = loss, problem, frame
         if settled:
             break
-        values = _fitted(problem, frame)
+        values = steady_values(frame) if i + 1 < steady else _fitted(problem, frame)
     assert best is not None
     return best[1], best[2]
 

@@ -81,7 +81,7 @@ def noise_floor(
 
 def _columns(motions: Motions, candidates: tuple[Candidate, ...], bank: Bank, tell: Callable[[float], None]) -> list[Array]:
     """Columns (M, n, k) of every candidate at every shape of its grid."""
-    bank.prepare(motions, candidates)
+    bank.prepare(lambda _: motions, candidates)
     blocks: list[Array] = []
     for i, c in enumerate(candidates):
         blocks += bank.columns(motions, c.variants)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,11 +12,13 @@ import numpy as np
 from ..effect import Effect, Need
 from ..places import motors_of
 from .candidates import Candidate
+from .evidence import WEAK
 from .frame import Frame, Motions, Score
 from .moments import CLOSE, best_moment
 from .plausible import driven_out, implausible
 from .refit import Refit
 from .spectral import Harmonics, harmonics, order_parameter, promising_orders
+from .steady import steady_values
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -26,6 +29,8 @@ _STEPS = 14
 _MOST_STEPS = 40
 #: Shapes of a grid that are whitened and scored at a time.
 _AT_ONCE = 64
+#: Times that the prediction is mended by which an abrupt effect's columns are made.
+_PASSES = 3
 #: Starts of a search among possible shapes.
 _FEW = 4
 #: First steps of a search over several, as a share of their ranges.
@@ -83,6 +88,7 @@ class Search:
     def __init__(self, frame: Frame, motions: Motions, candidates: tuple[Candidate, ...], bank: Bank | None = None) -> None:
         self.frame, self.motions, self.candidates = frame, motions, candidates
         self.bank = bank if bank is not None else Bank()
+        self._seen: dict[tuple[str, ...] | None, Motions] = {}
 
     @property
     def robot(self) -> Robot:
@@ -90,13 +96,21 @@ class Search:
 
     def whitened(self, effect: Effect) -> Array:
         """Whitened columns (n, M, k) of an effect."""
-        return self.frame.whitened(self.motions.columns(effect))
+        return self.frame.whitened(self.seen_by(effect).columns(effect))
+
+    def seen_by(self, effect: Effect) -> Motions:
+        """The motions of which an effect's columns are made: what an abrupt one does is foretold from what it has not bent."""
+        return self._seen.get(effect.joints, self._steady) if effect.abrupt else self.motions
+
+    @cached_property
+    def _steady(self) -> Motions:
+        return Motions(self.frame.problem.with_reference(steady_values(self.frame)))
 
     def scan(self, progress: Callable[[float], None] | None = None, joints: frozenset[str] | None = None) -> list[Hit]:
         """Every candidate at the best shape of its grid, the largest gain first. `joints`: only what sits on one of these, or on none."""
         hits = []
         chosen = [c for c in self.candidates if joints is None or not c.joints or joints & set(c.joints)]
-        self.bank.prepare(self.motions, chosen)
+        self.bank.prepare(self.seen_by, chosen)
         for i, candidate in enumerate(chosen):
             hits.append(self.first(candidate))
             if progress is not None:
@@ -106,6 +120,24 @@ class Search:
 
     def first(self, candidate: Candidate) -> Hit:
         """The best shape of a candidate's grid, and of the orders that the residual's spectrum suggests."""
+        effect = candidate.variants[0]
+        if not effect.abrupt:
+            return self._first(candidate)
+        # The better it is foretold, the better the rows between its knocks are told from the others, and so on.
+        best = self._first(candidate)
+        hit, seen = best, self.seen_by(effect)
+        for _ in range(_PASSES):
+            if hit.promise < WEAK:
+                break
+            values = steady_values(self.frame, hit.columns)
+            self._seen[effect.joints] = Motions(self.frame.problem.with_reference(values))
+            hit = self._first(candidate)
+            if hit.fit_gain > best.fit_gain:
+                best, seen = hit, self.seen_by(effect)
+        self._seen[effect.joints] = seen
+        return best
+
+    def _first(self, candidate: Candidate) -> Hit:
         variants = list(candidate.variants)
         name = order_parameter(candidate.variants[0])
         if name is not None:
@@ -113,7 +145,7 @@ class Search:
             peaks = promising_orders(found, self.frame, self.motions) if found is not None else []
             variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks] or variants
         held = [effect.response(self.robot) for effect in variants]
-        every = self.bank.columns(self.motions, variants)
+        every = self.bank.columns(self.seen_by(variants[0]), variants)
         k, parts = every[0].shape[2], list[tuple[Array, Array, Array]]()
         for start in range(0, len(variants), _AT_ONCE):
             own = slice(start, start + _AT_ONCE)
@@ -149,7 +181,7 @@ class Search:
         parameters = hit.effect.shape()
         if not parameters:
             return hit
-        ranges = hit.effect.search_range(self.motions.parts[0][1], self.robot)
+        ranges = hit.effect.search_range(self.seen_by(hit.effect).parts[0][1], self.robot)
         if len(parameters) > 1:
             own = (hit.effect, *hit.also)
             starts = [hit, *(self.hit(hit.candidate, e) for e in (*hit.also, *(twin for e in own for twin in e.twins())))]
@@ -279,7 +311,7 @@ class Bank:
             self._harmonics[effect] = harmonics(effect, frame, motions)
         return self._harmonics[effect]
 
-    def prepare(self, motions: Motions, candidates: Sequence[Candidate]) -> None:
+    def prepare(self, seen_by: Callable[[Effect], Motions], candidates: Sequence[Candidate]) -> None:
         """Columns of all candidates whose kind makes many of them at once for less."""
         kinds: dict[type[Effect], list[Effect]] = {}
         for candidate in candidates:
@@ -287,7 +319,7 @@ class Bank:
             if kind.columns_of.__func__ is not Effect.columns_of.__func__:  # type: ignore[attr-defined]
                 kinds.setdefault(kind, []).extend(candidate.variants)
         for effects in kinds.values():
-            self.columns(motions, effects)
+            self.columns(seen_by(effects[0]), effects)
 
     def columns(self, motions: Motions, effects: Sequence[Effect]) -> list[Array]:
         """Columns of several effects of one kind, filtered like the torque."""

@@ -78,7 +78,9 @@ def with_effects(
     model = first.problem.model
     for effect in effects:
         model = model + effect
-    old = dict(zip(like.problem.model.names, like.problem.reference, strict=True)) if like.problem.reference is not None else {}
+    abrupt = [e for e in effects if e.abrupt and e not in like.problem.model.effects]
+    known = like.search.seen_by(abrupt[0]).problem if abrupt else like.problem
+    old = dict(zip(known.model.names, known.reference, strict=True)) if known.reference is not None else {}
     reference = np.array([old.get(name, 0.0) for name in model.names])
     return staged(Problem(model, first.problem.signals, reference=reference), first.white, bank, like.motions, among, most)
 

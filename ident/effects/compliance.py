@@ -1,9 +1,12 @@
 """Between a motor's encoder and its link: an elastic gear, play (SCIENCE.md 7.1).
 
-The position is read at the motor; the link moves by δ more. With u the torque that the link would ask for at the position
-read, I its inertia and k the stiffness, I d²δ/dt² = −u − k x(δ) − damping, x(δ) the spring's deflection: δ itself, or δ less
-the play. The torque at the motor then is that of the link's true motion: the prediction plus T(δ, dδ/dt, d²δ/dt²). What is
-fitted is the response, by how much of this the data show: 1 if stiffness and play are right."""
+The position is read at the motor; the link moves by δ more. With u the torque that the link would ask for at the position read and I its
+inertia, I d²δ/dt² = −u while nothing holds it; a spring of stiffness k adds −k δ and its damping, the flanks of a gap a knock. The
+torque at the motor then is that of the link's true motion: the prediction plus T(δ, dδ/dt, d²δ/dt²). What is fitted is the response,
+by how much of this the data show: 1 if the shape is right.
+
+Rigid motion does not tell the link's inertia from that of the rotor that turns with it (but through other joints): the link's share
+of their sum is a shape."""
 
 from __future__ import annotations
 
@@ -18,6 +21,8 @@ from ..errors import ConfigurationError
 from ..motion import Coordinates, Motion
 from ..parameters import Parameter, ShapeParameter
 from ..transmission import Side
+from .flexing import responses
+from .play import Flights, Jolts, played
 
 if TYPE_CHECKING:
     from ..reference import Reference
@@ -27,92 +32,106 @@ Array = np.ndarray
 
 #: Springs that are followed at a time: their coefficients take memory.
 _LANES = 32
+#: The link's inertia is nowhere taken for less than this share of what it usually is.
+_LEAST = 0.1
+#: Shares of the inertia that are worth a search.
+_SHARES = (0.05, 3.0)
+#: Knocks that are worth a search, s.
+_KNOCKS = (0.001, 0.03)
 #: A joint that is slower than this share of its usual speed when a run starts is taken to start from rest.
 _AT_REST = 0.02
 
 
+@dataclass(frozen=True, eq=False)
+class _Link:
+    """What hangs behind the encoder of a joint, over the N samples of a run: `load` (N,) torque that it asks for at the position read,
+    `first` at the very start; `inertia` (N,) about the joint; `acceleration` (N,) of the motor's side; `rate`, `cutoff_hz` of the run."""
+
+    load: Array
+    first: float
+    inertia: Array
+    acceleration: Array
+    rate: float
+    cutoff_hz: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Compliance(Effect):
-    """`side`: the side of the transmission on which the spring is. `damping`: share of critical damping."""
+    """`side`: the side of the transmission on which it is. `link_share`: of the inertia about the joint that turns as the model has it,
+    the share that is behind it; the rest turns with the motor."""
 
     needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE, Need.HISTORY})
     symbol: ClassVar[str]
     form_of: ClassVar[str] = "spring between motor and link"
 
     side: Side = Side.JOINT
-    stiffness: float = 1e4
-    damping: float = 0.1
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0.0 <= float(self.damping) <= 1.0:
-            raise ConfigurationError(
-                f"effect {self.name!r}: damping, a share of the critical one, must be from 0 to 1, not {self.damping!r}."
-            )
+    link_share: float = 1.0
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         return tuple(Parameter(self.named(self.symbol, robot, j), "1", self.name, robot.joint_names[j], 0.0) for j in self.at(robot))
 
     def shape(self) -> tuple[ShapeParameter, ...]:
-        return (
-            ShapeParameter("stiffness", "N m/rad (N/m)", 1e-4, 1e10, 1e4, log=True, points=4),
-            ShapeParameter("damping", "1", 0.01, 1.0, 0.1, log=True, points=2),
-        )
+        return (ShapeParameter("link_share", "1", 0.01, 4.0, 1.0, log=True, points=4),)
 
-    @property
-    def play(self) -> float:
-        """Free play, rad or m."""
-        return 0.0
+    @classmethod
+    def moved(cls, effects: Sequence[Self], link: _Link) -> list[tuple[Array, Array, Array]]:
+        """δ and its two derivatives (N,) of each of several effects of one link."""
+        raise NotImplementedError
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         return self.columns_of([self], motion, robot)[0]
 
     @classmethod
     def columns_of(cls, effects: Sequence[Self], motion: Motion, robot: Robot) -> list[Array]:
-        rate = motion.needed_rate(f"effect {cls.name!r}")
+        motion.needed_rate(f"effect {cls.name!r}")
         reference = motion.needed_reference(f"effect {cls.name!r}")
-        load = motion.needed_load(f"effect {cls.name!r}", Side.JOINT)
         out = [np.zeros((len(motion), robot.n, len(effect.at(robot)))) for effect in effects]
-        lanes: dict[tuple[int, Side], list[tuple[Self, Array]]] = {}
+        alike: dict[tuple[int, Side, float], list[tuple[Self, Array]]] = {}
         for effect, columns in zip(effects, out, strict=True):
             for column, j in enumerate(effect.at(robot)):
-                lanes.setdefault((j, effect.side), []).append((effect, columns[:, :, column]))
-        for (j, side), own in lanes.items():
-            along = own[0][0].moves(robot, j)
-            inertia = _positive(reference.inertia(motion, along))
-            if inertia is None:
+                alike.setdefault((j, effect.side, effect.link_share), []).append((effect, columns[:, :, column]))
+        for (j, side, _), own in alike.items():
+            one = own[0][0]
+            link = one._link(j, motion, reference)
+            if link is None:
                 continue
-            pressed = load @ along / inertia
-            first = own[0][0]._first_load(motion, reference) @ along / inertia[0]
-            for start in range(0, len(own), _LANES):
-                part = own[start : start + _LANES]
-                delta = responses(pressed, inertia, *_settings([effect for effect, _ in part]), 1.0 / rate, float(first))
-                for lane, (_, target) in enumerate(part):
-                    moved = (delta[0][:, lane], delta[1][:, lane], delta[2][:, lane])
-                    felt = reference.along(motion, along, moved, link_only=True)
-                    target[:] = robot.transmission.torque(felt, Side.JOINT, side)
+            turning = (1.0 - one.link_share) * _usual(one._inertia(j, motion, reference))
+            for (_, target), delta in zip(own, cls.moved([effect for effect, _ in own], link), strict=True):
+                felt = reference.along(motion, one.moves(robot, j), delta, link_only=True)
+                target[:] = robot.transmission.torque(felt, Side.JOINT, side)
+                # The rotor does not move with the link.
+                target[:, j] -= turning * delta[2]
         return out
 
-    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
-        """Stiffness that puts the resonance between what the run lasts and what its samples resolve."""
-        if motion.reference is None or motion.rate <= 0.0:
-            return self.bounded()
-        found = [_positive(motion.reference.inertia(motion, self.moves(robot, j))) for j in self.at(robot)]
-        inertia = [float(np.median(x)) for x in found if x is not None]
-        if not inertia:
-            return self.bounded()
-        slow, fast = 2.0 * np.pi * 2.0, 2.0 * np.pi * min(motion.rate / 3.0, 300.0)
-        return self.bounded(stiffness=(min(inertia) * slow**2, max(inertia) * fast**2), damping=(0.05, 0.5))
+    def _link(self, j: int, motion: Motion, reference: Reference) -> _Link | None:
+        """What hangs behind joint (or motor) j; None where the model gives it no inertia."""
+        robot = reference.model.robot
+        along = self.moves(robot, j)
+        inertia = self._inertia(j, motion, reference)
+        usual = _usual(inertia)
+        if usual <= 0.0:
+            return None
+        turning = (1.0 - self.link_share) * usual
+        acceleration = motion.on(self.side).ddq[:, j]
+        load = motion.needed_load(f"effect {self.name!r}", Side.JOINT) @ along - turning * acceleration
+        own = np.maximum(inertia - turning, _LEAST * self.link_share * usual)
+        resting, begun = self._first_load(motion, reference)
+        first = float(resting @ along) - (turning * float(acceleration[0]) if begun else 0.0)
+        return _Link(load, first, own, acceleration, motion.rate, motion.cutoff_hz)
 
-    def _first_load(self, motion: Motion, reference: Reference) -> Array:
-        """Load (n,) under which the springs are at rest when the run starts: the static one where the robot starts from rest,
-        however abruptly; else that of the first sample."""
+    def _inertia(self, j: int, motion: Motion, reference: Reference) -> Array:
+        return reference.inertia(motion, self.moves(reference.model.robot, j))
+
+    def _first_load(self, motion: Motion, reference: Reference) -> tuple[Array, bool]:
+        """Load (n,) under which the links are at rest when the run starts, the static one where the robot starts from rest, however
+        abruptly, else that of the first sample; and whether it is in motion then."""
         one = Coordinates(*(x[:1] for x in (motion.joint.q, motion.joint.dq, motion.joint.ddq)))
         usual = np.sqrt(np.mean(motion.joint.dq**2, axis=0))
-        if np.all(np.abs(one.dq[0]) <= _AT_REST * usual):
+        begun = not np.all(np.abs(one.dq[0]) <= _AT_REST * usual)
+        if not begun:
             one = replace(one, ddq=np.zeros_like(one.ddq))
         start = replace(motion, t=motion.t[:1], joint=one, torque=None, load=None, reference=None)
-        return reference.load(start.moved(reference.model.robot, one))[0]
+        return reference.load(start.moved(reference.model.robot, one))[0], begun
 
     def response(self, robot: Robot) -> Array:
         return np.ones(len(self.at(robot)))
@@ -127,150 +146,96 @@ class _Compliance(Effect):
 class JointElasticity(_Compliance):
     """An elastic gear behind the encoder: τ = elastic × T(δ), δ the deflection of a spring of `stiffness` under the link.
 
-    Seen near the anti-resonance (stiffness / inertia)^½ / 2π."""
+    `damping`: share of the critical one. Seen near the anti-resonance (stiffness / inertia)^½ / 2π."""
 
     name: ClassVar[str] = "joint_elasticity"
     title: ClassVar[str] = "elastic joint"
     axis: ClassVar[Axis] = Axis.LOAD
     symbol: ClassVar[str] = "elastic"
 
+    stiffness: float = 1e4
+    damping: float = 0.1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0.0 <= float(self.damping) <= 1.0:
+            raise ConfigurationError(
+                f"effect {self.name!r}: damping, a share of the critical one, must be from 0 to 1, not {self.damping!r}."
+            )
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        return (
+            ShapeParameter("stiffness", "N m/rad (N/m)", 1e-4, 1e10, 1e4, log=True, points=4),
+            *super().shape(),
+            ShapeParameter("damping", "1", 0.01, 1.0, 0.1, log=True, points=2),
+        )
+
+    @classmethod
+    def moved(cls, effects: Sequence[Self], link: _Link) -> list[tuple[Array, Array, Array]]:
+        found = []
+        for start in range(0, len(effects), _LANES):
+            part = effects[start : start + _LANES]
+            stiffness, damping = (np.array([getattr(effect, key) for effect in part], float) for key in ("stiffness", "damping"))
+            delta = responses(link.load / link.inertia, link.inertia, stiffness, damping, 1.0 / link.rate, link.first / link.inertia[0])
+            found += [(delta[0][:, i], delta[1][:, i], delta[2][:, i]) for i in range(len(part))]
+        return found
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        """Stiffness that puts the resonance between what the run lasts and what its samples resolve."""
+        ranges = {"damping": (0.05, 0.5), "link_share": _SHARES}
+        if motion.reference is None or motion.rate <= 0.0:
+            return self.bounded(**ranges)
+        inertia = [usual for usual in (_usual(self._inertia(j, motion, motion.reference)) for j in self.at(robot)) if usual > 0.0]
+        if not inertia:
+            return self.bounded(**ranges)
+        slow, fast = 2.0 * np.pi * 2.0, 2.0 * np.pi * min(motion.rate / 3.0, 300.0)
+        return self.bounded(stiffness=(_SHARES[0] * min(inertia) * slow**2, max(inertia) * fast**2), **ranges)
+
 
 @register
 @dataclass(frozen=True, kw_only=True)
 class Backlash(_Compliance):
-    """Play in the gear behind the encoder: τ = play × T(δ), δ the link's motion in a `gap` (whole width) with springy flanks.
+    """Play in the gear behind the encoder: τ = play × T(δ), δ the link's motion in a `gap` (whole width) between rigid flanks.
 
-    Within the gap the link is free: the motor feels none of it until the other flank is reached, with a knock."""
+    Within the gap the link is free: the motor feels none of it until the other flank is reached, with a knock that takes the link's
+    whole speed, its middle `knock` seconds after the link touches."""
 
     name: ClassVar[str] = "backlash"
     title: ClassVar[str] = "backlash (play in the gear)"
     axis: ClassVar[Axis] = Axis.LOAD
     symbol: ClassVar[str] = "play"
+    abrupt: ClassVar[bool] = True
 
     gap: float = 1e-3
+    knock: float = 0.005
 
     def shape(self) -> tuple[ShapeParameter, ...]:
-        # Where a flank is reached, and how hard, depends on the gap by fractions of it, and on what the knock loses.
-        stiffness, damping = super().shape()
-        return (ShapeParameter("gap", "rad (m)", 1e-8, 10.0, 1e-3, log=True, points=12), stiffness, replace(damping, points=3))
+        # Where a flank is reached, and how hard, depends on the gap by fractions of it.
+        gap = ShapeParameter("gap", "rad (m)", 1e-8, 10.0, 1e-3, log=True, points=12)
+        return (gap, *super().shape(), ShapeParameter("knock", "s", 1e-4, 0.1, 0.005, log=True, points=1))
 
-    @property
-    def play(self) -> float:
-        return self.gap
+    @classmethod
+    def moved(cls, effects: Sequence[Self], link: _Link) -> list[tuple[Array, Array, Array]]:
+        jolts = Jolts.of(link.acceleration, link.rate, link.cutoff_hz)
+        free = Flights(-link.load / link.inertia, 1.0 / link.rate)
+        return [played(free, effect.gap, effect.knock, jolts, -1.0 if link.first > 0.0 else 1.0) for effect in effects]
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         """A gap up to a tenth of the range that is moved through; one of a hundred-thousandth of it no encoder shows."""
-        ranges = super().search_range(motion, robot)
         q = motion.on(self.side).q[:, self.at(robot)]
         span = float(np.ptp(q, axis=0).max()) if q.size else 0.0
-        return self.bounded(**{**ranges, "gap": (1e-5 * span, 0.1 * span), "damping": (0.05, 1.0)})
+        return self.bounded(gap=(1e-5 * span, 0.1 * span), link_share=_SHARES, knock=_KNOCKS)
 
 
-def _settings(effects: Sequence[_Compliance]) -> tuple[Array, Array, Array]:
-    """Stiffness, damping and play (L,) of effects."""
-    stiffness, damping, play = (np.array([getattr(effect, key) for effect in effects], float) for key in ("stiffness", "damping", "play"))
-    return stiffness, damping, play
+def _usual(inertia: Array) -> float:
+    return float(np.median(inertia)) if len(inertia) else 0.0
 
 
-def response(load: Array, omega: Array, damping: float, gap: float, step: float, first: float | None = None) -> tuple[Array, Array, Array]:
-    """`responses` of a single spring: `load`, `omega` (N,) → δ and its two derivatives (N,); `first`: default the first of `load`."""
-    one = np.ones(1)
-    start = float(load[0]) if first is None else first
-    found = responses(load, 1.0 / omega**2, one, damping * one, gap * one, step, start)
-    return found[0][:, 0], found[1][:, 0], found[2][:, 0]
-
-
-def responses(
-    load: Array, inertia: Array, stiffness: Array, damping: Array, gap: Array, step: float, first: float
-) -> tuple[Array, Array, Array]:
-    """Deflections δ of several springs under one load and their two derivatives, (N, L) each.
-
-    `load` (N,): torque over inertia in rad/s² (m/s²), linear between samples; `inertia` (N,) on the spring; `stiffness`,
-    `damping` (share of the critical one), `gap` (free play, whole width), (L,) each; `first`: the load under which each starts at
-    rest on its flank; `step`: s. Within a step (a quarter of one where there is play) each regime is solved exactly."""
-    half = 0.5 * gap
-    parts = 4 if bool(np.any(half > 0.0)) else 1
-    h = step / parts
-    # Springs that differ in play alone share the steps on their flanks.
-    kinds, kind = np.unique(np.stack([stiffness, damping]), axis=1, return_inverse=True)
-    kind = kind.reshape(-1)
-    omega = np.sqrt(kinds[0] / inertia[:, None])
-    force = np.ascontiguousarray(np.broadcast_to(-load[:, None], (len(load), len(half))))
-    position, velocity = np.empty(force.shape), np.zeros(force.shape)
-    if len(force):
-        at = -first / omega[0, kind] ** 2
-        position[0] = at + half * np.sign(at)
-        coefficients = np.stack([np.ascontiguousarray(c[:, kind]) for c in _spring_step(omega, kinds[1], h)])
-        _follow(force, coefficients, half, h, parts, position, velocity)
-    omega = omega[:, kind]
-    outside = np.abs(position) > half
-    deflection = np.where(outside, position - np.sign(position) * half, 0.0)
-    slowing = np.where(outside, 2.0 * damping * omega * velocity, 0.0)
-    return position, velocity, force - omega**2 * deflection - slowing
-
-
-def _follow(force: Array, coefficients: Array, half: Array, h: float, parts: int, position: Array, velocity: Array) -> None:
-    """Fill position and velocity (N, L) from their first rows on, for force (N, L) and step coefficients (8, N, L)."""
-    try:
-        from .._native import _recursions  # type: ignore[attr-defined, unused-ignore]
-    except ImportError:
-        _follow_plainly(force, coefficients, half, h, parts, position, velocity)
-    else:
-        _recursions.springs(force, coefficients, np.ascontiguousarray(half, float), h, parts, *force.shape, position, velocity)
-
-
-def _follow_plainly(force: Array, coefficients: Array, half: Array, h: float, parts: int, position: Array, velocity: Array) -> None:
-    """`_follow` in NumPy, all springs at a time."""
-    a11, a12, a21, a22, b10, b11, b20, b21 = coefficients
-    x, v = position[0], velocity[0]
-    playing = bool(np.any(half > 0.0))
-    for k in range(len(force) - 1):
-        f0, rise = force[k], (force[k + 1] - force[k]) / parts
-        for _ in range(parts):
-            f1 = f0 + rise
-            flank = np.copysign(half, x)
-            y = x - flank
-            pressed = a11[k] * y + a12[k] * v + b10[k] * f0 + b11[k] * f1 + flank
-            pushed = a21[k] * y + a22[k] * v + b20[k] * f0 + b21[k] * f1
-            if playing:
-                free = (np.abs(x) <= half) & (half > 0.0)
-                pressed = np.where(free, x + v * h + (2.0 * f0 + f1) * (h * h / 6.0), pressed)
-                pushed = np.where(free, v + 0.5 * (f0 + f1) * h, pushed)
-            x, v, f0 = pressed, pushed, f1
-        position[k + 1], velocity[k + 1] = x, v
-
-
-def _spring_step(omega: Array, damping: Array | float, h: float) -> tuple[Array, ...]:
-    """Exact step h of y'' = f − ω² y − 2ζω y' with f linear in between: (y, y')_1 = A (y, y')_0 + b_0 f_0 + b_1 f_1."""
-    damped = omega * np.sqrt(np.maximum(1.0 - damping**2, 1e-12))
-    decay = np.exp(-damping * omega * h)
-    c, s = decay * np.cos(damped * h), decay * np.sin(damped * h) / damped
-    zw = damping * omega
-    a11, a12, a21, a22 = c + zw * s, s, -(omega**2) * s, c - zw * s
-    # A constant force shifts the rest position by f/ω²; a ramp r t moves it along (r/ω²)(t − 2ζ/ω).
-    lag = 2.0 * damping / omega
-    w2 = omega**2
-    slope = 1.0 / (h * w2)
-    b1_y = slope * (h - lag + a11 * lag - a12)
-    b1_v = slope * (1.0 + a21 * lag - a22)
-    b0_y = (1.0 - a11) / w2 - b1_y
-    b0_v = -a21 / w2 - b1_v
-    return a11, a12, a21, a22, b0_y, b1_y, b0_v, b1_v
-
-
-def _positive(inertia: Array) -> Array | None:
-    """The inertia where it is positive, held above a tenth of its median; None where the model gives none."""
-    if not len(inertia):
-        return None
-    usual = float(np.median(inertia))
-    return np.maximum(inertia, 0.1 * usual) if usual > 0.0 else None
-
-
-def anti_resonance(effect: _Compliance, reference: Reference, motion: Motion, robot: Robot) -> dict[str, float]:
+def anti_resonance(effect: JointElasticity, reference: Reference, motion: Motion, robot: Robot) -> dict[str, float]:
     """Frequency (Hz) at which each joint's link swings on its spring while the motor stands, at the median inertia of the run."""
     out = {}
     for j in effect.at(robot):
-        inertia = _positive(reference.inertia(motion, effect.moves(robot, j)))
-        if inertia is not None:
-            out[robot.joint_names[j]] = float(np.sqrt(effect.stiffness / np.median(inertia)) / (2.0 * np.pi))
+        link = effect.link_share * _usual(reference.inertia(motion, effect.moves(robot, j)))
+        if link > 0.0:
+            out[robot.joint_names[j]] = float(np.sqrt(effect.stiffness / link) / (2.0 * np.pi))
     return out

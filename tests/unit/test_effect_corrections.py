@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ident.effect import make_effect
-from ident.effects.compliance import response, responses
+from ident.effects.flexing import response, responses
 from ident.effects.timing import derivative, low_pass
 from ident.errors import ConfigurationError
 from ident.friction import Coulomb
@@ -399,16 +399,6 @@ def test_elasticity_is_what_a_link_on_a_spring_does() -> None:
     assert np.std(after) < 0.1 * np.std(before)
 
 
-def test_backlash_is_what_a_link_with_play_does() -> None:
-    *state, felt = swinging(stiffness=8000.0, gap=0.01, damping=0.2)
-    value, before, after = pendulum_fit("backlash", tuple(state), felt, stiffness=8000.0, damping=0.2, gap=0.01)
-    assert abs(value - 1.0) < 0.1
-    assert np.std(after) < 0.35 * np.std(before)
-    # A gap that is not there explains less.
-    _, _, other = pendulum_fit("backlash", tuple(state), felt, stiffness=8000.0, damping=0.2, gap=0.001)
-    assert np.std(other) > 1.5 * np.std(after)
-
-
 def test_the_spring_step_is_exact() -> None:
     w, z = 40.0, 0.1
     t = np.arange(300) / 200.0
@@ -416,7 +406,7 @@ def test_the_spring_step_is_exact() -> None:
     start = [-load[0] / w**2, 0.0]
     tight = {"t_eval": t, "rtol": 1e-10, "atol": 1e-13, "max_step": 1e-3}
     exact = solve_ivp(lambda s, y: [y[1], -np.interp(s, t, load) - w**2 * y[0] - 2 * z * w * y[1]], (0, t[-1]), start, **tight).y
-    x, v, a = response(load, np.full(len(t), w), z, 0.0, 1 / 200.0)
+    x, v, a = response(load, np.full(len(t), w), z, 1 / 200.0)
     np.testing.assert_allclose(x, exact[0], atol=1e-9)
     np.testing.assert_allclose(v, exact[1], atol=1e-7)
     np.testing.assert_allclose(a, -load - w**2 * exact[0] - 2 * z * w * exact[1], atol=1e-5)
@@ -428,11 +418,9 @@ def test_springs_followed_together_move_as_each_alone() -> None:
     load = 30.0 * np.sin(9.0 * t) + np.cumsum(rng.normal(size=len(t)))
     inertia = 2.0 + 0.5 * np.sin(t)
     stiffness, damping = np.array([900.0, 4000.0, 900.0, 900.0]), np.array([0.1, 0.1, 0.4, 0.1])
-    gap = np.array([0.0, 0.01, 0.003, 0.02])
-    together = responses(load, inertia, stiffness, damping, gap, 1.0 / 200.0, float(load[0]))
+    together = responses(load, inertia, stiffness, damping, 1.0 / 200.0, float(load[0]))
     for lane in range(4):
         one = slice(lane, lane + 1)
-        # Play makes every step of its company four.
-        alone = responses(load, inertia, stiffness[one], damping[one], gap[one], 1.0 / 200.0, float(load[0]))
+        alone = responses(load, inertia, stiffness[one], damping[one], 1.0 / 200.0, float(load[0]))
         for a, b in zip(together, alone, strict=True):
             np.testing.assert_allclose(a[:, lane], b[:, 0], rtol=1e-6, atol=1e-6 * np.abs(b).max())
