@@ -5,8 +5,8 @@ inertia, I d²δ/dt² = −u while nothing holds it; a spring of stiffness k add
 torque at the motor then is that of the link's true motion: the prediction plus T(δ, dδ/dt, d²δ/dt²). What is fitted is the response,
 by how much of this the data show: 1 if the shape is right.
 
-Rigid motion does not tell the link's inertia from that of the rotor that turns with it (but through other joints): the link's share
-of their sum is a shape."""
+Rigid motion does not tell the link's inertia from that of the rotor that turns with it (but through other joints): how much of what the
+model gives the link is the rotor's is a shape."""
 
 from __future__ import annotations
 
@@ -34,8 +34,9 @@ Array = np.ndarray
 _LANES = 32
 #: The link's inertia is nowhere taken for less than this share of what it usually is.
 _LEAST = 0.1
-#: Shares of the inertia that are worth a search.
-_SHARES = (0.05, 3.0)
+#: Rotors that are worth a search, as shares of what the model gives the link; below zero: it gives the link too little.
+_ROTORS = (-1.0, 0.95)
+_NO_INERTIA = 1e-6
 #: Knocks that are worth a search, s.
 _KNOCKS = (0.001, 0.03)
 #: A joint that is slower than this share of its usual speed when a run starts is taken to start from rest.
@@ -57,21 +58,21 @@ class _Link:
 
 @dataclass(frozen=True, kw_only=True)
 class _Compliance(Effect):
-    """`side`: the side of the transmission on which it is. `link_share`: of the inertia about the joint that turns as the model has it,
-    the share that is behind it; the rest turns with the motor."""
+    """`side`: the side of the transmission on which it is. `rotor`: inertia about the joint (on that side) that the model gives to the
+    link, but that is before the gear and turns with the motor."""
 
     needs: ClassVar[frozenset[Need]] = frozenset({Need.REFERENCE, Need.HISTORY})
     symbol: ClassVar[str]
     form_of: ClassVar[str] = "spring between motor and link"
 
     side: Side = Side.JOINT
-    link_share: float = 1.0
+    rotor: float = 0.0
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         return tuple(Parameter(self.named(self.symbol, robot, j), "1", self.name, robot.joint_names[j], 0.0) for j in self.at(robot))
 
     def shape(self) -> tuple[ShapeParameter, ...]:
-        return (ShapeParameter("link_share", "1", 0.01, 4.0, 1.0, log=True, points=4),)
+        return (ShapeParameter("rotor", "kg m^2 (kg)", -1e6, 1e6, 0.0, points=4),)
 
     @classmethod
     def moved(cls, effects: Sequence[Self], link: _Link) -> list[tuple[Array, Array, Array]]:
@@ -89,18 +90,17 @@ class _Compliance(Effect):
         alike: dict[tuple[int, Side, float], list[tuple[Self, Array]]] = {}
         for effect, columns in zip(effects, out, strict=True):
             for column, j in enumerate(effect.at(robot)):
-                alike.setdefault((j, effect.side, effect.link_share), []).append((effect, columns[:, :, column]))
+                alike.setdefault((j, effect.side, effect.rotor), []).append((effect, columns[:, :, column]))
         for (j, side, _), own in alike.items():
             one = own[0][0]
             link = one._link(j, motion, reference)
             if link is None:
                 continue
-            turning = (1.0 - one.link_share) * _usual(one._inertia(j, motion, reference))
             for (_, target), delta in zip(own, cls.moved([effect for effect, _ in own], link), strict=True):
                 felt = reference.along(motion, one.moves(robot, j), delta, link_only=True)
                 target[:] = robot.transmission.torque(felt, Side.JOINT, side)
                 # The rotor does not move with the link.
-                target[:, j] -= turning * delta[2]
+                target[:, j] -= one.rotor * delta[2]
         return out
 
     def _link(self, j: int, motion: Motion, reference: Reference) -> _Link | None:
@@ -108,19 +108,24 @@ class _Compliance(Effect):
         robot = reference.model.robot
         along = self.moves(robot, j)
         inertia = self._inertia(j, motion, reference)
-        usual = _usual(inertia)
+        usual = _usual(inertia) - self.rotor
         if usual <= 0.0:
             return None
-        turning = (1.0 - self.link_share) * usual
         acceleration = motion.on(self.side).ddq[:, j]
-        load = motion.needed_load(f"effect {self.name!r}", Side.JOINT) @ along - turning * acceleration
-        own = np.maximum(inertia - turning, _LEAST * self.link_share * usual)
+        load = motion.needed_load(f"effect {self.name!r}", Side.JOINT) @ along - self.rotor * acceleration
+        own = np.maximum(inertia - self.rotor, _LEAST * usual)
         resting, begun = self._first_load(motion, reference)
-        first = float(resting @ along) - (turning * float(acceleration[0]) if begun else 0.0)
+        first = float(resting @ along) - (self.rotor * float(acceleration[0]) if begun else 0.0)
         return _Link(load, first, own, acceleration, motion.rate, motion.cutoff_hz)
 
     def _inertia(self, j: int, motion: Motion, reference: Reference) -> Array:
         return reference.inertia(motion, self.moves(reference.model.robot, j))
+
+    def _rotors(self, motion: Motion, robot: Robot) -> tuple[float, float]:
+        """Rotors that are worth a search: next to none where the model gives the link no inertia."""
+        usual = [0.0] if motion.reference is None else [_usual(self._inertia(j, motion, motion.reference)) for j in self.at(robot)]
+        most = max([*usual, _NO_INERTIA])
+        return _ROTORS[0] * most, _ROTORS[1] * most
 
     def _first_load(self, motion: Motion, reference: Reference) -> tuple[Array, bool]:
         """Load (n,) under which the links are at rest when the run starts, the static one where the robot starts from rest, however
@@ -165,7 +170,7 @@ class JointElasticity(_Compliance):
 
     def shape(self) -> tuple[ShapeParameter, ...]:
         return (
-            ShapeParameter("stiffness", "N m/rad (N/m)", 1e-4, 1e10, 1e4, log=True, points=4),
+            ShapeParameter("stiffness", "N m/rad (N/m)", 1e-4, 1e10, 1e4, log=True, points=8),
             *super().shape(),
             ShapeParameter("damping", "1", 0.01, 1.0, 0.1, log=True, points=2),
         )
@@ -182,14 +187,12 @@ class JointElasticity(_Compliance):
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         """Stiffness that puts the resonance between what the run lasts and what its samples resolve."""
-        ranges = {"damping": (0.05, 0.5), "link_share": _SHARES}
+        ranges = {"damping": (0.05, 0.5), "rotor": self._rotors(motion, robot)}
+        most = ranges["rotor"][1]
         if motion.reference is None or motion.rate <= 0.0:
             return self.bounded(**ranges)
-        inertia = [usual for usual in (_usual(self._inertia(j, motion, motion.reference)) for j in self.at(robot)) if usual > 0.0]
-        if not inertia:
-            return self.bounded(**ranges)
         slow, fast = 2.0 * np.pi * 2.0, 2.0 * np.pi * min(motion.rate / 3.0, 300.0)
-        return self.bounded(stiffness=(_SHARES[0] * min(inertia) * slow**2, max(inertia) * fast**2), **ranges)
+        return self.bounded(stiffness=((1.0 - _ROTORS[1]) * most * slow**2, most * fast**2), **ranges)
 
 
 @register
@@ -224,7 +227,7 @@ class Backlash(_Compliance):
         """A gap up to a tenth of the range that is moved through; one of a hundred-thousandth of it no encoder shows."""
         q = motion.on(self.side).q[:, self.at(robot)]
         span = float(np.ptp(q, axis=0).max()) if q.size else 0.0
-        return self.bounded(gap=(1e-5 * span, 0.1 * span), link_share=_SHARES, knock=_KNOCKS)
+        return self.bounded(gap=(1e-5 * span, 0.1 * span), rotor=self._rotors(motion, robot), knock=_KNOCKS)
 
 
 def _usual(inertia: Array) -> float:
@@ -235,7 +238,7 @@ def anti_resonance(effect: JointElasticity, reference: Reference, motion: Motion
     """Frequency (Hz) at which each joint's link swings on its spring while the motor stands, at the median inertia of the run."""
     out = {}
     for j in effect.at(robot):
-        link = effect.link_share * _usual(reference.inertia(motion, effect.moves(robot, j)))
+        link = _usual(reference.inertia(motion, effect.moves(robot, j))) - effect.rotor
         if link > 0.0:
             out[robot.joint_names[j]] = float(np.sqrt(effect.stiffness / link) / (2.0 * np.pi))
     return out

@@ -135,13 +135,13 @@ def test_backlash_is_what_a_link_with_play_does() -> None:
 
 @pytest.mark.parametrize("effect", [Backlash(gap=0.03), JointElasticity(stiffness=900.0, damping=0.1)])
 def test_what_turns_with_the_motor_does_not_turn_with_the_link(effect: Backlash | JointElasticity) -> None:
-    """A model whose link holds the rotor's inertia, and is told the link's share, corrects as one that has the link's alone."""
+    """A model whose link holds the rotor's inertia, and is told of it, corrects as one that has the link's alone."""
     t = np.arange(2000) / 500.0
     columns = []
-    for inertia, share in ((J, 1.0), (J + 0.5, J / (J + 0.5))):
-        robot, values = pendulum(inertia)
+    for rotor in (0.0, 0.5):
+        robot, values = pendulum(J + rotor)
         motion = Motion.of(robot, *(x[:, None] for x in motor(t)), t, rate=500.0)
         motion = motion.with_reference(Reference(robot.rigid_body(), values))
-        columns.append(effect.with_shape(link_share=share).columns(motion, robot)[:, 0, 0])
+        columns.append(effect.with_shape(rotor=rotor).columns(motion, robot)[:, 0, 0])
     assert np.abs(columns[0]).max() > 0.1
     np.testing.assert_allclose(columns[1], columns[0], atol=1e-6 * np.abs(columns[0]).max())
