@@ -10,11 +10,11 @@ import numpy as np
 
 from ..places import on, place_of
 from .analysis import without_reversals
+from .bank import Bank
 from .change import Change
 from .contest import contested
 from .evidence import WEAK, touched
 from .findings import Unexplained
-from .search import Bank
 from .selection import Found, Selection
 from .stage import Stage, with_effects
 

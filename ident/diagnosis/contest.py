@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effect import Effect
+from .bank import Bank
 from .change import squared_errors
 from .precision import settled
-from .search import Bank
 from .selection import Found, Selection, labelled
 from .stage import Stage, with_effects
 

@@ -14,11 +14,11 @@ from ..results import result
 from ..torque_error import number
 from .advice import advice_for
 from .analysis import analysis_signals, stretches, thinned, without_reversals
+from .bank import Bank
 from .confirmed import last_word
 from .findings import Finding, Unexplained, assess
 from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
-from .search import Bank
 from .selection import Selection, select
 from .stage import Stage, start
 from .turning import agreeing

@@ -20,8 +20,8 @@ from .whitening import Whitener, plain_whitener, unwhitened_rows, whitener
 
 if TYPE_CHECKING:
     from ..problem import Problem
+    from .bank import Bank
     from .candidates import Candidate
-    from .search import Bank
 
 Array = np.ndarray
 #: Columns are added while the best ones gain more than this per column (a χ² that chance over the whole catalogue seldom

@@ -16,10 +16,11 @@ import numpy as np
 from ..errors import IdentError
 from ..problem import Problem
 from .analysis import thinned, without_reversals
+from .bank import Bank
 from .frame import Frame, Motions, raw_columns
 from .motion_noise import less_noise
 from .motion_spectrum import position_noise
-from .search import Bank, Search
+from .search import Search
 
 if TYPE_CHECKING:
     from ..logs import LogSet

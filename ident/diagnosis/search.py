@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,13 +11,14 @@ import numpy as np
 
 from ..effect import Effect, Need
 from ..places import motors_of
+from .bank import Bank
 from .candidates import Candidate
 from .evidence import WEAK
 from .frame import Frame, Motions, Score
 from .moments import CLOSE, best_moment
 from .plausible import driven_out, implausible
 from .refit import Refit
-from .spectral import Harmonics, harmonics, order_parameter, promising_orders
+from .spectral import order_parameter, promising_orders
 from .steady import steady_values
 
 if TYPE_CHECKING:
@@ -294,38 +295,3 @@ class Judged:
     def evidence(self) -> float:
         """What counts: the gain on blocks held out, but no more than the gain on all of them."""
         return min(self.score.heldout, self.score.fit_gain, self.held)
-
-
-class Bank:
-    """Columns (M, n, k) of effects that do not depend on the model's prediction, kept; others are made anew."""
-
-    def __init__(self) -> None:
-        #: What gained anything when the noise floor was last sought, (M, n, k) each.
-        self.saturating: list[Array] = []
-        self._kept: dict[Effect, Array] = {}
-        self._harmonics: dict[Effect, Harmonics | None] = {}
-
-    def harmonics(self, frame: Frame, motions: Motions, effect: Effect) -> Harmonics | None:
-        """A periodic effect's columns at all orders at once, if they are of that kind."""
-        if effect not in self._harmonics or effect.needs & {Need.LOAD, Need.REFERENCE}:
-            self._harmonics[effect] = harmonics(effect, frame, motions)
-        return self._harmonics[effect]
-
-    def prepare(self, seen_by: Callable[[Effect], Motions], candidates: Sequence[Candidate]) -> None:
-        """Columns of all candidates whose kind makes many of them at once for less."""
-        kinds: dict[type[Effect], list[Effect]] = {}
-        for candidate in candidates:
-            kind = type(candidate.variants[0])
-            if kind.columns_of.__func__ is not Effect.columns_of.__func__:  # type: ignore[attr-defined]
-                kinds.setdefault(kind, []).extend(candidate.variants)
-        for effects in kinds.values():
-            self.columns(seen_by(effects[0]), effects)
-
-    def columns(self, motions: Motions, effects: Sequence[Effect]) -> list[Array]:
-        """Columns of several effects of one kind, filtered like the torque."""
-        if effects[0].needs & {Need.LOAD, Need.REFERENCE}:
-            return motions.kept(effects)
-        new = [e for e in effects if e not in self._kept]
-        if new:
-            self._kept.update(zip(new, motions.columns_of(new), strict=True))
-        return [self._kept[e] for e in effects]

@@ -11,12 +11,13 @@ import numpy as np
 
 from ..effect import Effect, Need
 from ..model import Model
+from .bank import Bank
 from .consistent import own_loss
 from .evidence import WEAK, by_chance, surplus, threshold, touched
 from .light import too_light
 from .plausible import implausible
 from .precision import kept, settled, support, unbound
-from .search import Bank, Hit, Judged
+from .search import Hit, Judged
 from .stage import Stage, with_effects, with_noise_beneath
 from .total import totalled
 from .weights import weights

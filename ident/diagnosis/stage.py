@@ -11,12 +11,13 @@ import numpy as np
 
 from ..fixed_point import MOST
 from ..problem import Problem
+from .bank import Bank
 from .candidates import Candidate, candidates
 from .consistent import consistent
 from .floor import noise_floor
 from .frame import Frame, Motions
 from .null import Null
-from .search import Bank, Search
+from .search import Search
 from .signatures import signatures
 
 if TYPE_CHECKING:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..diagnosis.analysis import without_reversals
+from ..diagnosis.bank import Bank
 from ..diagnosis.candidates import candidates
 from ..diagnosis.evidence import threshold, touched
 from ..diagnosis.findings import Imitator
 from ..diagnosis.frame import Motions, raw_columns
-from ..diagnosis.search import Bank, Hit, Judged, Search
+from ..diagnosis.search import Hit, Judged, Search
 from ..diagnosis.selection import Found, ranked
 from ..diagnosis.stage import Stage
 from ..diagnosis.weights import weights

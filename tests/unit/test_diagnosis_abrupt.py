@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 from test_diagnosis_parts import recorded
 
+from ident import diagnose
+from ident.diagnosis.bank import Bank
 from ident.diagnosis.candidates import Candidate, candidates
 from ident.diagnosis.frame import Frame, Motions
-from ident.diagnosis.search import Bank, Search
+from ident.diagnosis.search import Search
 from ident.diagnosis.steady import steady_values
 from ident.diagnosis.whitening import plain_whitener
 from ident.effect import effect_types
@@ -91,3 +94,22 @@ def test_a_candidate_that_gains_nothing_keeps_the_first_prediction() -> None:
     seen = search.seen_by(candidate.variants[0])
     assert search.first(candidate).fit_gain < 100.0
     assert search.seen_by(candidate.variants[0]) is seen
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "joint", "size"), [("backlash", 0, 0.8), ("joint_elasticity", 0, 1.2)])
+def test_what_is_between_motor_and_link_is_named_and_its_rotor_told(tmp_path: Path, name: str, joint: int, size: float) -> None:
+    """On a log simulated by the benchmark's own code: a first joint, whose rotor's inertia rigid motion cannot tell from the link's."""
+    generate = pytest.importorskip("benchmarks.diagnosis.generate")
+    score = pytest.importorskip("benchmarks.diagnosis.score")
+    case = generate.Case("scara", ((name, joint, size),), 91_000 + joint, "single")
+    generate.generate(tmp_path, [case])
+    (record,) = score.read_cases(tmp_path)
+    loaded = score.load(tmp_path, record)
+    found = diagnose(WeightedLeastSquares().solve(Problem(loaded.model, loaded.fit)), loaded.held)
+    first = found.findings[0]
+    assert (first.effect.name, first.effect.joints) == (name, (loaded.arm.robot.joint_names[joint],))
+    rotor = float(loaded.arm.drive["Ia"][joint] * loaded.arm.robot.transmission.K_inverse[joint, joint] ** 2)
+    assert first.effect.rotor == pytest.approx(rotor, rel=0.3)
+    truth = record["parts"][0]["truth"]
+    assert {k: getattr(first.effect, k) for k in truth} == pytest.approx(truth, rel=0.3)

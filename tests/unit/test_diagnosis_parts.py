@@ -11,6 +11,7 @@ from effect_robots import ROBOTS, declared
 from ident.audit_checks import position_jumps
 from ident.cutoff import choose_cutoff
 from ident.diagnosis import selection
+from ident.diagnosis.bank import Bank
 from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.consistent import consistent
 from ident.diagnosis.findings import Finding
@@ -19,7 +20,7 @@ from ident.diagnosis.in_plain_sight import apart, jumps, lost
 from ident.diagnosis.null import Null
 from ident.diagnosis.precision import found_parameters, settled, support
 from ident.diagnosis.refit import Refit
-from ident.diagnosis.search import Bank, Judged, Search
+from ident.diagnosis.search import Judged, Search
 from ident.diagnosis.selection import Found
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.whitening import Whitener, plain_whitener

@@ -10,6 +10,7 @@ from effect_robots import ROBOTS, declared
 from test_diagnosis_parts import rebuilt, recorded, stage_of
 
 from ident.diagnosis import diagnose
+from ident.diagnosis.bank import Bank
 from ident.diagnosis.candidates import candidates
 from ident.diagnosis.consistent import consistent, own_loss
 from ident.diagnosis.doubtful import doubtful_rows
@@ -20,7 +21,7 @@ from ident.diagnosis.motion_spectrum import told_up_to
 from ident.diagnosis.normal import Normal
 from ident.diagnosis.precision import found_parameters, settled, unbound
 from ident.diagnosis.repeated_noise import repeats
-from ident.diagnosis.search import Bank, Search
+from ident.diagnosis.search import Search
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.total import totalled
 from ident.diagnosis.whitening import plain_whitener, whitener
