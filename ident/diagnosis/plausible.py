@@ -18,8 +18,6 @@ Array = np.ndarray
 #: model by this share of what they were, too.
 _BEYOND = 3.0
 _OF_ITSELF = 1.0
-#: Most of a gain.
-_KEPT = 0.6
 #: Share of a gain on several joints that one thing on all of them must have.
 _AS_ONE = 0.6
 
@@ -40,10 +38,9 @@ def implausible(effect: Effect, values: Array, std: Array, robot: Robot, kept: f
     return effect.implausible(robot, values, std)
 
 
-def driven_out(frame: Frame, refit: Refit, gain: float) -> str:
+def driven_out(frame: Frame, refit: Refit) -> str:
     """Which parameter of the declared model, that has a physical bound and keeps it without the candidate, is beyond it beside the
-    candidate: one that needs negative friction on a joint to be there is not there. `gain` of the candidate: where most of it is left
-    with the parameter at its bound, it does not need that."""
+    candidate: one that needs negative friction on a joint to be there is not there."""
     base = frame.problem.base
     alone = np.count_nonzero(base.regroup, axis=1) == 1
     lower = np.array([base.parameters[i].lower for i in base.independent])
@@ -53,7 +50,7 @@ def driven_out(frame: Frame, refit: Refit, gain: float) -> str:
     T, b = frame.transform[bounded], frame.transform.shape[1]
     before, after = T @ frame.coefficients, T @ refit.model
     std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", T, refit.covariance[:b, :b], T), 0.0))
-    out = (before >= 0.0) & (after < -_BEYOND * std - _OF_ITSELF * before) & (after**2 > (1.0 - _KEPT) * gain * std**2)
+    out = (before >= 0.0) & (after < -_BEYOND * std - _OF_ITSELF * before)
     if not out.any():
         return ""
     i = int(np.argmax(np.where(out, -after / np.maximum(std, 1e-300), 0.0)))

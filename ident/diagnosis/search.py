@@ -206,7 +206,7 @@ class Search:
 
     def _against(self, hit: Hit, kept: float = 0.0) -> str:
         refit = Refit.of(self.frame, hit.columns)
-        return implausible(hit.effect, refit.values, refit.std, self.robot, kept) or driven_out(self.frame, refit, hit.fit_gain)
+        return implausible(hit.effect, refit.values, refit.std, self.robot, kept) or driven_out(self.frame, refit)
 
     def _together(self, hit: Hit, ranges: dict[str, tuple[float, float]], worth: Callable[[Hit], float]) -> Hit:
         """Downhill simplex (J. Nelder, R. Mead, 1965) over several shape parameters, each on its natural scale from 0 to 1."""
