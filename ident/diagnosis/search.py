@@ -259,7 +259,8 @@ class Search:
         moment = Need.TIME in hit.effect.needs and not log
         fine = 0.5 / self.motions.problem.signals.rate if moment else np.inf
         if moment:
-            at = best_moment(self.frame, self.motions, hit.effect, name, (a, b))
+            # All of them: one that gains as much as any at another end of the log may lie between two points of the grid.
+            at = best_moment(self.frame, self.motions, hit.effect, name, (bottom, top))
             a, b = max(bottom, at - CLOSE), min(top, at + CLOSE)
             c, d = b - ratio * (b - a), a + ratio * (b - a)
         steps = 0
