@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effect import Effect
+from ..parameters import Parameter
 from .frame import Frame
 from .refit import Refit
 
@@ -41,18 +42,44 @@ def implausible(effect: Effect, values: Array, std: Array, robot: Robot, kept: f
 def driven_out(frame: Frame, refit: Refit) -> str:
     """Which parameter of the declared model, that has a physical bound and keeps it without the candidate, is beyond it beside the
     candidate: one that needs negative friction on a joint to be there is not there."""
+    bounded = _bounded(frame)
+    T, b = frame.transform[bounded], frame.transform.shape[1]
+    out = _out(T @ frame.coefficients, T @ refit.model, T, refit.covariance[:b, :b])
+    return _said(frame, bounded, T @ refit.model, out)
+
+
+def driven_out_on(declared: Frame, final: Frame, joints: tuple[str, ...]) -> str:
+    """The same of all findings together: which parameter of the declared model on some joints is beyond its bound in the final one."""
+    names = list(final.problem.base.names)
+    bounded = [i for i in _bounded(declared) if _parameter(declared, i).joint in joints and _parameter(declared, i).name in names]
+    there = [names.index(_parameter(declared, i).name) for i in bounded]
+    T = final.transform[there]
+    out = _out(declared.transform[bounded] @ declared.coefficients, T @ final.coefficients, T, final.inverse_gram)
+    return _said(declared, bounded, T @ final.coefficients, out)
+
+
+def _bounded(frame: Frame) -> list[int]:
+    """Base parameters that are a single parameter bounded below by zero."""
     base = frame.problem.base
     alone = np.count_nonzero(base.regroup, axis=1) == 1
     lower = np.array([base.parameters[i].lower for i in base.independent])
-    bounded = np.flatnonzero(alone & (lower == 0.0))
-    if not len(bounded):
+    return np.flatnonzero(alone & (lower == 0.0)).tolist()
+
+
+def _out(before: Array, after: Array, T: Array, covariance: Array) -> list[int]:
+    """Places at which values are beyond zero, surely and by their own size, that were not; the surest first."""
+    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", T, covariance, T), 0.0))
+    out = np.flatnonzero((before >= 0.0) & (after < -_BEYOND * std - _OF_ITSELF * before))
+    return sorted(out.tolist(), key=lambda i: after[i] / max(std[i], 1e-300))
+
+
+def _said(frame: Frame, bounded: list[int], values: Array, out: list[int]) -> str:
+    if not out:
         return ""
-    T, b = frame.transform[bounded], frame.transform.shape[1]
-    before, after = T @ frame.coefficients, T @ refit.model
-    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", T, refit.covariance[:b, :b], T), 0.0))
-    out = (before >= 0.0) & (after < -_BEYOND * std - _OF_ITSELF * before)
-    if not out.any():
-        return ""
-    i = int(np.argmax(np.where(out, -after / np.maximum(std, 1e-300), 0.0)))
-    p = base.parameters[base.independent[bounded[i]]]
-    return f"with it {p.name} = {after[i]:.4g} {p.unit} would be beyond its bound"
+    p = _parameter(frame, bounded[out[0]])
+    return f"with it {p.name} = {values[out[0]]:.4g} {p.unit} would be beyond its bound"
+
+
+def _parameter(frame: Frame, i: int) -> Parameter:
+    base = frame.problem.base
+    return base.parameters[base.independent[i]]

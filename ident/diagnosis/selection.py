@@ -15,7 +15,7 @@ from .bank import Bank
 from .consistent import own_loss
 from .evidence import WEAK, by_chance, surplus, threshold, touched
 from .light import too_light
-from .plausible import implausible
+from .plausible import driven_out_on, implausible
 from .precision import kept, settled, support, unbound
 from .search import Hit, Judged
 from .stage import Stage, with_effects, with_noise_beneath
@@ -256,6 +256,7 @@ def _settled(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Ca
         worst: tuple[float, int, str] | None = None
         for i, (f, (values, std)) in enumerate(zip(found, unbound(best, effects), strict=True)):
             why = implausible(effects[i], values, np.nan_to_num(std), robot, kept(best, effects[i], effects))
+            why = why or driven_out_on(first.frame, best.frame, effects[i].joints or ())
             if not why and support(best, effects[i]) < threshold(f.judged.hit, best.number):
                 why = "in this company nothing is gained by it"
             if why and (worst is None or f.judged.evidence < worst[0]):

@@ -17,7 +17,7 @@ from ident.diagnosis.contest import _decided, _Entry
 from ident.diagnosis.findings import _finding, _inexact
 from ident.diagnosis.irregular import _bursts
 from ident.diagnosis.light import too_light
-from ident.diagnosis.plausible import driven_out, implausible
+from ident.diagnosis.plausible import driven_out, driven_out_on, implausible
 from ident.diagnosis.refit import Refit
 from ident.diagnosis.search import Hit, Search
 from ident.diagnosis.selection import Found, Selection
@@ -70,6 +70,11 @@ def test_a_candidate_that_needs_negative_friction_of_the_model_is_not_there() ->
     assert driven_out(frame, unsure) == ""
     kept = replace(known, model=frame.coefficients - 1.5 * value * along)
     assert driven_out(frame, kept) == ""
+    # Of all findings together: the same parameter in the last fit.
+    last = replace(frame, torque=frame.torque - 3.0 * value * (frame.columns @ along))
+    assert driven_out_on(frame, last, ("j1",)).startswith("with it Fv_j1 = -")
+    assert driven_out_on(frame, last, ("j2",)) == ""
+    assert driven_out_on(frame, frame, ("j1", "j2")) == ""
 
 
 def test_a_spring_is_sought_where_it_pulls() -> None:
