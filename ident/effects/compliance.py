@@ -10,6 +10,7 @@ model gives the link is the rotor's is a shape."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Self
@@ -75,9 +76,9 @@ class _Compliance(Effect):
         return (ShapeParameter("rotor", "kg m^2 (kg)", -1e6, 1e6, 0.0, points=4),)
 
     @classmethod
+    @abstractmethod
     def moved(cls, effects: Sequence[Self], link: _Link) -> list[tuple[Array, Array, Array]]:
         """δ and its two derivatives (N,) of each of several effects of one link."""
-        raise NotImplementedError
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         return self.columns_of([self], motion, robot)[0]
@@ -232,13 +233,3 @@ class Backlash(_Compliance):
 
 def _usual(inertia: Array) -> float:
     return float(np.median(inertia)) if len(inertia) else 0.0
-
-
-def anti_resonance(effect: JointElasticity, reference: Reference, motion: Motion, robot: Robot) -> dict[str, float]:
-    """Frequency (Hz) at which each joint's link swings on its spring while the motor stands, at the median inertia of the run."""
-    out = {}
-    for j in effect.at(robot):
-        link = _usual(reference.inertia(motion, effect.moves(robot, j))) - effect.rotor
-        if link > 0.0:
-            out[robot.joint_names[j]] = float(np.sqrt(effect.stiffness / link) / (2.0 * np.pi))
-    return out

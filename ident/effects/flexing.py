@@ -7,14 +7,6 @@ import numpy as np
 Array = np.ndarray
 
 
-def response(load: Array, omega: Array, damping: float, step: float, first: float | None = None) -> tuple[Array, Array, Array]:
-    """`responses` of a single spring: `load`, `omega` (N,) → δ and its two derivatives (N,); `first`: default the first of `load`."""
-    one = np.ones(1)
-    start = float(load[0]) if first is None else first
-    found = responses(load, 1.0 / omega**2, one, damping * one, step, start)
-    return found[0][:, 0], found[1][:, 0], found[2][:, 0]
-
-
 def responses(load: Array, inertia: Array, stiffness: Array, damping: Array, step: float, first: float) -> tuple[Array, Array, Array]:
     """Deflections δ of several springs under one load and their two derivatives, (N, L) each.
 
