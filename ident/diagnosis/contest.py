@@ -15,6 +15,7 @@ from ..effect import Effect
 from .bank import Bank
 from .change import squared_errors
 from .precision import settled
+from .search import Hit
 from .selection import Found, Selection, labelled
 from .stage import Stage, with_effects
 
@@ -26,7 +27,10 @@ Array = np.ndarray
 #: Rivals that are looked at: of at least this weight, or this share of the finding's evidence; so many of one finding.
 _LIKELY = 1e-3
 _NEAR = 0.8
-_MOST = 3
+_MOST = 6
+#: A shape is hardly told where one drawn evenly from its range fits as well but for so much (twice a log-likelihood); so many are tried.
+_LOOSE = 4.0
+_SHAPES = 3
 #: Of more findings than this each draws a part of what is there, whatever it is: which of two names is better says nothing then.
 _FEW = 3
 #: What decides: a difference of so many standard errors over blocks of time, and of this share of the squared error.
@@ -51,12 +55,8 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
     said: list[str] = []
     for i in range(len(found) if len(found) <= _FEW else 0):
         one = found[i]
-        entries = [_Entry(0, [f.effect for f in found], after)]
-        for k in _contenders(one):
-            effects = [f.effect for f in found]
-            effects[i] = labelled(one.rivals[k].hit.effect, selection.declared.problem.model, [e for j, e in enumerate(effects) if j != i])
-            there = with_effects(selection.declared, effects, stage, bank, stage.search.candidates)
-            entries.append(_Entry(k + 1, effects, refit(there)))
+        arena = _Arena(selection, bank, held, refit, stage, tuple(f.effect for f in found), i, after)
+        entries = [arena.entry(0, one.judged.hit), *(arena.entry(k + 1, one.rivals[k].hit) for k in _contenders(one))]
         winner, logs, lines = _decided(one, entries, held)
         said += lines
         weights = np.exp(logs - logs.max())
@@ -86,8 +86,50 @@ class _Entry:
     """The model with one in the place of a finding: `place` 0 is the finding itself, then its rivals in their order."""
 
     place: int
-    effects: list[Effect]
+    effects: tuple[Effect, ...]
     estimate: Estimate
+
+
+@dataclass(frozen=True, eq=False)
+class _Arena:
+    """Where rivals stand in for one another: the `turn`th of the `effects` of a `stage`, `after` its estimate."""
+
+    selection: Selection
+    bank: Bank
+    held: Signals
+    refit: Callable[[Stage], Estimate]
+    stage: Stage
+    effects: tuple[Effect, ...]
+    turn: int
+    after: Estimate
+
+    def entry(self, place: int, hit: Hit) -> _Entry:
+        """A hit in this place, at that of its likely shapes which foretells the held-out data best."""
+        found = [_Entry(0, self.effects, self.after)] if place == 0 else [self._with(place, hit.effect)]
+        found += [self._with(place, effect) for effect in self._as_likely(hit)]
+        return min(found, key=lambda e: self._error(e.estimate)) if len(found) > 1 else found[0]
+
+    def _with(self, place: int, effect: Effect) -> _Entry:
+        others = [*self.effects[: self.turn], *self.effects[self.turn + 1 :]]
+        own = labelled(effect, self.selection.declared.problem.model, others)
+        effects = (*others[: self.turn], own, *others[self.turn :])
+        there = with_effects(self.selection.declared, effects, self.stage, self.bank, self.stage.search.candidates)
+        return _Entry(place, effects, self.refit(there))
+
+    def _as_likely(self, hit: Hit) -> list[Effect]:
+        """Other shapes of a hit's grid that do as well, where the data fitted hardly tell its shape: held-out data may."""
+        if not hit.effect.shape() or hit.fit_gain - 2.0 * hit.evenly > _LOOSE:
+            return []
+        others = [*self.effects[: self.turn], *self.effects[self.turn + 1 :]]
+        beside = with_effects(self.selection.declared, others, self.stage, self.bank, self.stage.search.candidates)
+        own = [h for h in (beside.search.hit(hit.candidate, e) for e in hit.candidate.variants) if h.fit_gain > hit.fit_gain - _LOOSE]
+        return [own[i].effect for i in np.unique(np.linspace(0, len(own) - 1, _SHAPES).astype(int)) if own]
+
+    def _error(self, one: Estimate) -> float:
+        """Squared error on held-out data, each joint's over its noise."""
+        rms = self.after.fit_error.rms
+        weight = np.where(rms > 0.0, 1.0 / np.where(rms > 0.0, rms, 1.0) ** 2, 0.0)
+        return float((squared_errors(one, self.after, self.held)[0] @ weight).sum())
 
 
 def _decided(one: Found, entries: Sequence[_Entry], held: Signals) -> tuple[_Entry, Array, list[str]]:

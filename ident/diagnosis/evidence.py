@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Probability that chance alone carries any candidate of the whole catalogue over the threshold.
 FALSE_ALARM = 2e-3
+#: Independent orders of a periodic effect that is not known to have been looked for over fewer.
+_MOST_ORDERS = 4000.0
 #: Evidence below which a candidate is weak.
 WEAK = 100.0
 
@@ -31,8 +33,17 @@ def by_chance(hit: Hit, number: int) -> float:
     shapes = len(hit.effect.shape())
     # Independent shapes that a search looks at: a few along a smooth one, some tens of moments, many along an order.
     moment = Need.TIME in hit.effect.needs and shapes > 0
-    trials = 4000.0 if hit.candidate.spectral else 50.0 if moment else 4.0 * shapes if shapes else 1.0
+    trials = (hit.tried or _MOST_ORDERS) if hit.candidate.spectral else 50.0 if moment else 4.0 * shapes if shapes else 1.0
     return float(chi2.isf(FALSE_ALARM / (number * trials), hit.columns.shape[2])) + 2.0 * shapes
+
+
+def occam(hit: Hit, number: int) -> float:
+    """By how much (twice a log-likelihood) a hit's freedom counts against it beside rivals: what chance reaches with its parameters and
+    shapes. Shapes count no more than they were needed: where any of them does as well, having had the choice was worth nothing."""
+    from scipy.stats import chi2
+
+    parameters = float(chi2.isf(FALSE_ALARM / number, hit.columns.shape[2]))
+    return parameters + min(by_chance(hit, number) - parameters, max(hit.fit_gain - 2.0 * hit.evenly, 0.0))
 
 
 def surplus(judged: Judged, number: int) -> float:

@@ -220,5 +220,5 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
         float(np.clip(found.judged.score.heldout / max(loss, 1e-300), 0.0, 1.0)),
         found.judged.evidence,
         trust * total[own],
-        imitators[:6],
+        imitators,
     )

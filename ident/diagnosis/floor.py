@@ -144,10 +144,10 @@ def _spread(r: Array, rows: Array) -> Array:
 
 
 def _gain(q: Array, r: Array, scale: Array, M: int) -> float:
-    """Fall of the loss by orthonormal columns q, in units of the variance that the residual has where they are."""
-    c = q.T @ r
-    fitted = (q @ c).reshape(-1, M)
-    return float(np.sum(np.sum(fitted**2, axis=1) / scale**2))
+    """Fall of the loss by orthonormal columns q, in units of the variance that the residual has where they are: what is gained on the
+    rows of one joint may be lost on those of another."""
+    fitted = (q @ (q.T @ r)).reshape(-1, M)
+    return float(np.sum(np.sum(fitted * (2.0 * r.reshape(-1, M) - fitted), axis=1) / scale**2))
 
 
 def _foretold(q: Array, r: Array, folds: list[Array], scale: Array, M: int) -> float:

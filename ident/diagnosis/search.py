@@ -18,7 +18,7 @@ from .frame import Frame, Motions, Score
 from .moments import CLOSE, best_moment
 from .plausible import driven_out, implausible
 from .refit import Refit
-from .spectral import order_parameter, promising_orders
+from .spectral import evenly_drawn, order_gains, order_parameter, peaks
 from .steady import steady_values
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ _MOST_STEPS = 40
 _AT_ONCE = 64
 #: Times that the prediction is mended by which an abrupt effect's columns are made.
 _PASSES = 3
+#: Independent orders that are found from each one of a grid on.
+_BETWEEN = 4.0
 #: Starts of a search among possible shapes.
 _FEW = 4
 #: First steps of a search over several, as a share of their ranges.
@@ -41,7 +43,9 @@ _SIMPLEX = 0.1
 @dataclass(frozen=True, eq=False)
 class Hit:
     """A candidate at a shape: `fit_gain` is the fall of the loss on all blocks; `columns` (n, M, k) whitened; `also`: other shapes of
-    the grid from which the best one may be reached; `promise`: what parameters that are held would gain there, were they free."""
+    the grid from which the best one may be reached; `promise`: what parameters that are held would gain there, were they free;
+    `evenly`: logarithm of the likelihood that shapes drawn evenly from the grid have on average (the declared model: 0); `tried`: how
+    many independent orders were looked at, of a periodic effect."""
 
     candidate: Candidate
     effect: Effect
@@ -49,6 +53,8 @@ class Hit:
     columns: Array = field(repr=False)
     also: tuple[Effect, ...] = ()
     promise: float = 0.0
+    evenly: float = -np.inf
+    tried: float = 0.0
 
     @property
     def place(self) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
@@ -139,12 +145,15 @@ class Search:
         return best
 
     def _first(self, candidate: Candidate) -> Hit:
+        from scipy.special import logsumexp
+
         variants = list(candidate.variants)
-        name = order_parameter(candidate.variants[0])
+        name, found = order_parameter(candidate.variants[0]), None
         if name is not None:
             found = self.bank.harmonics(self.frame, self.motions, candidate.variants[0])
-            peaks = promising_orders(found, self.frame, self.motions) if found is not None else []
-            variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks] or variants
+        if found is not None:
+            spectrum = order_gains(found, self.frame, self.motions)
+            variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks(found.orders, spectrum)] or variants
         held = [effect.response(self.robot) for effect in variants]
         every = self.bank.columns(self.seen_by(variants[0]), variants)
         k, parts = every[0].shape[2], list[tuple[Array, Array, Array]]()
@@ -156,6 +165,11 @@ class Search:
         top = int(np.argmax(gains))
         columns = parts[top // _AT_ONCE][0][:, :, (top % _AT_ONCE) * k :][:, :, :k]
         best = Hit(candidate, variants[top], float(gains[top]), np.ascontiguousarray(columns))
+        if found is None:
+            best = replace(best, evenly=float(logsumexp(0.5 * gains) - np.log(len(gains))), tried=_BETWEEN * len(gains) if name else 0.0)
+        else:
+            evenly = evenly_drawn(found.orders, spectrum, getattr(best.effect, name), best.fit_gain)
+            best = replace(best, evenly=evenly, tried=found.independent)
         nearest = int(np.argmax(free))
         if len(best.effect.shape()) < 2:
             return best if held[0] is None and held[-1] is None else replace(best, promise=float(free[nearest]))
@@ -186,10 +200,12 @@ class Search:
         if len(parameters) > 1:
             own = (hit.effect, *hit.also)
             starts = [hit, *(self.hit(hit.candidate, e) for e in (*hit.also, *(twin for e in own for twin in e.twins())))]
-            return max((self._together(start, ranges, worth) for start in starts), key=worth)
-        p = parameters[0]
-        low, high = ranges[p.name]
-        return self._along(hit, p.name, low, high, p.log and low > 0, order_parameter(hit.effect) is not None, worth)
+            best = max((self._together(start, ranges, worth) for start in starts), key=worth)
+        else:
+            p = parameters[0]
+            low, high = ranges[p.name]
+            best = self._along(hit, p.name, low, high, p.log and low > 0, order_parameter(hit.effect) is not None, worth)
+        return replace(best, evenly=hit.evenly, tried=hit.tried)
 
     def possible(self, candidate: Candidate) -> Hit | None:
         """A candidate at the best shape at which its parameters are what they can be; None if they are at none of its grid.

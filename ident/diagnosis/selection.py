@@ -13,7 +13,7 @@ from ..effect import Effect, Need
 from ..model import Model
 from .bank import Bank
 from .consistent import own_loss
-from .evidence import WEAK, by_chance, surplus, threshold, touched
+from .evidence import WEAK, occam, surplus, threshold, touched
 from .light import too_light
 from .plausible import driven_out_on, implausible
 from .precision import kept, settled, support, unbound
@@ -25,6 +25,9 @@ from .weights import weights
 Array = np.ndarray
 #: Best hits of a scan whose shapes are refined and which are judged on held-out blocks.
 _REFINED = 14
+#: And those whose gain is within so much of the best one's (twice a log-likelihood), up to so many in all.
+_TIED = 10.0
+_MOST_TIED = 30
 _MOST_FINDINGS = 6
 #: So often may the same thing be accepted: once more than it was dropped.
 _CHANCES = 2
@@ -34,7 +37,7 @@ COMPANION = 0.02
 FOLLOWING = 0.3
 #: Or be as large as this beside the noise (rms).
 LARGE = 1.0
-#: A companion must reach the threshold so many times over.
+#: A companion on the same rows must reach the threshold so many times over.
 _BESIDE = 2.0
 #: A finding must lower the loss of the rows it is on by this share: what it adds must matter, not only be there.
 _MATTERS = 0.01
@@ -88,8 +91,11 @@ def ranked(
     """The best candidates beside a stage's model, refined and judged, the largest surplus first. `also`: further hits; `joints`: of
     candidates on these joints alone."""
     hits = stage.search.scan(progress, joints)
-    hits.sort(key=lambda h: -(max(h.fit_gain, h.promise) - threshold(h, stage.number)))
-    judged = [stage.search.judge(stage.search.refined(h)) for h in [*also, *hits[:_REFINED]]]
+    worth = {id(h): max(h.fit_gain, h.promise) - threshold(h, stage.number) for h in hits}
+    hits.sort(key=lambda h: -worth[id(h)])
+    # Where many do as well as the best, none of them is left out for its place in the order.
+    tied = [h for h in hits[_REFINED:_MOST_TIED] if worth[id(h)] > max(worth[id(hits[0])] - _TIED, 0.0)]
+    judged = [stage.search.judge(stage.search.refined(h)) for h in [*also, *hits[:_REFINED], *tied]]
     judged += _as_they_can_be(judged, stage)
     judged.sort(key=lambda j: -surplus(j, stage.number))
     return judged
@@ -163,15 +169,16 @@ def _chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> F
     best_evidence = max((j.evidence for j in often if j.evidence > threshold(j.hit, stage.number)), default=np.inf)
     # One that asks for more, since chance has more ways to it, and has as much: a rival all the same.
     rivals = [j for j in often if j.evidence > min(threshold(j.hit, stage.number), _NEAR * best_evidence)]
-    # Beside others, chance has had more than one try, and what is explained there is never quite so. What falls short of that is
-    # not accepted, but a rival all the same.
-    times = _BESIDE if beside else 1.0
-    worth = [j.evidence > times * threshold(j.hit, stage.number) and _worth(j, beside, stage) for j in rivals]
+    # Beside others on the same rows: what is explained there is never quite so. What falls short of that is not accepted, but a rival
+    # all the same.
+    taken = np.any([touched(f.judged.hit.columns) for f in beside], axis=0) if beside else np.zeros(stage.problem.model.robot.n, bool)
+    times = [1.0 + (_BESIDE - 1.0) * float(_shares(j)[taken].sum()) for j in rivals]
+    worth = [j.evidence > x * threshold(j.hit, stage.number) and _worth(j, beside, stage) for j, x in zip(rivals, times, strict=True)]
     more = _once_consistent(rivals, stage) if any(worth) else np.zeros(len(rivals))
     for _ in range(_TRIES):
         if not any(worth):
             break
-        w = weights(rivals, [by_chance(j.hit, stage.number) for j in rivals], more)
+        w = weights(rivals, [occam(j.hit, stage.number) for j in rivals], more)
         best = int(np.argmax(np.where(worth, w, -1.0)))
         if not too_light(stage, rivals[best]) and stage.null.exceeded(rivals[best].hit.candidate, rivals[best].evidence):
             order = [best, *(i for i in np.argsort(-w) if i != best)]
@@ -301,14 +308,19 @@ def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     """Whether a candidate matters on its rows, and is more than the inexactness of those accepted there."""
     rows = touched(judged.hit.columns)
     # A candidate on several joints is measured by what was explained on each of them in the share in which it acts there itself.
-    power = np.sum((judged.hit.columns @ judged.score.values) ** 2, axis=1)
-    share = power / max(float(power.sum()), 1e-300)
+    share = _shares(judged)
     explained = sum(float(share[touched(f.judged.hit.columns)].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
     # As much as the noise itself is no inexactness, however much was explained before.
     inexact = min(explained, LARGE**2 * float(stage.problem.signals.valid[:, rows].sum()))
     columns = np.sum(judged.hit.columns**2, axis=(1, 2))
     loss = float(columns @ np.sum(stage.frame.residual**2, axis=1) / max(float(columns.sum()), 1e-300))
     return judged.evidence > max(inexact, _MATTERS * loss)
+
+
+def _shares(judged: Judged) -> Array:
+    """The share (n,) of what a candidate adds that is on each joint's rows."""
+    power = np.sum((judged.hit.columns @ judged.score.values) ** 2, axis=1)
+    return np.asarray(power / max(float(power.sum()), 1e-300))
 
 
 def _inexactness(effect: Effect) -> float:

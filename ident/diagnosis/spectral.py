@@ -22,6 +22,8 @@ _MOST_ORDERS = 1 << 15
 _PEAKS = 4
 #: An order counts as resolved while its columns keep this share of the power that slow orders have in the rows.
 _RESOLVED = 0.1
+#: Orders are this much closer than a whole cycle over the longest run apart.
+_FINER = 4.0
 
 
 def order_parameter(effect: Effect) -> str | None:
@@ -40,6 +42,11 @@ class Harmonics:
     power: Array
     orders: Array
 
+    @property
+    def independent(self) -> float:
+        """How many of the orders tell different things: the grid is finer than that."""
+        return len(self.orders) / _FINER
+
 
 def harmonics(effect: Effect, frame: Frame, motions: Motions) -> Harmonics | None:
     """The columns of a periodic effect at all orders at once; None where they are not of the harmonic kind."""
@@ -56,7 +63,7 @@ def harmonics(effect: Effect, frame: Frame, motions: Motions) -> Harmonics | Non
     longest = max((float(np.ptp(phase)) for _, phase in parts if len(phase)), default=0.0)
     if longest <= 0.0:
         return None
-    step = np.pi / (2.0 * longest)
+    step = 2.0 * np.pi / (_FINER * longest)
     # The row filter decides how fast an order may be: found by trying a few.
     probe = np.geomspace(max(p.lower, 2.0 * step), p.upper, 24)
     power = _power(parts, probe, frame, motions)
@@ -70,6 +77,11 @@ def harmonics(effect: Effect, frame: Frame, motions: Motions) -> Harmonics | Non
 
 def promising_orders(h: Harmonics, frame: Frame, motions: Motions, residual: Array | None = None) -> list[float]:
     """Orders at which the effect would gain most, best first; of a whitened residual (n, M), the frame's own by default."""
+    return peaks(h.orders, order_gains(h, frame, motions, residual))
+
+
+def order_gains(h: Harmonics, frame: Frame, motions: Motions, residual: Array | None = None) -> Array:
+    """What the effect would gain at each of its orders, up to a factor and as if its columns were at right angles to the model's."""
     residual = frame.residual if residual is None else residual
     total = np.zeros(len(h.orders), complex)
     for (block, _), (amplitudes, phase) in zip(motions.parts, h.parts, strict=True):
@@ -78,7 +90,17 @@ def promising_orders(h: Harmonics, frame: Frame, motions: Motions, residual: Arr
             full = gradient if block.row_filter is None else _spread(gradient, block.row_filter.taps, block.row_filter.factor, len(phase))
             total += _fourier(full * amplitude, phase, h.orders)
     power = np.interp(np.log(h.orders), np.log(h.probe), h.power)
-    return _peaks(h.orders, np.abs(total) ** 2 / np.maximum(power, _RESOLVED * h.power.max()))
+    return np.asarray(np.abs(total) ** 2 / np.maximum(power, _RESOLVED * h.power.max()))
+
+
+def evenly_drawn(orders: Array, gains: Array, best: float, gain: float) -> float:
+    """Logarithm of the likelihood that orders drawn evenly by their logarithm have on average. `gains` are known up to a factor: at the
+    order `best` it is `gain`."""
+    from scipy.special import logsumexp
+
+    own = float(np.interp(best, orders, gains))
+    scale = gain / own if own > 0.0 else 0.0
+    return float(logsumexp(0.5 * scale * gains, b=1.0 / orders) - np.log(np.sum(1.0 / orders)))
 
 
 def _power(parts: list[tuple[dict[int, Array], Array]], orders: Array, frame: Frame, motions: Motions) -> Array:
@@ -157,7 +179,8 @@ def _fourier(values: Array, phase: Array, orders: Array) -> Array:
     return np.fft.fft(grid)[: len(orders)]
 
 
-def _peaks(orders: Array, gain: Array) -> list[float]:
+def peaks(orders: Array, gain: Array) -> list[float]:
+    """Orders of the highest peaks, the highest first."""
     inner = (gain[1:-1] >= gain[:-2]) & (gain[1:-1] >= gain[2:])
     at = np.flatnonzero(inner) + 1
     at = np.append(at, [0, len(gain) - 1]) if len(gain) > 1 else at
