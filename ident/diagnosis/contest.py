@@ -180,9 +180,12 @@ def _odds(one: Estimate, other: Estimate, signals: Signals) -> float:
     """Logarithm of the odds for the other that held-out data give; 0 where they do not decide."""
     scale = np.fmin(one.fit_error.rms, other.fit_error.rms)
     weight = np.where(np.isfinite(scale) & (scale > 0.0), 1.0 / np.where(scale > 0.0, scale, 1.0) ** 2, 0.0)
-    first, second = (blocks @ weight for blocks in squared_errors(one, other, signals))
-    better = first - second
+    first, second = (blocks * weight for blocks in squared_errors(one, other, signals))
+    better = (first - second).sum(axis=1)
     error, gain = float(np.sqrt(np.sum((better - better.mean()) ** 2))), float(better.sum())
-    if abs(gain) < max(_SURELY * error, _SHARE * float(min(first.sum(), second.sum()))) or error == 0.0:
+    # A share of what is left on those joints where the two differ.
+    apart = np.abs((first - second).sum(axis=0))
+    there = float(np.minimum(first, second).sum(axis=0) @ apart / max(float(apart.sum()), 1e-300))
+    if abs(gain) < max(_SURELY * error, _SHARE * there) or error == 0.0:
         return 0.0
     return float(np.sign(gain) * min(0.5 * (gain / error) ** 2, _FARTHEST))

@@ -270,10 +270,11 @@ class Motions:
 
     def _reduced(self, block: Block, effect: Effect, values: Array) -> Array:
         transmission = self.problem.model.robot.transmission
-        if effect.side != transmission.measured:
-            values = np.matmul(transmission.torque_map(effect.side, transmission.measured), values)
+        # Filtered where the effect acts, and then brought to the measured side: there are fewer rows than samples.
         live = np.flatnonzero(np.einsum("Njk,Njk->j", values, values))
         reduced = block.reduce(np.ascontiguousarray(values[:, live]))
+        if effect.side != transmission.measured:
+            return np.matmul(transmission.torque_map(effect.side, transmission.measured)[:, live], reduced)
         full = np.zeros((len(reduced), *values.shape[1:]))
         full[:, live] = reduced
         return full

@@ -151,8 +151,8 @@ class Search:
         name, found = order_parameter(candidate.variants[0]), None
         if name is not None:
             found = self.bank.harmonics(self.frame, self.motions, candidate.variants[0])
-        if found is not None:
-            spectrum = order_gains(found, self.frame, self.motions)
+        spectrum = np.zeros(0) if found is None else order_gains(found, self.frame, self.motions)
+        if name is not None and found is not None:
             variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks(found.orders, spectrum)] or variants
         held = [effect.response(self.robot) for effect in variants]
         every = self.bank.columns(self.seen_by(variants[0]), variants)
@@ -165,11 +165,11 @@ class Search:
         top = int(np.argmax(gains))
         columns = parts[top // _AT_ONCE][0][:, :, (top % _AT_ONCE) * k :][:, :, :k]
         best = Hit(candidate, variants[top], float(gains[top]), np.ascontiguousarray(columns))
-        if found is None:
-            best = replace(best, evenly=float(logsumexp(0.5 * gains) - np.log(len(gains))), tried=_BETWEEN * len(gains) if name else 0.0)
-        else:
+        if name is not None and found is not None:
             evenly = evenly_drawn(found.orders, spectrum, getattr(best.effect, name), best.fit_gain)
             best = replace(best, evenly=evenly, tried=found.independent)
+        else:
+            best = replace(best, evenly=float(logsumexp(0.5 * gains) - np.log(len(gains))), tried=_BETWEEN * len(gains) if name else 0.0)
         nearest = int(np.argmax(free))
         if len(best.effect.shape()) < 2:
             return best if held[0] is None and held[-1] is None else replace(best, promise=float(free[nearest]))

@@ -129,6 +129,7 @@ def select(
             note(text)
 
     stage, found, accepted = first, list[Found](), Counter[tuple[str, tuple[str, ...], tuple[str, ...]]]()
+    unlooked = list[Found]()  # found before something that was found since, on other rows
     while len(found) < _MOST_FINDINGS:
         begun = 1.0 - 0.5 ** len(found)
 
@@ -142,13 +143,22 @@ def select(
         # Two that make room for each other would do so for ever.
         new = _chosen(stage, [j for j in _undecoyed(all_ranked) if accepted[j.hit.place] < _CHANCES], found)
         if new is None:
-            break
+            due, before = [f for f in found if any(f is x for x in unlooked)], {f.judged.hit.place for f in found}
+            if due:
+                unlooked = []
+                stage, found = _re_examined(first, stage, found, due, bank, say)
+            if before == {f.judged.hit.place for f in found}:
+                break
+            continue
         accepted[new.judged.hit.place] += 1
         say(f"accepted: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
         found.append(_labelled(new, stage.problem.model))
         stage = with_effects(first, [f.effect for f in found], stage, bank)
         if len(found) > 1:
-            stage, found = _re_examined(first, stage, found, bank, say)
+            rows = touched(found[-1].judged.hit.columns)
+            unlooked = [f for f in found[:-1] if not (touched(f.judged.hit.columns) & rows).any()]
+            due = [f for f in reversed(found[:-1]) if not any(f is x for x in unlooked)]
+            stage, found = _re_examined(first, stage, found, [*due, found[-1]], bank, say)
         else:
             # With the strongest effect in the model, what is left tells the noise better than the saturated model did.
             first, stage = with_noise_beneath(first, stage, bank)
@@ -222,14 +232,13 @@ def _often(judged: Judged) -> bool:
     return judged.score.heldout > 0.0 and (several or judged.score.heldout > _STRETCHES * judged.score.standard_error)
 
 
-def _re_examined(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Callable[[str], None]) -> tuple[Stage, list[Found]]:
-    """Every finding on the rows of the newest one anew, in the company of the others: dropped, replaced by a better rival, its
-    shape sought again. The newest one itself only if its company has changed."""
-    newest = found[-1]
-    rows = touched(newest.judged.hit.columns)
-    older = [f for f in found[:-1] if (touched(f.judged.hit.columns) & rows).any()]
-    changed = False
-    for one in [*reversed(older), newest]:
+def _re_examined(
+    first: Stage, stage: Stage, found: list[Found], due: Sequence[Found], bank: Bank, say: Callable[[str], None]
+) -> tuple[Stage, list[Found]]:
+    """Findings that are `due` anew, in the company of the others: dropped, replaced by a better rival, the shape sought again. The newest
+    one only if its company has changed."""
+    newest, changed = found[-1], False
+    for one in due:
         if one is newest and not changed:
             break
         others = [f for f in found if f is not one]
