@@ -13,7 +13,7 @@ from .evidence import WEAK, touched
 if TYPE_CHECKING:
     from ..estimate import Estimate
     from ..signals import Signals
-    from .selection import Found
+    from .acceptance import Found
 
 Array = np.ndarray
 #: Blocks of time of a run.

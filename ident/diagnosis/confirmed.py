@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..places import on, place_of
+from .acceptance import Found
 from .analysis import without_reversals
 from .bank import Bank
 from .change import Change
 from .contest import contested
 from .evidence import WEAK, touched
 from .findings import Unexplained
-from .selection import Found, Selection
+from .selection import Selection
 from .stage import Stage, with_effects
 
 if TYPE_CHECKING:

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effect import Effect
+from .acceptance import Found
 from .bank import Bank
 from .change import squared_errors
 from .precision import settled
 from .search import Hit
-from .selection import Found, Selection, labelled
+from .selection import Selection, labelled
 from .stage import Stage, with_effects
 
 if TYPE_CHECKING:

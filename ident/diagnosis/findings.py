@@ -12,10 +12,11 @@ import numpy as np
 from ..effect import Axis, Effect
 from ..places import motors_of, place_of, place_of_joints
 from ..transmission import Side
+from .acceptance import Found
 from .evidence import WEAK, touched
 from .leftover import Leftover
 from .precision import FoundParameter, found_parameters, support
-from .selection import Found, Selection
+from .selection import Selection
 from .stage import Stage
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .acceptance import COMPANION, LARGE, Found
 from .evidence import FALSE_ALARM, WEAK, touched
 from .irregular import irregular
-from .selection import COMPANION, LARGE, Found
 from .signatures import signatures, tones
 from .stage import Stage
 

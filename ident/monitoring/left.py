@@ -13,7 +13,7 @@ from .frame import KnownFrame
 from .result import Drift
 
 if TYPE_CHECKING:
-    from ..diagnosis.selection import Found
+    from ..diagnosis.acceptance import Found
     from ..diagnosis.stage import Stage
     from ..effect import Effect
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..diagnosis.acceptance import Found
 from ..diagnosis.analysis import without_reversals
 from ..diagnosis.bank import Bank
 from ..diagnosis.candidates import candidates
@@ -15,7 +16,7 @@ from ..diagnosis.evidence import threshold, touched
 from ..diagnosis.findings import Imitator
 from ..diagnosis.frame import Motions, raw_columns
 from ..diagnosis.search import Hit, Judged, Search
-from ..diagnosis.selection import Found, ranked
+from ..diagnosis.selection import ranked
 from ..diagnosis.stage import Stage
 from ..diagnosis.weights import weights
 from ..errors import ConfigurationError, DataError

@@ -13,13 +13,13 @@ from scipy.signal import lfilter
 
 from ident.diagnosis import confirmed as confirmed_module
 from ident.diagnosis import diagnose
+from ident.diagnosis.acceptance import Found
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.change import Change
 from ident.diagnosis.consistent import consistent
 from ident.diagnosis.frame import Motions
 from ident.diagnosis.precision import found_parameters
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import Found
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.whitening import plain_whitener
 from ident.effect import Effect, make_effect

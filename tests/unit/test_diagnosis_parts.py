@@ -11,6 +11,7 @@ from effect_robots import ROBOTS, declared
 from ident.audit_checks import position_jumps
 from ident.cutoff import choose_cutoff
 from ident.diagnosis import selection
+from ident.diagnosis.acceptance import Found
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.consistent import consistent
@@ -21,7 +22,6 @@ from ident.diagnosis.null import Null
 from ident.diagnosis.precision import found_parameters, settled, support
 from ident.diagnosis.refit import Refit
 from ident.diagnosis.search import Judged, Search
-from ident.diagnosis.selection import Found
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.whitening import Whitener, plain_whitener
 from ident.effect import Effect, make_effect
@@ -175,7 +175,7 @@ def test_what_makes_room_for_each_other_is_not_accepted_for_ever(monkeypatch: py
     judged = stage.search.judge(stage.search.hit(candidate, effect))
     rounds = []
 
-    def dropped(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: object) -> tuple[Stage, list[Found]]:
+    def dropped(first: Stage, stage: Stage, found: list[Found], due: object, bank: Bank, say: object) -> tuple[Stage, list[Found]]:
         return stage, []
 
     def chosen(stage: Stage, plausible: list[Judged], beside: list[Found]) -> Found | None:
@@ -184,7 +184,7 @@ def test_what_makes_room_for_each_other_is_not_accepted_for_ever(monkeypatch: py
         return Found(plausible[0], (), np.ones(1)) if plausible else None
 
     monkeypatch.setattr(selection, "ranked", lambda *args, **more: [judged])
-    monkeypatch.setattr(selection, "_chosen", chosen)
+    monkeypatch.setattr(selection, "chosen", chosen)
     monkeypatch.setattr(selection, "_re_examined", dropped)
     monkeypatch.setattr(selection, "with_effects", lambda *args: stage)
     monkeypatch.setattr(selection, "with_noise_beneath", lambda first, stage, bank: (first, stage))

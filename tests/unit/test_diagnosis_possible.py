@@ -12,6 +12,7 @@ import pytest
 from effect_robots import ROBOTS, declared
 from test_diagnosis_parts import NOISE, rebuilt, recorded, stage_of
 
+from ident.diagnosis.acceptance import Found
 from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.contest import _decided, _Entry
 from ident.diagnosis.findings import _finding, _inexact
@@ -20,7 +21,7 @@ from ident.diagnosis.light import too_light
 from ident.diagnosis.plausible import driven_out, driven_out_on, implausible
 from ident.diagnosis.refit import Refit
 from ident.diagnosis.search import Hit, Search
-from ident.diagnosis.selection import Found, Selection
+from ident.diagnosis.selection import Selection
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.turning import contradicted
 from ident.diagnosis.whitening import plain_whitener

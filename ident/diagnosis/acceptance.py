@@ -1,0 +1,143 @@
+"""Acceptance: which of the candidates that were judged beside a model is worth adding, and what could stand in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effect import Effect, Need
+from .consistent import own_loss
+from .evidence import WEAK, occam, threshold, touched
+from .light import too_light
+from .search import Judged
+from .stage import Stage, with_effects
+from .weights import weights
+
+Array = np.ndarray
+#: Beside effects that explain G on a joint's rows, another one there must explain this share of G: laws are never exact.
+COMPANION = 0.02
+#: What follows the model's prediction through time (an elastic joint, a filter) is no more exact than that: there, this share.
+FOLLOWING = 0.3
+#: Or be as large as this beside the noise (rms).
+LARGE = 1.0
+#: A companion on the same rows must reach the threshold so many times over.
+_BESIDE = 2.0
+#: A finding must lower the loss of the rows it is on by this share: what it adds must matter, not only be there.
+_MATTERS = 0.01
+#: Held-out gain over its standard error: what is seen in a single block of time has one, what is seen in all has many.
+_STRETCHES = 1.5
+#: Or so many blocks gain as much as this each.
+_SEVERAL = 4
+_CLEARLY = 10.0
+#: By how much a decoy (a fit that cannot be: a negative stiffness) outdoes a weak candidate.
+_DECOY = 1.5
+#: So many of the best candidates are compared with what they gain for nothing.
+_TRIES = 4
+#: A candidate is near the best if it has this share of its evidence.
+_NEAR = 0.8
+#: So many of those are made consistent, in so many passes.
+_LOOKED_AT = 2
+_PASSES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An accepted effect, and its rivals: everything that was judged in its place, the same others being in the model."""
+
+    judged: Judged
+    rivals: tuple[Judged, ...]
+    weights: Array
+
+    @property
+    def effect(self) -> Effect:
+        return self.judged.hit.effect
+
+    @property
+    def weight(self) -> float:
+        """Probability that it is this one and none of its rivals."""
+        return float(self.weights[0])
+
+
+def chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Found | None:
+    """The most probable of the candidates, with its rivals, if it is worth accepting."""
+    often = [j for j in plausible if _often(j)]
+    best_evidence = max((j.evidence for j in often if j.evidence > threshold(j.hit, stage.number)), default=np.inf)
+    # One that asks for more, since chance has more ways to it, and has as much: a rival all the same.
+    rivals = [j for j in often if j.evidence > min(threshold(j.hit, stage.number), _NEAR * best_evidence)]
+    # Beside others on the same rows: what is explained there is never quite so. What falls short of that is not accepted, but a rival
+    # all the same.
+    taken = np.any([touched(f.judged.hit.columns) for f in beside], axis=0) if beside else np.zeros(stage.problem.model.robot.n, bool)
+    times = [1.0 + (_BESIDE - 1.0) * float(share_on_rows(j)[taken].sum()) for j in rivals]
+    worth = [j.evidence > x * threshold(j.hit, stage.number) and _worth(j, beside, stage) for j, x in zip(rivals, times, strict=True)]
+    more = _once_consistent(rivals, stage) if any(worth) else np.zeros(len(rivals))
+    for _ in range(_TRIES):
+        if not any(worth):
+            break
+        w = weights(rivals, [occam(j.hit, stage.number) for j in rivals], more)
+        best = int(np.argmax(np.where(worth, w, -1.0)))
+        if not too_light(stage, rivals[best]) and stage.null.exceeded(rivals[best].hit.candidate, rivals[best].evidence):
+            order = [best, *(i for i in np.argsort(-w) if i != best)]
+            return Found(rivals[best], tuple(rivals[i] for i in order[1:]), w[order])
+        rivals, more = [j for i, j in enumerate(rivals) if i != best], np.delete(more, best)
+        worth = [x for i, x in enumerate(worth) if i != best]
+    return None
+
+
+def _once_consistent(judged: Sequence[Judged], stage: Stage) -> Array:
+    """What each candidate (m,) gains beyond what it seems to gain beside the present fit, when the fit is made consistent with it.
+
+    Columns that depend on the prediction were made of one that lacks the candidate; with it in the model they are others. Looked at
+    where such a candidate is not far from the best."""
+    out = np.zeros(len(judged))
+    if len(judged) < 2:
+        return out
+    best = max(j.evidence for j in judged)
+    near = [i for i, j in enumerate(judged) if j.hit.candidate.dependent and j.evidence > _NEAR * best]
+    for i in sorted(near, key=lambda i: -judged[i].evidence)[:_LOOKED_AT]:
+        hit = judged[i].hit
+        there = with_effects(stage, [hit.effect], stage, stage.search.bank, stage.search.candidates, _PASSES)
+        out[i] = max(0.0, stage.frame.loss - own_loss(there.problem, there.frame) - hit.fit_gain)
+    return out
+
+
+def undecoyed(found: Sequence[Judged]) -> list[Judged]:
+    """The plausible ones, without weak ones that something impossible on the same rows clearly outdoes: what is there is neither."""
+    decoys = [(touched(j.hit.columns), j.evidence) for j in found if j.against]
+
+    def outdone(judged: Judged) -> bool:
+        rows = touched(judged.hit.columns)
+        return judged.evidence < WEAK and any((rows & other).any() and more > _DECOY * judged.evidence for other, more in decoys)
+
+    return [j for j in found if not j.against and not outdone(j)]
+
+
+def _often(judged: Judged) -> bool:
+    """Whether a candidate gains in more than a stretch or two of the log; what happens seldom, but several times, does."""
+    several = int(np.sum(judged.score.gain > _CLEARLY)) >= _SEVERAL
+    return judged.score.heldout > 0.0 and (several or judged.score.heldout > _STRETCHES * judged.score.standard_error)
+
+
+def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
+    """Whether a candidate matters on its rows, and is more than the inexactness of those accepted there."""
+    rows = touched(judged.hit.columns)
+    # A candidate on several joints is measured by what was explained on each of them in the share in which it acts there itself.
+    share = share_on_rows(judged)
+    explained = sum(float(share[touched(f.judged.hit.columns)].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
+    # As much as the noise itself is no inexactness, however much was explained before.
+    inexact = min(explained, LARGE**2 * float(stage.problem.signals.valid[:, rows].sum()))
+    columns = np.sum(judged.hit.columns**2, axis=(1, 2))
+    loss = float(columns @ np.sum(stage.frame.residual**2, axis=1) / max(float(columns.sum()), 1e-300))
+    return judged.evidence > max(inexact, _MATTERS * loss)
+
+
+def share_on_rows(judged: Judged) -> Array:
+    """The share (n,) of what a candidate adds that is on each joint's rows."""
+    power = np.sum((judged.hit.columns @ judged.score.values) ** 2, axis=1)
+    return np.asarray(power / max(float(power.sum()), 1e-300))
+
+
+def _inexactness(effect: Effect) -> float:
+    """Share of what an effect explains that its law may fail by."""
+    return FOLLOWING if {Need.REFERENCE, Need.HISTORY} <= effect.needs else COMPANION

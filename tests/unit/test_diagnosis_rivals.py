@@ -1,0 +1,92 @@
+"""Rivals: what their freedom costs them, what is gained on which joint, and which of them held-out data can tell apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_diagnosis_parts import stage_of
+
+from ident.diagnosis.acceptance import chosen, share_on_rows
+from ident.diagnosis.candidates import Candidate
+from ident.diagnosis.evidence import by_chance, occam
+from ident.diagnosis.floor import _gain
+from ident.diagnosis.search import Hit, Search
+from ident.diagnosis.selection import ranked
+from ident.diagnosis.spectral import evenly_drawn
+from ident.effect import make_effect
+
+Array = np.ndarray
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_gain_of_saturating_columns_is_the_fall_of_the_loss_on_all_joints(seed: int) -> None:
+    """What fits one joint's large residual may cost more on the small ones of others than it brings."""
+    rng = np.random.default_rng(seed)
+    n, M = 4, 50
+    scale = rng.uniform(0.5, 20.0, n)
+    r = (scale[:, None] * rng.normal(size=(n, M))).reshape(-1)
+    q = np.linalg.qr(rng.normal(size=(n * M, 3)))[0]
+    left = (r - q @ (q.T @ r)).reshape(n, M)
+    fall = np.sum((np.sum(r.reshape(n, M) ** 2, axis=1) - np.sum(left**2, axis=1)) / scale**2)
+    assert _gain(q, r, scale, M) == pytest.approx(fall, rel=1e-10)
+
+
+def hit(gains: list[float], name: str = "stribeck") -> Hit:
+    """A hit whose grid gained so much."""
+    effects = tuple(make_effect(name, joints="j1", v_s=v) for v in np.geomspace(1.0, 10.0, len(gains)))
+    evenly = float(np.log(np.mean(np.exp(0.5 * np.array(gains)))))
+    return Hit(Candidate(name, ("j1",), effects), effects[0], max(gains), np.zeros((3, 10, 1)), evenly=evenly)
+
+
+def test_a_shape_costs_a_rival_as_much_as_its_choice_was_worth() -> None:
+    plain = replace(hit([30.0]), evenly=-np.inf)
+    free, any_does, told, in_between = (hit(g) for g in ([30.0], [30.0] * 6, [30.0] + [-400.0] * 5, [30.0] + [29.0] * 5))
+    parameters = occam(any_does, 300)
+    assert occam(free, 300) == pytest.approx(parameters)
+    assert occam(told, 300) == pytest.approx(parameters + 2.0 * np.log(6.0))
+    assert parameters < occam(in_between, 300) < occam(told, 300)
+    # Where nothing is known of the others, and never more than that: what chance has for all shapes.
+    assert occam(plain, 300) == pytest.approx(by_chance(plain, 300))
+    assert occam(told, 300) < by_chance(told, 300)
+
+
+def test_orders_drawn_evenly_by_their_logarithm() -> None:
+    orders = np.linspace(0.5, 200.0, 40_000)
+    flat = np.full(len(orders), 3.0)
+    assert evenly_drawn(orders, flat, 7.0, 12.0) == pytest.approx(6.0, abs=1e-6)
+    # Half of the orders, by their logarithm, do as well as the best one, the others not at all.
+    half = np.where(orders < np.sqrt(0.5 * 200.0), 40.0, 0.0)
+    assert evenly_drawn(orders, half, 2.0, 40.0) == pytest.approx(20.0 + np.log(0.5), abs=0.01)
+    # Fewer orders tell different things to a joint that moves less.
+    few, many = (
+        replace(hit([30.0]), tried=t, candidate=Candidate("cogging", ("j1",), (make_effect("cogging", joints="j1"),)))
+        for t in (12.0, 900.0)
+    )
+    assert by_chance(few, 300) < by_chance(many, 300) < by_chance(replace(many, tried=0.0), 300)
+
+
+def test_what_gains_the_same_is_looked_at_and_named_however_many_there_are() -> None:
+    stage, _ = stage_of(31, [], [make_effect("asymmetric_viscous", joints="j2")], [0.5])
+    effect = make_effect("asymmetric_viscous", joints="j2", label="+")
+    weak = make_effect("asymmetric_viscous", joints="j1", label="+")
+    same = tuple(Candidate(f"name {i}", ("j2",), (effect,)) for i in range(18))
+    others = tuple(Candidate(f"other {i}", ("j1",), (weak,)) for i in range(18))
+    stage = replace(stage, search=Search(stage.frame, stage.motions, (*others, *same)))
+    judged = ranked(stage)
+    assert {j.hit.candidate.name for j in judged} == {c.name for c in same}
+    found = chosen(stage, judged, [])
+    assert found is not None
+    assert len(found.rivals) == 17
+    np.testing.assert_allclose(found.weights, 1.0 / 18.0, rtol=1e-6)
+
+
+def test_the_share_of_a_candidate_on_each_joint() -> None:
+    stage, _ = stage_of(32, [], [make_effect("asymmetric_viscous", joints="j2")], [0.5])
+    effect = make_effect("asymmetric_viscous", joints="j2", label="+")
+    candidate = Candidate("asymmetric_viscous", ("j2",), (effect,))
+    search = Search(stage.frame, stage.motions, (candidate,))
+    share = share_on_rows(search.judge(search.hit(candidate, effect)))
+    assert share.sum() == pytest.approx(1.0)
+    assert share[stage.problem.model.robot.joint_index("j2")] > 0.99
