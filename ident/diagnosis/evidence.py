@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Probability that chance alone carries any candidate of the whole catalogue over the threshold.
 FALSE_ALARM = 2e-3
+#: Independent values of a smooth shape: so many for each of several at once, as a spring with a rotor and damping is many resonances.
+_ALONG = 6.0
 #: Independent orders of a periodic effect that is not known to have been looked for over fewer.
 _MOST_ORDERS = 4000.0
 #: Evidence below which a candidate is weak.
@@ -31,9 +33,9 @@ def by_chance(hit: Hit, number: int) -> float:
     from scipy.stats import chi2
 
     shapes = len(hit.effect.shape())
-    # Independent shapes that a search looks at: a few along a smooth one, some tens of moments, many along an order.
+    # Independent shapes that a search looks at: a few along each smooth one, some tens of moments, many along an order.
     moment = Need.TIME in hit.effect.needs and shapes > 0
-    trials = (hit.tried or _MOST_ORDERS) if hit.candidate.spectral else 50.0 if moment else 4.0 * shapes if shapes else 1.0
+    trials = (hit.tried or _MOST_ORDERS) if hit.candidate.spectral else 50.0 if moment else _ALONG**shapes
     return float(chi2.isf(FALSE_ALARM / (number * trials), hit.columns.shape[2])) + 2.0 * shapes
 
 
