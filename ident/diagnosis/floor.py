@@ -37,6 +37,8 @@ _LATELY = 0.3
 _ANEW = 6
 #: Columns that gain less than this share of what is asked for in one round are not looked at in the next.
 _HOPELESS = 0.3
+#: Blocks that are whitened at a time.
+_AT_ONCE = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +97,7 @@ def _saturated(frame: Frame, blocks: list[Array]) -> tuple[Array, list[Array], A
     n, M, b = frame.columns.shape
     rows = frame.problem.signals.valid.sum(axis=0)
     Q, _ = np.linalg.qr(frame.columns.reshape(-1, b))
-    live = [_orthogonal(frame.whitened(block).reshape(n * M, -1), Q) for block in blocks]
+    live = [q for i in range(0, len(blocks), _AT_ONCE) for q in _orthogonal_each(frame, blocks[i : i + _AT_ONCE], Q)]
     folds = [
         np.concatenate([np.arange(r.start, r.stop) for r, f in zip(frame.block_rows, frame.folds, strict=True) if f == k])
         for k in range(frame.n_folds)
@@ -122,7 +124,7 @@ def _saturated(frame: Frame, blocks: list[Array]) -> tuple[Array, list[Array], A
         q = live[i]
         for other in kept[1:]:
             q = q - other @ (other.T @ q)
-        q = _orthogonal(q, np.zeros((len(q), 0)))
+        q = _basis(q / np.maximum(np.linalg.norm(q, axis=0), 1e-300))
         live[i] = np.zeros((n * M, 0))
         if not q.shape[1] or _gain(q, r, scale, M) - _PER_COLUMN * q.shape[1] < _LEAST:
             continue
@@ -187,17 +189,21 @@ def _peaks(frame: Frame, motions: Motions, candidates: tuple[Candidate, ...], ba
     return found
 
 
-def _orthogonal(Z: Array, Q: Array) -> Array:
-    """Orthonormal basis of what is left of columns (rows, k) beside an orthonormal Q."""
+def _orthogonal_each(frame: Frame, blocks: list[Array], Q: Array) -> list[Array]:
+    """Of each block of columns (M, n, k) an orthonormal basis of what is left of it, whitened, beside an orthonormal Q."""
+    Z = frame.whitened(np.concatenate(blocks, axis=2)).reshape(len(Q), -1)
     size = np.linalg.norm(Z, axis=0)
-    live = size > 0
-    if not live.any():
-        return np.zeros((len(Z), 0))
-    Z = Z[:, live] / size[live]
-    Z = Z - Q @ (Q.T @ Z)
+    Z /= np.where(size > 0.0, size, 1.0)
+    Z -= Q @ (Q.T @ Z)
+    ends = np.cumsum([block.shape[2] for block in blocks])
+    return [_basis(Z[:, end - block.shape[2] : end]) for block, end in zip(blocks, ends, strict=True)]
+
+
+def _basis(Z: Array) -> Array:
+    """Orthonormal basis of columns (rows, k) that were of unit length before what others have was taken out of them."""
     values, vectors = np.linalg.eigh(Z.T @ Z)
     keep = values > 1e-6
-    return (Z @ vectors[:, keep]) / np.sqrt(values[keep])
+    return np.asarray((Z @ vectors[:, keep]) / np.sqrt(values[keep]))
 
 
 def _unwhitened(frame: Frame, residual: Array) -> Array:
