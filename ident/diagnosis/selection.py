@@ -17,8 +17,7 @@ from .evidence import surplus, threshold, touched
 from .plausible import driven_out_on, implausible
 from .precision import kept, settled, support, unbound
 from .search import Hit, Judged
-from .stage import Stage, with_effects, with_noise_beneath
-from .total import totalled
+from .stage import Stage, at_least, with_effects, with_noise_beneath
 
 Array = np.ndarray
 #: Best hits of a scan whose shapes are refined and which are judged on held-out blocks.
@@ -93,6 +92,8 @@ def select(
             if progress is not None:
                 progress(begun + 0.5 * (1.0 - begun) * share)
 
+        # A fit that is merely consistent with its own prediction leaves what another effect would take up.
+        stage = at_least(stage)
         all_ranked = ranked(stage, progress=told)
         for j in all_ranked[:8]:
             say(f"    {described(j, stage.number)}")
@@ -139,7 +140,7 @@ def _re_examined(
         if one is newest and not changed:
             break
         others = [f for f in found if f is not one]
-        without = with_effects(first, [f.effect for f in others], stage, bank)
+        without = at_least(with_effects(first, [f.effect for f in others], stage, bank))
         own = _hit_in(without, one)
         # What sits on other joints cannot stand in its place.
         at = frozenset(np.array(stage.problem.model.robot.joint_names)[touched(one.judged.hit.columns)].tolist())
@@ -176,7 +177,7 @@ def _settled(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Ca
                 worst = (f.judged.evidence, i, why)
         if worst is None:
             hits = [replace(f.judged.hit, effect=e, columns=best.search.whitened(e)) for f, e in zip(found, effects, strict=True)]
-            best = totalled(best)
+            best = at_least(best)
             return best, [replace(f, judged=replace(f.judged, hit=hit)) for f, hit in zip(found, hits, strict=True)]
         say(f"dropped in the end: {found[worst[1]].judged.hit}: {worst[2]}")
         found = [f for i, f in enumerate(found) if i != worst[1]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -13,12 +13,13 @@ from ..fixed_point import MOST
 from ..problem import Problem
 from .bank import Bank
 from .candidates import Candidate, candidates
-from .consistent import consistent
+from .consistent import consistent, own_loss
 from .floor import noise_floor
 from .frame import Frame, Motions
 from .null import Null
 from .search import Search
 from .signatures import signatures
+from .total import totalled
 
 if TYPE_CHECKING:
     from ..effect import Effect
@@ -27,6 +28,11 @@ if TYPE_CHECKING:
     from .whitening import Whitener
 
 Array = np.ndarray
+#: A fit agrees with its own prediction if the losses of both differ by less than this (twice a log-likelihood), or this share; descents that
+#: are tried where repetition does not bring that about.
+_AGREED = 10.0
+_AGREED_SHARE = 0.02
+_DESCENTS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +74,23 @@ def staged(
     motions = Motions(problem).sharing(like)
     if found is None:
         found = candidates(problem.model, motions.parts[0][1])
-    return Stage(problem, white, frame, motions, Search(frame, motions, found, bank))
+    stage = Stage(problem, white, frame, motions, Search(frame, motions, found, bank))
+    for _ in range(_DESCENTS):
+        apart = own_loss(stage.problem, stage.frame) - stage.frame.loss
+        if apart <= max(_AGREED, _AGREED_SHARE * stage.frame.loss):
+            break
+        # Repetition swings about the values that it seeks: a large tilt acts on moments that next to nothing else shows.
+        down = at_least(stage)
+        if down is stage:
+            break
+        stage = down
+    return stage
+
+
+def at_least(stage: Stage) -> Stage:
+    """The stage at the least of its loss, where effects of its model correct the model's own prediction; else the same."""
+    least = totalled(stage)
+    return stage if least is stage else replace(least, search=Search(least.frame, least.motions, stage.search.candidates, stage.search.bank))
 
 
 def with_effects(
