@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from .whitening import Whitener
 
 Array = np.ndarray
-#: A fit agrees with its own prediction if the losses of both differ by less than this (twice a log-likelihood), or this share; descents that
-#: are tried where repetition does not bring that about.
+#: A fit agrees with its own prediction if the losses of both differ by less than this (twice a log-likelihood), or this share; descents
+#: that are tried where repetition does not bring that about.
 _AGREED = 10.0
 _AGREED_SHARE = 0.02
 _DESCENTS = 3
@@ -90,7 +90,9 @@ def staged(
 def at_least(stage: Stage) -> Stage:
     """The stage at the least of its loss, where effects of its model correct the model's own prediction; else the same."""
     least = totalled(stage)
-    return stage if least is stage else replace(least, search=Search(least.frame, least.motions, stage.search.candidates, stage.search.bank))
+    if least is stage:
+        return stage
+    return replace(least, search=Search(least.frame, least.motions, stage.search.candidates, stage.search.bank))
 
 
 def with_effects(
