@@ -10,11 +10,12 @@ from effect_robots import ROBOTS, declared
 from test_diagnosis_parts import rebuilt, recorded, stage_of
 
 from ident.diagnosis import diagnose
+from ident.diagnosis import stage as stage_module
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.candidates import candidates
 from ident.diagnosis.consistent import consistent, own_loss
 from ident.diagnosis.doubtful import doubtful_rows
-from ident.diagnosis.frame import raw_columns
+from ident.diagnosis.frame import Frame, raw_columns
 from ident.diagnosis.moments import CLOSE, best_moment
 from ident.diagnosis.motion_noise import less_noise
 from ident.diagnosis.motion_spectrum import told_up_to
@@ -22,7 +23,7 @@ from ident.diagnosis.normal import Normal
 from ident.diagnosis.precision import found_parameters, settled, unbound
 from ident.diagnosis.repeated_noise import repeats
 from ident.diagnosis.search import Search
-from ident.diagnosis.stage import Stage
+from ident.diagnosis.stage import Stage, at_least, staged
 from ident.diagnosis.total import totalled
 from ident.diagnosis.whitening import plain_whitener, whitener
 from ident.effect import make_effect
@@ -78,6 +79,29 @@ def test_a_totalled_stage_is_no_worse_and_its_intervals_hold() -> None:
     # 16 scores: 95 % intervals that hold cover fewer than 12 of them once in a thousand tries.
     assert np.sum(z < 1.96) >= 12
     assert np.median(z) > 0.15
+
+
+def test_a_stage_gets_to_the_least_of_its_loss_where_repetition_gets_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under some arms it swings about the values that it seeks. Here: from a fit that knows no tilt."""
+    monkeypatch.setattr(
+        stage_module, "consistent", lambda problem, white, most: (problem, Frame.build(problem, white, raw_columns(problem)))
+    )
+    tilt = make_effect("base_tilt")
+    robot = ROBOTS["scara"]()
+    model, _ = declared(robot)
+    sizes = [0.1, -0.06, *([0.0] * (len(tilt.parameters(robot)) - 2))]
+    for seed in range(2):
+        there, white = stage_of(60 + seed, [], [tilt], sizes)
+        begun = dict(zip(model.names, there.problem.base.expand(there.frame.base_values), strict=True))
+        whole = model + tilt
+        reference = np.array([begun.get(name, 0.0) for name in whole.names])
+        problem = Problem(whole, there.problem.signals, reference=reference)
+        frame = Frame.build(problem, white, raw_columns(problem))
+        assert own_loss(problem, frame) > frame.loss + 500.0
+        stage = at_least(staged(problem, white, Bank(), there.motions, ()))
+        assert own_loss(stage.problem, stage.frame) == pytest.approx(stage.frame.loss, rel=1e-3)
+        assert stage.frame.loss < 1.1 * problem.signals.valid.sum()
+        assert stage.search.frame is stage.frame
 
 
 def test_a_stage_without_corrections_stays_as_it_is() -> None:
