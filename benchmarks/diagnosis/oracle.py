@@ -149,7 +149,7 @@ class Oracle:
     @cached_property
     def _candidates(self) -> list[tuple[str, tuple[str, ...], tuple[Effect, ...]]]:
         stage = self.found.selection.declared
-        return [(c.name, tuple(c.joints), c.variants) for c in candidates(stage.problem.model, stage.motions.parts[0][1])]
+        return [(c.name, tuple(c.joints), c.variants) for c in candidates(stage.problem.model, stage.motions)]
 
 
 def residual(estimate: Any, held: Signals) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..effect import Effect, Need
 from .consistent import own_loss
-from .evidence import WEAK, occam, threshold, touched
+from .evidence import WEAK, acts_on, occam, threshold
 from .light import too_light
 from .search import Judged
 from .stage import Stage, with_effects
@@ -68,7 +68,7 @@ def chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Fo
     rivals = [j for j in often if j.evidence > min(threshold(j.hit, stage.number), _NEAR * best_evidence)]
     # Beside others on the same rows: what is explained there is never quite so. What falls short of that is not accepted, but a rival
     # all the same.
-    taken = np.any([touched(f.judged.hit.columns) for f in beside], axis=0) if beside else np.zeros(stage.problem.model.robot.n, bool)
+    taken = np.any([acts_on(f.judged) for f in beside], axis=0) if beside else np.zeros(stage.problem.model.robot.n, bool)
     times = [1.0 + (_BESIDE - 1.0) * float(share_on_rows(j)[taken].sum()) for j in rivals]
     worth = [j.evidence > x * threshold(j.hit, stage.number) and _worth(j, beside, stage) for j, x in zip(rivals, times, strict=True)]
     more = _once_consistent(rivals, stage) if any(worth) else np.zeros(len(rivals))
@@ -104,10 +104,10 @@ def _once_consistent(judged: Sequence[Judged], stage: Stage) -> Array:
 
 def undecoyed(found: Sequence[Judged]) -> list[Judged]:
     """The plausible ones, without weak ones that something impossible on the same rows clearly outdoes: what is there is neither."""
-    decoys = [(touched(j.hit.columns), j.evidence) for j in found if j.against]
+    decoys = [(acts_on(j), j.evidence) for j in found if j.against]
 
     def outdone(judged: Judged) -> bool:
-        rows = touched(judged.hit.columns)
+        rows = acts_on(judged)
         return judged.evidence < WEAK and any((rows & other).any() and more > _DECOY * judged.evidence for other, more in decoys)
 
     return [j for j in found if not j.against and not outdone(j)]
@@ -121,14 +121,13 @@ def _often(judged: Judged) -> bool:
 
 def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     """Whether a candidate matters on its rows, and is more than the inexactness of those accepted there."""
-    rows = touched(judged.hit.columns)
+    rows = acts_on(judged)
     # A candidate on several joints is measured by what was explained on each of them in the share in which it acts there itself.
     share = share_on_rows(judged)
-    explained = sum(float(share[touched(f.judged.hit.columns)].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
+    explained = sum(float(share[acts_on(f.judged)].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
     # As much as the noise itself is no inexactness, however much was explained before.
     inexact = min(explained, LARGE**2 * float(stage.problem.signals.valid[:, rows].sum()))
-    columns = np.sum(judged.hit.columns**2, axis=(1, 2))
-    loss = float(columns @ np.sum(stage.frame.residual**2, axis=1) / max(float(columns.sum()), 1e-300))
+    loss = float(share @ np.sum(stage.frame.residual**2, axis=1))
     return judged.evidence > max(inexact, _MATTERS * loss)
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from ..effect import Effect, Need, effect_types
 from ..errors import IdentError
 from ..model import Model
-from ..motion import Motion
 
 if TYPE_CHECKING:
     from ..robot import Robot
+    from .frame import Motions
 
 #: Points of the first grid over a shape parameter that does not say how many, alone and beside another.
 _POINTS_ALONE = 12
@@ -48,8 +48,8 @@ class Candidate:
         return order_parameter(self.variants[0]) is not None
 
 
-def candidates(model: Model, motion: Motion) -> tuple[Candidate, ...]:
-    """Every candidate for a model on a robot's motion; what the model already holds at a place is left out."""
+def candidates(model: Model, motions: Motions) -> tuple[Candidate, ...]:
+    """Every candidate for a model on a robot's motions; what the model already holds at a place is left out."""
     found = []
     for name, kind in effect_types().items():
         if name == "rigid_body":
@@ -60,7 +60,7 @@ def candidates(model: Model, motion: Motion) -> tuple[Candidate, ...]:
             for choice in _choices(place):
                 # Columns of different choices of one place are different things, but only one of them can be found at a time.
                 try:
-                    variants = tuple(_shapes(choice, motion, model.robot))
+                    variants = tuple(_shapes(choice, motions))
                     variants[0].parameters(model.robot)
                 except IdentError:
                     continue  # an effect that this robot cannot have (a payload without a link to hold it)
@@ -106,13 +106,13 @@ def _choices(place: Effect) -> Iterator[Effect]:
         yield dataclasses.replace(place, **dict(zip([n for n, _ in options], chosen, strict=True)))
 
 
-def _shapes(effect: Effect, motion: Motion, robot: Robot) -> Iterator[Effect]:
+def _shapes(effect: Effect, motions: Motions) -> Iterator[Effect]:
     """A first grid."""
     parameters = effect.shape()
     if not parameters:
         yield effect
         return
-    ranges = effect.search_range(motion, robot)
+    ranges = motions.search_range(effect)
     usual = _POINTS_ALONE if len(parameters) == 1 else _POINTS_TOGETHER
     grids = []
     for p in parameters:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .evidence import WEAK, touched
+from .evidence import WEAK, acts_on
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
@@ -50,9 +50,7 @@ class Change:
 
     def on(self, joints: Array) -> tuple[float, float]:
         """Growth over some joints (n,) bool, each weighted by its noise, and its standard error."""
-        # A joint without rows has no noise that anyone knows, and no share.
-        weight = np.where(joints & (self.noise > 0.0), 1.0 / np.where(self.noise > 0.0, self.noise, 1.0) ** 2, 0.0)
-        blocks = self.grows @ weight
+        blocks = self.grows @ np.where(joints, _inverse_squares(self.noise), 0.0)
         return float(blocks.sum()), float(np.sqrt(np.sum(blocks**2)))
 
     @property
@@ -61,15 +59,22 @@ class Change:
         return float(np.sum(self.grows.sum(axis=0) / np.maximum(self.before, 1e-300), where=self.before > 0.0))
 
     def harms(self, found: Sequence[Found]) -> list[Found]:
-        """Findings that are to blame: on joints whose error grows beyond chance; else, if the plain sum over all joints grows by more than
-        its standard error, on those that make up most of it."""
+        """Findings that are to blame: on joints whose error grows beyond chance; else, if the sum over all joints, each over its noise,
+        grows by more than its standard error, on those that make up most of it."""
         total, scatter = self.grows.sum(axis=0), np.sqrt((self.grows**2).sum(axis=0))
         worse = (total > _SURELY * scatter) & (total > _SHARE * self.before)
-        whole = self.grows.sum(axis=1)
+        # Joints in newton metres and joints in newtons are compared over their noise.
+        weighed = self.grows * _inverse_squares(self.noise)
+        whole, total = weighed.sum(axis=1), weighed.sum(axis=0)
         if not worse.any() and whole.sum() > np.sqrt(np.sum(whole**2)):
             worse = total >= 0.5 * total.max()
-        return [f for f in found if (touched(f.judged.hit.columns) & worse).any()]
+        return [f for f in found if (acts_on(f.judged) & worse).any()]
 
     def doubtful(self, found: Sequence[Found]) -> list[Found]:
         """Findings on whose own joints nothing is gained, and weak ones."""
-        return [f for f in found if f.judged.evidence < WEAK or self.on(touched(f.judged.hit.columns))[0] >= 0.0]
+        return [f for f in found if f.judged.evidence < WEAK or self.on(acts_on(f.judged))[0] >= 0.0]
+
+
+def _inverse_squares(noise: Array) -> Array:
+    """Weights (n,): a joint without rows has no noise that anyone knows, and no share."""
+    return np.where(noise > 0.0, 1.0 / np.where(noise > 0.0, noise, 1.0) ** 2, 0.0)

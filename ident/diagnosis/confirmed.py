@@ -14,7 +14,7 @@ from .analysis import without_reversals
 from .bank import Bank
 from .change import Change
 from .contest import contested
-from .evidence import WEAK, touched
+from .evidence import WEAK, acts_on
 from .findings import Unexplained
 from .selection import Selection
 from .stage import Stage, with_effects
@@ -90,7 +90,7 @@ def confirmed(
         return refit(with_effects(selection.declared, others, stage, bank), ()) if others else declared
 
     while found:
-        at = [touched(f.judged.hit.columns) for f in found]
+        at = [acts_on(f.judged) for f in found]
         if refused:
             after = refit(stage, ())
         change = Change.of(declared, after, rows)
@@ -142,6 +142,6 @@ def refusals(confirmed: Confirmed) -> tuple[tuple[Unexplained, ...], str]:
 
 
 def _not_borne_out(one: Found, names: Sequence[str], why: str) -> Unexplained:
-    joints = [names[j] for j in touched(one.judged.hit.columns).nonzero()[0].tolist()]
+    joints = [names[j] for j in acts_on(one.judged).nonzero()[0].tolist()]
     said = f"{', '.join(joints)}: {one.effect.name} lowers the error on the data fitted (evidence {one.judged.evidence:.0f}), {why}"
     return Unexplained(joints[0], "held-out data", said, one.judged.evidence)

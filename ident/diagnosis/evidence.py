@@ -57,3 +57,8 @@ def touched(columns: Array) -> Array:
     """Joints (n,) bool on whose rows whitened columns (n, M, k) weigh."""
     power = np.sum(columns**2, axis=(1, 2))
     return power > 0.05 * power.max(initial=0.0)
+
+
+def acts_on(judged: Judged) -> Array:
+    """Joints (n,) bool on whose rows what a candidate adds weighs: its columns at the values they have, kilograms beside their inertia."""
+    return touched((judged.hit.columns @ judged.score.values)[:, :, None])

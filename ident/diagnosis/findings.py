@@ -13,7 +13,7 @@ from ..effect import Axis, Effect
 from ..places import motors_of, place_of, place_of_joints
 from ..transmission import Side
 from .acceptance import Found
-from .evidence import WEAK, touched
+from .evidence import WEAK, acts_on
 from .leftover import Leftover
 from .precision import FoundParameter, found_parameters, support
 from .selection import Selection
@@ -189,7 +189,7 @@ def _of_position(effect: Effect, robot: Robot) -> bool:
 
 
 def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Selection, left: Sequence[Leftover]) -> Finding:
-    rows = touched(found.judged.hit.columns)
+    rows = acts_on(found.judged)
     weight = max((x.weight for x in left if rows[x.joint]), default=0.0)
     trust = min(_MOST, 1.0 / (1.0 + weight**2)) if weight >= 1.0 else _MOST
     # What nothing explains on one joint shows on others, through all that they share: what is smaller than it is not to be trusted.

@@ -15,6 +15,7 @@ import numpy as np
 
 from .doubtful import doubtful_rows
 from .frame import Frame, Motions, raw_columns
+from .signatures import line
 from .spectral import promising_orders
 from .whitening import Whitener, plain_whitener, unwhitened_rows, whitener
 
@@ -167,7 +168,7 @@ def _foretold(q: Array, r: Array, folds: list[Array], scale: Array, M: int) -> f
 
 
 def _peaks(frame: Frame, motions: Motions, candidates: tuple[Candidate, ...], bank: Bank, chosen: list[Array]) -> list[Array]:
-    """Columns of periodic candidates at the orders that the residual suggests."""
+    """Columns of periodic candidates at the orders that the residual suggests, and of lines in its spectrum over time."""
     if chosen:
         more = np.concatenate([frame.whitened(c) for c in chosen], axis=2)
         X = np.concatenate([frame.columns, more], axis=2)
@@ -178,6 +179,10 @@ def _peaks(frame: Frame, motions: Motions, candidates: tuple[Candidate, ...], ba
     else:
         residual = frame.residual
     found = []
+    for j in range(len(residual)):
+        tone = line(motions, np.asarray(frame.white.back(residual[j], j)), j)
+        if tone is not None:
+            found.append(tone.placed(len(residual)))
     for candidate in candidates:
         if not candidate.spectral:
             continue

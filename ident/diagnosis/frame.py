@@ -255,6 +255,16 @@ class Motions:
             self._kept = other._kept
         return self
 
+    def search_range(self, effect: Effect) -> dict[str, tuple[float, float]]:
+        """Where an effect's shapes may lie: in any of the runs."""
+        every = [effect.search_range(motion, self.problem.model.robot) for _, motion in self.parts]
+        out = {}
+        for p in effect.shape():
+            # A run that tells nothing of it leaves its bounds.
+            told = [x[p.name] for x in every if x[p.name] != (p.lower, p.upper)]
+            out[p.name] = (min(low for low, _ in told), max(high for _, high in told)) if told else (p.lower, p.upper)
+        return out
+
     def columns(self, effect: Effect) -> Array:
         """Columns (M, n, k) of an effect on the measured side, filtered like the torque."""
         return self.columns_of([effect])[0]

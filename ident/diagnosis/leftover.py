@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .acceptance import COMPANION, LARGE, Found
-from .evidence import FALSE_ALARM, WEAK, touched
+from .evidence import FALSE_ALARM, WEAK, acts_on
 from .irregular import irregular
 from .signatures import signatures, tones
 from .stage import Stage
@@ -61,7 +61,7 @@ def leftovers(stage: Stage, found: tuple[Found, ...]) -> list[Leftover]:
     best: dict[int, Leftover] = {}
     explained = np.zeros(n)
     for f in found:
-        explained += touched(f.judged.hit.columns) * f.judged.evidence
+        explained += acts_on(f.judged) * f.judged.evidence
     for family in families:
         Z = stage.frame.whitened(family.placed(n))
         k = Z.shape[2]

@@ -205,9 +205,8 @@ def _step(stage: Stage, effects: Sequence[Effect], slopes: Slopes) -> tuple[Arra
 
 def _moved(stage: Stage, effects: Sequence[Effect], slopes: Slopes, step: Array) -> tuple[Effect, ...]:
     """The effects with their shapes moved, within what is worth searching."""
-    motion, robot = stage.motions.parts[0][1], stage.problem.model.robot
     out = list(effects)
-    ranges = [effect.search_range(motion, robot) for effect in effects]
+    ranges = [stage.motions.search_range(effect) for effect in effects]
     for (i, name), move in zip(slopes.place, step, strict=True):
         p = next(p for p in out[i].shape() if p.name == name)
         at = float(getattr(out[i], name))

@@ -196,7 +196,7 @@ class Search:
         parameters = hit.effect.shape()
         if not parameters:
             return hit
-        ranges = hit.effect.search_range(self.seen_by(hit.effect).parts[0][1], self.robot)
+        ranges = self.seen_by(hit.effect).search_range(hit.effect)
         if len(parameters) > 1:
             own = (hit.effect, *hit.also)
             starts = [hit, *(self.hit(hit.candidate, e) for e in (*hit.also, *(twin for e in own for twin in e.twins())))]
@@ -253,8 +253,9 @@ class Search:
         at = float(to(getattr(hit.effect, name)))
         bottom, top = float(to(low)), float(to(high))
         if spectral:
+            own = hit.effect.at(self.robot)
             phase = max(
-                (float(np.ptp(m.on(getattr(hit.effect, "angle", hit.effect.side)).q, axis=0).max()) for _, m in self.motions.parts),
+                (float(np.ptp(m.on(getattr(hit.effect, "angle", hit.effect.side)).q[:, own], axis=0).max()) for _, m in self.motions.parts),
                 default=1.0,
             )
             width = 2.0 / max(phase, 1e-9) / (getattr(hit.effect, name) if log else 1.0)

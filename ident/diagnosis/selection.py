@@ -13,7 +13,7 @@ from ..effect import Effect
 from ..model import Model
 from .acceptance import Found, chosen, undecoyed
 from .bank import Bank
-from .evidence import surplus, threshold, touched
+from .evidence import acts_on, surplus, threshold
 from .plausible import driven_out_on, implausible
 from .precision import kept, settled, support, unbound
 from .search import Hit, Judged
@@ -112,13 +112,14 @@ def select(
         found.append(_labelled(new, stage.problem.model))
         stage = with_effects(first, [f.effect for f in found], stage, bank)
         if len(found) > 1:
-            rows = touched(found[-1].judged.hit.columns)
-            unlooked = [f for f in found[:-1] if not (touched(f.judged.hit.columns) & rows).any()]
+            rows = acts_on(found[-1].judged)
+            unlooked = [f for f in found[:-1] if not (acts_on(f.judged) & rows).any()]
             due = [f for f in reversed(found[:-1]) if not any(f is x for x in unlooked)]
             stage, found = _re_examined(first, stage, found, [*due, found[-1]], bank, say)
         else:
             # With the strongest effect in the model, what is left tells the noise better than the saturated model did.
             first, stage = with_noise_beneath(first, stage, bank)
+            found = [_judged_in(first, found[0])]
     stage, found = _settled(first, stage, found, bank, say)
     return Selection(first, stage, tuple(found), tuple(trail))
 
@@ -143,7 +144,7 @@ def _re_examined(
         without = at_least(with_effects(first, [f.effect for f in others], stage, bank))
         own = _hit_in(without, one)
         # What sits on other joints cannot stand in its place.
-        at = frozenset(np.array(stage.problem.model.robot.joint_names)[touched(one.judged.hit.columns)].tolist())
+        at = frozenset(np.array(stage.problem.model.robot.joint_names)[acts_on(one.judged)].tolist())
         new = chosen(without, undecoyed(ranked(without, () if own is None else (own,), joints=at)), others)
         if new is None:
             say(f"dropped: {one.judged.hit}")
@@ -194,6 +195,16 @@ def _hit_in(stage: Stage, found: Found) -> Hit | None:
             effect = variant.with_shape(**shape) if shape else variant
             return stage.search.hit(candidate, effect)
     return None
+
+
+def _judged_in(stage: Stage, found: Found) -> Found:
+    """A finding judged once more under the noise of a stage: what others gain there is compared with it."""
+    hit = found.judged.hit
+    if hit.effect.abrupt:
+        return found  # its columns are not to be had without the search that found them
+    return replace(
+        found, judged=stage.search.judge(replace(stage.search.hit(hit.candidate, hit.effect), evenly=hit.evenly, tried=hit.tried))
+    )
 
 
 def _labelled(found: Found, model: Model) -> Found:

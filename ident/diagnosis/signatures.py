@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from .frame import Motions
 
 Array = np.ndarray
+#: A line stands so many times above the median of its neighbours on either side (so far off, at least so many), and holds this share of
+#: all power: smooth noise has one on a joint once in some hundred logs.
+_LINE = 20.0
+_NEAR, _FAR, _FEW = 4, 20, 6
+_LINE_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,25 +77,49 @@ def signatures(motions: Motions) -> list[Signature]:
 
 def tones(motions: Motions, residual: Array, joint: int, count: int) -> Signature | None:
     """Sines at the so many frequencies at which a whitened residual (M,) of a joint is strongest."""
+    frequencies, spectrum = _spectrum(motions, residual)
+    if not len(frequencies):
+        return None
+    chosen: list[float] = []
+    apart = 2.0 * (frequencies[1] - frequencies[0]) if len(frequencies) > 1 else 0.0
+    for i in np.argsort(-spectrum):
+        if all(abs(frequencies[i] - f) > 1.5 * apart for f in chosen):
+            chosen.append(float(frequencies[i]))
+        if len(chosen) == count:
+            break
+    return _sines(motions, joint, chosen)
+
+
+def line(motions: Motions, residual: Array, joint: int) -> Signature | None:
+    """The sine at which a residual (M,) of a joint is strongest, if it stands out from its neighbours as no smooth colour does."""
+    frequencies, spectrum = _spectrum(motions, residual)
+    at = int(np.argmax(spectrum)) if len(frequencies) else 0
+    # On either side for itself: a colour that falls is as high on one of them.
+    sides = spectrum[max(0, at - _FAR) : max(0, at - _NEAR)], spectrum[at + _NEAR + 1 : at + _FAR + 1]
+    if min(len(side) for side in sides) < _FEW:
+        return None
+    share = 2.0 * float(spectrum[at]) / max(np.count_nonzero(residual) * float(np.sum(residual**2)), 1e-300)
+    if spectrum[at] < _LINE * max(float(np.median(side)) for side in sides) or share < _LINE_SHARE:
+        return None
+    return _sines(motions, joint, [float(frequencies[at])])
+
+
+def _spectrum(motions: Motions, residual: Array) -> tuple[Array, Array]:
+    """Frequencies (F,) in Hz, two to each that the length of the log tells apart, and the power of a residual (M,) at each."""
     signals = motions.problem.signals
     rate = signals.rate / (signals.row_filter.factor if signals.row_filter else 1)
     at = signals.row_time
     if len(at) < 64:
-        return None
+        return np.zeros(0), np.zeros(0)
     lowest = 3.0 / max(float(at[-1] - at[0]), 1e-9)
-    frequencies = np.arange(lowest, 0.45 * rate, 0.25 * lowest / 3.0 * 2.0)
-    if not len(frequencies):
-        return None
-    spectrum = np.abs(np.exp(-2j * np.pi * np.outer(frequencies, at)) @ residual) ** 2
-    chosen: list[float] = []
-    for i in np.argsort(-spectrum):
-        if all(abs(frequencies[i] - f) > lowest / 2.0 for f in chosen):
-            chosen.append(float(frequencies[i]))
-        if len(chosen) == count:
-            break
+    frequencies = np.arange(lowest, 0.45 * rate, lowest / 6.0)
+    return frequencies, np.abs(np.exp(-2j * np.pi * np.outer(frequencies, at)) @ residual) ** 2
+
+
+def _sines(motions: Motions, joint: int, hertz: list[float]) -> Signature:
     t = np.concatenate([m.t for _, m in motions.parts])
-    columns = np.concatenate([np.stack([np.sin(2 * np.pi * f * t), np.cos(2 * np.pi * f * t)], axis=1) for f in chosen], axis=1)
-    return Signature(f"time-periodic ({chosen[0]:.3g} Hz)", joint, reduced(motions, columns))
+    columns = np.concatenate([np.stack([np.sin(2 * np.pi * f * t), np.cos(2 * np.pi * f * t)], axis=1) for f in hertz], axis=1)
+    return Signature(f"time-periodic ({hertz[0]:.3g} Hz)", joint, reduced(motions, columns))
 
 
 def splines(x: Array, count: int) -> Array:

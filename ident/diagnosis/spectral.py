@@ -6,6 +6,7 @@ found without trying every order."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,8 @@ _MOST_ORDERS = 1 << 15
 _PEAKS = 4
 #: An order counts as resolved while its columns keep this share of the power that slow orders have in the rows.
 _RESOLVED = 0.1
+#: A sample is in motion if the phase turns by this share of its fastest.
+_MOVING = 1e-2
 #: Orders are this much closer than a whole cycle over the longest run apart.
 _FINER = 4.0
 
@@ -65,14 +68,24 @@ def harmonics(effect: Effect, frame: Frame, motions: Motions) -> Harmonics | Non
         return None
     step = 2.0 * np.pi / (_FINER * longest)
     # The row filter decides how fast an order may be: found by trying a few.
-    probe = np.geomspace(max(p.lower, 2.0 * step), p.upper, 24)
+    probe = np.geomspace(max(motions.search_range(effect)[name][0], 2.0 * step), p.upper, 24)
     power = _power(parts, probe, frame, motions)
     resolved = power > _RESOLVED * power.max(initial=0.0)
     if not resolved.any():
         return None
-    low, high = float(probe[resolved][0]), float(probe[resolved][-1])
+    # Orders between the last one that the rows resolve and the next, but none so fast that samples see it as a slow one.
+    at = np.flatnonzero(resolved)
+    low, high = float(probe[at[0]]), float(probe[min(at[-1] + 1, len(probe) - 1)])
+    high = max(min(high, _told_apart(parts)), 2.0 * low)
     count = int(min(_MOST_ORDERS, np.ceil((high - low) / step) + 1))
     return Harmonics(tuple(parts), probe, power, np.linspace(low, high, max(count, 2)))
+
+
+def _told_apart(parts: Sequence[tuple[dict[int, Array], Array]]) -> float:
+    """The order of which half of the samples in motion turn the phase by less than half a turn each: faster ones look like slow ones."""
+    turns = np.abs(np.concatenate([np.diff(phase) for _, phase in parts]))
+    moving = turns[turns > _MOVING * turns.max(initial=0.0)]
+    return float(np.pi / np.median(moving)) if len(moving) else np.inf
 
 
 def promising_orders(h: Harmonics, frame: Frame, motions: Motions, residual: Array | None = None) -> list[float]:

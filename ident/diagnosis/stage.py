@@ -60,7 +60,7 @@ def start(model: Model, signals: Signals, reference: Array, bank: Bank, progress
     """The declared model with its noise floor. `progress`: called with the share done."""
     problem = Problem(model, signals, reference=reference)
     motions = Motions(problem)
-    found = candidates(model, motions.parts[0][1])
+    found = candidates(model, motions)
     generic = [s.placed(model.robot.n) for s in signatures(motions)]
     white = noise_floor(problem, motions, found, bank, generic, progress).white
     return staged(problem, white, bank, motions, found)
@@ -73,7 +73,7 @@ def staged(
     problem, frame = consistent(problem, white, most)
     motions = Motions(problem).sharing(like)
     if found is None:
-        found = candidates(problem.model, motions.parts[0][1])
+        found = candidates(problem.model, motions)
     stage = Stage(problem, white, frame, motions, Search(frame, motions, found, bank))
     for _ in range(_DESCENTS):
         apart = own_loss(stage.problem, stage.frame) - stage.frame.loss

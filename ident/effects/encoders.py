@@ -18,6 +18,7 @@ from ..effect import Axis, Effect, Nature, Need, register
 from ..motion import Coordinates, Motion
 from ..parameters import Parameter, ShapeParameter
 from ..transmission import Side
+from .orders import slowest_order
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -133,6 +134,9 @@ class EncoderEccentricity(_EncoderError):
 
     def shape(self) -> tuple[ShapeParameter, ...]:
         return (ShapeParameter("order", "1/rad (1/m)", 0.05, 1000.0, 1.0, log=True),)
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        return self.bounded(order=(slowest_order(robot, self.at(robot), self.side), np.inf))
 
     def errors(self, q: Array, dq: Array, ddq: Array) -> Iterable[tuple[Array, Array, Array]]:
         n = self.order

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -12,6 +12,10 @@ from ..effect import Axis, JointEffect, Nature, Need, choice, register
 from ..motion import Coordinates, Motion
 from ..parameters import ShapeParameter
 from ..transmission import Side
+from .orders import slowest_order
+
+if TYPE_CHECKING:
+    from ..robot import Robot
 
 Array = np.ndarray
 
@@ -31,6 +35,9 @@ class _Periodic(JointEffect):
 
     def shape(self) -> tuple[ShapeParameter, ...]:
         return (ShapeParameter("order", "1/rad (1/m)", 0.05, 1000.0, 1.0, log=True),)
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        return self.bounded(order=(slowest_order(robot, self.at(robot), self.angle), np.inf))
 
     def phase(self, motion: Motion, at: list[int]) -> Array:
         """Angle times order, (N, len(at))."""

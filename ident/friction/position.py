@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from ..effect import Axis, JointEffect, Nature, choice, register
+from ..effects.orders import slowest_order
 from ..motion import Coordinates, Motion
 from ..parameters import ShapeParameter
 from ..transmission import Side
+
+if TYPE_CHECKING:
+    from ..robot import Robot
 
 Array = np.ndarray
 
@@ -39,6 +43,9 @@ class PositionDependentFriction(JointEffect):
 
     def shape(self) -> tuple[ShapeParameter, ...]:
         return (ShapeParameter("order", "1/rad (1/m)", 0.05, 1000.0, 1.0, log=True),)
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        return self.bounded(order=(slowest_order(robot, self.at(robot), self.angle), np.inf))
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         phase = self.order * motion.on(self.angle).q[:, at]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..diagnosis.candidates import Candidate
-from ..diagnosis.evidence import threshold, touched
+from ..diagnosis.evidence import acts_on, threshold
 from ..diagnosis.search import Hit, Judged, Search, fit_gain
 from ..diagnosis.stage import Stage
 from .candidates import Place
@@ -60,7 +60,7 @@ def surplus(judged: Judged, stage: Stage) -> float:
     An F test: the noise is as large as what is left beside the change, known no better than the rows tell."""
     from scipy.stats import chi2, f
 
-    frame, rows = stage.frame, touched(judged.hit.columns)
+    frame, rows = stage.frame, acts_on(judged)
     assert isinstance(frame, KnownFrame)
     shapes, k = 2.0 * len(judged.hit.effect.shape()), judged.hit.columns.shape[2]
     tail = float(chi2.sf(threshold(judged.hit, stage.number) - shapes, k))

@@ -12,7 +12,7 @@ from ..diagnosis.acceptance import Found
 from ..diagnosis.analysis import without_reversals
 from ..diagnosis.bank import Bank
 from ..diagnosis.candidates import candidates
-from ..diagnosis.evidence import threshold, touched
+from ..diagnosis.evidence import acts_on, threshold
 from ..diagnosis.findings import Imitator
 from ..diagnosis.frame import Motions, raw_columns
 from ..diagnosis.search import Hit, Judged, Search
@@ -77,7 +77,7 @@ class _Watch:
         self.plain = KnownFrame.of(self.problem, noise_of(estimate, self.signals), estimate, self.raw)
         self.motions = Motions(self.problem)
         self.own = own_changes(estimate.model)
-        self.candidates = (*self.own, *candidates(estimate.model, self.motions.parts[0][1]))
+        self.candidates = (*self.own, *candidates(estimate.model, self.motions))
         self.bank = Bank()
         self.found: list[Found] = []
         self.nuisance: list[Effect] = []
@@ -131,7 +131,7 @@ class _Watch:
         return Found(worth[order[0]], tuple(worth[i] for i in order[1:]), w[order])
 
     def _matters(self, stage: Stage, judged: Judged) -> bool:
-        rows = touched(judged.hit.columns)
+        rows = acts_on(judged)
         return judged.evidence > LEAST_SHARE * float(np.sum(stage.frame.residual[rows] ** 2))
 
     def _drop_idle(self) -> None:
@@ -204,7 +204,7 @@ class _Watch:
         for rival, w in zip(item.rivals, item.weights[1:], strict=True):
             place = (rival.hit.candidate.name, rival.hit.candidate.joints)
             share[place] = share.get(place, 0.0) + float(w)
-        believed = _SUREST * trust(frame, touched(item.judged.hit.columns), item.judged.evidence)
+        believed = _SUREST * trust(frame, acts_on(item.judged), item.judged.evidence)
         imitators = tuple(
             Imitator(*place, believed * w) for place, w in sorted(share.items(), key=lambda x: -x[1]) if place != key and w >= _NAMED
         )

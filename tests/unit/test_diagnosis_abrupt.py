@@ -82,7 +82,7 @@ def test_only_abrupt_effects_are_foretold_from_the_steady_values() -> None:
     search = Search(replace(frame, problem=problem), motions, (), Bank())
     abrupt = [name for name, kind in effect_types().items() if kind.abrupt]
     assert abrupt == ["backlash"]
-    for candidate in candidates(problem.model, motions.parts[0][1]):
+    for candidate in candidates(problem.model, motions):
         assert (search.seen_by(candidate.variants[0]) is motions) == (candidate.name != "backlash")
 
 

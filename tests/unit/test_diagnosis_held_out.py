@@ -126,7 +126,12 @@ def a_finding(joint: int, evidence: float) -> Found:
     """A finding on one of three joints, as far as held-out data look at it."""
     columns = np.zeros((3, 5, 1))
     columns[joint] = 1.0
-    return cast(Found, SimpleNamespace(judged=SimpleNamespace(hit=SimpleNamespace(columns=columns), evidence=evidence)))
+    return cast(
+        Found,
+        SimpleNamespace(
+            judged=SimpleNamespace(hit=SimpleNamespace(columns=columns), score=SimpleNamespace(values=np.ones(1)), evidence=evidence)
+        ),
+    )
 
 
 def test_only_growth_beyond_chance_is_harm() -> None:

@@ -163,7 +163,7 @@ def found(effect: Effect, evidence: float, rivals: tuple[Found, ...] = (), weigh
     columns[0] = 1.0
     place = (effect.name, tuple(effect.joints or ()), ())
     hit = SimpleNamespace(place=place, columns=columns, effect=effect, candidate=SimpleNamespace(joints=place[1], name=effect.name))
-    judged = SimpleNamespace(hit=hit, evidence=evidence, score=SimpleNamespace(heldout=evidence))
+    judged = SimpleNamespace(hit=hit, evidence=evidence, score=SimpleNamespace(heldout=evidence, values=np.ones(columns.shape[2])))
     own = SimpleNamespace(
         judged=judged, effect=effect, rivals=tuple(r.judged for r in rivals), weights=np.array(weights), weight=weights[0]
     )

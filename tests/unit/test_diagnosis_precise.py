@@ -204,7 +204,7 @@ def test_a_short_delay_of_all_torques_is_one_thing(delay: float) -> None:
     white = plain_whitener(Problem(model, prepared), WeightedLeastSquares().solve(Problem(model, prepared)).residual(prepared))
     _, frame = consistent(Problem(model, prepared, reference=values), white)
     stage = rebuilt(model, prepared, white, ())
-    found = [c for c in candidates(model, stage.motions.parts[0][1]) if c.name == "delay"]
+    found = [c for c in candidates(model, stage.motions) if c.name == "delay"]
     assert {c.joints for c in found} == {*((name,) for name in robot.joint_names), robot.joint_names}
     search = Search(frame, stage.motions, tuple(found), Bank())
     hits = {c.joints: search.refined(search.first(c)) for c in found}

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
+from effect_robots import ROBOTS
+from scipy.signal import lfilter
 from test_diagnosis_parts import stage_of
 
 from ident.diagnosis.acceptance import chosen, share_on_rows
 from ident.diagnosis.candidates import Candidate
-from ident.diagnosis.evidence import by_chance, occam
+from ident.diagnosis.evidence import acts_on, by_chance, occam
 from ident.diagnosis.floor import _gain
-from ident.diagnosis.search import Hit, Search
+from ident.diagnosis.frame import Motions
+from ident.diagnosis.search import Hit, Judged, Search
 from ident.diagnosis.selection import ranked
+from ident.diagnosis.signatures import line
 from ident.diagnosis.spectral import evenly_drawn
 from ident.effect import make_effect
+from ident.effects.orders import slowest_order
+from ident.motion import Motion
+from ident.transmission import Side
 
 Array = np.ndarray
 
@@ -90,3 +99,52 @@ def test_the_share_of_a_candidate_on_each_joint() -> None:
     share = share_on_rows(search.judge(search.hit(candidate, effect)))
     assert share.sum() == pytest.approx(1.0)
     assert share[stage.problem.model.robot.joint_index("j2")] > 0.99
+
+
+def test_joints_on_which_a_candidate_acts_are_those_of_what_it_adds() -> None:
+    """A load's moments of inertia, per kg m², weigh a thousand times its mass, and may add next to nothing."""
+    columns = np.zeros((2, 10, 2))
+    columns[0, :, 0], columns[1, :, 1] = 1.0, 1000.0
+    judged = cast(Judged, SimpleNamespace(hit=SimpleNamespace(columns=columns), score=SimpleNamespace(values=np.array([2.0, 1e-5]))))
+    assert acts_on(judged).tolist() == [True, False]
+
+
+def test_a_line_stands_out_and_smooth_noise_does_not() -> None:
+    """In rows with gaps; of noise as slow as may be."""
+    stage, _ = stage_of(33, [], [], [])
+    rng = np.random.default_rng(1)
+    t = stage.problem.signals.row_time
+    found = 0
+    smooth = 0
+    for _ in range(40):
+        noise = lfilter([1.0], [1.0, -0.95], rng.normal(size=len(t)))
+        smooth += line(stage.motions, noise, 0) is not None
+        white = np.where(rng.random(len(t)) < 0.7, rng.normal(size=len(t)), 0.0)
+        tone = line(stage.motions, np.where(white != 0.0, white + np.sin(2 * np.pi * 0.9 * t), 0.0), 0)
+        found += tone is not None and abs(float(tone.name.split("(")[1].split()[0]) - 0.9) < 0.02
+    assert found >= 39
+    assert smooth <= 2
+
+
+@pytest.mark.parametrize("side", list(Side))
+def test_nothing_in_a_drive_turns_more_slowly_than_its_joint(side: Side) -> None:
+    robot = ROBOTS["scara"]()
+    for j, joint in enumerate(robot.joints):
+        lowest = slowest_order(robot, [j], side)
+        turns = lowest * (1.0 if side == Side.JOINT else 1.0 / abs(robot.transmission.K[j, j]))
+        assert lowest == 0.0 if joint.prismatic else turns == pytest.approx(0.9)
+
+
+def test_a_shape_is_sought_where_any_of_the_runs_tells_of_it() -> None:
+    stage, _ = stage_of(34, [], [], [])
+    step = make_effect("offset_step", joints="j1", t_0=5.0)
+    robot = stage.problem.model.robot
+    (block, motion), *_ = stage.motions.parts
+    c, half = motion.joint, len(motion) // 2
+    halves = [slice(0, half), slice(half, len(motion))]
+    parts = [(block, Motion.of(robot, c.q[h], c.dq[h], c.ddq[h], motion.t[h], rate=motion.rate, start=0.0)) for h in halves]
+    both = Motions.__new__(Motions)
+    both.problem, both.parts = stage.problem, parts
+    first, second = (step.search_range(m, stage.problem.model.robot)["t_0"] for _, m in parts)
+    assert both.search_range(step)["t_0"] == (first[0], second[1])
+    assert second[0] > first[0]
