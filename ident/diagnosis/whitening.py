@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Longest memory of the noise, in rows.
 _MOST_ORDER = 12
+#: Standard deviations beyond which a mean square of whitened rows is not that of chance.
+_SURELY = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ def whitener(residual: Array, valid: Array, runs: Iterable[slice], more: Array |
         if more is not None:
             beside, _ = autocovariance(np.where(valid[:, j], more[:, j], np.nan), runs, len(gamma) - 1)
             gamma = gamma + beside
-        predictors.append(_predictors(gamma, count))
+        predictors.append(_borne_out(_predictors(gamma, count), residual[:, j], valid[:, j], runs))
     return Whitener((), np.array(std), tuple(predictors)).on(valid, runs)
 
 
@@ -94,6 +96,17 @@ def _predictors(gamma: Array, count: int) -> list[tuple[Array, float]]:
         if score < best_score:
             best, best_score = p, score
     return found[: best + 1]
+
+
+def _borne_out(predictors: list[tuple[Array, float]], residual: Array, valid: Array, runs: list[slice]) -> list[tuple[Array, float]]:
+    """Filters up to the highest order of which a residual (M,) does not come out clearly larger than promised.
+
+    Autocovariances over gaps need not be those of any process: a filter that they make may be next to unstable."""
+    most = 1.0 + _SURELY * np.sqrt(2.0 / max(int(valid.sum()), 1))
+    rows = np.where(valid, residual, 0.0)
+    while len(predictors) > 1 and np.sum((_matrix(valid, runs, predictors) @ rows) ** 2) > most * valid.sum():
+        predictors = predictors[:-1]
+    return predictors
 
 
 def _matrix(valid: Array, runs: list[slice], predictors: list[tuple[Array, float]]) -> csr_array:

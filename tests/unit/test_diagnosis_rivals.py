@@ -21,6 +21,7 @@ from ident.diagnosis.search import Hit, Judged, Search
 from ident.diagnosis.selection import ranked
 from ident.diagnosis.signatures import line
 from ident.diagnosis.spectral import evenly_drawn
+from ident.diagnosis.whitening import whitener
 from ident.effect import make_effect
 from ident.effects.orders import slowest_order
 from ident.motion import Motion
@@ -148,3 +149,17 @@ def test_a_shape_is_sought_where_any_of_the_runs_tells_of_it() -> None:
     first, second = (step.search_range(m, stage.problem.model.robot)["t_0"] for _, m in parts)
     assert both.search_range(step)["t_0"] == (first[0], second[1])
     assert second[0] > first[0]
+
+
+def test_whitened_rows_are_no_larger_than_promised_where_gaps_leave_few_pairs() -> None:
+    """Short pieces of slow noise: their autocovariances at lag after lag are those of no process."""
+    worst = 0.0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        x = lfilter([1.0, -0.6, 0.5], [1.0, 0.3, 0.6], rng.normal(size=340))
+        valid = np.ones(340, bool)
+        for start in range(0, 340, 11):
+            valid[start : start + int(rng.integers(3, 7))] = False
+        white = whitener(x[:, None], valid[:, None], [slice(0, 340)])
+        worst = max(worst, float(np.sum(white(np.where(valid, x, 0.0), 0) ** 2) / valid.sum()))
+    assert worst < 1.5
