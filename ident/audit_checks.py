@@ -20,6 +20,9 @@ _DEG = math.pi / 180
 #: A revolute joint seldom turns further than this (rad) from zero, nor does a slide go further (m).
 _FAR_ANGLE, _FAR_LENGTH = 3 * math.pi, 20.0
 _FAST = 60.0
+#: A reading that stays the same for so many samples, and so many times longer than all other stretches but so many, while the joint goes
+#: this share of its range.
+_FROZEN, _LONGER, _OTHERS, _WAY = 50, 4.0, 4, 0.05
 
 
 def joint_names(log: Log, robot: Robot | None) -> tuple[str, ...]:
@@ -237,6 +240,16 @@ def _torque(add: Add, robot: Robot | None, j: int, name: str, x: Array, q: Array
             name,
             off,
         )
+    elif (stuck := _frozen(x, q)) is not None:
+        first, last = stuck
+        add(
+            "torque_frozen",
+            Severity.WARNING,
+            f"Torque stays at exactly {x[first]:.4g} from sample {first} to {last} while the joint moves: the channel hung, or the drive"
+            " was off. Cut the log there, or leave these cells empty.",
+            name,
+            (last - first + 1) / len(x),
+        )
     if robot is not None and np.isfinite(robot.joints[j].effort) and robot.transmission.measured == "joint":
         most = float(np.percentile(np.abs(present), 99))
         if most > 1.5 * robot.joints[j].effort:
@@ -307,6 +320,24 @@ def _longest(flag: Array) -> int:
     """Length of the longest run of set flags."""
     edges = np.flatnonzero(np.diff(np.r_[False, flag, False]))
     return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def _frozen(x: Array, q: Array) -> tuple[int, int] | None:
+    """First and last sample of the longest stretch of one and the same reading, if that is no matter of coarse steps or of a limit: many
+    times longer than usual, while the joint goes a part of its way."""
+    same = np.r_[False, x[1:] == x[:-1]]
+    edges = np.flatnonzero(np.diff(np.r_[False, same, False]))
+    first, last = edges[::2] - 1, edges[1::2] - 1
+    if not len(first):
+        return None
+    length = last - first + 1
+    k = int(np.argmax(length))
+    usual = float(np.sort(length)[-1 - _OTHERS]) if len(length) > _OTHERS else 1.0
+    a, b = int(first[k]), int(last[k])
+    at_end = x[a] in (np.nanmin(x), np.nanmax(x))
+    if at_end or length[k] < max(_FROZEN, _LONGER * usual) or np.ptp(q[a : b + 1]) < _WAY * np.ptp(q):
+        return None
+    return a, b
 
 
 def _moving_share(x: Array) -> float:

@@ -16,10 +16,12 @@ if TYPE_CHECKING:
     from .stage import Stage
 
 Array = np.ndarray
-#: So many rows tell.
-_FEW = 100
+#: So many rows tell: near reversals many are left out.
+_FEW = 40
 #: A residual of this many times the noise floor is not noise, whatever it follows.
 _BEYOND = 1.3
+#: By more than so many standard errors, at that.
+_SURELY = 5.0
 #: And one whose power is below this share of what counts as noise is nothing, whatever it looks like.
 _COUNTS = 0.1
 #: Noise has a root mean square of 1.48 times its median size; of so many times that it comes in bursts.
@@ -87,7 +89,7 @@ def _bursts(residual: Array) -> Irregular | None:
     usual = float(np.median(residual**2)) / 0.4549  # the median of a χ² of one degree of freedom
     squares = residual**2 / max(usual, 1e-300)
     power, far = float(np.mean(squares)), squares > _FAR**2
-    if power <= _BURSTS**2 and int(far.sum()) < _SEVERAL:
+    if power <= max(_BURSTS**2, 1.0 + _SURELY * np.sqrt(2.0 / len(residual))) and int(far.sum()) < _SEVERAL:
         return None
     share = float(np.mean(squares > 9.0))
     name = f"no quantity, but comes in bursts ({100 * share:.2g} % of the rows hold most of it)"
@@ -101,7 +103,7 @@ def _bursts(residual: Array) -> Irregular | None:
 
 def _beyond(residual: Array) -> Irregular | None:
     power = float(np.mean(residual**2))
-    if power <= _BEYOND**2:
+    if power <= max(_BEYOND**2, 1.0 + _SURELY * np.sqrt(2.0 / len(residual))):
         return None
     name = "no single quantity (with whatever any effect can take up, noise would be less)"
     return Irregular(name, len(residual) * (power - 1.0), float(np.sqrt(2.0 * len(residual)) * power), float(np.sqrt(power - 1.0)))
