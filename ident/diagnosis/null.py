@@ -21,9 +21,11 @@ from .frame import Frame, Motions, raw_columns
 from .motion_noise import less_noise
 from .motion_spectrum import position_noise
 from .search import Search
+from .whitening import unwhitened_rows
 
 if TYPE_CHECKING:
     from ..logs import LogSet
+    from ..signals import Signals
     from .candidates import Candidate
     from .whitening import Whitener
 
@@ -64,8 +66,10 @@ class Null:
             again = make_preparation(**config)(self._logs(np.random.default_rng([seed, 17])), signals.robot)
             # What happens at a time happens at that time of the real log, of which the made one lacks the beginning.
             again = replace(again, origins=tuple(signals.origins[int(name)] for name in again.run_names))
-            problem = Problem(self.problem.model, thinned(without_reversals(less_noise(again))), reference=self.problem.reference)
-            frame = Frame.build(problem, self.white.on(problem.signals.valid, problem.signals.row_runs), raw_columns(problem))
+            made = thinned(without_reversals(less_noise(again)))
+            white = self.white.on(made.valid, made.row_runs)
+            problem = Problem(self.problem.model, _noisy(made, white, seed), reference=self.problem.reference)
+            frame = Frame.build(problem, white, raw_columns(problem))
         except IdentError:
             return None
         return Search(frame, Motions(problem), (), Bank())
@@ -74,16 +78,22 @@ class Null:
         from ..logs import Log, LogSet
 
         problem, signals = self.problem, self.problem.signals
-        gain = 1.0 if signals.row_filter is None else float(np.sqrt(np.sum(np.asarray(signals.row_filter.taps) ** 2)))
         side = signals.robot.transmission.measured.value
         logs = []
         for i, block in enumerate(signals.blocks(None)):
             motion, part = problem.motion(block.samples), block.samples
-            tau = problem.model.torque(motion, _values(problem)) + self.white.std / gain * rng.normal(size=signals.q[part].shape)
-            tau = np.where(np.isfinite(signals.torque[part]), tau, np.nan)
+            tau = np.where(np.isfinite(signals.torque[part]), problem.model.torque(motion, _values(problem)), np.nan)
             q = signals.q[part] + position_noise(signals) * rng.normal(size=tau.shape)
             logs.append(Log(f"{i}", signals.t[part], q=q, dq=signals.dq[part], ddq=signals.ddq[part], tau={side: tau}))
         return LogSet(tuple(logs), robot=signals.robot)
+
+
+def _noisy(signals: Signals, white: Whitener, seed: int) -> Signals:
+    """Rows with noise of the level and the colour that a whitener tells of."""
+    rng = np.random.default_rng([seed, 18])
+    M, n = signals.tau.shape
+    noise = [unwhitened_rows(white, np.where(signals.valid[:, j], rng.normal(size=M), 0.0), j, signals.valid[:, j]) for j in range(n)]
+    return replace(signals, tau=signals.tau + np.stack(noise, axis=1))
 
 
 def _values(problem: Problem) -> Array:

@@ -17,6 +17,7 @@ from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.evidence import acts_on, by_chance, occam
 from ident.diagnosis.floor import _gain
 from ident.diagnosis.frame import Motions
+from ident.diagnosis.null import Null
 from ident.diagnosis.search import Hit, Judged, Search
 from ident.diagnosis.selection import ranked
 from ident.diagnosis.signatures import line
@@ -163,3 +164,15 @@ def test_whitened_rows_are_no_larger_than_promised_where_gaps_leave_few_pairs() 
         white = whitener(x[:, None], valid[:, None], [slice(0, 340)])
         worst = max(worst, float(np.sum(white(np.where(valid, x, 0.0), 0) ** 2) / valid.sum()))
     assert worst < 1.5
+
+
+def test_logs_made_of_the_model_hold_the_noise_that_its_whitener_tells_of() -> None:
+    stage, white = stage_of(35, [], [], [])
+    valid, runs = stage.problem.signals.valid, stage.problem.signals.row_runs
+    rng = np.random.default_rng(4)
+    red = np.stack([lfilter([0.3], [1.0, -0.95], rng.normal(size=len(valid))) for _ in range(valid.shape[1])], axis=1)
+    for noise in (white, whitener(red * white.std, valid, runs)):
+        null = Null(stage.problem, noise)
+        powers = [np.sum(s.frame.residual**2) / s.frame.problem.signals.valid.sum() for s in null.searches]
+        assert len(powers) == 3
+        assert 0.9 < np.mean(powers) < 1.2
