@@ -154,6 +154,9 @@ def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str,
             return found
     try:
         with open_binary(path) as stream:
+            if _quotes_stay_open(stream) and _over_lines(path, header, names):
+                raise bad_text(path, header, names, "quotes are open at the end of a line")
+        with open_binary(path) as stream:
             return pandas_columns(stream, header, names, header.line)
     except (ValueError, OverflowError) as error:
         raise bad_text(path, header, names, str(error)) from None
@@ -224,6 +227,25 @@ def arrow_values(column: Any) -> Array:
     return arrays[0] if len(arrays) == 1 else np.concatenate(arrays) if arrays else np.zeros(0)
 
 
+def _quotes_stay_open(stream: IO[bytes]) -> bool:
+    """Whether a line opens quotes that it does not close. (Lines are counted only where there are quotes at all.)"""
+    while chunk := stream.read(1 << 20):
+        if b'"' in chunk:
+            stream.seek(0)
+            return any(line.count(b'"') % 2 for line in stream)
+    return False
+
+
+def _over_lines(path: Path, header: Header, names: Sequence[str]) -> bool:
+    """Whether a number of these columns, within quotes, goes on over the end of its line: some readers take it, others do not."""
+    index = [header.names.index(n) for n in names]
+    return any(i < len(fields) and _goes_on(fields[i]) for _, fields in rows_of_text(path, header) for i in index)
+
+
+def _goes_on(field: str) -> bool:
+    return "\n" in field and _is_number(field)
+
+
 def rows_of_text(path: Path, header: Header) -> Iterator[tuple[int, list[str]]]:
     """Line number (from 1) and fields of every row of data."""
     with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", errors="replace", newline="") as text:
@@ -251,6 +273,11 @@ def bad_text(
             return DataError(f"log {path}: line {line} (data row {row}) has {len(fields)} fields, but the header has {len(header.names)}.")
         for i, name in index:
             text = fields[i].strip() if i < len(fields) else ""
+            if i < len(fields) and _goes_on(fields[i]):
+                return DataError(
+                    f"log {path}: column {name!r}, line {line} (data row {row}): {fields[i]!r} goes on over the end of its line."
+                    " Close the quotes on the line, or leave them out."
+                )
             if text.lower() not in _MISSING and not _is_number(text):
                 # A quote that is not closed takes in the rest of the file.
                 shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
