@@ -8,7 +8,8 @@ import numpy as np
 
 from ..effect import Effect, Need
 from .candidates import Candidate
-from .frame import Frame, Motions
+from .frame import Frame
+from .motions import Motions
 from .spectral import Harmonics, harmonics
 
 Array = np.ndarray

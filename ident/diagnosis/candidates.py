@@ -17,7 +17,7 @@ from ..model import Model
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from .frame import Motions
+    from .motions import Motions
 
 #: Points of the first grid over a shape parameter that does not say how many, alone and beside another.
 _POINTS_ALONE = 12

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .doubtful import doubtful_rows
-from .frame import Frame, Motions, raw_columns
+from .frame import Frame, raw_columns
+from .motions import Motions
 from .signatures import line
 from .spectral import promising_orders
 from .whitening import Whitener, plain_whitener, unwhitened_rows, whitener

@@ -15,13 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect, Need
 from ..errors import DataError
-from ..motion import Motion
 from .whitening import Whitener
 
 if TYPE_CHECKING:
-    from ..prepared import Block
     from ..problem import Problem
 
 Array = np.ndarray
@@ -31,8 +28,6 @@ _FOLDS = 8
 #: Directions of the model that the data show less than this (relative) are left out of every refit.
 _RANK = 1e-8
 _NOTHING = 1e-250
-#: Predictions that differ by less than this share (rms, every joint) make the same columns.
-_ALIKE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,73 +231,6 @@ class Score:
     def standard_error(self) -> float:
         """Standard error of `heldout` over the blocks."""
         return float(np.sqrt(len(self.gain)) * self.gain.std(ddof=1)) if len(self.gain) > 1 else float("inf")
-
-
-class Motions:
-    """The motion of each run of a problem with what effects may ask for, made once: many candidates look at the same motion."""
-
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        needs = frozenset({Need.LOAD, Need.REFERENCE}) if problem.reference is not None else frozenset[Need]()
-        self.parts: list[tuple[Block, Motion]] = [(block, problem.motion(block.samples, needs)) for block in problem.signals.blocks(None)]
-        self._kept: dict[Effect, Array] = {}
-
-    def sharing(self, other: Motions) -> Motions:
-        """These motions with what the others have made already, if their prediction is the same but for little."""
-        if self.problem.signals is other.problem.signals and all(
-            _alike(mine, theirs) for (_, mine), (_, theirs) in zip(self.parts, other.parts, strict=True)
-        ):
-            self._kept = other._kept
-        return self
-
-    def search_range(self, effect: Effect) -> dict[str, tuple[float, float]]:
-        """Where an effect's shapes may lie: in any of the runs."""
-        every = [effect.search_range(motion, self.problem.model.robot) for _, motion in self.parts]
-        out = {}
-        for p in effect.shape():
-            # A run that tells nothing of it leaves its bounds.
-            told = [x[p.name] for x in every if x[p.name] != (p.lower, p.upper)]
-            out[p.name] = (min(low for low, _ in told), max(high for _, high in told)) if told else (p.lower, p.upper)
-        return out
-
-    def columns(self, effect: Effect) -> Array:
-        """Columns (M, n, k) of an effect on the measured side, filtered like the torque."""
-        return self.columns_of([effect])[0]
-
-    def columns_of(self, effects: Sequence[Effect]) -> list[Array]:
-        """`columns` of several effects of one kind."""
-        robot = self.problem.model.robot
-        out: list[list[Array]] = [[] for _ in effects]
-        for block, motion in self.parts:
-            for effect, values, parts in zip(effects, type(effects[0]).columns_of(effects, motion, robot), out, strict=True):
-                parts.append(self._reduced(block, effect, values))
-        return [np.concatenate(parts) for parts in out]
-
-    def _reduced(self, block: Block, effect: Effect, values: Array) -> Array:
-        transmission = self.problem.model.robot.transmission
-        # Filtered where the effect acts, and then brought to the measured side: there are fewer rows than samples.
-        live = np.flatnonzero(np.einsum("Njk,Njk->j", values, values))
-        reduced = block.reduce(np.ascontiguousarray(values[:, live]))
-        if effect.side != transmission.measured:
-            return np.matmul(transmission.torque_map(effect.side, transmission.measured)[:, live], reduced)
-        full = np.zeros((len(reduced), *values.shape[1:]))
-        full[:, live] = reduced
-        return full
-
-    def kept(self, effects: Sequence[Effect]) -> list[Array]:
-        """`columns_of`, remembered."""
-        new = [e for e in effects if e not in self._kept]
-        if new:
-            self._kept.update(zip(new, self.columns_of(new), strict=True))
-        return [self._kept[e] for e in effects]
-
-
-def _alike(one: Motion, other: Motion) -> bool:
-    """Whether two predictions on the same motion differ by so little that columns made from either serve for both."""
-    if one.load is None or other.load is None or one.reference is None or other.reference is None:
-        return one.load is other.load
-    pairs = ((one.load, other.load), (one.predicted, other.predicted))
-    return all(bool(np.all(np.sum((a - b) ** 2, axis=0) <= _ALIKE**2 * np.sum(b**2, axis=0))) for a, b in pairs)
 
 
 def live_joints(Z: Array) -> Array:

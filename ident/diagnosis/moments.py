@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..effect import Effect
-from .frame import Frame, Motions
+from .frame import Frame
+from .motions import Motions
 
 Array = np.ndarray
 #: What a moment that is off by a few rows gains says nothing of those between: moments are tried so close to each other (s) at last, and

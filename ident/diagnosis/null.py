@@ -17,9 +17,10 @@ from ..errors import IdentError
 from ..problem import Problem
 from .analysis import thinned, without_reversals
 from .bank import Bank
-from .frame import Frame, Motions, raw_columns
+from .frame import Frame, raw_columns
 from .motion_noise import less_noise
 from .motion_spectrum import position_noise
+from .motions import Motions
 from .search import Search
 from .whitening import unwhitened_rows
 

@@ -14,8 +14,9 @@ from ..places import motors_of
 from .bank import Bank
 from .candidates import Candidate
 from .evidence import WEAK
-from .frame import Frame, Motions, Score
+from .frame import Frame, Score
 from .moments import CLOSE, best_moment
+from .motions import Motions
 from .plausible import driven_out, implausible
 from .refit import Refit
 from .spectral import evenly_drawn, order_gains, order_parameter, peaks

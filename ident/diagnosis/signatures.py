@@ -14,7 +14,7 @@ import numpy as np
 from ..transmission import Side
 
 if TYPE_CHECKING:
-    from .frame import Motions
+    from .motions import Motions
 
 Array = np.ndarray
 #: A line stands so many times above the median of its neighbours on either side (so far off, at least so many), and holds this share of

@@ -15,7 +15,8 @@ import numpy as np
 from ..effect import Effect
 
 if TYPE_CHECKING:
-    from .frame import Frame, Motions
+    from .frame import Frame
+    from .motions import Motions
 
 Array = np.ndarray
 #: Finest grid of orders, and how many peaks are handed on.

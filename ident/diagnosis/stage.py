@@ -15,7 +15,8 @@ from .bank import Bank
 from .candidates import Candidate, candidates
 from .consistent import consistent, own_loss
 from .floor import noise_floor
-from .frame import Frame, Motions
+from .frame import Frame
+from .motions import Motions
 from .null import Null
 from .search import Search
 from .signatures import signatures

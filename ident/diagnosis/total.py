@@ -14,7 +14,8 @@ import numpy as np
 
 from ..effect import Effect, Need
 from .consistent import own_loss
-from .frame import Frame, Motions, raw_columns
+from .frame import Frame, raw_columns
+from .motions import Motions
 
 if TYPE_CHECKING:
     from ..problem import Problem

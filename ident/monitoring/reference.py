@@ -8,7 +8,8 @@ import numpy as np
 
 from ..diagnosis.analysis import without_reversals
 from ..diagnosis.evidence import FALSE_ALARM
-from ..diagnosis.frame import Motions, raw_columns
+from ..diagnosis.frame import raw_columns
+from ..diagnosis.motions import Motions
 from ..diagnosis.stage import Stage
 from ..problem import Problem
 from .frame import noise_of

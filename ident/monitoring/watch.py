@@ -14,7 +14,8 @@ from ..diagnosis.bank import Bank
 from ..diagnosis.candidates import candidates
 from ..diagnosis.evidence import acts_on, threshold
 from ..diagnosis.findings import Imitator
-from ..diagnosis.frame import Motions, raw_columns
+from ..diagnosis.frame import raw_columns
+from ..diagnosis.motions import Motions
 from ..diagnosis.search import Hit, Judged, Search
 from ..diagnosis.selection import ranked
 from ..diagnosis.stage import Stage

@@ -13,7 +13,8 @@ from test_diagnosis_parts import recorded
 from ident import diagnose
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.candidates import Candidate, candidates
-from ident.diagnosis.frame import Frame, Motions
+from ident.diagnosis.frame import Frame
+from ident.diagnosis.motions import Motions
 from ident.diagnosis.search import Search
 from ident.diagnosis.steady import steady_values
 from ident.diagnosis.whitening import plain_whitener

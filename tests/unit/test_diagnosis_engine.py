@@ -9,9 +9,10 @@ import pytest
 from effect_robots import ROBOTS, declared
 
 from ident.diagnosis.analysis import stretches, thinned, without_reversals
-from ident.diagnosis.frame import Frame, Motions, raw_columns
+from ident.diagnosis.frame import Frame, raw_columns
 from ident.diagnosis.motion_noise import less_noise
 from ident.diagnosis.motion_spectrum import noise_share
+from ident.diagnosis.motions import Motions
 from ident.diagnosis.spectral import harmonics, promising_orders
 from ident.diagnosis.whitening import plain_whitener, whitener
 from ident.effect import make_effect

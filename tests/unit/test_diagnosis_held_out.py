@@ -17,7 +17,7 @@ from ident.diagnosis.acceptance import Found
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.change import Change
 from ident.diagnosis.consistent import consistent
-from ident.diagnosis.frame import Motions
+from ident.diagnosis.motions import Motions
 from ident.diagnosis.precision import found_parameters
 from ident.diagnosis.search import Search
 from ident.diagnosis.stage import Stage

@@ -16,8 +16,9 @@ from ident.diagnosis.bank import Bank
 from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.consistent import consistent
 from ident.diagnosis.findings import Finding
-from ident.diagnosis.frame import Frame, Motions, raw_columns
+from ident.diagnosis.frame import Frame, raw_columns
 from ident.diagnosis.in_plain_sight import apart, jumps, lost
+from ident.diagnosis.motions import Motions
 from ident.diagnosis.null import Null
 from ident.diagnosis.precision import found_parameters, settled, support
 from ident.diagnosis.refit import Refit

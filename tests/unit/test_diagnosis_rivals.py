@@ -16,7 +16,7 @@ from ident.diagnosis.acceptance import chosen, share_on_rows
 from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.evidence import acts_on, by_chance, occam
 from ident.diagnosis.floor import _gain
-from ident.diagnosis.frame import Motions
+from ident.diagnosis.motions import Motions
 from ident.diagnosis.null import Null
 from ident.diagnosis.search import Hit, Judged, Search
 from ident.diagnosis.selection import ranked
