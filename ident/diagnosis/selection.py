@@ -84,6 +84,7 @@ def select(
             note(text)
 
     stage, found, accepted = first, list[Found](), Counter[tuple[str, tuple[str, ...], tuple[str, ...]]]()
+    begun_with: Found | None = None
     unlooked = list[Found]()  # found before something that was found since, on other rows
     while len(found) < _MOST_FINDINGS:
         begun = 1.0 - 0.5 ** len(found)
@@ -119,7 +120,9 @@ def select(
         else:
             # With the strongest effect in the model, what is left tells the noise better than the saturated model did.
             first, stage = with_noise_beneath(first, stage, bank)
-            found = [_judged_in(first, found[0])]
+            begun_with = found[0]
+    # What was found first was judged under the noise before that: told in units of this one, like all the others.
+    found = [_judged_in(first, f) if f is begun_with else f for f in found]
     stage, found = _settled(first, stage, found, bank, say)
     return Selection(first, stage, tuple(found), tuple(trail))
 

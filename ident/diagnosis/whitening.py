@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Longest memory of the noise, in rows.
 _MOST_ORDER = 12
-#: Standard deviations beyond which a mean square of whitened rows is not that of chance.
+#: A mean square of whitened rows that is this large, and beyond so many standard deviations, is not what the filter promised.
+_LARGER = 1.5
 _SURELY = 4.0
 
 
@@ -102,7 +103,7 @@ def _borne_out(predictors: list[tuple[Array, float]], residual: Array, valid: Ar
     """Filters up to the highest order of which a residual (M,) does not come out clearly larger than promised.
 
     Autocovariances over gaps need not be those of any process: a filter that they make may be next to unstable."""
-    most = 1.0 + _SURELY * np.sqrt(2.0 / max(int(valid.sum()), 1))
+    most = max(_LARGER, 1.0 + _SURELY * np.sqrt(2.0 / max(int(valid.sum()), 1)))
     rows = np.where(valid, residual, 0.0)
     while len(predictors) > 1 and np.sum((_matrix(valid, runs, predictors) @ rows) ** 2) > most * valid.sum():
         predictors = predictors[:-1]
