@@ -50,7 +50,7 @@ class Change:
 
     def on(self, joints: Array) -> tuple[float, float]:
         """Growth over some joints (n,) bool, each weighted by its noise, and its standard error."""
-        blocks = self.grows @ np.where(joints, _inverse_squares(self.noise), 0.0)
+        blocks = self.grows @ np.where(joints, inverse_squares(self.noise), 0.0)
         return float(blocks.sum()), float(np.sqrt(np.sum(blocks**2)))
 
     @property
@@ -64,7 +64,7 @@ class Change:
         total, scatter = self.grows.sum(axis=0), np.sqrt((self.grows**2).sum(axis=0))
         worse = (total > _SURELY * scatter) & (total > _SHARE * self.before)
         # Joints in newton metres and joints in newtons are compared over their noise.
-        weighed = self.grows * _inverse_squares(self.noise)
+        weighed = self.grows * inverse_squares(self.noise)
         whole, total = weighed.sum(axis=1), weighed.sum(axis=0)
         if not worse.any() and whole.sum() > np.sqrt(np.sum(whole**2)):
             worse = total >= 0.5 * total.max()
@@ -75,6 +75,7 @@ class Change:
         return [f for f in found if f.judged.evidence < WEAK or self.on(acts_on(f.judged))[0] >= 0.0]
 
 
-def _inverse_squares(noise: Array) -> Array:
+def inverse_squares(noise: Array) -> Array:
     """Weights (n,): a joint without rows has no noise that anyone knows, and no share."""
-    return np.where(noise > 0.0, 1.0 / np.where(noise > 0.0, noise, 1.0) ** 2, 0.0)
+    known = np.isfinite(noise) & (noise > 0.0)
+    return np.where(known, 1.0 / np.where(known, noise, 1.0) ** 2, 0.0)

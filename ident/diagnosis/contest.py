@@ -14,7 +14,7 @@ import numpy as np
 from ..effect import Effect
 from .acceptance import Found
 from .bank import Bank
-from .change import squared_errors
+from .change import inverse_squares, squared_errors
 from .precision import settled
 from .search import Hit
 from .selection import Selection, labelled
@@ -110,8 +110,12 @@ class _Arena:
         found += [self._with(place, effect) for effect in self._as_likely(hit)]
         return min(found, key=lambda e: self._error(e.estimate)) if len(found) > 1 else found[0]
 
+    @property
+    def _others(self) -> list[Effect]:
+        return [*self.effects[: self.turn], *self.effects[self.turn + 1 :]]
+
     def _with(self, place: int, effect: Effect) -> _Entry:
-        others = [*self.effects[: self.turn], *self.effects[self.turn + 1 :]]
+        others = self._others
         own = labelled(effect, self.selection.declared.problem.model, others)
         effects = (*others[: self.turn], own, *others[self.turn :])
         there = with_effects(self.selection.declared, effects, self.stage, self.bank, self.stage.search.candidates)
@@ -121,15 +125,13 @@ class _Arena:
         """Other shapes of a hit's grid that do as well, where the data fitted hardly tell its shape: held-out data may."""
         if not hit.effect.shape() or hit.fit_gain - 2.0 * hit.evenly > _LOOSE:
             return []
-        others = [*self.effects[: self.turn], *self.effects[self.turn + 1 :]]
-        beside = with_effects(self.selection.declared, others, self.stage, self.bank, self.stage.search.candidates)
+        beside = with_effects(self.selection.declared, self._others, self.stage, self.bank, self.stage.search.candidates)
         own = [h for h in (beside.search.hit(hit.candidate, e) for e in hit.candidate.variants) if h.fit_gain > hit.fit_gain - _LOOSE]
         return [own[i].effect for i in np.unique(np.linspace(0, len(own) - 1, _SHAPES).astype(int)) if own]
 
     def _error(self, one: Estimate) -> float:
         """Squared error on held-out data, each joint's over its noise."""
-        rms = self.after.fit_error.rms
-        weight = np.where(rms > 0.0, 1.0 / np.where(rms > 0.0, rms, 1.0) ** 2, 0.0)
+        weight = inverse_squares(self.after.fit_error.rms)
         return float((squared_errors(one, self.after, self.held)[0] @ weight).sum())
 
 
@@ -180,7 +182,7 @@ def _settled(selection: Selection, effects: Sequence[Effect], like: Stage, bank:
 def _odds(one: Estimate, other: Estimate, signals: Signals) -> float:
     """Logarithm of the odds for the other that held-out data give; 0 where they do not decide."""
     scale = np.fmin(one.fit_error.rms, other.fit_error.rms)
-    weight = np.where(np.isfinite(scale) & (scale > 0.0), 1.0 / np.where(scale > 0.0, scale, 1.0) ** 2, 0.0)
+    weight = inverse_squares(scale)
     first, second = (blocks * weight for blocks in squared_errors(one, other, signals))
     better = (first - second).sum(axis=1)
     error, gain = float(np.sqrt(np.sum((better - better.mean()) ** 2))), float(better.sum())

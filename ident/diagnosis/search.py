@@ -149,11 +149,9 @@ class Search:
         from scipy.special import logsumexp
 
         variants = list(candidate.variants)
-        name, found = order_parameter(candidate.variants[0]), None
-        if name is not None:
-            found = self.bank.harmonics(self.frame, self.motions, candidate.variants[0])
-        spectrum = np.zeros(0) if found is None else order_gains(found, self.frame, self.motions)
-        if name is not None and found is not None:
+        name, found, spectrum = order_parameter(candidate.variants[0]), None, np.zeros(0)
+        if name is not None and (found := self.bank.harmonics(self.frame, self.motions, candidate.variants[0])) is not None:
+            spectrum = order_gains(found, self.frame, self.motions)
             variants = [candidate.variants[0].with_shape(**{name: n}) for n in peaks(found.orders, spectrum)] or variants
         held = [effect.response(self.robot) for effect in variants]
         every = self.bank.columns(self.seen_by(variants[0]), variants)
