@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Collection
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -130,8 +131,8 @@ def wide_cutoff(signals: Signals) -> float:
     return float(min(top, max(float(np.median(allowed)) / _ROWS_BELOW, report.cutoff_hz or 0.0)))
 
 
-def without_reversals(signals: Signals) -> Signals:
-    """The same signals without the rows near a reversal of any motor whose friction is in them.
+def without_reversals(signals: Signals, but: Collection[str] = ()) -> Signals:
+    """The same signals without the rows near a reversal of any motor whose friction is in them; those of some joints, `but`, stay.
 
     There the sign of the speed is wrong by its own error in time, and a contact may hold: what is left there looks like a fault."""
     transmission, report = signals.robot.transmission, signals.report
@@ -153,6 +154,7 @@ def without_reversals(signals: Signals) -> Signals:
             valid[rows] &= signals.row_filter.magnitude.apply(near.astype(float)) < _SHARE
     # A joint that hardly moves would lose every row: then its own rows stay.
     kept = valid.sum(axis=0) >= 0.25 * signals.valid.sum(axis=0)
+    kept &= [name not in but for name in signals.robot.joint_names]
     return replace(signals, valid=np.where(kept, valid, signals.valid))
 
 

@@ -48,7 +48,7 @@ def last_word(
         return LastWord(selection, declared)
     if held is None:
         return LastWord(selection, refit(selection.final, ()))
-    rows = without_reversals(held)
+    rows = without_reversals(held, selection.final.turning)
     contest = contested(selection, bank, rows, lambda stage: refit(stage, ()))
     kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit)
     unexplained, warning = refusals(kept)

@@ -19,6 +19,7 @@ from .confirmed import last_word
 from .findings import Finding, Unexplained, assess
 from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
+from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
 from .stage import Stage, start
 from .turning import agreeing
@@ -140,8 +141,9 @@ def diagnose(
     every = thinned(without_reversals(wide))
     seen = stretches(every)
     stage = start(before.model, seen, declared.all_values, bank, lambda share: tell(0.05 + 0.35 * share))
-    selection = select(stage, bank, note, lambda share: tell(0.4 + 0.5 * share))
+    looked = select(stage, bank, note, lambda share: tell(0.4 + 0.5 * share))
     tell(0.9)
+    selection = with_low_speed(looked, stretches(thinned(wide)), bank, note)
 
     def refit(stage: Stage, turning: tuple[str, ...]) -> Estimate:
         """The estimate of a stage's model; `turning`: joints whose rows near reversals are left out."""
@@ -158,7 +160,7 @@ def diagnose(
     selection, after = last.selection, last.after
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
-    verdict, findings, unexplained = assess(selection, leftovers(selection.final, selection.found))
+    verdict, findings, unexplained = assess(selection, leftovers(away_from_reversals(selection, looked, bank), selection.found))
     if last.unexplained:
         verdict, unexplained = "unexplained", (*unexplained, *last.unexplained)
     if plain := (*jumps(wide), *lost(wide), *(apart(after, wide, held) if held is not None else ())):

@@ -38,10 +38,12 @@ _CLEAR = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Null:
-    """Logs made from `problem`'s model at its reference values, with the noise that `white` tells of."""
+    """Logs made from `problem`'s model at its reference values, with the noise that `white` tells of. `turning`: joints whose rows near
+    reversals are looked at."""
 
     problem: Problem
     white: Whitener
+    turning: tuple[str, ...] = ()
 
     def exceeded(self, candidate: Candidate, evidence: float) -> bool:
         """Whether a candidate's evidence is clearly more than it gains where there is nothing to gain."""
@@ -67,7 +69,7 @@ class Null:
             again = make_preparation(**config)(self._logs(np.random.default_rng([seed, 17])), signals.robot)
             # What happens at a time happens at that time of the real log, of which the made one lacks the beginning.
             again = replace(again, origins=tuple(signals.origins[int(name)] for name in again.run_names))
-            made = thinned(without_reversals(less_noise(again)))
+            made = thinned(without_reversals(less_noise(again), self.turning))
             white = self.white.on(made.valid, made.row_runs)
             problem = Problem(self.problem.model, _noisy(made, white, seed), reference=self.problem.reference)
             frame = Frame.build(problem, white, raw_columns(problem))

@@ -123,7 +123,7 @@ def select(
             begun_with = found[0]
     # What was found first was judged under the noise before that: told in units of this one, like all the others.
     found = [_judged_in(first, f) if f is begun_with else f for f in found]
-    stage, found = _settled(first, stage, found, bank, say)
+    stage, found = settled_together(first, stage, found, bank, say)
     return Selection(first, stage, tuple(found), tuple(trail))
 
 
@@ -162,7 +162,7 @@ def _re_examined(
     return stage, found
 
 
-def _settled(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Callable[[str], None]) -> tuple[Stage, list[Found]]:
+def settled_together(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Callable[[str], None]) -> tuple[Stage, list[Found]]:
     """Stage and findings at the shapes that fit best together; without those that cannot be what they are called there."""
     robot, among = stage.problem.model.robot, stage.search.candidates
 

@@ -38,13 +38,15 @@ _DESCENTS = 3
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A model on the analysis signals, with everything that scores candidates beside it."""
+    """A model on the analysis signals, with everything that scores candidates beside it. `turning`: joints whose rows near reversals are
+    among those looked at."""
 
     problem: Problem
     white: Whitener
     frame: Frame
     motions: Motions
     search: Search
+    turning: tuple[str, ...] = ()
 
     @property
     def number(self) -> int:
@@ -54,7 +56,7 @@ class Stage:
     @cached_property
     def null(self) -> Null:
         """Logs that hold this model and nothing else."""
-        return Null(self.problem, self.white)
+        return Null(self.problem, self.white, self.turning)
 
 
 def start(model: Model, signals: Signals, reference: Array, bank: Bank, progress: Callable[[float], None] | None = None) -> Stage:
@@ -68,14 +70,20 @@ def start(model: Model, signals: Signals, reference: Array, bank: Bank, progress
 
 
 def staged(
-    problem: Problem, white: Whitener, bank: Bank, like: Motions, found: tuple[Candidate, ...] | None = None, most: int = MOST
+    problem: Problem,
+    white: Whitener,
+    bank: Bank,
+    like: Motions,
+    found: tuple[Candidate, ...] | None = None,
+    most: int = MOST,
+    turning: tuple[str, ...] = (),
 ) -> Stage:
     """A frame for a problem, its columns taken at the values that it yields itself; `like`: motions whose columns may serve."""
     problem, frame = consistent(problem, white, most)
     motions = Motions(problem).sharing(like)
     if found is None:
         found = candidates(problem.model, motions)
-    stage = Stage(problem, white, frame, motions, Search(frame, motions, found, bank))
+    stage = Stage(problem, white, frame, motions, Search(frame, motions, found, bank), turning)
     for _ in range(_DESCENTS):
         apart = own_loss(stage.problem, stage.frame) - stage.frame.loss
         if apart <= max(_AGREED, _AGREED_SHARE * stage.frame.loss):
@@ -108,11 +116,11 @@ def with_effects(
     known = like.search.seen_by(abrupt[0]).problem if abrupt else like.problem
     old = dict(zip(known.model.names, known.reference, strict=True)) if known.reference is not None else {}
     reference = np.array([old.get(name, 0.0) for name in model.names])
-    return staged(Problem(model, first.problem.signals, reference=reference), first.white, bank, like.motions, among, most)
+    return staged(Problem(model, first.problem.signals, reference=reference), first.white, bank, like.motions, among, most, first.turning)
 
 
 def with_noise_beneath(first: Stage, stage: Stage, bank: Bank) -> tuple[Stage, Stage]:
     """Both stages under the noise floor beneath the second one's model."""
     white = noise_floor(stage.problem, stage.motions, stage.search.candidates, bank, []).white
-    again = [staged(s.problem, white, bank, s.motions, s.search.candidates) for s in (first, stage)]
+    again = [staged(s.problem, white, bank, s.motions, s.search.candidates, turning=s.turning) for s in (first, stage)]
     return again[0], again[1]

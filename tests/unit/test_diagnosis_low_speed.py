@@ -1,0 +1,100 @@
+"""Friction at low speed: rows near reversals are asked for it, and for nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effect_robots import ROBOTS, declared
+
+from ident.diagnosis import diagnose
+from ident.diagnosis.analysis import without_reversals
+from ident.diagnosis.low_speed import near_reversals
+from ident.effect import Effect, make_effect
+from ident.estimators import WeightedLeastSquares
+from ident.logs import Log, LogSet
+from ident.motion import Motion
+from ident.problem import Problem
+from ident.signals import Signals, ZeroPhase
+from ident.trajectory import FourierTrajectory
+
+Array = np.ndarray
+RATE = 200.0
+#: The joint that has the friction, and the Stribeck velocity: two hundredths of its usual top speed, on the motor side.
+JOINT, SLOW = 1, 5.0
+
+
+def slow_motion(seed: int, effects: list[Effect], sizes: list[float], hold: float = 0.0) -> tuple[Signals, Signals]:
+    """Fit and held-out signals of a SCARA whose motion is all below 1 Hz, so that rows near reversals reach far. `hold`: seconds about
+    each reversal of the joint in which its friction passes from one side to the other, as where a contact holds."""
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    rng = np.random.default_rng(seed)
+    order = np.arange(1, 65)
+    weight = (1.0 / (16.0 + order))[:, None] * np.where([j.prismatic for j in robot.joints], 0.1, 1.0)
+    wave = [rng.normal(size=(64, robot.n)) * weight for _ in range(2)]
+    motion = FourierTrajectory(np.zeros(robot.n), wave[0], wave[1], 0.0125)
+    t = np.arange(round(60.0 * RATE)) / RATE
+    c = motion.sample(t)
+    exact = Motion.of(robot, c.q, c.dq, c.ddq, t, rate=RATE)
+    tau = model.torque(exact, values)
+    whole = model
+    for effect in effects:
+        whole = whole + effect
+    tau = tau + whole.torque(exact, np.append(0.0 * values, sizes))
+    if hold:
+        friction = values[list(model.names).index(f"Fc_{robot.joint_names[JOINT]}")] * np.sign(c.dq[:, JOINT])
+        width = 2 * round(0.5 * hold * RATE) + 1
+        tau[:, JOINT] += np.convolve(friction, np.ones(width) / width, "same") - friction
+    tau = tau + 0.01 * np.std(tau, axis=0) * rng.normal(size=tau.shape)
+    q = c.q + 1e-6 * rng.normal(size=c.q.shape)
+    cut = round(45.0 * RATE)
+    logs = (
+        Log(name, t[s], q=q[s], tau={robot.transmission.measured.value: tau[s]})
+        for name, s in (("a", slice(0, cut)), ("b", slice(cut, None)))
+    )
+    first, second = (ZeroPhase(cutoff_hz=15.0)(LogSet((log,), robot=robot)) for log in logs)
+    return first, second
+
+
+def stribeck(size: float) -> tuple[list[Effect], list[float]]:
+    return [make_effect("stribeck", joints=ROBOTS["scara"]().joint_names[JOINT : JOINT + 1], v_s=SLOW, label="true")], [size]
+
+
+def size() -> float:
+    """As much again as the joint's Coulomb friction."""
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    return float(values[list(model.names).index(f"Fc_{robot.joint_names[JOINT]}")])
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_friction_that_rises_towards_standstill_is_found_where_only_rows_near_reversals_hold_it(seed: int) -> None:
+    fit, held = slow_motion(seed, *stribeck(size()))
+    model, _ = declared(fit.robot)
+    found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
+    assert [(f.name, f.joints) for f in found.findings] == [("stribeck", fit.robot.joint_names[JOINT : JOINT + 1])]
+    assert found.verdict == "explained"
+    inside = [abs(p.value - true) < 4.0 * p.std for p, true in zip(found.findings[0].parameters, (size(), SLOW), strict=True)]
+    assert all(inside)
+    assert found.selection.final.turning == fit.robot.joint_names[JOINT : JOINT + 1]
+
+
+def test_a_contact_that_holds_at_reversals_is_not_called_friction() -> None:
+    fit, held = slow_motion(5, [], [], hold=0.06)
+    model, _ = declared(fit.robot)
+    before = WeightedLeastSquares().solve(Problem(model, fit))
+    joint = fit.robot.joint_names[JOINT]
+    # What is left there is far above the noise, and still it says nothing that can be named.
+    residual = before.residual(fit)[:, JOINT]
+    near = near_reversals(fit, joint)
+    elsewhere = without_reversals(fit).valid[:, JOINT]
+    assert np.sqrt(np.mean(residual[near] ** 2)) > 2.0 * np.sqrt(np.mean(residual[elsewhere] ** 2))
+    assert diagnose(before, held).verdict == "clean"
+
+
+def test_rows_near_reversals_say_nothing_where_there_is_nothing() -> None:
+    fit, held = slow_motion(6, [], [])
+    model, _ = declared(fit.robot)
+    found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
+    assert found.verdict == "clean"
+    assert found.selection.final.turning == ()
