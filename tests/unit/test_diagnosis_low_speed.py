@@ -15,7 +15,6 @@ from ident.logs import Log, LogSet
 from ident.motion import Motion
 from ident.problem import Problem
 from ident.signals import Signals, ZeroPhase
-from ident.trajectory import FourierTrajectory
 
 Array = np.ndarray
 RATE = 200.0
@@ -24,29 +23,32 @@ JOINT, SLOW = 1, 5.0
 
 
 def slow_motion(seed: int, effects: list[Effect], sizes: list[float], hold: float = 0.0) -> tuple[Signals, Signals]:
-    """Fit and held-out signals of a SCARA whose motion is all below 1 Hz, so that rows near reversals reach far. `hold`: seconds about
+    """Fit and held-out signals of a SCARA along sines below 1 Hz. `hold`: seconds about
     each reversal of the joint in which its friction passes from one side to the other, as where a contact holds."""
     robot = ROBOTS["scara"]()
     model, values = declared(robot)
     rng = np.random.default_rng(seed)
-    order = np.arange(1, 65)
-    weight = (1.0 / (16.0 + order))[:, None] * np.where([j.prismatic for j in robot.joints], 0.1, 1.0)
-    wave = [rng.normal(size=(64, robot.n)) * weight for _ in range(2)]
-    motion = FourierTrajectory(np.zeros(robot.n), wave[0], wave[1], 0.0125)
+    w = 2.0 * np.pi * np.array([0.11, 0.23, 0.41, 0.67, 0.93])
+    size = rng.uniform(0.1, 0.4, size=(5, robot.n)) * np.where([j.prismatic for j in robot.joints], 0.2, 1.0)
     t = np.arange(round(60.0 * RATE)) / RATE
-    c = motion.sample(t)
-    exact = Motion.of(robot, c.q, c.dq, c.ddq, t, rate=RATE)
+    angle = w * t[:, None]
+    phase = rng.uniform(0.0, 2.0 * np.pi, size=(5, robot.n))
+    q, dq, ddq = (
+        np.stack([f(angle + phase[:, j]) @ (size[:, j] * w**k) for j in range(robot.n)], axis=1)
+        for k, f in enumerate((np.sin, np.cos, lambda x: -np.sin(x)))
+    )
+    exact = Motion.of(robot, q, dq, ddq, t, rate=RATE)
     tau = model.torque(exact, values)
     whole = model
     for effect in effects:
         whole = whole + effect
     tau = tau + whole.torque(exact, np.append(0.0 * values, sizes))
     if hold:
-        friction = values[list(model.names).index(f"Fc_{robot.joint_names[JOINT]}")] * np.sign(c.dq[:, JOINT])
+        friction = values[list(model.names).index(f"Fc_{robot.joint_names[JOINT]}")] * np.sign(dq[:, JOINT])
         width = 2 * round(0.5 * hold * RATE) + 1
         tau[:, JOINT] += np.convolve(friction, np.ones(width) / width, "same") - friction
-    tau = tau + 0.01 * np.std(tau, axis=0) * rng.normal(size=tau.shape)
-    q = c.q + 1e-6 * rng.normal(size=c.q.shape)
+    tau = tau + 0.001 * np.std(tau, axis=0) * rng.normal(size=tau.shape)
+    q = q + 1e-6 * rng.normal(size=q.shape)
     cut = round(45.0 * RATE)
     logs = (
         Log(name, t[s], q=q[s], tau={robot.transmission.measured.value: tau[s]})
@@ -80,7 +82,7 @@ def test_friction_that_rises_towards_standstill_is_found_where_only_rows_near_re
 
 
 def test_a_contact_that_holds_at_reversals_is_not_called_friction() -> None:
-    fit, held = slow_motion(5, [], [], hold=0.06)
+    fit, held = slow_motion(5, [], [], hold=0.2)
     model, _ = declared(fit.robot)
     before = WeightedLeastSquares().solve(Problem(model, fit))
     joint = fit.robot.joint_names[JOINT]
