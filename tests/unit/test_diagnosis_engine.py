@@ -205,3 +205,23 @@ def test_the_order_of_a_periodic_effect_is_read_from_the_residual(order: float) 
     assert found is not None
     turns = np.ptp(prepared.q[:, 0])
     assert min(abs(o - order) for o in promising_orders(found, built, motions)) < 1.0 / turns
+
+
+@pytest.mark.parametrize("seconds", [40.0, 12.0])
+def test_noise_is_taken_out_of_a_motion_that_is_cut_off_without_bending_its_ends(seconds: float) -> None:
+    robot = ROBOTS["scara"]()
+    rng = np.random.default_rng(12)
+    t = np.arange(round(seconds * 200.0)) / 200.0
+    w = 2.0 * np.pi * np.array([0.17, 0.43, 0.9])
+    phase = rng.uniform(0.0, 2.0 * np.pi, (robot.n, 3))
+    angle = w * t[:, None, None] + phase
+    q, ddq = np.sum(0.3 * np.sin(angle), axis=2), np.sum(-0.3 * w**2 * np.sin(angle), axis=2)
+    log = Log("run", t, q=q + 1e-6 * rng.normal(size=q.shape), tau={"motor": np.sin(angle[:, :, 0])})
+    noisy = ZeroPhase(cutoff_hz=15.0)(LogSet((log,), robot=robot))
+    less = less_noise(noisy)
+    at = np.round(noisy.t * 200.0).astype(int)
+    before, after = (np.abs(s.ddq - ddq[at]) for s in (noisy, less))
+    ends = np.minimum(noisy.t - noisy.t[0], noisy.t[-1] - noisy.t) < 1.5
+    # At the ends next to nothing of the bend, away from them less noise.
+    assert np.all(np.sqrt(np.mean(after[ends] ** 2, axis=0)) < 2.0 * np.sqrt(np.mean(before[ends] ** 2, axis=0)))
+    assert np.all(np.sqrt(np.mean(after[~ends] ** 2, axis=0)) < 0.7 * np.sqrt(np.mean(before[~ends] ** 2, axis=0)))
