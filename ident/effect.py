@@ -188,6 +188,11 @@ class Effect(ABC):
         lag); None: they are free."""
         return None
 
+    def memory(self, robot: Robot) -> Array:
+        """Seconds (n,) for which what the prediction was at a moment is in the effect's torque on each joint's row, on the effect's side;
+        negative where it is there before."""
+        return np.zeros(robot.n)
+
     def implausible(self, robot: Robot, values: Array, std: Array) -> str:
         """Why fitted values (k,) with these standard deviations cannot be those of such an effect: a response that is not within
         40 % (and 3 standard deviations) of what it must be; "" if nothing speaks against them. Bounds of parameters are looked

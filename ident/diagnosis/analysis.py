@@ -131,8 +131,9 @@ def wide_cutoff(signals: Signals) -> float:
     return float(min(top, max(float(np.median(allowed)) / _ROWS_BELOW, report.cutoff_hz or 0.0)))
 
 
-def without_reversals(signals: Signals, but: Collection[str] = ()) -> Signals:
+def without_reversals(signals: Signals, but: Collection[str] = (), memory: Array | None = None) -> Signals:
     """The same signals without the rows near a reversal of any motor whose friction is in them; those of some joints, `but`, stay.
+    `memory` (n,): seconds after it (before it, if negative) for which it is still in the rows of a joint.
 
     There the sign of the speed is wrong by its own error in time, and a contact may hold: what is left there looks like a fault."""
     transmission, report = signals.robot.transmission, signals.report
@@ -145,23 +146,29 @@ def without_reversals(signals: Signals, but: Collection[str] = ()) -> Signals:
     slow = speed < np.maximum(threshold, _SLOW * top)
     reach = int(np.ceil(0.5 * signals.rate / report.cutoff_hz)) if report.cutoff_hz else 1
     touches = np.abs(transmission.torque_map(Side.MOTOR, measured)) > 0
+    before, after = (np.zeros(len(touches), int) for _ in range(2))
+    if memory is not None:
+        before, after = (np.ceil(np.maximum(x, 0.0) * signals.rate).astype(int) for x in (-memory, memory))
+    near = np.zeros(signals.dq.shape)
+    for run in signals.runs:
+        for j in range(len(touches)):
+            near[run, j] = _dilated(slow[run][:, touches[j]].any(axis=1), reach + before[j], reach + after[j])
     valid = signals.valid.copy()
     for run, rows in zip(signals.runs, signals.row_runs, strict=True):
-        near = _dilated(slow[run], reach) @ touches.T.astype(float) > 0
         if signals.row_filter is None:
-            valid[rows] &= ~near
+            valid[rows] &= near[run] == 0.0
         else:
-            valid[rows] &= signals.row_filter.magnitude.apply(near.astype(float)) < _SHARE
+            valid[rows] &= signals.row_filter.magnitude.apply(near[run]) < _SHARE
     # A joint that hardly moves would lose every row: then its own rows stay.
     kept = valid.sum(axis=0) >= 0.25 * signals.valid.sum(axis=0)
     kept &= [name not in but for name in signals.robot.joint_names]
     return replace(signals, valid=np.where(kept, valid, signals.valid))
 
 
-def _dilated(flag: Array, reach: int) -> Array:
-    out = flag.astype(float)
-    kernel = np.ones(2 * reach + 1)
-    for j in range(out.shape[1]):
-        if flag[:, j].any():
-            out[:, j] = np.convolve(out[:, j], kernel, "same") > 0
-    return out
+def _dilated(flag: Array, before: int, after: int) -> Array:
+    """Flags (N,) bool, and so many samples before and after each, as 0 and 1."""
+    edges = np.zeros(len(flag) + 1, int)
+    at = np.flatnonzero(flag)
+    np.add.at(edges, np.maximum(at - before, 0), 1)
+    np.add.at(edges, np.minimum(at + after + 1, len(flag)), -1)
+    return np.asarray(np.cumsum(edges[:-1]) > 0, float)

@@ -15,6 +15,7 @@ from ..torque_error import number
 from .advice import advice_for
 from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .bank import Bank
+from .carried import without_carried
 from .confirmed import last_word
 from .findings import Finding, Unexplained, assess
 from .in_plain_sight import apart, jumps, lost
@@ -143,7 +144,7 @@ def diagnose(
     stage = start(before.model, seen, declared.all_values, bank, lambda share: tell(0.05 + 0.35 * share))
     looked = select(stage, bank, note, lambda share: tell(0.4 + 0.5 * share))
     tell(0.9)
-    selection = with_low_speed(looked, stretches(thinned(wide)), bank, note)
+    selection = without_carried(with_low_speed(looked, stretches(thinned(wide)), bank, note), bank, note)
 
     def refit(stage: Stage, turning: tuple[str, ...]) -> Estimate:
         """The estimate of a stage's model; `turning`: joints whose rows near reversals are left out."""

@@ -24,7 +24,7 @@ from .motions import Motions
 from .search import Hit, Search
 from .selection import Selection, ranked, settled_together
 from .signatures import signatures
-from .stage import Stage, staged, with_effects
+from .stage import Stage, on_rows, with_effects
 from .whitening import Whitener
 
 if TYPE_CHECKING:
@@ -53,7 +53,8 @@ def with_low_speed(selection: Selection, rows: Signals, bank: Bank, note: Callab
     white = _noise(selection.final, rows, joints)
     for joint in joints:
         turning = (*selection.final.turning, joint)
-        first, stage = (_also_near_reversals(s, rows, turning, white, bank) for s in (selection.declared, selection.final))
+        there = without_reversals(rows, turning)
+        first, stage = (on_rows(s, there, white, bank, turning) for s in (selection.declared, selection.final))
         new = _asked_for(stage, joint, near_reversals(rows, joint), selection.found)
         if new is None:
             continue
@@ -101,14 +102,6 @@ def _noise(stage: Stage, rows: Signals, joints: Collection[str]) -> Whitener:
     motions = Motions(problem)
     generic = [s.placed(rows.robot.n) for s in signatures(motions)]
     return noise_floor(problem, motions, stage.search.candidates, Bank(), generic).white
-
-
-def _also_near_reversals(stage: Stage, rows: Signals, turning: Collection[str], white: Whitener, bank: Bank) -> Stage:
-    """A stage that looks at the rows near reversals of some joints as well."""
-    signals = without_reversals(rows, turning)
-    problem = replace(stage.problem, signals=signals)
-    own = white.on(signals.valid, signals.row_runs)
-    return staged(problem, own, bank, stage.motions, stage.search.candidates, turning=tuple(turning))
 
 
 def _of_joint(stage: Stage, joint: str) -> list[Candidate]:

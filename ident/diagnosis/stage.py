@@ -96,6 +96,12 @@ def staged(
     return stage
 
 
+def on_rows(stage: Stage, signals: Signals, white: Whitener, bank: Bank, turning: tuple[str, ...]) -> Stage:
+    """The same model on other rows of the same samples. `turning`: joints whose rows near reversals are among them."""
+    problem, own = replace(stage.problem, signals=signals), white.on(signals.valid, signals.row_runs)
+    return staged(problem, own, bank, stage.motions, stage.search.candidates, turning=turning)
+
+
 def at_least(stage: Stage) -> Stage:
     """The stage at the least of its loss, where effects of its model correct the model's own prediction; else the same."""
     least = totalled(stage)

@@ -55,6 +55,10 @@ class Delay(JointEffect):
         """The delay itself."""
         return np.full(len(self.at(robot)), self.late)
 
+    def memory(self, robot: Robot) -> Array:
+        """The delay."""
+        return _on(self.at(robot), self.late, robot)
+
     def applied(self, robot: Robot, values: Array) -> SignalCorrection:
         delay = np.zeros(robot.n)
         delay[self.at(robot)] = values
@@ -93,10 +97,20 @@ class FilterLag(JointEffect):
         """The lag of the low-pass."""
         return np.full(len(self.at(robot)), self.T)
 
+    def memory(self, robot: Robot) -> Array:
+        """Until a twentieth is left."""
+        return _on(self.at(robot), 3.0 * self.T, robot)
+
     def applied(self, robot: Robot, values: Array) -> SignalCorrection:
         lag = np.zeros(robot.n)
         lag[self.at(robot)] = values
         return SignalCorrection(self.side, lag=lag)
+
+
+def _on(joints: list[int], seconds: float, robot: Robot) -> Array:
+    out = np.zeros(robot.n)
+    out[joints] = seconds
+    return out
 
 
 def derivative(x: Array, rate: float) -> Array:
