@@ -1,4 +1,4 @@
-"""Friction at low speed: rows near reversals are asked for it, and for nothing else."""
+"""Reversals: rows near them are asked for friction at low speed alone; what a delay carries out of them misleads nothing."""
 
 from __future__ import annotations
 
@@ -22,9 +22,11 @@ RATE = 200.0
 JOINT, SLOW = 1, 5.0
 
 
-def slow_motion(seed: int, effects: list[Effect], sizes: list[float], hold: float = 0.0, noise: float = 1e-3) -> tuple[Signals, Signals]:
-    """Fit and held-out signals of a SCARA along sines below 1 Hz. `hold`: seconds about
-    each reversal of the joint in which its friction passes from one side to the other, as where a contact holds."""
+def slow_motion(
+    seed: int, effects: list[Effect], sizes: list[float], hold: float = 0.0, noise: float = 1e-3, late: float = 0.0
+) -> tuple[Signals, Signals]:
+    """Fit and held-out signals of a SCARA along sines below 1 Hz. `hold`: seconds about each reversal of the joint in which its friction
+    passes from one side to the other, as where a contact holds; `late`: seconds by which the joint's torque is read late."""
     robot = ROBOTS["scara"]()
     model, values = declared(robot)
     rng = np.random.default_rng(seed)
@@ -47,6 +49,7 @@ def slow_motion(seed: int, effects: list[Effect], sizes: list[float], hold: floa
         friction = values[list(model.names).index(f"Fc_{robot.joint_names[JOINT]}")] * np.sign(dq[:, JOINT])
         width = 2 * round(0.5 * hold * RATE) + 1
         tau[:, JOINT] += np.convolve(friction, np.ones(width) / width, "same") - friction
+    tau[:, JOINT] = np.interp(t - late, t, tau[:, JOINT])
     tau = tau + noise * np.std(tau, axis=0) * rng.normal(size=tau.shape)
     q = q + 1e-6 * rng.normal(size=q.shape)
     cut = round(45.0 * RATE)
@@ -102,3 +105,35 @@ def test_rows_near_reversals_say_nothing_where_there_is_nothing() -> None:
     found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
     assert found.verdict == "clean"
     assert found.selection.final.turning == ()
+
+
+def test_a_delay_is_not_that_of_the_contact_that_it_carries_out_of_reversals() -> None:
+    late = 0.03
+    fit, held = slow_motion(7, [], [], hold=0.03, late=late)
+    model, _ = declared(fit.robot)
+    found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
+    assert [f.name for f in found.findings] == ["delay"]
+    p = found.findings[0].parameters[-1]
+    assert abs(p.value - late) < 3.0 * p.std
+    assert p.std < 0.1 * late
+    assert any("a reversal is carried into" in line for line in found.trail)
+
+
+def test_rows_are_left_out_for_as_long_as_a_reversal_is_in_them() -> None:
+    fit, _ = slow_motion(8, [], [])
+    j = JOINT
+    memory = np.zeros(fit.robot.n)
+    rows = {}
+    for seconds in (0.0, 0.1, -0.1):
+        memory[j] = seconds
+        rows[seconds] = without_reversals(fit, (), memory).valid
+    assert np.array_equal(rows[0.0], without_reversals(fit).valid)
+    for seconds in (0.1, -0.1):
+        assert np.array_equal(np.delete(rows[seconds], j, axis=1), np.delete(rows[0.0], j, axis=1))
+        gone = rows[0.0][:, j] & ~rows[seconds][:, j]
+        assert gone.sum() > 20
+        assert not (rows[seconds][:, j] & ~rows[0.0][:, j]).any()
+        # Each lies next to rows that were left out already, on the side to which it is carried.
+        behind = fit.valid[:, j] & ~rows[0.0][:, j]
+        near = [behind[max(0, i - 3) : i].any() if seconds > 0 else behind[i + 1 : i + 4].any() for i in np.flatnonzero(gone)]
+        assert np.mean(near) > 0.95
