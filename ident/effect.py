@@ -200,9 +200,13 @@ class Effect(ABC):
         right = self.response(robot)
         if right is None:
             return ""
-        share = np.asarray(values) / right
-        off = np.abs(share - 1.0) > 0.4 + 3.0 * np.asarray(std) / np.abs(right)
-        return f"the response is {float(share[int(np.argmax(off))]):.3g} times that of a {self.title}" if off.any() else ""
+        values, size = np.asarray(values), np.abs(right)
+        # Where it must be nothing (a delay of zero: the slope alone) it is what fits in first order, and that may be anything.
+        off = (size > 0.0) & (np.abs(values - right) > 0.4 * size + 3.0 * np.asarray(std))
+        if not off.any():
+            return ""
+        first = int(np.argmax(off))
+        return f"the response is {float(values[first] / right[first]):.3g} times that of a {self.title}"
 
     def at(self, robot: Robot) -> list[int]:
         """Indices of the joints the effect sits on. Raises ConfigurationError for a name the robot does not have."""
