@@ -19,7 +19,7 @@ from .bank import Bank
 from .candidates import Candidate
 from .evidence import surplus, threshold
 from .floor import noise_floor
-from .frame import Frame
+from .frame import Frame, raw_columns
 from .motions import Motions
 from .search import Hit, Search
 from .selection import Selection, ranked, settled_together
@@ -40,7 +40,8 @@ _THROUGH_MEMORY = {Need.HISTORY, Need.REFERENCE, Need.TORQUE}
 def with_low_speed(selection: Selection, rows: Signals, bank: Bank, note: Callable[[str], None] | None = None) -> Selection:
     """A selection with the friction at low speed that rows near reversals ask for beside it. `rows`: those that it looked at, and with
     them those near reversals."""
-    joints = [joint for joint in rows.robot.joint_names if _promising(selection.final, rows, joint)]
+    raw = raw_columns(replace(selection.final.problem, signals=rows))
+    joints = [joint for joint in rows.robot.joint_names if _promising(selection.final, rows, joint, raw)]
     if not joints:
         return selection
     trail = list(selection.trail)
@@ -79,13 +80,14 @@ def near_reversals(rows: Signals, joint: str) -> Array:
     return np.asarray(rows.valid[:, j] & ~without_reversals(rows).valid[:, j])
 
 
-def _promising(stage: Stage, rows: Signals, joint: str) -> bool:
-    """Whether friction at low speed seems to explain a joint's rows near reversals, noise taken for white: a first look for little."""
+def _promising(stage: Stage, rows: Signals, joint: str, raw: Array) -> bool:
+    """Whether friction at low speed seems to explain a joint's rows near reversals, noise taken for white: a first look for little. `raw`
+    (M, n, k_base): the model's columns on all rows."""
     j, near = rows.robot.joint_names.index(joint), near_reversals(rows, joint)
     signals = without_reversals(rows, (joint,))
     white = Whitener((), stage.white.std, tuple([(np.ones(1), float(s) ** 2)] for s in stage.white.std)).on(signals.valid, signals.row_runs)
     problem = replace(stage.problem, signals=signals)
-    search = Search(Frame.build(problem, white), Motions(problem), stage.search.candidates)
+    search = Search(Frame.build(problem, white, raw), Motions(problem), stage.search.candidates)
     return _best_is_there(search, _of_joint(stage, joint), j, near, stage.number)
 
 
