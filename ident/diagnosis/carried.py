@@ -14,7 +14,7 @@ import numpy as np
 
 from .analysis import without_reversals
 from .bank import Bank
-from .selection import Selection, settled_together
+from .selection import Selection, settled_together, writing
 from .stage import on_rows
 
 if TYPE_CHECKING:
@@ -35,12 +35,7 @@ def without_carried(selection: Selection, bank: Bank, note: Callable[[str], None
     rows = without_reversals(looked, final.turning, memory)
     if np.array_equal(rows.valid, looked.valid):
         return selection
-
-    def say(text: str) -> None:
-        trail.append(text)
-        if note is not None:
-            note(text)
-
+    say = writing(trail, note)
     say(f"settled without rows that a reversal is carried into: {int((looked.valid & ~rows.valid).sum())} left out")
     first, stage = (on_rows(s, rows, white, bank, final.turning) for s in (selection.declared, final))
     stage, found = settled_together(first, stage, list(selection.found), bank, say)

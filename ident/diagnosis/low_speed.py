@@ -22,7 +22,7 @@ from .floor import noise_floor
 from .frame import Frame, raw_columns
 from .motions import Motions
 from .search import Hit, Search
-from .selection import Selection, ranked, settled_together
+from .selection import Selection, ranked, settled_together, writing
 from .signatures import signatures
 from .stage import Stage, on_rows, with_effects
 from .whitening import Whitener
@@ -45,12 +45,7 @@ def with_low_speed(selection: Selection, rows: Signals, bank: Bank, note: Callab
     if not joints:
         return selection
     trail = list(selection.trail)
-
-    def say(text: str) -> None:
-        trail.append(text)
-        if note is not None:
-            note(text)
-
+    say = writing(trail, note)
     white = _noise(selection.final, rows, joints)
     for joint in joints:
         turning = (*selection.final.turning, joint)

@@ -78,11 +78,7 @@ def select(
     be, each takes a share of what is left."""
     trail: list[str] = []
 
-    def say(text: str) -> None:
-        trail.append(text)
-        if note is not None:
-            note(text)
-
+    say = writing(trail, note)
     stage, found, accepted = first, list[Found](), Counter[tuple[str, tuple[str, ...], tuple[str, ...]]]()
     begun_with: Found | None = None
     unlooked = list[Found]()  # found before something that was found since, on other rows
@@ -125,6 +121,17 @@ def select(
     found = [_judged_in(first, f) if f is begun_with else f for f in found]
     stage, found = settled_together(first, stage, found, bank, say)
     return Selection(first, stage, tuple(found), tuple(trail))
+
+
+def writing(trail: list[str], note: Callable[[str], None] | None) -> Callable[[str], None]:
+    """What adds a line to a trail, and tells it at once to `note`."""
+
+    def say(text: str) -> None:
+        trail.append(text)
+        if note is not None:
+            note(text)
+
+    return say
 
 
 def described(j: Judged, number: int) -> str:
