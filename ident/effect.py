@@ -139,9 +139,9 @@ class Effect(ABC):
         """Torque per unit parameter, (N, n, k), on the effect's side."""
 
     @classmethod
-    def columns_of(cls, effects: Sequence[Self], motion: Motion, robot: Robot) -> list[Array]:
-        """`columns` of several effects of this kind on one motion; faster than one by one where work can be shared."""
-        return [effect.columns(motion, robot) for effect in effects]
+    def columns_of(cls, effects: Sequence[Self], motion: Motion, robot: Robot) -> Iterable[Array]:
+        """`columns` of several effects of this kind on one motion, one after the other; faster than one by one where work can be shared."""
+        return (effect.columns(motion, robot) for effect in effects)
 
     def shape(self) -> tuple[ShapeParameter, ...]:
         """The nonlinear parameters: fields of this effect."""

@@ -111,8 +111,8 @@ class Frame:
         """Columns (M, n, k) on the measured side → (n, M, k); rows that are not used come out as zero."""
         valid = self.problem.signals.valid
         out = np.zeros((columns.shape[1], columns.shape[0], columns.shape[2]))
-        for j in np.flatnonzero(np.einsum("Mjk,Mjk->j", columns, columns)):
-            out[j] = self.white(np.where(valid[:, j, None], columns[:, j], 0.0), int(j))
+        for j in acting_on(columns):
+            out[j] = self.white(np.where(valid[:, j, None], columns[:, j], 0.0), j)
         return out
 
     def products(self, Z: Array) -> Products:
@@ -235,7 +235,12 @@ class Score:
 
 def live_joints(Z: Array) -> Array:
     """Joints on whose rows whitened columns (n, M, k) are anything."""
-    return np.flatnonzero(np.einsum("jMk,jMk->j", Z, Z))
+    return np.flatnonzero([bool((z != 0.0).any()) for z in Z])
+
+
+def acting_on(columns: Array) -> list[int]:
+    """Joints on whose rows columns (rows, n, k) are anything."""
+    return np.flatnonzero((columns != 0.0).any(axis=0).any(axis=1)).tolist()
 
 
 def raw_columns(problem: Problem) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..effect import Effect, Need
 from ..motion import Motion
+from .frame import acting_on
 
 if TYPE_CHECKING:
     from ..prepared import Block
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Predictions that differ by less than this share (rms, every joint) make the same columns.
 _ALIKE = 0.01
+#: Columns that are filtered at a time.
+_AT_ONCE = 64
 
 
 class Motions:
@@ -55,20 +58,40 @@ class Motions:
         robot = self.problem.model.robot
         out: list[list[Array]] = [[] for _ in effects]
         for block, motion in self.parts:
-            for effect, values, parts in zip(effects, type(effects[0]).columns_of(effects, motion, robot), out, strict=True):
-                parts.append(self._reduced(block, effect, values))
+            waiting: list[tuple[int, tuple[int, ...], list[int], Array]] = []
+            for i, values in enumerate(type(effects[0]).columns_of(effects, motion, robot)):
+                # Filtered where the effect acts, and then brought to the measured side: there are fewer rows than samples.
+                live = acting_on(values)
+                waiting.append((i, values.shape[1:], live, values[:, live].reshape(len(values), -1)))
+                if sum(own.shape[1] for _, _, _, own in waiting) >= _AT_ONCE:
+                    self._reduce(block, effects, waiting, out)
+                    waiting = []
+            self._reduce(block, effects, waiting, out)
         return [np.concatenate(parts) for parts in out]
 
-    def _reduced(self, block: Block, effect: Effect, values: Array) -> Array:
+    def _reduce(
+        self,
+        block: Block,
+        effects: Sequence[Effect],
+        waiting: list[tuple[int, tuple[int, ...], list[int], Array]],
+        out: list[list[Array]],
+    ) -> None:
+        """Filter columns of several effects at once: for each its index, their shape (n, k), the joints they act on and what they are
+        there; what comes of them goes to `out`."""
+        if not waiting:
+            return
         transmission = self.problem.model.robot.transmission
-        # Filtered where the effect acts, and then brought to the measured side: there are fewer rows than samples.
-        live = np.flatnonzero(np.einsum("Njk,Njk->j", values, values))
-        reduced = block.reduce(np.ascontiguousarray(values[:, live]))
-        if effect.side != transmission.measured:
-            return np.matmul(transmission.torque_map(effect.side, transmission.measured)[:, live], reduced)
-        full = np.zeros((len(reduced), *values.shape[1:]))
-        full[:, live] = reduced
-        return full
+        every = block.reduce(np.concatenate([own for _, _, _, own in waiting], axis=1))
+        start = 0
+        for i, (n, k), live, own in waiting:
+            reduced = every[:, start : start + own.shape[1]].reshape(len(every), len(live), k)
+            start += own.shape[1]
+            if effects[i].side != transmission.measured:
+                out[i].append(np.matmul(transmission.torque_map(effects[i].side, transmission.measured)[:, live], reduced))
+            else:
+                full = np.zeros((len(every), n, k))
+                full[:, live] = reduced
+                out[i].append(full)
 
     def kept(self, effects: Sequence[Effect]) -> list[Array]:
         """`columns_of`, remembered."""

@@ -27,8 +27,13 @@ _STEPS = 5
 _HALVINGS = 3
 #: A step that gains less than this (twice a log-likelihood) is the last.
 _LEAST = 1e-3
-#: Once so much is gained, the derivative is taken anew.
+#: Once so much is gained, also as a share of the loss, the derivative is taken anew.
 _FAR = 3.0
+_FAR_SHARE = 0.01
+#: Corrections that turn with the prediction by less than this (Σ‖Δ‖², in units of the noise, over displacements of one deviation) leave a
+#: fit that is consistent with itself where it is: to find that out, so many displacements are tried.
+_SLIGHT = 0.1
+_DRAWS = 3
 #: A derivative is one where its two sides differ by less than this share of it.
 _SMOOTH = 0.2
 
@@ -39,6 +44,8 @@ def totalled(stage: Stage) -> Stage:
     problem = stage.problem
     dependent = [e for e in problem.model.effects if e.needs & {Need.LOAD, Need.REFERENCE}]
     if not dependent or problem.reference is None:
+        return stage
+    if _slight(stage, problem, dependent):
         return stage
     through = _through_columns(stage, problem, dependent)
     frame, start = _linearised(stage, problem, through)
@@ -55,13 +62,33 @@ def totalled(stage: Stage) -> Stage:
             break
         gained, loss, problem = loss - new, new, tried
         again += gained
-        if again > _FAR:
+        if again > max(_FAR, _FAR_SHARE * loss):
             # So far away the derivative is another one; it takes as long as all the rest.
             through, again = _through_columns(stage, problem, dependent), 0.0
         frame, start = _linearised(stage, problem, through)
         if gained < _LEAST:
             break
     return replace(stage, problem=problem, frame=frame, motions=Motions(problem))
+
+
+def _slight(stage: Stage, problem: Problem, dependent: list[Effect]) -> bool:
+    """Whether corrections follow the prediction so little that the least of the loss is where the fit is, and as sharp.
+
+    What there is to gain is |Dᵀ r|², D the derivative of the corrections by coefficients of the frame: about ‖D‖² times the variance of
+    r, and ‖D‖² is what random signs along D come to on average. That takes a displacement for each, not one for each parameter."""
+    assert problem.reference is not None
+    if own_loss(problem, stage.frame) - stage.frame.loss > _SLIGHT:
+        return False  # not consistent with itself
+    names, robot = list(problem.model.names), problem.model.robot
+    fixed = {e: problem.reference[[names.index(p.name) for p in e.parameters(robot)]] for e in dependent}
+    values, rng = problem.base.base_values(problem.reference), np.random.default_rng(0)
+    torque = [
+        sum(_corrections(problem.with_reference(np.asarray(problem.base.expand(values + by))), fixed).values())
+        for by in (0.0 * values, *(stage.frame.transform @ rng.choice([-1.0, 1.0], (stage.frame.columns.shape[2], _DRAWS))).T)
+    ]
+    turned = np.stack([there - torque[0] for there in torque[1:]], axis=2)
+    variance = stage.frame.loss / max(int(problem.signals.valid.sum()), 1)
+    return float(np.sum(stage.frame.whitened(turned) ** 2)) / _DRAWS * max(variance, 1.0) < _SLIGHT
 
 
 def _linearised(stage: Stage, problem: Problem, through: Array) -> tuple[Frame, Array]:

@@ -81,7 +81,8 @@ class _Compliance(Effect):
         """δ and its two derivatives (N,) of each of several effects of one link."""
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
-        return self.columns_of([self], motion, robot)[0]
+        (columns,) = self.columns_of([self], motion, robot)
+        return columns
 
     @classmethod
     def columns_of(cls, effects: Sequence[Self], motion: Motion, robot: Robot) -> list[Array]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -102,6 +103,15 @@ class PayloadStep(Payload):
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         return super().columns(motion, robot) * after(motion, self.t_0)[:, None, None]
+
+    @classmethod
+    def columns_of(cls, effects: Sequence[Self], motion: Motion, robot: Robot) -> Iterable[Array]:
+        always, of = np.zeros(0), None
+        for effect in effects:
+            # Picked up at whatever moment, it is the same body on the same link.
+            if of is None or replace(of, t_0=effect.t_0) != effect:
+                always, of = super(PayloadStep, effect).columns(motion, robot), effect
+            yield always * after(motion, effect.t_0)[:, None, None]
 
     def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
         return super().torque(motion, robot, values) * after(motion, self.t_0)[:, None]

@@ -15,9 +15,10 @@ from test_diagnosis_parts import stage_of
 from ident.diagnosis.acceptance import chosen, share_on_rows
 from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.evidence import acts_on, by_chance, occam
-from ident.diagnosis.floor import _gain
+from ident.diagnosis.frame import Frame, raw_columns
 from ident.diagnosis.motions import Motions
 from ident.diagnosis.null import Null
+from ident.diagnosis.saturation import Pool, saturated
 from ident.diagnosis.search import Hit, Judged, Search
 from ident.diagnosis.selection import ranked
 from ident.diagnosis.signatures import line
@@ -31,17 +32,49 @@ from ident.transmission import Side
 Array = np.ndarray
 
 
+def blocks_beside(frame: Frame, rng: np.random.Generator) -> list[Array]:
+    """Blocks (M, n, k) that act on one joint, on some, on all; of nothing; of what the model has; one that says the same thing twice."""
+    M, n = frame.problem.signals.tau.shape
+    found = []
+    for k in (1, 2, 2, 3, 5):
+        block = rng.normal(size=(M, n, k)) * rng.uniform(1e-6, 1e6, k)
+        block[:, rng.permutation(n)[: rng.integers(0, n)]] = 0.0
+        found.append(block)
+    twice = np.concatenate([found[1], found[1] @ rng.normal(size=(found[1].shape[2], 1))], axis=2)
+    return [*found, np.zeros((M, n, 2)), raw_columns(frame.problem)[:, :, :2], twice]
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_the_gain_of_saturating_columns_is_the_fall_of_the_loss_on_all_joints(seed: int) -> None:
-    """What fits one joint's large residual may cost more on the small ones of others than it brings."""
-    rng = np.random.default_rng(seed)
-    n, M = 4, 50
-    scale = rng.uniform(0.5, 20.0, n)
-    r = (scale[:, None] * rng.normal(size=(n, M))).reshape(-1)
-    q = np.linalg.qr(rng.normal(size=(n * M, 3)))[0]
-    left = (r - q @ (q.T @ r)).reshape(n, M)
-    fall = np.sum((np.sum(r.reshape(n, M) ** 2, axis=1) - np.sum(left**2, axis=1)) / scale**2)
-    assert _gain(q, r, scale, M) == pytest.approx(fall, rel=1e-10)
+    """Against residuals of whole fits. What fits one joint's large residual may cost more on the small ones of others than it brings."""
+    frame, rng = stage_of(seed, [], [make_effect("asymmetric_viscous", joints="j2")], [0.5])[0].frame, np.random.default_rng(seed)
+    n, M, b = frame.columns.shape
+    Q, _ = np.linalg.qr(frame.columns.reshape(-1, b))
+    blocks, scale = blocks_beside(frame, rng), rng.uniform(0.5, 20.0, n)
+    pool, r = Pool.of(frame, blocks, Q.reshape(n, M, b)), frame.residual * scale[:, None]
+    r = (r.reshape(-1) - Q @ (Q.T @ r.reshape(-1))).reshape(n, M)
+    ranks = []
+    for i, gain in enumerate(pool.gains(r, scale)):
+        both = np.concatenate([frame.columns, frame.whitened(blocks[i])], axis=2).reshape(n * M, -1)
+        both = both / np.maximum(np.linalg.norm(both, axis=0), 1e-300)
+        left = r.reshape(-1) - both @ np.linalg.lstsq(both, r.reshape(-1), rcond=1e-7)[0]
+        q = pool.columns(i)
+        ranks.append(q.shape[1])
+        fall = np.sum((np.sum(r**2, axis=1) - np.sum(left.reshape(n, M) ** 2, axis=1)) / scale**2)
+        assert gain == pytest.approx(fall - 2.0 * q.shape[1], rel=1e-6, abs=1e-6)
+        np.testing.assert_allclose(q.T @ q, np.eye(q.shape[1]), atol=1e-8)
+        np.testing.assert_allclose(Q.T @ q, 0.0, atol=1e-8)
+    assert ranks == [1, 2, 2, 3, 5, 0, 0, 2]
+
+
+def test_saturating_takes_what_is_there_and_leaves_the_rest() -> None:
+    stage, _ = stage_of(7, [], [make_effect("asymmetric_viscous", joints="j2")], [0.5])
+    frame, rng = stage.frame, np.random.default_rng(7)
+    missing = stage.motions.columns(make_effect("asymmetric_viscous", joints="j2", label="+"))
+    nothing = [rng.normal(size=missing.shape) for _ in range(5)]
+    found = saturated(frame, [*nothing, missing])
+    assert [block is missing for block in found.chosen] == [True]
+    assert np.sum(found.residual**2) < frame.loss - frame.fit_gain(frame.whitened(missing)) * (1.0 - 1e-6)
 
 
 def hit(gains: list[float], name: str = "stribeck") -> Hit:
