@@ -38,7 +38,7 @@ class Saturated:
     others: list[Array]
 
 
-def saturated(frame: Frame, blocks: Sequence[Array]) -> Saturated:
+def saturated(frame: Frame, blocks: list[Array]) -> Saturated:
     """The frame's model with the blocks (M, n, k) that gain most added one after the other."""
     n, M, b = frame.columns.shape
     rows = frame.problem.signals.valid.sum(axis=0)
@@ -97,8 +97,8 @@ class Pool:
         joints = [acting_on(block) for block in blocks]
         rows, mixed = list[Array](), list[Array]()
         for j in range(n):
-            here = [block[:, j] for block, own in zip(blocks, joints, strict=True) if j in own]
-            z = np.concatenate(here, axis=1) if here else np.zeros((len(valid), 0))
+            acting = [block[:, j] for block, own in zip(blocks, joints, strict=True) if j in own]
+            z = np.concatenate(acting, axis=1) if acting else np.zeros((len(valid), 0))
             rows.append(frame.white(np.where(valid[:, j, None], z, 0.0), j))
             mixed.append(model[j].T @ rows[j])
         inner = np.matmul(model.transpose(0, 2, 1), model)
