@@ -2,8 +2,10 @@
 
 The noise of a residual is coloured (differentiated positions, filters, the torque reading). Under an autoregressive model of
 order p the transformation is exact: each row less its best prediction from the p rows before it, over the error of that
-prediction; after a gap, from as many as there are. Then plain least squares is the best there is, and gains in the
-sum of squares are log-likelihood ratios (times two)."""
+prediction; at the beginning of a run, from as many as there are. Behind a gap, such as every reversal leaves, the last p rows
+in use lie farther back and foretell less, but they do: rows on both sides of a short gap that counted as independent would
+say the same thing twice. Then plain least squares is the best there is, and gains in the sum of squares are log-likelihood
+ratios (times two)."""
 
 from __future__ import annotations
 
@@ -26,6 +28,9 @@ _MOST_ORDER = 12
 #: A mean square of whitened rows that is this large, and beyond so many standard deviations, is not what the filter promised.
 _LARGER = 1.5
 _SURELY = 4.0
+#: Rows farther back than this, or than where the noise's autocorrelation falls below this for good, tell nothing.
+_FARTHEST = 60
+_FORGOTTEN = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,24 +118,60 @@ def _borne_out(predictors: list[tuple[Array, float]], residual: Array, valid: Ar
 def _matrix(valid: Array, runs: list[slice], predictors: list[tuple[Array, float]]) -> csr_array:
     from scipy.sparse import csr_array
 
-    M = len(valid)
-    depth = np.zeros(M, int)  # rows in use right before, in the same run
+    M, order = len(valid), len(predictors) - 1
+    gamma = _autocovariances(predictors)
+    at, lags = _past(valid, runs, order, _reach(gamma, order))
+    patterns, which = np.unique(lags, axis=0, return_inverse=True)
+    filters = np.zeros((len(patterns), order + 1))
+    for i, pattern in enumerate(patterns):
+        a, variance = _predictor(pattern[pattern > 0], gamma, predictors)
+        filters[i, : len(a)] = a / np.sqrt(variance)
+    values = filters[which.reshape(-1)]
+    columns = at[:, None] - np.concatenate([np.zeros((len(at), 1), int), lags], axis=1)
+    live = np.concatenate([np.ones((len(at), 1), bool), lags > 0], axis=1)
+    rows = np.broadcast_to(at[:, None], columns.shape)
+    return csr_array((values[live], (rows[live], columns[live])), shape=(M, M))
+
+
+def _past(valid: Array, runs: list[slice], order: int, reach: int) -> tuple[Array, Array]:
+    """Rows in use (m,), and how far before each of them lie the `order` last ones in use of the same run, (m, order), ascending; 0 in
+    place of those that lie farther back than `reach`."""
+    places, found = [np.zeros(0, int)], [np.zeros((0, order), int)]
     for run in runs:
-        use = valid[run]
-        if not len(use):
-            continue
-        place = np.arange(len(use))
-        last_gap = np.maximum.accumulate(np.where(use, -1, place))
-        depth[run] = place - last_gap - 1
-    depth = np.minimum(depth, len(predictors) - 1)
-    rows, columns, values = [], [], []
-    for p, (a, variance) in enumerate(predictors):
-        at = np.flatnonzero(valid & (depth == p))
-        for lag, coefficient in enumerate(a):
-            rows.append(at)
-            columns.append(at - lag)
-            values.append(np.full(len(at), coefficient / np.sqrt(variance)))
-    return csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(M, M))
+        at = run.start + np.flatnonzero(valid[run])
+        lags = np.zeros((len(at), order), int)
+        for k in range(1, order + 1):
+            lags[k:, k - 1] = at[k:] - at[:-k]
+        places.append(at)
+        found.append(np.where(lags <= reach, lags, 0))
+    return np.concatenate(places), np.concatenate(found)
+
+
+def _predictor(lags: Array, gamma: Array, predictors: list[tuple[Array, float]]) -> tuple[Array, float]:
+    """The best prediction-error filter on rows at lags (k,), ascending: coefficients (k+1,), the row's own first, and its variance."""
+    k = len(lags)
+    if not k or lags[-1] == k:
+        return predictors[k]
+    weights = np.linalg.solve(gamma[np.abs(lags[:, None] - lags)], gamma[lags])
+    # Nothing foretells better than the whole past does.
+    return np.append(1.0, -weights), max(float(gamma[0] - weights @ gamma[lags]), predictors[-1][1])
+
+
+def _autocovariances(predictors: list[tuple[Array, float]]) -> Array:
+    """Autocovariances of the process at lags 0 … `_FARTHEST`: the recursion of its filters backwards, and on."""
+    order = len(predictors) - 1
+    gamma = np.zeros(_FARTHEST + 1)
+    gamma[0] = predictors[0][1]
+    for k in range(1, _FARTHEST + 1):
+        a, variance = predictors[min(k - 1, order)]
+        told = -a[1:] @ gamma[k - 1 : k - len(a) : -1] if len(a) > 1 else 0.0
+        gamma[k] = told - (predictors[k][0][-1] * variance if k <= order else 0.0)
+    return gamma
+
+
+def _reach(gamma: Array, order: int) -> int:
+    """The farthest lag at which rows are still alike."""
+    return max(order, int(np.flatnonzero(np.abs(gamma) >= _FORGOTTEN * gamma[0])[-1]))
 
 
 def unwhitened_rows(white: Whitener, rows: Array, joint: int, valid: Array) -> Array:
