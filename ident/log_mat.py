@@ -20,6 +20,10 @@ def mat_columns(path: Path) -> dict[str, Array]:
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError:
         raise DataError(f"log {path}: is a MATLAB 7.3 file, which is not read. Save it with -v7 (save('log.mat', '-v7')).") from None
+    except MemoryError:
+        raise DataError(
+            f"log {path}: asks for more memory than there is. Save fewer columns, or in parts; a damaged file may ask too."
+        ) from None
     except Exception as error:  # noqa: BLE001 - whatever SciPy makes of a damaged file
         raise DataError(f"log {path}: is not a MAT file ({error}).") from None
     arrays: dict[str, Array] = {}

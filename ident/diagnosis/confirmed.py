@@ -16,6 +16,7 @@ from .change import Change
 from .contest import contested
 from .evidence import WEAK, acts_on
 from .findings import Unexplained
+from .nominated import nominated
 from .selection import Selection
 from .stage import Stage, with_effects
 
@@ -42,19 +43,20 @@ class LastWord:
 def last_word(
     selection: Selection, bank: Bank, declared: Estimate, held: Signals | None, refit: Callable[[Stage, tuple[str, ...]], Estimate]
 ) -> LastWord:
-    """Held-out data on a selection: they decide between rivals that the data fitted cannot tell apart, and have what does harm taken
-    back. `refit`: see `confirmed`."""
+    """Held-out data on a selection: where nothing was found they may confirm what came near to it; they decide between rivals that the
+    data fitted cannot tell apart, and have what does harm taken back. `refit`: see `confirmed`."""
+    if held is None:
+        return LastWord(selection, refit(selection.final, ()) if selection.found else declared)
+    rows = without_reversals(held, selection.final.turning)
+    selection, confirms = nominated(selection, bank, declared, rows, lambda stage: refit(stage, ()))
     if not selection.found:
         return LastWord(selection, declared)
-    if held is None:
-        return LastWord(selection, refit(selection.final, ()))
-    rows = without_reversals(held, selection.final.turning)
     contest = contested(selection, bank, rows, lambda stage: refit(stage, ()))
     kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit)
     unexplained, warning = refusals(kept)
     names = kept.after.model.robot.joint_names
     unexplained += tuple(_unseen(f, names) for f in kept.unseen)
-    said = (*contest.said, *([warning] if warning else []))
+    said = (*([confirms] if confirms else []), *contest.said, *([warning] if warning else []))
     return LastWord(kept.selection, kept.after, unexplained, tuple(f.effect for f in kept.unseen), said)
 
 

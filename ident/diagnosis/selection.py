@@ -32,12 +32,14 @@ _CHANCES = 2
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """From the declared model's stage to the last one, with what was found on the way; `trail` tells the steps."""
+    """From the declared model's stage to the last one, with what was found on the way; `trail` tells the steps; `nearest`: where nothing
+    was found, the candidates that might have been, the nearest to it first."""
 
     declared: Stage
     final: Stage
     found: tuple[Found, ...]
     trail: tuple[str, ...] = ()
+    nearest: tuple[Judged, ...] = ()
 
 
 def ranked(
@@ -81,6 +83,7 @@ def select(
     say = writing(trail, note)
     stage, found, accepted = first, list[Found](), Counter[tuple[str, tuple[str, ...], tuple[str, ...]]]()
     begun_with: Found | None = None
+    nearest = list[Judged]()
     unlooked = list[Found]()  # found before something that was found since, on other rows
     while len(found) < _MOST_FINDINGS:
         begun = 1.0 - 0.5 ** len(found)
@@ -95,13 +98,15 @@ def select(
         for j in all_ranked[:8]:
             say(f"    {described(j, stage.number)}")
         # Two that make room for each other would do so for ever.
-        new = chosen(stage, [j for j in undecoyed(all_ranked) if accepted[j.hit.place] < _CHANCES], found)
+        able = undecoyed(all_ranked)
+        new = chosen(stage, [j for j in able if accepted[j.hit.place] < _CHANCES], found)
         if new is None:
             due, before = [f for f in found if any(f is x for x in unlooked)], {f.judged.hit.place for f in found}
             if due:
                 unlooked = []
                 stage, found = _re_examined(first, stage, found, due, bank, say)
             if before == {f.judged.hit.place for f in found}:
+                nearest = [j for j in able if j.evidence > 0.0] if not accepted else []
                 break
             continue
         accepted[new.judged.hit.place] += 1
@@ -120,7 +125,7 @@ def select(
     # What was found first was judged under the noise before that: told in units of this one, like all the others.
     found = [_judged_in(first, f) if f is begun_with else f for f in found]
     stage, found = settled_together(first, stage, found, bank, say)
-    return Selection(first, stage, tuple(found), tuple(trail))
+    return Selection(first, stage, tuple(found), tuple(trail), tuple(nearest))
 
 
 def writing(trail: list[str], note: Callable[[str], None] | None) -> Callable[[str], None]:
