@@ -3,8 +3,8 @@
 A fault may show in one part of a log and hardly in another: a drift at its end, an eccentric encoder where the joint turns far. What
 the fitted part gains by it stays below what chance yields over the whole catalogue. On held-out data it need not beat the
 catalogue any more: a candidate that was named beforehand, with values fitted beforehand, is one hypothesis. It is asked for a clear gain
-there, and for as much as the fitted part lacks. Beside findings nobody is nominated: what falls short there is more often the
-inexactness of their laws."""
+there, and for as much as the fitted part lacks; of a few such candidates the one that gains most is taken, and all that came near it are
+its rivals. Beside findings nobody is nominated: what falls short there is more often the inexactness of their laws."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 from .acceptance import Found
 from .bank import Bank
 from .change import Change
-from .evidence import acts_on, occam, surplus
+from .evidence import occam, surplus
 from .selection import Selection, labelled
 from .stage import Stage, with_effects
 from .weights import weights
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .search import Judged
 
 #: So many candidates are nominated, each of which lacks no more than this.
-_MOST = 2
+_MOST = 3
 _LACKING = 25.0
 #: The gain on held-out data over its standard error.
 _SURELY = 2.0
@@ -41,6 +41,7 @@ def nominated(
     then. `declared`: the estimate of the declared model; `rows`: of the held-out data; `refit`: the estimate of a stage's model."""
     if selection.found:
         return selection, ""
+    best: tuple[float, Selection, str] | None = None
     for judged in selection.nearest[:_MOST]:
         lacking = -surplus(judged, selection.final.number)
         if lacking > _LACKING:
@@ -48,19 +49,19 @@ def nominated(
         one = _found(judged, selection.nearest, selection.final)
         stage = with_effects(selection.declared, [one.effect], selection.final, bank)
         grown, error = Change.of(declared, refit(stage), rows).on(np.ones(rows.robot.n, bool))
-        if -grown > max(_SURELY * error, lacking):
-            return replace(selection, final=stage, found=(one,)), (
+        if -grown > max(_SURELY * error, lacking, best[0] if best else 0.0):
+            said = (
                 f"{judged.hit.candidate} is what the data fitted suggest, with too little evidence to name it ({judged.evidence:.0f};"
                 f" {judged.evidence + lacking:.0f} is asked for); the data held out confirm it (the squared error over the noise falls by"
                 f" {-grown:.0f} ± {error:.0f}). So they had a part in the finding."
             )
-    return selection, ""
+            best = -grown, replace(selection, final=stage, found=(one,)), said
+    return (best[1], best[2]) if best else (selection, "")
 
 
 def _found(judged: Judged, every: Sequence[Judged], stage: Stage) -> Found:
-    """A candidate, and as its rivals whatever gains anything on the same rows."""
-    rows = acts_on(judged)
-    near = [judged, *(j for j in every if j is not judged and (acts_on(j) & rows).any())]
+    """A candidate, and as its rivals all the others: so little evidence hardly tells them apart."""
+    near = [judged, *(j for j in every if j is not judged)]
     effect = labelled(judged.hit.effect, stage.problem.model)
     own = replace(judged, hit=replace(judged.hit, effect=effect))
     return Found(own, tuple(near[1:]), weights(near, [occam(j.hit, stage.number) for j in near]))

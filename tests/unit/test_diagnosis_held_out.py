@@ -76,6 +76,21 @@ def test_what_does_harm_on_held_out_data_is_taken_back_and_said() -> None:
     assert kept.verdict == "explained"
 
 
+def test_held_out_data_confirm_what_the_fitted_ones_suggest_with_too_little_evidence() -> None:
+    """A fault of which a narrow motion shows next to nothing, a wider one more; where that one does not have it, nothing is said."""
+    fault = make_effect("asymmetric_viscous", joints="j2")
+    fit = prepared(31, [fault], [0.003], width=0.2)
+    model, _ = declared(fit.robot)
+    before = WeightedLeastSquares().solve(Problem(model, fit))
+    found = diagnose(before, prepared(32, [fault], [0.003], width=0.4))
+    assert [(f.name, f.joints) for f in found.findings] == [("asymmetric_viscous", ("j2",))]
+    assert any("asymmetric_viscous on j2" in w and "too little evidence" in w and "had a part" in w for w in found.warnings)
+    assert found.findings[0].parameters[0].value == pytest.approx(0.003, abs=3.0 * found.findings[0].parameters[0].std)
+    without = diagnose(before, prepared(32, [], [], width=0.4))
+    assert without.findings == ()
+    assert not any("too little evidence" in w for w in without.warnings)
+
+
 @pytest.mark.parametrize("name", ["linear_spring", "nonlinear_spring"])
 def test_held_out_motion_decides_between_rivals(name: str) -> None:
     """Springs that a narrow motion can hardly tell from each other, or from a tilted base; a wide one can."""
