@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .candidates import Candidate
 
 Array = np.ndarray
+#: Times that the model is saturated, each under the noise that the one before left.
 _ROUNDS = 3
 
 

@@ -18,7 +18,7 @@ from .acceptance import Found
 from .bank import Bank
 from .change import Change
 from .evidence import occam, surplus
-from .selection import Selection, labelled
+from .selection import Selection, relabelled
 from .stage import Stage, with_effects
 from .weights import weights
 
@@ -62,6 +62,5 @@ def nominated(
 def _found(judged: Judged, every: Sequence[Judged], stage: Stage) -> Found:
     """A candidate, and as its rivals all the others: so little evidence hardly tells them apart."""
     near = [judged, *(j for j in every if j is not judged)]
-    effect = labelled(judged.hit.effect, stage.problem.model)
-    own = replace(judged, hit=replace(judged.hit, effect=effect))
-    return Found(own, tuple(near[1:]), weights(near, [occam(j.hit, stage.number) for j in near]))
+    found = Found(judged, tuple(near[1:]), weights(near, [occam(j.hit, stage.number) for j in near]))
+    return relabelled(found, stage.problem.model)

@@ -111,7 +111,7 @@ def select(
             continue
         accepted[new.judged.hit.place] += 1
         say(f"accepted: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
-        found.append(_labelled(new, stage.problem.model))
+        found.append(relabelled(new, stage.problem.model))
         stage = with_effects(first, [f.effect for f in found], stage, bank)
         if len(found) > 1:
             rows = acts_on(found[-1].judged)
@@ -168,7 +168,7 @@ def _re_examined(
         if new.judged.hit.candidate.name != one.judged.hit.candidate.name or new.effect.joints != one.effect.joints:
             say(f"replaced: {one.judged.hit} by {new.judged.hit}")
             changed = True
-        new = _labelled(new, without.problem.model)
+        new = relabelled(new, without.problem.model)
         found = [new if f is one else f for f in found]
         stage = with_effects(first, [f.effect for f in found], stage, bank)
     return stage, found
@@ -222,7 +222,8 @@ def _judged_in(stage: Stage, found: Found) -> Found:
     )
 
 
-def _labelled(found: Found, model: Model) -> Found:
+def relabelled(found: Found, model: Model) -> Found:
+    """A finding whose effect goes without the label of candidates."""
     hit = found.judged.hit
     return replace(found, judged=replace(found.judged, hit=replace(hit, effect=labelled(hit.effect, model))))
 

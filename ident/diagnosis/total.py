@@ -79,14 +79,10 @@ def _slight(stage: Stage, problem: Problem, dependent: list[Effect]) -> bool:
     assert problem.reference is not None
     if own_loss(problem, stage.frame) - stage.frame.loss > _SLIGHT:
         return False  # not consistent with itself
-    names, robot = list(problem.model.names), problem.model.robot
-    fixed = {e: problem.reference[[names.index(p.name) for p in e.parameters(robot)]] for e in dependent}
-    values, rng = problem.base.base_values(problem.reference), np.random.default_rng(0)
-    torque = [
-        sum(_corrections(problem.with_reference(np.asarray(problem.base.expand(values + by))), fixed).values())
-        for by in (0.0 * values, *(stage.frame.transform @ rng.choice([-1.0, 1.0], (stage.frame.columns.shape[2], _DRAWS))).T)
-    ]
-    turned = np.stack([there - torque[0] for there in torque[1:]], axis=2)
+    fixed, transform = _own_values(problem, dependent), stage.frame.transform
+    along = transform @ np.random.default_rng(0).choice([-1.0, 1.0], (transform.shape[1], _DRAWS))
+    here, *there = (sum(_displaced(problem, fixed, by).values()) for by in (np.zeros(len(along)), *along.T))
+    turned = np.stack([torque - here for torque in there], axis=2)
     variance = stage.frame.loss / max(int(problem.signals.valid.sum()), 1)
     return float(np.sum(stage.frame.whitened(turned) ** 2)) / _DRAWS * max(variance, 1.0) < _SLIGHT
 
@@ -106,25 +102,21 @@ def _linearised(stage: Stage, problem: Problem, through: Array) -> tuple[Frame, 
 def _through_columns(stage: Stage, problem: Problem, dependent: list[Effect]) -> Array:
     """What base parameters change through the columns that depend on them, (M, n, k_base)."""
     assert problem.reference is not None
-    names, robot = list(problem.model.names), problem.model.robot
-    values, valid = problem.base.base_values(problem.reference), problem.signals.valid
+    valid = problem.signals.valid
     size = np.sqrt(np.einsum("ij,jk,ik->i", stage.frame.transform, stage.frame.inverse_gram, stage.frame.transform))
-    fixed = {e: problem.reference[[names.index(p.name) for p in e.parameters(robot)]] for e in dependent}
-
-    def moved(by: Array) -> dict[Effect, Array]:
-        return _corrections(problem.with_reference(np.asarray(problem.base.expand(values + by))), fixed)
-
-    here = moved(0.0 * values)
+    fixed = _own_values(problem, dependent)
+    here = _displaced(problem, fixed, 0.0 * size)
     along = size * np.random.default_rng(0).choice([-1.0, 1.0], len(size))
-    fixed = {e: v for e, v in fixed.items() if _smooth(here, moved(along), moved(-along), e)}
-    out = np.zeros((*valid.shape, len(values)))
+    there, opposite = (_displaced(problem, fixed, by) for by in (along, -along))
+    fixed = {e: v for e, v in fixed.items() if _smooth(here, there, opposite, e)}
+    out = np.zeros((*valid.shape, len(size)))
     if not fixed:
         return out
     before = sum(here[e] for e in fixed)
     for k in np.flatnonzero(size > 0.0):
-        by = np.zeros(len(values))
+        by = np.zeros(len(size))
         by[k] = size[k]
-        out[:, :, k] = np.where(valid, sum(moved(by).values()) - before, 0.0) / size[k]
+        out[:, :, k] = np.where(valid, sum(_displaced(problem, fixed, by).values()) - before, 0.0) / size[k]
     return out
 
 
@@ -134,7 +126,16 @@ def _smooth(here: dict[Effect, Array], there: dict[Effect, Array], opposite: dic
     return bool(np.sum(bend**2) <= _SMOOTH**2 * np.sum(slope**2))
 
 
-def _corrections(problem: Problem, values: dict[Effect, Array]) -> dict[Effect, Array]:
-    """Torque (M, n) of effects at `values`, their columns taken at the problem's reference."""
-    motions = Motions(problem)
+def _own_values(problem: Problem, effects: list[Effect]) -> dict[Effect, Array]:
+    """The values (k,) of effects' own parameters at the problem's reference."""
+    assert problem.reference is not None
+    names, robot = list(problem.model.names), problem.model.robot
+    return {e: problem.reference[[names.index(p.name) for p in e.parameters(robot)]] for e in effects}
+
+
+def _displaced(problem: Problem, values: dict[Effect, Array], by: Array) -> dict[Effect, Array]:
+    """Torque (M, n) of effects at `values`, their columns taken where base parameters lie `by` (k_base,) from the problem's reference."""
+    assert problem.reference is not None
+    at = problem.base.base_values(problem.reference) + by
+    motions = Motions(problem.with_reference(np.asarray(problem.base.expand(at))))
     return {e: motions.columns(e) @ v for e, v in values.items()}
