@@ -102,17 +102,18 @@ class Estimate:
 
     def predict(self, signals: Signals) -> Array:
         """Torque (M, n) on the measured side for prepared signals, filtered like their torque."""
-        return self._problem(signals).predict(self._structural_values)
+        return self.problem_on(signals).predict(self._structural_values)
 
     def residual(self, signals: Signals) -> Array:
         """Measured minus predicted torque (M, n), NaN in rows that are not used."""
-        return self._problem(signals).residual(self._structural_values)
+        return self.problem_on(signals).residual(self._structural_values)
 
     def torque_error(self, signals: Signals) -> TorqueError:
         """Torque error on prepared signals."""
         return TorqueError.of(self.residual(signals), signals.tau)
 
-    def _problem(self, signals: Signals) -> Problem:
+    def problem_on(self, signals: Signals) -> Problem:
+        """The estimate's model on prepared signals, as it was fitted: without rows near reversals of joints that stick."""
         from .problem import Problem
 
         return Problem(self.model, signals.without_turning(self.sticking), reference=self.all_values)

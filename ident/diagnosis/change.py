@@ -24,11 +24,10 @@ _SURELY = 2.0
 _SHARE = 0.4
 
 
-def squared_errors(one: Estimate, other: Estimate, signals: Signals) -> tuple[Array, Array]:
-    """Sums of squared errors (blocks of time, n) of two estimates, on the rows that both use."""
-    residuals = [e.residual(signals) for e in (one, other)]
-    common = np.isfinite(residuals[0]) & np.isfinite(residuals[1])
-    squares = [np.where(common, r, 0.0) ** 2 for r in residuals]
+def squared_errors(one: Array, other: Array, signals: Signals) -> tuple[Array, Array]:
+    """Sums of squares (blocks of time, n) of the residuals (M, n) that two models leave, on the rows that both use."""
+    common = np.isfinite(one) & np.isfinite(other)
+    squares = [np.where(common, r, 0.0) ** 2 for r in (one, other)]
     parts = [p for run in signals.row_runs for p in np.array_split(np.arange(run.start, run.stop), _BLOCKS) if len(p)]
     first, second = (np.array([s[p].sum(axis=0) for p in parts]) for s in squares)
     return first, second
@@ -45,7 +44,7 @@ class Change:
 
     @classmethod
     def of(cls, before: Estimate, after: Estimate, signals: Signals) -> Change:
-        first, second = squared_errors(before, after, signals)
+        first, second = squared_errors(before.residual(signals), after.residual(signals), signals)
         return cls(second - first, first.sum(axis=0), after.fit_error.rms)
 
     def on(self, joints: Array) -> tuple[float, float]:

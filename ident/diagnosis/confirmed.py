@@ -19,6 +19,7 @@ from .findings import Unexplained
 from .nominated import nominated
 from .selection import Selection
 from .stage import Stage, with_effects
+from .stand_in import stand_in
 
 if TYPE_CHECKING:
     from ..effect import Effect
@@ -56,18 +57,20 @@ def last_word(
     unexplained, warning = refusals(kept)
     names = kept.after.model.robot.joint_names
     unexplained += tuple(_unseen(f, names) for f in kept.unseen)
-    said = (*([confirms] if confirms else []), *contest.said, *([warning] if warning else []))
+    said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []))
     return LastWord(kept.selection, kept.after, unexplained, tuple(f.effect for f in kept.unseen), said)
 
 
 @dataclass(frozen=True, eq=False)
 class Confirmed:
-    """The selection without what does harm, the estimate of its model, what was refused, and what was kept but gains nothing."""
+    """The selection without what does harm, the estimate of its model, what was refused, what was kept but gains nothing, and what is to
+    be said."""
 
     selection: Selection
     after: Estimate
     refused: tuple[Found, ...] = ()
     unseen: tuple[Found, ...] = ()
+    said: tuple[str, ...] = ()
 
 
 def confirmed(
@@ -82,9 +85,9 @@ def confirmed(
 
     `after`: the estimate of the selection's model; `rows`: of the held-out data. `refit`: the estimate of a stage's model on all rows
     but those near reversals of some joints. First on all rows; if that does harm, without those near reversals of the joints of the
-    findings, which were not looked at when the findings were chosen either. A strong finding on whose joints nothing is gained, nor lost,
-    stays: the held-out data may not hold what shows it."""
-    found, stage, refused = list(selection.found), selection.final, list[Found]()
+    findings, which were not looked at when the findings were chosen either. A rival that helps takes the place of what does harm. A
+    strong finding on whose joints nothing is gained, nor lost, stays: the held-out data may not hold what shows it."""
+    found, stage, refused, said = list(selection.found), selection.final, list[Found](), list[str]()
     names = np.array(declared.model.robot.joint_names)
 
     def without(one: Found) -> Estimate:
@@ -93,10 +96,10 @@ def confirmed(
 
     while found:
         at = [acts_on(f.judged) for f in found]
-        if refused:
+        if refused or said:
             after = refit(stage, ())
         change = Change.of(declared, after, rows)
-        if change.harms(found) and (not refused or len(found) == 1):
+        if change.harms(found) and (not (refused or said) or len(found) == 1):
             after = refit(stage, tuple(names[np.any(at, axis=0)].tolist()))
             change = Change.of(declared, after, rows)
         harmful, unseen = change.harms(found), list[Found]()
@@ -109,12 +112,17 @@ def confirmed(
             if grown >= 0.0:
                 unseen.append(f)
         if not harmful:
-            return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused), tuple(unseen))
+            return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused), tuple(unseen), tuple(said))
         worst = harmful[0] if len(harmful) == 1 else _to_blame(harmful, without, declared, rows)
+        other = stand_in(selection, bank, declared, without(worst), rows, lambda s: refit(s, ()), stage, found, found.index(worst))
+        if other is not None and len(said) < len(selection.found):
+            found, stage, why = other
+            said.append(why)
+            continue
         refused.append(worst)
         found = [f for f in found if f is not worst]
         stage = with_effects(selection.declared, [f.effect for f in found], stage, bank) if found else selection.declared
-    return Confirmed(replace(selection, final=stage, found=()), declared, tuple(refused))
+    return Confirmed(replace(selection, final=stage, found=()), declared, tuple(refused), (), tuple(said))
 
 
 def _to_blame(harmful: Sequence[Found], without: Callable[[Found], Estimate], declared: Estimate, rows: Signals) -> Found:

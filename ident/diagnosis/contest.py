@@ -15,6 +15,7 @@ from ..effect import Effect
 from .acceptance import Found
 from .bank import Bank
 from .change import inverse_squares, squared_errors
+from .foretelling import Foretelling
 from .precision import settled
 from .search import Hit
 from .selection import Selection, labelled
@@ -56,43 +57,36 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
     said: list[str] = []
     for i in range(len(found) if len(found) <= _FEW else 0):
         one = found[i]
-        arena = _Arena(selection, bank, held, refit, stage, tuple(f.effect for f in found), i, after)
-        entries = [arena.entry(0, one.judged.hit), *(arena.entry(k + 1, one.rivals[k].hit) for k in _contenders(one))]
-        winner, logs, lines = _decided(one, entries, held)
+        arena = Arena(selection, bank, held, refit, stage, tuple(f.effect for f in found), i, after)
+        entries = [arena.entry(0, one.judged.hit), *(arena.entry(k + 1, one.rivals[k].hit) for k in contenders(one))]
+        winner, logs, lines = _decided(one, entries)
         said += lines
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
         if not winner.place:
             found[i] = replace(one, weights=weights)
             continue
-        stage, own = _settled(selection, winner.effects, stage, bank)
+        stage, own = settled_with(selection, winner.effects, stage, bank)
         after = refit(stage)
-        new = one.rivals[winner.place - 1]
+        found, new = standing_in(found, i, winner.place, weights, own, stage)
         said.append(
-            f"{new.hit.candidate} takes the place of {one.judged.hit.candidate}: the data fitted hardly tell them apart, those"
+            f"{new.judged.hit.candidate} takes the place of {one.judged.hit.candidate}: the data fitted hardly tell them apart, those"
             " held out do. So the error on these is that of the better of two, not of one chosen without them."
         )
-        order = [winner.place, *(k for k in range(len(logs)) if k != winner.place)]
-        everything = (one.judged, *one.rivals)
-        found[i] = Found(new, tuple(everything[k] for k in order[1:]), weights[order])
-        found = [
-            replace(f, judged=replace(f.judged, hit=replace(f.judged.hit, effect=e, columns=stage.search.whitened(e))))
-            for f, e in zip(found, own, strict=True)
-        ]
     return Contest(replace(selection, final=stage, found=tuple(found)), after, tuple(said))
 
 
 @dataclass(frozen=True, eq=False)
-class _Entry:
+class Entry:
     """The model with one in the place of a finding: `place` 0 is the finding itself, then its rivals in their order."""
 
     place: int
     effects: tuple[Effect, ...]
-    estimate: Estimate
+    foretelling: Foretelling
 
 
 @dataclass(frozen=True, eq=False)
-class _Arena:
+class Arena:
     """Where rivals stand in for one another: the `turn`th of the `effects` of a `stage`, `after` its estimate."""
 
     selection: Selection
@@ -104,22 +98,22 @@ class _Arena:
     turn: int
     after: Estimate
 
-    def entry(self, place: int, hit: Hit) -> _Entry:
+    def entry(self, place: int, hit: Hit) -> Entry:
         """A hit in this place, at that of its likely shapes which foretells the held-out data best."""
-        found = [_Entry(0, self.effects, self.after)] if place == 0 else [self._with(place, hit.effect)]
+        found = [Entry(0, self.effects, Foretelling(self.after, self.held))] if place == 0 else [self._with(place, hit.effect)]
         found += [self._with(place, effect) for effect in self._as_likely(hit)]
-        return min(found, key=lambda e: self._error(e.estimate)) if len(found) > 1 else found[0]
+        return min(found, key=self._error) if len(found) > 1 else found[0]
 
     @property
     def _others(self) -> list[Effect]:
         return [*self.effects[: self.turn], *self.effects[self.turn + 1 :]]
 
-    def _with(self, place: int, effect: Effect) -> _Entry:
+    def _with(self, place: int, effect: Effect) -> Entry:
         others = self._others
         own = labelled(effect, self.selection.declared.problem.model, others)
         effects = (*others[: self.turn], own, *others[self.turn :])
         there = with_effects(self.selection.declared, effects, self.stage, self.bank, self.stage.search.candidates)
-        return _Entry(place, effects, self.refit(there))
+        return Entry(place, effects, Foretelling(self.refit(there), self.held))
 
     def _as_likely(self, hit: Hit) -> list[Effect]:
         """Other shapes of a hit's grid that do as well, where the data fitted hardly tell its shape: held-out data may."""
@@ -129,13 +123,13 @@ class _Arena:
         own = [h for h in (beside.search.hit(hit.candidate, e) for e in hit.candidate.variants) if h.fit_gain > hit.fit_gain - _LOOSE]
         return [own[i].effect for i in np.unique(np.linspace(0, len(own) - 1, _SHAPES).astype(int)) if own]
 
-    def _error(self, one: Estimate) -> float:
+    def _error(self, one: Entry) -> float:
         """Squared error on held-out data, each joint's over its noise."""
         weight = inverse_squares(self.after.fit_error.rms)
-        return float((squared_errors(one, self.after, self.held)[0] @ weight).sum())
+        return float((np.nansum(one.foretelling.residual**2, axis=0) @ weight).sum())
 
 
-def _decided(one: Found, entries: Sequence[_Entry], held: Signals) -> tuple[_Entry, Array, list[str]]:
+def _decided(one: Found, entries: Sequence[Entry]) -> tuple[Entry, Array, list[str]]:
     """Which of the entries of a contest wins, the logarithm of the probability of each of them and of the rivals that did not enter (up to
     a constant), and what is to be said. Each is set against the best so far, in the end all against the winner."""
     logs, lines = np.log(np.maximum(one.weights, 1e-12)), list[str]()
@@ -144,22 +138,22 @@ def _decided(one: Found, entries: Sequence[_Entry], held: Signals) -> tuple[_Ent
     likely[entered] = np.maximum(logs[entered], np.log(_LIKELY))
     best, ahead = entries[0], 0.0
     for entry in entries[1:]:
-        better = _odds(best.estimate, entry.estimate, held)
+        better = _odds(best.foretelling, entry.foretelling)
         if better != 0.0 and likely[entry.place] + better > likely[best.place]:
             best, ahead = entry, ahead + better
     for entry in entries:
-        better = _odds(best.estimate, entry.estimate, held) if entry is not best else 0.0
+        better = _odds(best.foretelling, entry.foretelling) if entry is not best else 0.0
         logs[entry.place] = (likely if better != 0.0 or entry is best else logs)[entry.place] + ahead + better
         if better < 0.0:
             lines.append(f"{_named(one, best)} foretells the held-out data clearly better than {_named(one, entry)}")
     return best, logs, lines
 
 
-def _named(one: Found, entry: _Entry) -> str:
+def _named(one: Found, entry: Entry) -> str:
     return str((one.judged, *one.rivals)[entry.place].hit.candidate)
 
 
-def _contenders(one: Found) -> list[int]:
+def contenders(one: Found) -> list[int]:
     """Indices of the rivals worth looking at, the likeliest first; each thing at each place once."""
     seen, out = {one.judged.hit.place}, list[int]()
     for k, (rival, weight) in enumerate(zip(one.rivals, one.weights[1:], strict=True)):
@@ -169,7 +163,7 @@ def _contenders(one: Found) -> list[int]:
     return out[:_MOST]
 
 
-def _settled(selection: Selection, effects: Sequence[Effect], like: Stage, bank: Bank) -> tuple[Stage, tuple[Effect, ...]]:
+def settled_with(selection: Selection, effects: Sequence[Effect], like: Stage, bank: Bank) -> tuple[Stage, tuple[Effect, ...]]:
     """The declared model with effects, at the shapes that fit best together."""
     among = like.search.candidates
 
@@ -179,13 +173,30 @@ def _settled(selection: Selection, effects: Sequence[Effect], like: Stage, bank:
     return settled(rebuilt(effects), effects, rebuilt)
 
 
-def _odds(one: Estimate, other: Estimate, signals: Signals) -> float:
+def standing_in(
+    found: Sequence[Found], turn: int, place: int, weights: Array, effects: Sequence[Effect], stage: Stage
+) -> tuple[list[Found], Found]:
+    """Findings with the `place`th of what was judged in the `turn`th place (0: the finding itself) standing there, and that one. `weights`
+    of all that was judged there, in its order; `effects` of all findings, as they are in the `stage`."""
+    one = found[turn]
+    everything, order = (one.judged, *one.rivals), [place, *(k for k in range(len(weights)) if k != place)]
+    new = Found(everything[place], tuple(everything[k] for k in order[1:]), weights[order])
+    others = [*found[:turn], new, *found[turn + 1 :]]
+    out = [
+        replace(f, judged=replace(f.judged, hit=replace(f.judged.hit, effect=e, columns=stage.search.whitened(e))))
+        for f, e in zip(others, effects, strict=True)
+    ]
+    return out, out[turn]
+
+
+def _odds(one: Foretelling, other: Foretelling) -> float:
     """Logarithm of the odds for the other that held-out data give; 0 where they do not decide."""
-    scale = np.fmin(one.fit_error.rms, other.fit_error.rms)
+    scale = np.fmin(one.estimate.fit_error.rms, other.estimate.fit_error.rms)
     weight = inverse_squares(scale)
-    first, second = (blocks * weight for blocks in squared_errors(one, other, signals))
+    (left, price), (others, others_price) = (f.allowing(weight) for f in (one, other))
+    first, second = (blocks * weight for blocks in squared_errors(left, others, one.signals))
     better = (first - second).sum(axis=1)
-    error, gain = float(np.sqrt(np.sum((better - better.mean()) ** 2))), float(better.sum())
+    error, gain = float(np.sqrt(np.sum((better - better.mean()) ** 2))), float(better.sum() + price - others_price)
     # A share of what is left on those joints where the two differ.
     apart = np.abs((first - second).sum(axis=0))
     there = float(np.minimum(first, second).sum(axis=0) @ apart / max(float(apart.sum()), 1e-300))

@@ -17,6 +17,7 @@ from ident.diagnosis.acceptance import Found
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.change import Change
 from ident.diagnosis.consistent import consistent
+from ident.diagnosis.foretelling import Foretelling
 from ident.diagnosis.motions import Motions
 from ident.diagnosis.precision import found_parameters
 from ident.diagnosis.search import Search
@@ -74,6 +75,26 @@ def test_what_does_harm_on_held_out_data_is_taken_back_and_said() -> None:
     kept = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), prepared(2, [step], [1.0]))
     assert [(f.name, f.joints) for f in kept.findings] == [("offset_step", ("j2",))]
     assert kept.verdict == "explained"
+
+
+def test_what_an_estimate_foretells_as_far_as_its_parameters_are_known() -> None:
+    """Against the density of held-out torque itself: normal, of covariance σ² I + Φ P Φᵀ on the rows of all joints."""
+    fit, held = prepared(5, [], [], width=0.3, noise=0.3), prepared(6, [], [], noise=0.3)
+    model, _ = declared(fit.robot)
+    estimate = WeightedLeastSquares().solve(Problem(model, fit))
+    scale = estimate.fit_error.rms
+    own = estimate.problem_on(held)
+    usable = np.flatnonzero(held.valid.all(axis=1))
+    chosen = usable[np.linspace(0, len(usable) - 1, 60).astype(int)]
+    few = replace(held, valid=held.valid & np.isin(np.arange(len(held.tau)), chosen)[:, None])
+    columns = np.concatenate([r.columns for r in own.rows()]) @ model.base.regroup[:, list(estimate.base.independent)]
+    phi = (columns[chosen] / scale[:, None]).reshape(-1, columns.shape[2])
+    r = (estimate.residual(held)[chosen] / scale).ravel()
+    spread = np.eye(len(r)) + phi @ estimate.covariance @ phi.T
+    exact = r @ np.linalg.solve(spread, r) + np.linalg.slogdet(spread)[1]
+    left, price = Foretelling(estimate, few).allowing(1.0 / scale**2)
+    assert np.nansum((left / scale) ** 2) + price == pytest.approx(exact, rel=1e-9)
+    assert price > 1.0
 
 
 def test_held_out_data_confirm_what_the_fitted_ones_suggest_with_too_little_evidence() -> None:

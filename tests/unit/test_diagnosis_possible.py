@@ -14,8 +14,9 @@ from test_diagnosis_parts import NOISE, rebuilt, recorded, stage_of
 
 from ident.diagnosis.acceptance import Found
 from ident.diagnosis.candidates import Candidate
-from ident.diagnosis.contest import _decided, _Entry
+from ident.diagnosis.contest import Entry, _decided
 from ident.diagnosis.findings import _finding, _inexact
+from ident.diagnosis.foretelling import Foretelling
 from ident.diagnosis.irregular import _bursts
 from ident.diagnosis.light import too_light
 from ident.diagnosis.plausible import driven_out, driven_out_on, implausible
@@ -29,7 +30,7 @@ from ident.effect import Effect, make_effect
 from ident.estimate import Estimate
 from ident.logs import LogSet
 from ident.problem import Problem
-from ident.signals import Signals, ZeroPhase
+from ident.signals import ZeroPhase
 
 Array = np.ndarray
 
@@ -232,20 +233,21 @@ def test_what_held_out_data_say_is_told_of_the_winner() -> None:
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(2000, 1))
 
-    def entry(place: int, error: float) -> _Entry:
+    def entry(place: int, error: float) -> Entry:
         extra = error * np.sin(np.arange(2000.0))[:, None]
-        fake = SimpleNamespace(fit_error=SimpleNamespace(rms=np.ones(1)), residual=lambda _: noise + extra)
-        return _Entry(place, [], cast(Estimate, fake))
+        fake = SimpleNamespace(estimate=SimpleNamespace(fit_error=SimpleNamespace(rms=np.ones(1))), residual=noise + extra, signals=held)
+        fake.allowing = lambda _: (fake.residual, 0.0)
+        return Entry(place, (), cast(Foretelling, fake))
 
-    held = cast(Signals, SimpleNamespace(row_runs=(slice(0, 2000),)))
-    winner, logs, lines = _decided(one, [entry(0, 1.0), entry(1, 0.7), entry(2, 0.1)], held)
+    held = SimpleNamespace(row_runs=(slice(0, 2000),))
+    winner, logs, lines = _decided(one, [entry(0, 1.0), entry(1, 0.7), entry(2, 0.1)])
     assert winner.place == 2
     assert int(np.argmax(logs)) == 2
     assert logs[1] < logs[2] - 5.0
     assert logs[0] < logs[2] - 5.0
     assert logs[3] == pytest.approx(np.log(0.05))
     assert len(lines) == 2
-    alone, logs, lines = _decided(one, [entry(0, 0.1), entry(1, 0.1)], held)
+    alone, logs, lines = _decided(one, [entry(0, 0.1), entry(1, 0.1)])
     assert alone.place == 0
     assert lines == []
     np.testing.assert_allclose(logs, np.log(one.weights))
