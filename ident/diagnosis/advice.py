@@ -42,3 +42,9 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
     if verdict in ("unexplained", "ambiguous") and finding.confidence < 0.5:
         return f"{title} explains a part only; take it as a hint, and look at what is left before acting on it."
     return f"Add {finding.name}{on(finding.place)} to the declared model ({title})."
+
+
+def advice_to_confirm(finding: Finding) -> str:
+    """What to do before a finding is relied on that held-out data do not show beyond chance."""
+    motion = _MOTION[finding.effect.axis].format(joint=finding.joints[0] if finding.joints else "every joint")
+    return f"{finding.effect.title}: the data held out do not show it beyond chance; {motion}, and validate on that."

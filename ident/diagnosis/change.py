@@ -20,7 +20,7 @@ Array = np.ndarray
 _BLOCKS = 20
 #: A joint's squared error grows if it does so by so many standard errors over the blocks, and by this share: what little an effect that was
 #: found elsewhere moves is the price of refitting all parameters with it.
-_SURELY = 2.0
+SURELY = 2.0
 _SHARE = 0.4
 
 
@@ -61,7 +61,7 @@ class Change:
         """Findings that are to blame: on joints whose error grows beyond chance; else, if the sum over all joints, each over its noise,
         grows by more than its standard error, on those that make up most of it."""
         total, scatter = self.grows.sum(axis=0), np.sqrt((self.grows**2).sum(axis=0))
-        worse = (total > _SURELY * scatter) & (total > _SHARE * self.before)
+        worse = (total > SURELY * scatter) & (total > _SHARE * self.before)
         # Joints in newton metres and joints in newtons are compared over their noise.
         weighed = self.grows * inverse_squares(self.noise)
         whole, total = weighed.sum(axis=1), weighed.sum(axis=0)

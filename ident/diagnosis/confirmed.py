@@ -12,7 +12,7 @@ from ..places import on, place_of
 from .acceptance import Found
 from .analysis import without_reversals
 from .bank import Bank
-from .change import Change
+from .change import SURELY, Change
 from .contest import contested
 from .evidence import WEAK, acts_on
 from .findings import Unexplained
@@ -31,13 +31,14 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class LastWord:
-    """What is left of a selection, the estimate of its model, what was taken back, and what is to be said about it. `doubted`: findings
-    that stay, though held-out data do not show them."""
+    """What is left of a selection, the estimate of its model, what was taken back, and what is to be said about it. `unseen`: findings that
+    stay, though held-out data do not show them; `faint`: those that they show no more clearly than chance might."""
 
     selection: Selection
     after: Estimate
     unexplained: tuple[Unexplained, ...] = ()
-    doubted: tuple[Effect, ...] = ()
+    unseen: tuple[Effect, ...] = ()
+    faint: tuple[Effect, ...] = ()
     said: tuple[str, ...] = ()
 
 
@@ -55,21 +56,21 @@ def last_word(
     contest = contested(selection, bank, rows, lambda stage: refit(stage, ()))
     kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit)
     unexplained, warning = refusals(kept)
-    names = kept.after.model.robot.joint_names
-    unexplained += tuple(_unseen(f, names) for f in kept.unseen)
-    said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []))
-    return LastWord(kept.selection, kept.after, unexplained, tuple(f.effect for f in kept.unseen), said)
+    said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []), *_not_shown(kept))
+    unseen, faint = (tuple(f.effect for f in some) for some in (kept.unseen, kept.faint))
+    return LastWord(kept.selection, kept.after, unexplained, unseen, faint, said)
 
 
 @dataclass(frozen=True, eq=False)
 class Confirmed:
-    """The selection without what does harm, the estimate of its model, what was refused, what was kept but gains nothing, and what is to
-    be said."""
+    """The selection without what does harm, the estimate of its model, what was refused, what was kept but gains nothing, what gains no
+    more than chance might, and what is to be said."""
 
     selection: Selection
     after: Estimate
     refused: tuple[Found, ...] = ()
     unseen: tuple[Found, ...] = ()
+    faint: tuple[Found, ...] = ()
     said: tuple[str, ...] = ()
 
 
@@ -102,17 +103,21 @@ def confirmed(
         if change.harms(found) and (not (refused or said) or len(found) == 1):
             after = refit(stage, tuple(names[np.any(at, axis=0)].tolist()))
             change = Change.of(declared, after, rows)
-        harmful, unseen = change.harms(found), list[Found]()
-        for f in () if harmful else sorted(change.doubtful(found), key=lambda f: f.judged.evidence):
+        harmful, unseen, faint = change.harms(found), list[Found](), list[Found]()
+        doubtful = change.doubtful(found)
+        for f in () if harmful else sorted(found, key=lambda f: f.judged.evidence):
             # What is gained elsewhere, by parameters that are free of a bias now, counts as well: compared with the model without it.
             grown, error = Change.of(without(f), after, rows).on(np.ones(len(names), bool))
-            if grown >= 0.0 and (grown > error or f.judged.evidence < WEAK):
-                harmful = [f]
-                break
-            if grown >= 0.0:
+            if f in doubtful and grown >= 0.0:
+                if grown > error or f.judged.evidence < WEAK:
+                    harmful = [f]
+                    break
                 unseen.append(f)
+            elif -grown <= min(SURELY * error, WEAK):
+                faint.append(f)
         if not harmful:
-            return Confirmed(replace(selection, final=stage, found=tuple(found)), after, tuple(refused), tuple(unseen), tuple(said))
+            left = replace(selection, final=stage, found=tuple(found))
+            return Confirmed(left, after, tuple(refused), tuple(unseen), tuple(faint), tuple(said))
         worst = harmful[0] if len(harmful) == 1 else _to_blame(harmful, without, declared, rows)
         other = stand_in(selection, bank, declared, without(worst), rows, lambda s: refit(s, ()), stage, found, found.index(worst))
         if other is not None and len(said) < len(selection.found):
@@ -122,7 +127,7 @@ def confirmed(
         refused.append(worst)
         found = [f for f in found if f is not worst]
         stage = with_effects(selection.declared, [f.effect for f in found], stage, bank) if found else selection.declared
-    return Confirmed(replace(selection, final=stage, found=()), declared, tuple(refused), (), tuple(said))
+    return Confirmed(replace(selection, final=stage, found=()), declared, tuple(refused), said=tuple(said))
 
 
 def _to_blame(harmful: Sequence[Found], without: Callable[[Found], Estimate], declared: Estimate, rows: Signals) -> Found:
@@ -130,10 +135,17 @@ def _to_blame(harmful: Sequence[Found], without: Callable[[Found], Estimate], de
     return min(harmful, key=lambda one: Change.of(declared, without(one), rows).shares)
 
 
-def _unseen(one: Found, names: Sequence[str]) -> Unexplained:
-    return _not_borne_out(
-        one, names, "but the held-out data do not show it: the error there is no lower with it; log another motion before it is relied on"
-    )
+def _not_shown(confirmed: Confirmed) -> list[str]:
+    """What is to be said of findings that held-out data do not show, or hardly."""
+    return [
+        f"{f.judged.hit.candidate} is in the data fitted (evidence {f.judged.evidence:.0f}), but the data held out {what}; log another"
+        " motion before it is relied on."
+        for some, what in (
+            (confirmed.unseen, "do not show it: the error there is no lower with it"),
+            (confirmed.faint, "show it no more clearly than chance might"),
+        )
+        for f in some
+    ]
 
 
 def refusals(confirmed: Confirmed) -> tuple[tuple[Unexplained, ...], str]:
@@ -144,14 +156,16 @@ def refusals(confirmed: Confirmed) -> tuple[tuple[Unexplained, ...], str]:
     names = ", ".join(f"{f.effect.name}{on(place_of(f.effect, f.judged.hit.candidate.joints))}" for f in refused)
     if sum(f.judged.evidence for f in refused) < WEAK:
         return (), f"a weak sign of {names} was dropped: it does not lower the error on held-out data."
-    why = "but not on held-out data, and was taken back: what is there is something else, or does not last; a longer log would tell"
     return (
-        tuple(_not_borne_out(f, joints, why) for f in refused),
+        tuple(_not_borne_out(f, joints) for f in refused),
         f"taken back, because the error on held-out data is no lower with it: {names}.",
     )
 
 
-def _not_borne_out(one: Found, names: Sequence[str], why: str) -> Unexplained:
+def _not_borne_out(one: Found, names: Sequence[str]) -> Unexplained:
     joints = [names[j] for j in acts_on(one.judged).nonzero()[0].tolist()]
-    said = f"{', '.join(joints)}: {one.effect.name} lowers the error on the data fitted (evidence {one.judged.evidence:.0f}), {why}"
+    said = (
+        f"{', '.join(joints)}: {one.effect.name} lowers the error on the data fitted (evidence {one.judged.evidence:.0f}), but not on"
+        " held-out data, and was taken back: what is there is something else, or does not last; a longer log would tell"
+    )
     return Unexplained(joints[0], "held-out data", said, one.judged.evidence)

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..results import result
 from ..torque_error import number
-from .advice import advice_for
+from .advice import advice_for, advice_to_confirm
 from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .bank import Bank
 from .carried import without_carried
@@ -166,14 +166,20 @@ def diagnose(
         verdict, unexplained = "unexplained", (*unexplained, *last.unexplained)
     if plain := (*jumps(wide), *lost(wide), *(apart(after, wide, held) if held is not None else ())):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
+    if verdict == "explained" and (last.unseen or last.faint):  # the name may be right; the data held out do not say so
+        verdict = "ambiguous"
     bad = {u.joint for u in plain}
     findings = tuple(
         replace(f, confidence=_UNHELPFUL * f.confidence)
-        if (bad and (not f.joints or bad & set(f.joints))) or f.effect in last.doubted
+        if (bad and (not f.joints or bad & set(f.joints))) or f.effect in last.unseen
         else f
         for f in findings
     )
-    findings = tuple(replace(f, advice=advice_for(f, before.model.robot, verdict)) for f in findings)
+    vague = (*last.unseen, *last.faint)
+    findings = tuple(
+        replace(f, advice=advice_to_confirm(f) if f.effect in vague and not f.ambiguous else advice_for(f, before.model.robot, verdict))
+        for f in findings
+    )
     tell(1.0)
     said = list(last.said)
     if seen is not every:

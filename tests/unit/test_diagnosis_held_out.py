@@ -112,6 +112,21 @@ def test_held_out_data_confirm_what_the_fitted_ones_suggest_with_too_little_evid
     assert not any("too little evidence" in w for w in without.warnings)
 
 
+def test_what_held_out_data_are_too_few_to_show_is_ambiguous_and_said() -> None:
+    fault = make_effect("asymmetric_viscous", joints="j2")
+    fit, held = (prepared(seed, [fault], [0.002], width=0.5) for seed in (31, 32))
+    model, _ = declared(fit.robot)
+    before = WeightedLeastSquares().solve(Problem(model, fit))
+    found = diagnose(before, held.select_rows([slice(300, 312)]))
+    assert [(f.name, f.joints) for f in found.findings] == [("asymmetric_viscous", ("j2",))]
+    assert found.verdict == "ambiguous"
+    assert "validate on that" in found.findings[0].advice
+    assert any("asymmetric_viscous on j2 is in the data fitted" in w and "another motion" in w for w in found.warnings)
+    enough = diagnose(before, held.select_rows([slice(0, 100)]))
+    assert enough.verdict == "explained"
+    assert not any("another motion" in w for w in enough.warnings)
+
+
 @pytest.mark.parametrize("name", ["linear_spring", "nonlinear_spring"])
 def test_held_out_motion_decides_between_rivals(name: str) -> None:
     """Springs that a narrow motion can hardly tell from each other, or from a tilted base; a wide one can."""
