@@ -97,6 +97,8 @@ class Effect(ABC):
     per_joint: ClassVar[bool] = True
     #: Whether one cause may put it on all joints alike (one clock for all readings): then it is sought on all of them at once as well.
     everywhere: ClassVar[bool] = False
+    #: Whether every drive has it: where several joints ask for it, each with a value of its own, they are given it together.
+    usual: ClassVar[bool] = False
     #: Effects of one such kind are forms of the same thing: a joint has one of them at most ("": it stands for itself).
     form_of: ClassVar[str] = ""
     #: Whether it acts now and then, but hard (knocks): a plain fit of a model without it is bent by that.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Parameters may lie beyond a bound by this many of their standard deviations before a candidate is dropped for it; those of the declared
 #: model by this share of what they were, too.
-_BEYOND = 3.0
+BEYOND = 3.0
 _OF_ITSELF = 1.0
 #: Share of a gain on several joints that one thing on all of them must have.
 _AS_ONE = 0.6
@@ -32,7 +32,7 @@ def implausible(effect: Effect, values: Array, std: Array, robot: Robot, kept: f
         return ""
     parameters = effect.parameters(robot)
     for p, value, s in zip(parameters, values, std, strict=True):
-        if value < p.lower - _BEYOND * s or value > p.upper + _BEYOND * s:
+        if value < p.lower - BEYOND * s or value > p.upper + BEYOND * s:
             return f"{p.name} = {value:.4g} {p.unit} is beyond its bound"
         if p.lower == 0.0 and value <= 0.0 and len(parameters) == 1:
             return f"{p.name} = {value:.4g} {p.unit} must be positive"
@@ -69,7 +69,7 @@ def _bounded(frame: Frame) -> list[int]:
 def _out(before: Array, after: Array, T: Array, covariance: Array) -> list[int]:
     """Places at which values are beyond zero, surely and by their own size, that were not; the surest first."""
     std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", T, covariance, T), 0.0))
-    out = np.flatnonzero((before >= 0.0) & (after < -_BEYOND * std - _OF_ITSELF * before))
+    out = np.flatnonzero((before >= 0.0) & (after < -BEYOND * std - _OF_ITSELF * before))
     return sorted(out.tolist(), key=lambda i: after[i] / max(std[i], 1e-300))
 
 

@@ -14,6 +14,7 @@ from ..model import Model
 from .acceptance import Found, chosen, undecoyed
 from .bank import Bank
 from .evidence import acts_on, surplus, threshold
+from .grouped import groups
 from .plausible import driven_out_on, implausible
 from .precision import kept, settled, support, unbound
 from .search import Hit, Judged
@@ -48,6 +49,7 @@ def ranked(
     """The best candidates beside a stage's model, refined and judged, the largest surplus first. `also`: further hits; `joints`: of
     candidates on these joints alone."""
     hits = stage.search.scan(progress, joints)
+    hits += groups(stage.search, hits, stage.number)
     worth = {id(h): max(h.fit_gain, h.promise) - threshold(h, stage.number) for h in hits}
     hits.sort(key=lambda h: -worth[id(h)])
     # Where many do as well as the best, none of them is left out for its place in the order.
@@ -203,7 +205,7 @@ def settled_together(first: Stage, stage: Stage, found: list[Found], bank: Bank,
 
 def _hit_in(stage: Stage, found: Found) -> Hit | None:
     """A finding as a hit of another stage."""
-    for candidate in stage.search.candidates:
+    for candidate in (*stage.search.candidates, found.judged.hit.candidate):
         variant = candidate.variants[0]
         if type(variant) is type(found.effect) and variant.joints == found.effect.joints:
             shape = {p.name: getattr(found.effect, p.name) for p in variant.shape()}

@@ -22,6 +22,7 @@ class RotorInertia(JointEffect):
     name: ClassVar[str] = "rotor_inertia"
     title: ClassVar[str] = "rotor inertia"
     axis: ClassVar[Axis] = Axis.ACCELERATION
+    usual: ClassVar[bool] = True
     symbols = (("Ia", "{inertia}", 0.0),)
     factors = (Factor.ACCELERATION,)
 
@@ -37,6 +38,7 @@ class Viscous(JointEffect):
     name: ClassVar[str] = "viscous"
     title: ClassVar[str] = "viscous friction"
     axis: ClassVar[Axis] = Axis.VELOCITY
+    usual: ClassVar[bool] = True
     nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("Fv", "{tau} s/{q}", 0.0),)
     factors = (Factor.SPEED,)
@@ -53,6 +55,7 @@ class Coulomb(JointEffect):
     name: ClassVar[str] = "coulomb"
     title: ClassVar[str] = "Coulomb friction"
     axis: ClassVar[Axis] = Axis.VELOCITY
+    usual: ClassVar[bool] = True
     nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("Fc", "{tau}", 0.0),)
     factors = (Factor.DIRECTION,)
