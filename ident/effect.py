@@ -97,7 +97,7 @@ class Effect(ABC):
     per_joint: ClassVar[bool] = True
     #: Whether one cause may put it on all joints alike (one clock for all readings): then it is sought on all of them at once as well.
     everywhere: ClassVar[bool] = False
-    #: Whether every drive has it: where several joints ask for it, each with a value of its own, they are given it together.
+    #: Whether a robot that has it on one joint mostly has it on all: joints that ask for it, each with a value of its own, get it together.
     usual: ClassVar[bool] = False
     #: Effects of one such kind are forms of the same thing: a joint has one of them at most ("": it stands for itself).
     form_of: ClassVar[str] = ""

@@ -167,8 +167,9 @@ def _drawn(found: Sequence[Found], robot: Robot) -> tuple[Unexplained, ...]:
 
 
 def _many(here: Sequence[Found]) -> bool:
-    """Whether so many effects at one place draw what is there, whatever it is."""
-    return len(here) > _TOGETHER
+    """Whether so many effects at one place draw what is there, whatever it is. What every drive has (friction, an offset) counts once."""
+    usual = sum(f.effect.usual for f in here)
+    return len(here) - usual + min(usual, 1) > _TOGETHER
 
 
 def _inexact(one: Found, here: Sequence[Found], robot: Robot) -> bool:

@@ -1,4 +1,4 @@
-"""Groups: what every drive has, on all the joints that ask for it at once.
+"""Groups: what a robot that has it on one joint mostly has on all of them, on those that ask for it at once.
 
 Who declares the rigid body alone leaves friction out of all joints, not of one. Found one after the other, each is judged beside all that
 the others leave, which something else may draw better than any of them; and of many joints the last would never be come to."""
@@ -19,8 +19,8 @@ from .search import Hit, Search
 
 
 def groups(search: Search, hits: Sequence[Hit], number: int) -> list[Hit]:
-    """For each kind that every drive has, a hit on all joints that ask for it beside one another, where there are several. `hits`: of a
-    scan; `number`: candidates that were tried."""
+    """For each such kind a hit on all joints that ask for it beside one another, where there are several. `hits`: of a scan; `number`:
+    candidates that were tried."""
     kinds: dict[tuple[type[Effect], str], list[Hit]] = {}
     for hit in hits:
         effect = hit.effect

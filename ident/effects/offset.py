@@ -22,6 +22,7 @@ class Offset(JointEffect):
     name: ClassVar[str] = "offset"
     title: ClassVar[str] = "torque offset"
     axis: ClassVar[Axis] = Axis.TIME
+    usual: ClassVar[bool] = True
     symbols = (("offset", "{tau}", -np.inf),)
     factors = (Factor.ONE,)
 
