@@ -104,30 +104,40 @@ def confirmed(
             after = refit(stage, tuple(names[np.any(at, axis=0)].tolist()))
             change = Change.of(declared, after, rows)
         harmful, unseen, faint = change.harms(found), list[Found](), list[Found]()
-        doubtful = change.doubtful(found)
-        for f in () if harmful else sorted(found, key=lambda f: f.judged.evidence):
-            # What is gained elsewhere, by parameters that are free of a bias now, counts as well: compared with the model without it.
-            grown, error = Change.of(without(f), after, rows).on(np.ones(len(names), bool))
-            if f in doubtful and grown >= 0.0:
-                if grown > error or f.judged.evidence < WEAK:
-                    harmful = [f]
-                    break
-                unseen.append(f)
-            elif -grown <= min(SURELY * error, WEAK):
-                faint.append(f)
+        if not harmful:
+            harmful, unseen, faint = _borne_out(found, change.doubtful(found), without, after, rows)
         if not harmful:
             left = replace(selection, final=stage, found=tuple(found))
             return Confirmed(left, after, tuple(refused), tuple(unseen), tuple(faint), tuple(said))
         worst = harmful[0] if len(harmful) == 1 else _to_blame(harmful, without, declared, rows)
-        other = stand_in(selection, bank, declared, without(worst), rows, lambda s: refit(s, ()), stage, found, found.index(worst))
-        if other is not None and len(said) < len(selection.found):
-            found, stage, why = other
-            said.append(why)
-            continue
+        if len(said) < len(selection.found):
+            other = stand_in(selection, bank, declared, without(worst), rows, lambda s: refit(s, ()), stage, found, found.index(worst))
+            if other is not None:
+                found, stage, why = other
+                said.append(why)
+                continue
         refused.append(worst)
         found = [f for f in found if f is not worst]
         stage = with_effects(selection.declared, [f.effect for f in found], stage, bank) if found else selection.declared
     return Confirmed(replace(selection, final=stage, found=()), declared, tuple(refused), said=tuple(said))
+
+
+def _borne_out(
+    found: Sequence[Found], doubtful: Sequence[Found], without: Callable[[Found], Estimate], after: Estimate, rows: Signals
+) -> tuple[list[Found], list[Found], list[Found]]:
+    """Of findings that harm no joint one that does harm on the whole, if any does; those that gain nothing; and those that gain no more
+    than chance might. What is gained elsewhere, by parameters that are free of a bias now, counts as well: each is compared with the model
+    without it. `without`: the estimate of that one; `after`: that of all."""
+    unseen, faint = list[Found](), list[Found]()
+    for f in sorted(found, key=lambda f: f.judged.evidence):
+        grown, error = Change.of(without(f), after, rows).on(np.ones(rows.robot.n, bool))
+        if f in doubtful and grown >= 0.0:
+            if grown > error or f.judged.evidence < WEAK:
+                return [f], [], []
+            unseen.append(f)
+        elif -grown <= min(SURELY * error, WEAK):
+            faint.append(f)
+    return [], unseen, faint
 
 
 def _to_blame(harmful: Sequence[Found], without: Callable[[Found], Estimate], declared: Estimate, rows: Signals) -> Found:
