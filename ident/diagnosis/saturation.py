@@ -113,18 +113,7 @@ class Pool:
                 seen[j] += k
                 a += mixed[j][:, columns]
                 H[j] = rows[j][:, columns].T @ rows[j][:, columns]
-            size = np.sqrt(np.diagonal(H.sum(axis=0)))
-            unit = 1.0 / np.where(size > 0.0, size, 1.0)
-            # Cross-products on each joint's rows of what the model leaves of the block: of (z − Q a)ᵀ (z − Q a).
-            H += a.T @ inner @ a
-            for j, columns in here.items():
-                both = a.T @ mixed[j][:, columns]
-                H[j] -= both + both.T
-            H *= unit[:, None] * unit
-            values, vectors = np.linalg.eigh(H.sum(axis=0))
-            live = values > _NEW
-            turn = vectors[:, live] / np.sqrt(values[live])
-            T = unit[:, None] * turn
+            T, H = _orthonormal(H, a, inner, {j: mixed[j][:, columns] for j, columns in here.items()})
             width = T.shape[1]
             part.append(slice(start, start + width))
             along.append(a @ T)
@@ -133,7 +122,7 @@ class Pool:
                 rows[j][:, columns.start : columns.start + width] = rows[j][:, columns] @ T
                 at[j].append(np.where(np.arange(k) < width, start + np.arange(k), -1))
             if width:
-                squares.setdefault(width, []).append((i, part[-1], turn.T @ H @ turn))
+                squares.setdefault(width, []).append((i, part[-1], H))
             start += width
         places = [np.concatenate(own) if own else np.zeros(0, int) for own in at]
         return cls(
@@ -175,6 +164,22 @@ class Pool:
             if last > first:
                 q[j] += z[:, first:last]
         return q.reshape(q.shape[0] * q.shape[1], q.shape[2])
+
+
+def _orthonormal(own: Array, a: Array, inner: Array, mixed: dict[int, Array]) -> tuple[Array, Array]:
+    """What makes a block's columns z orthonormal once the model's share Q a is out of them, (k, w), and their products on each joint's
+    rows then, (n, w, w). `own` (n, k, k): zᵀz of each joint's rows, `inner` (n, b, b): QᵀQ, `mixed`: Qᵀz of the joints that z acts on."""
+    size = np.sqrt(np.diagonal(own.sum(axis=0)))
+    unit = 1.0 / np.where(size > 0.0, size, 1.0)
+    H = own + a.T @ inner @ a
+    for j, cross in mixed.items():
+        both = a.T @ cross
+        H[j] -= both + both.T
+    H *= unit[:, None] * unit
+    values, vectors = np.linalg.eigh(H.sum(axis=0))
+    live = values > _NEW
+    turn = vectors[:, live] / np.sqrt(values[live])
+    return unit[:, None] * turn, turn.T @ H @ turn
 
 
 def _spread(r: Array, rows: Array) -> Array:
