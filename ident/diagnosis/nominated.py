@@ -60,7 +60,8 @@ def nominated(
 
 
 def _found(judged: Judged, every: Sequence[Judged], stage: Stage) -> Found:
-    """A candidate, and as its rivals all the others: so little evidence hardly tells them apart."""
+    """A candidate, and as its rivals all the others, the likeliest first: so little evidence hardly tells them apart."""
     near = [judged, *(j for j in every if j is not judged)]
-    found = Found(judged, tuple(near[1:]), weights(near, [occam(j.hit, stage.number) for j in near]))
-    return relabelled(found, stage.problem.model)
+    weight = weights(near, [occam(j.hit, stage.number) for j in near])
+    order = [0, *(int(i) for i in np.argsort(-weight) if i != 0)]
+    return relabelled(Found(judged, tuple(near[i] for i in order[1:]), weight[order]), stage.problem.model)

@@ -19,6 +19,7 @@ from ident.diagnosis.change import Change
 from ident.diagnosis.consistent import consistent
 from ident.diagnosis.foretelling import Foretelling
 from ident.diagnosis.motions import Motions
+from ident.diagnosis.nominated import _found
 from ident.diagnosis.precision import found_parameters
 from ident.diagnosis.search import Search
 from ident.diagnosis.stage import Stage
@@ -107,6 +108,10 @@ def test_held_out_data_confirm_what_the_fitted_ones_suggest_with_too_little_evid
     assert [(f.name, f.joints) for f in found.findings] == [("asymmetric_viscous", ("j2",))]
     assert any("asymmetric_viscous on j2" in w and "too little evidence" in w and "had a part" in w for w in found.warnings)
     assert found.findings[0].parameters[0].value == pytest.approx(0.003, abs=3.0 * found.findings[0].parameters[0].std)
+    selection = found.selection
+    one = _found(selection.nearest[0], selection.nearest, selection.declared)
+    assert len(one.rivals) == len(selection.nearest) - 1
+    assert np.all(np.diff(one.weights[1:]) <= 0.0), "held-out data look at the likeliest rivals first"
     without = diagnose(before, prepared(32, [], [], width=0.4))
     assert without.findings == ()
     assert not any("too little evidence" in w for w in without.warnings)
