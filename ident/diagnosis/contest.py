@@ -26,10 +26,13 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
-#: Rivals that are looked at: of at least this weight, or this share of the finding's evidence; so many of one finding.
+#: Rivals that are looked at: of at least this weight, or this share of the finding's evidence; so many of one finding, and more where
+#: those left out would weigh more than this together.
 _LIKELY = 1e-3
 _NEAR = 0.8
 _MOST = 6
+_LEFT_OUT = 0.02
+_UTMOST = 24
 #: A shape is hardly told where one drawn evenly from its range fits as well but for so much (twice a log-likelihood); so many are tried.
 _LOOSE = 4.0
 _SHAPES = 3
@@ -160,7 +163,8 @@ def contenders(one: Found) -> list[int]:
         if rival.hit.place not in seen and (weight >= _LIKELY or rival.evidence >= _NEAR * one.judged.evidence):
             seen.add(rival.hit.place)
             out.append(k)
-    return out[:_MOST]
+    beyond = np.cumsum(one.weights[1:][out][::-1])[::-1]
+    return out[: min(max(_MOST, int(np.sum(beyond > _LEFT_OUT))), _UTMOST)]
 
 
 def settled_with(selection: Selection, effects: Sequence[Effect], like: Stage, bank: Bank) -> tuple[Stage, tuple[Effect, ...]]:

@@ -14,7 +14,7 @@ from test_diagnosis_parts import NOISE, rebuilt, recorded, stage_of
 
 from ident.diagnosis.acceptance import Found
 from ident.diagnosis.candidates import Candidate
-from ident.diagnosis.contest import Entry, _decided
+from ident.diagnosis.contest import Entry, _decided, contenders
 from ident.diagnosis.findings import _finding, _inexact
 from ident.diagnosis.foretelling import Foretelling
 from ident.diagnosis.irregular import _bursts
@@ -251,6 +251,21 @@ def test_what_held_out_data_say_is_told_of_the_winner() -> None:
     assert alone.place == 0
     assert lines == []
     np.testing.assert_allclose(logs, np.log(one.weights))
+
+
+def test_as_many_rivals_are_looked_at_as_weigh_anything() -> None:
+    """Six, and more where those left out would weigh more than 2 % together; never more than 24; one of each place."""
+    rivals = tuple(found(make_effect("stribeck", joints=f"j{i}"), 30.0) for i in range(40))
+    one = found(make_effect("offset", joints="j"), 100.0, rivals)
+
+    def looked_at(weights: Array) -> list[int]:
+        cast(SimpleNamespace, one).weights = np.append(1.0 - weights.sum(), weights)
+        return contenders(one)
+
+    assert looked_at(np.where(np.arange(40) < 8, 0.002, 1e-4)) == [0, 1, 2, 3, 4, 5]
+    assert looked_at(np.where(np.arange(40) < 10, 0.02, 1e-4)) == list(range(9))
+    assert looked_at(np.full(40, 0.02)) == list(range(24))
+    assert looked_at(np.full(40, 1e-4)) == []
 
 
 def test_a_few_rows_far_beyond_the_noise_are_bursts() -> None:
