@@ -78,7 +78,10 @@ def test_friction_that_rises_towards_standstill_is_found_where_only_rows_near_re
     model, _ = declared(fit.robot)
     found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
     assert [(f.name, f.joints) for f in found.findings] == [("stribeck", fit.robot.joint_names[JOINT : JOINT + 1])]
-    assert found.verdict == "explained"
+    # Few reversals are held out; where they show it no more clearly than chance might, that is said, and nothing else stands against it.
+    faint = any("no more clearly than chance might" in w for w in found.warnings)
+    assert found.verdict == ("ambiguous" if faint else "explained")
+    assert not found.findings[0].imitators
     inside = [abs(p.value - true) < 4.0 * p.std for p, true in zip(found.findings[0].parameters, (size(), SLOW), strict=True)]
     assert all(inside)
     assert found.selection.final.turning == fit.robot.joint_names[JOINT : JOINT + 1]
