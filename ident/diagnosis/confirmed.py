@@ -13,7 +13,7 @@ from .acceptance import Found
 from .analysis import without_reversals
 from .bank import Bank
 from .change import SURELY, Change
-from .contest import contested
+from .contest import Arena, contested
 from .evidence import WEAK, acts_on
 from .findings import Unexplained
 from .nominated import nominated
@@ -111,7 +111,9 @@ def confirmed(
             return Confirmed(left, after, tuple(refused), tuple(unseen), tuple(faint), tuple(said))
         worst = harmful[0] if len(harmful) == 1 else _to_blame(harmful, without, declared, rows)
         if len(said) < len(selection.found):
-            other = stand_in(selection, bank, declared, without(worst), rows, lambda s: refit(s, ()), stage, found, found.index(worst))
+            effects, turn = tuple(f.effect for f in found), found.index(worst)
+            arena = Arena(selection, bank, rows, lambda stage: refit(stage, ()), stage, effects, turn, without(worst))
+            other = stand_in(arena, declared, found)
             if other is not None:
                 found, stage, why = other
                 said.append(why)

@@ -90,7 +90,8 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Arena:
-    """Where rivals stand in for one another: the `turn`th of the `effects` of a `stage`, `after` its estimate."""
+    """Where rivals stand in for one another: the `turn`th of the `effects` of a `stage`; `after`: the estimate of its model, or of that
+    without this one."""
 
     selection: Selection
     bank: Bank

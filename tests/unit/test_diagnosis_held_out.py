@@ -17,12 +17,14 @@ from ident.diagnosis.acceptance import Found
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.change import Change
 from ident.diagnosis.consistent import consistent
+from ident.diagnosis.contest import Arena
 from ident.diagnosis.foretelling import Foretelling
 from ident.diagnosis.motions import Motions
 from ident.diagnosis.nominated import _found
 from ident.diagnosis.precision import found_parameters
 from ident.diagnosis.search import Search
-from ident.diagnosis.stage import Stage
+from ident.diagnosis.stage import Stage, with_effects
+from ident.diagnosis.stand_in import stand_in
 from ident.diagnosis.whitening import plain_whitener
 from ident.effect import Effect, make_effect
 from ident.effects.springs import Counterbalance
@@ -115,6 +117,38 @@ def test_held_out_data_confirm_what_the_fitted_ones_suggest_with_too_little_evid
     without = diagnose(before, prepared(32, [], [], width=0.4))
     assert without.findings == ()
     assert not any("too little evidence" in w for w in without.warnings)
+
+
+def test_a_rival_that_helps_stands_in_for_what_does_harm() -> None:
+    """A spring that was taken for one of its rivals; and held-out data in which there is none, where nothing may stand in."""
+    spring = make_effect("nonlinear_spring", joints="j1")
+    fit, held, without = (
+        prepared(3, [spring], [0.0, 0.0, 60.0, 0.0], width=0.2),
+        prepared(4, [spring], [0.0, 0.0, 60.0, 0.0]),
+        prepared(4, [], []),
+    )
+    model, _ = declared(fit.robot)
+    before = WeightedLeastSquares().solve(Problem(model, fit))
+    selection = diagnose(before, held).selection
+    (right,) = selection.found
+    assert right.effect.name == "nonlinear_spring"
+    wrong = next(k for k, rival in enumerate(right.rivals) if rival.hit.place[0] not in ("nonlinear_spring", "payload_step"))
+    mistaken = Found(
+        right.rivals[wrong], (right.judged, *(r for k, r in enumerate(right.rivals) if k != wrong)), np.full(len(right.weights), 0.1)
+    )
+
+    def tried(rows: Signals) -> Any:
+        bank = Bank()
+        own = with_effects(selection.declared, [mistaken.effect], selection.final, bank)
+        arena = Arena(selection, bank, rows, lambda s: WeightedLeastSquares().solve(s.problem), own, (mistaken.effect,), 0, before)
+        return stand_in(arena, before, [mistaken])
+
+    (other,), stage, said = tried(held)
+    assert other.effect.name == "nonlinear_spring"
+    assert other.effect in stage.problem.model.effects
+    assert "nonlinear_spring on j1 takes the place of" in said
+    assert other.weights.sum() == pytest.approx(1.0)
+    assert tried(without) is None
 
 
 def test_what_held_out_data_are_too_few_to_show_is_ambiguous_and_said() -> None:
