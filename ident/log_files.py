@@ -271,7 +271,10 @@ def bad_text(
     index = [(header.names.index(n), n) for n in names]
     for row, (line, fields) in enumerate(rows_of_text(path, header) if rows is None else rows, first):
         if len(fields) > len(header.names):
-            return DataError(f"log {path}: line {line} (data row {row}) has {len(fields)} fields, but the header has {len(header.names)}.")
+            return DataError(
+                f"log {path}: line {line} (data row {row}) has {len(fields)} fields, but the header has {len(header.names)}; mend that"
+                " line, or take it out: what is missing is bridged or left out."
+            )
         for i, name in index:
             text = fields[i].strip() if i < len(fields) else ""
             if i < len(fields) and _goes_on(fields[i]):
