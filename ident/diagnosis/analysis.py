@@ -12,7 +12,7 @@ import numpy as np
 from ..cutoff import HIGHEST
 from ..filters import RowFilter
 from ..prepared import Signals
-from ..transmission import Side
+from ..reversals import Reversals
 from .motion_noise import less_noise
 from .motion_spectrum import told_up_to
 
@@ -132,27 +132,23 @@ def wide_cutoff(signals: Signals) -> float:
 
 
 def without_reversals(signals: Signals, but: Collection[str] = (), memory: Array | None = None) -> Signals:
-    """The same signals without the rows near a reversal of any motor whose friction is in them; those of some joints, `but`, stay.
-    `memory` (n,): seconds after it (before it, if negative) for which it is still in the rows of a joint.
+    """The same signals without the rows near a reversal of any motor whose friction is in them, or of a joint that others' motors move
+    too; those of some joints, `but`, stay. `memory` (n,): seconds after it (before it, if negative) for which it is still in the rows of a
+    joint.
 
     There the sign of the speed is wrong by its own error in time, and a contact may hold: what is left there looks like a fault."""
-    transmission, report = signals.robot.transmission, signals.report
-    measured = transmission.measured
-    speed = np.abs(transmission.motor_rate(signals.dq))
-    top = np.quantile(speed, 0.95, axis=0) if len(speed) else np.zeros(signals.robot.n)
-    threshold = np.array([j.threshold if np.isfinite(j.threshold) else 0.0 for j in report.joints])
-    if measured == Side.JOINT:
-        threshold = np.abs(transmission.K_inverse) @ threshold
-    slow = speed < np.maximum(threshold, _SLOW * top)
+    report, reversals = signals.report, Reversals.of(signals.robot.transmission)
+    speed = reversals.speeds(signals.dq)
+    top = np.quantile(speed, 0.95, axis=0) if len(speed) else np.zeros(speed.shape[1])
+    slow = reversals.reached(speed < np.maximum(reversals.limits(np.array([j.threshold for j in report.joints])), _SLOW * top))
     reach = int(np.ceil(0.5 * signals.rate / report.cutoff_hz)) if report.cutoff_hz else 1
-    touches = np.abs(transmission.torque_map(Side.MOTOR, measured)) > 0
-    before, after = (np.zeros(len(touches), int) for _ in range(2))
+    before, after = (np.zeros(signals.robot.n, int) for _ in range(2))
     if memory is not None:
         before, after = (np.ceil(np.maximum(x, 0.0) * signals.rate).astype(int) for x in (-memory, memory))
     near = np.zeros(signals.dq.shape)
     for run in signals.runs:
-        for j in range(len(touches)):
-            near[run, j] = _dilated(slow[run][:, touches[j]].any(axis=1), reach + before[j], reach + after[j])
+        for j in range(signals.robot.n):
+            near[run, j] = _dilated(slow[run, j], reach + before[j], reach + after[j])
     valid = signals.valid.copy()
     for run, rows in zip(signals.runs, signals.row_runs, strict=True):
         if signals.row_filter is None:

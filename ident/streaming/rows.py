@@ -15,6 +15,7 @@ from ..filters import RowFilter
 from ..model import Model
 from ..motion import Motion
 from ..problem import Rows
+from ..reversals import turning
 from ..rows import _TURNING_REACH, _TURNING_SHARE, _UNSOUND, _share
 from ..transmission import Side
 from .columns import RowColumns, live_columns
@@ -91,7 +92,7 @@ class MakeRows:
             share(found.missing) > _UNSOUND,
             share(self.decisions.at_limit(found.torque) if self.saturated else none) > _UNSOUND,
             share(pace <= threshold if self.standstill else none),
-            share(pace <= _TURNING_REACH * threshold if self.standstill else none) > _TURNING_SHARE,
+            share(turning(drive, found.dq, _TURNING_REACH * threshold) if self.standstill else none) > _TURNING_SHARE,
         )
         numbers = facts.packed()
         if self.model is not None and row_filter is not None:

@@ -15,6 +15,7 @@ from ident.logs import Log, LogSet
 from ident.motion import Motion
 from ident.problem import Problem
 from ident.signals import Signals, ZeroPhase
+from ident.transmission import Side
 
 Array = np.ndarray
 RATE = 200.0
@@ -47,8 +48,7 @@ def slow_motion(
     tau = tau + whole.torque(exact, np.append(0.0 * values, sizes))
     if hold:
         friction = values[list(model.names).index(f"Fc_{robot.joint_names[JOINT]}")] * np.sign(dq[:, JOINT])
-        width = 2 * round(0.5 * hold * RATE) + 1
-        tau[:, JOINT] += np.convolve(friction, np.ones(width) / width, "same") - friction
+        tau[:, JOINT] += held_back(friction, hold)
     tau[:, JOINT] = np.interp(t - late, t, tau[:, JOINT])
     tau = tau + noise * np.std(tau, axis=0) * rng.normal(size=tau.shape)
     q = q + 1e-6 * rng.normal(size=q.shape)
@@ -59,6 +59,12 @@ def slow_motion(
     )
     first, second = (ZeroPhase(cutoff_hz=15.0)(LogSet((log,), robot=robot)) for log in logs)
     return first, second
+
+
+def held_back(force: np.ndarray, seconds: float) -> np.ndarray:
+    """What is to be added to friction (N,) that changes sign at once for it to do so over so many seconds."""
+    width = 2 * round(0.5 * seconds * RATE) + 1
+    return np.asarray(np.convolve(force, np.ones(width) / width, "same") - force)
 
 
 def stribeck(size: float) -> tuple[list[Effect], list[float]]:
@@ -100,6 +106,29 @@ def test_a_contact_that_holds_at_reversals_is_not_called_friction() -> None:
     found = diagnose(before, held)
     assert "stribeck" not in [f.name for f in found.findings]
     assert found.selection.final.turning == ()
+
+
+@pytest.mark.parametrize("seed", [9, 19])
+def test_where_friction_of_a_coupled_joint_reverses_it_holds_too(seed: int) -> None:
+    """The slide's guides hold it for some milliseconds while its motor, which turns the spindle that the last joint sits on, goes on."""
+    force = 30.0
+    fit, held = slow_motion(seed, [make_effect("joint_side_friction", joints=("j3",), label="true")], [force, 0.0], noise=5e-4)
+    drive, j = fit.robot.transmission, fit.robot.joint_index("j3")
+
+    def holding(signals: Signals) -> Signals:
+        (log,) = signals.source.logs
+        torque = np.zeros_like(log.q)
+        torque[:, j] = held_back(force * np.sign(np.gradient(log.q[:, j])), 0.1)
+        tau = {key: x + drive.torque(torque, Side.JOINT, Side.MOTOR) for key, x in log.tau.items()}
+        return ZeroPhase(cutoff_hz=15.0)(LogSet((Log(log.name, log.t, q=log.q, tau=tau),), robot=signals.robot))
+
+    fit, held = holding(fit), holding(held)
+    model, _ = declared(fit.robot)
+    found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
+    assert [(f.name, f.joints) for f in found.findings] == [("joint_side_friction", ("j3",))]
+    assert found.verdict == "explained"
+    (size, _) = found.findings[0].parameters
+    assert abs(size.value - force) < 4.0 * size.std
 
 
 def test_rows_near_reversals_say_nothing_where_there_is_nothing() -> None:

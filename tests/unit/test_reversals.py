@@ -1,0 +1,65 @@
+"""Friction reverses with the speed that it follows: of a motor, or of a joint that other motors move too."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident import Side, Transmission
+from ident.reversals import Reversals, turning
+
+WRIST = np.array([[0.1, 0.0, 0.0], [0.02, -0.2, 0.0], [0.0, 0.0, 0.5]])
+
+
+@pytest.mark.parametrize("side", [Side.MOTOR, Side.JOINT])
+def test_without_coupling_only_the_own_speed_counts(side: Side) -> None:
+    drive = Transmission.from_ratio([80.0, -50.0], side)
+    dq = np.random.default_rng(0).normal(size=(200, 2))
+    on_side = dq if side == Side.JOINT else drive.motor_rate(dq)
+    threshold = np.array([0.3, 0.4]) * (1.0 if side == Side.JOINT else 60.0)
+    assert np.array_equal(turning(drive, dq, threshold), np.abs(on_side) <= threshold)
+
+
+@pytest.mark.parametrize("side", [Side.MOTOR, Side.JOINT])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_row_turns_where_any_friction_in_it_does(side: Side, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    K = np.diag(rng.uniform(0.05, 2.0, 4) * rng.choice([-1.0, 1.0], 4))
+    K[1, 0], K[3, 2] = rng.uniform(0.01, 0.5, 2)
+    drive = Transmission(K, np.zeros(4), side)
+    dq, threshold = rng.normal(size=(300, 4)), rng.uniform(0.01, 0.2, 4)
+    found = turning(drive, dq, threshold)
+    # One ampere of friction at each motor and each joint in turn; what sits on the joint behind a gear of its own is as the motor's.
+    rate, joint, motor = drive.motor_rate(dq), np.eye(4), np.eye(4)
+    seen = threshold if side == Side.JOINT else np.abs(K) @ threshold
+    at_motor = np.abs(np.linalg.inv(K)) @ threshold if side == Side.JOINT else threshold
+    expected = np.zeros(found.shape, bool)
+    for i in range(4):
+        expected |= (np.abs(rate[:, i]) <= at_motor[i])[:, None] & (drive.torque(motor[i], Side.MOTOR, side) != 0.0)
+    for j in (1, 3):
+        expected |= (np.abs(dq[:, j]) <= seen[j])[:, None] & (drive.torque(joint[j], Side.JOINT, side) != 0.0)
+    assert np.array_equal(found, expected)
+    assert found.any()
+    assert not found.all()
+
+
+def test_a_joint_that_other_motors_move_reverses_apart_from_its_own() -> None:
+    drive = Transmission(WRIST, np.zeros(3), Side.MOTOR)
+    rate = np.array([[10.0, 1.0, 3.0], [10.0, 0.0, 3.0]])  # joint 2 stands still in the first row, motor 2 in the second
+    dq = drive.joint_rate(rate)
+    assert dq[0, 1] == pytest.approx(0.0)
+    # What holds joint 2 is in the torques of motors 1 and 2; what holds motor 2 in its own alone.
+    assert turning(drive, dq, np.full(3, 0.01)).tolist() == [[True, True, False], [False, True, False]]
+
+
+def test_a_torque_without_a_threshold_turns_everywhere() -> None:
+    drive = Transmission(WRIST, np.zeros(3), Side.MOTOR)
+    found = turning(drive, np.ones((5, 3)), np.array([0.01, np.inf, 0.01]))
+    assert found[:, 1].all()
+    assert not found[:, [0, 2]].any()
+
+
+def test_rounding_of_an_inverse_couples_nothing() -> None:
+    K = np.array([[1 / 76.0, 0.0, 0.0], [1 / 72.0, 1 / 71.0, 0.0], [0.01, 0.02, 0.013]])
+    found = Reversals.of(Transmission(K, np.zeros(3), Side.MOTOR))
+    assert np.array_equal(found.measured[:3] != 0.0, np.eye(3, dtype=bool))
