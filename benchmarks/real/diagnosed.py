@@ -48,10 +48,15 @@ KNOWN: dict[str, tuple[Missing, ...]] = {
     ),
     "tx40": (Missing("coupling of joint 6 to motor 5", ("gear_coupling",), "joint_6", "joint_5"),),
     "double_pendulum": (
-        Missing("friction of joint 1", ("coulomb", "viscous", "stribeck", "load_dependent_friction", "joint_side_friction"), "joint_1"),
-        Missing("friction of joint 2", ("coulomb", "viscous", "stribeck", "load_dependent_friction", "joint_side_friction"), "joint_2"),
+        Missing("friction of joint 1", ("coulomb", "viscous"), "joint_1"),
+        Missing("friction of joint 2", ("coulomb", "viscous"), "joint_2"),
+        Missing("load dependence of friction", ("load_dependent_friction",)),
     ),
-    "double_pendulum_friction": (Missing("load dependence of friction", ("load_dependent_friction",)),),
+    "double_pendulum_friction": (
+        Missing("load dependence of friction on joint 1", ("load_dependent_friction",), "joint_1"),
+        Missing("load dependence of friction on joint 2", ("load_dependent_friction",), "joint_2"),
+    ),
+    "double_pendulum_released": (),
     "panda": (),
     "tiago": (),
 }

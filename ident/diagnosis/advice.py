@@ -44,7 +44,7 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
     return f"Add {finding.name}{on(finding.place)} to the declared model ({title})."
 
 
-def advice_to_confirm(finding: Finding) -> str:
-    """What to do before a finding is relied on that held-out data do not show beyond chance."""
+def advice_to_confirm(finding: Finding, where: str) -> str:
+    """What to do before a finding is relied on that the data `where` ("fitted" or "held out") do not show beyond chance."""
     motion = _MOTION[finding.effect.axis].format(joint=finding.joints[0] if finding.joints else "every joint")
-    return f"{finding.effect.title}: the data held out do not show it beyond chance; {motion}, and validate on that."
+    return f"{finding.effect.title}: the data {where} do not show it beyond chance; {motion}, and validate on that."

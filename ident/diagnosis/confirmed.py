@@ -32,13 +32,15 @@ Array = np.ndarray
 @dataclass(frozen=True, eq=False)
 class LastWord:
     """What is left of a selection, the estimate of its model, what was taken back, and what is to be said about it. `unseen`: findings that
-    stay, though held-out data do not show them; `faint`: those that they show no more clearly than chance might."""
+    stay, though held-out data do not show them; `faint`: those that they show no more clearly than chance might; `owed`: those that were
+    found with their help, so that no data are left which had no part in it."""
 
     selection: Selection
     after: Estimate
     unexplained: tuple[Unexplained, ...] = ()
     unseen: tuple[Effect, ...] = ()
     faint: tuple[Effect, ...] = ()
+    owed: tuple[Effect, ...] = ()
     said: tuple[str, ...] = ()
 
 
@@ -58,7 +60,8 @@ def last_word(
     unexplained, warning = refusals(kept)
     said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []), *_not_shown(kept))
     unseen, faint = (tuple(f.effect for f in some) for some in (kept.unseen, kept.faint))
-    return LastWord(kept.selection, kept.after, unexplained, unseen, faint, said)
+    owed = tuple(f.effect for f in kept.selection.found if confirms)
+    return LastWord(kept.selection, kept.after, unexplained, unseen, faint, owed, said)
 
 
 @dataclass(frozen=True, eq=False)

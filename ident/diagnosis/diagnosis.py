@@ -16,7 +16,7 @@ from .advice import advice_for, advice_to_confirm
 from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .bank import Bank
 from .carried import without_carried
-from .confirmed import last_word
+from .confirmed import LastWord, last_word
 from .findings import Finding, Unexplained, assess
 from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ..estimate import Estimate
     from ..estimators import Estimator
     from ..model import Model
+    from ..robot import Robot
     from ..signals import Signals
 
 Array = np.ndarray
@@ -166,7 +167,7 @@ def diagnose(
         verdict, unexplained = "unexplained", (*unexplained, *last.unexplained)
     if plain := (*jumps(wide), *lost(wide), *(apart(after, wide, held) if held is not None else ())):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
-    if verdict == "explained" and (last.unseen or last.faint):  # the name may be right; the data held out do not say so
+    if verdict == "explained" and (last.unseen or last.faint or last.owed):  # the name may be right; no other data say so
         verdict = "ambiguous"
     bad = {u.joint for u in plain}
     findings = tuple(
@@ -175,11 +176,7 @@ def diagnose(
         else f
         for f in findings
     )
-    vague = (*last.unseen, *last.faint)
-    findings = tuple(
-        replace(f, advice=advice_to_confirm(f) if f.effect in vague and not f.ambiguous else advice_for(f, before.model.robot, verdict))
-        for f in findings
-    )
+    findings = tuple(replace(f, advice=_advice(f, last, before.model.robot, verdict)) for f in findings)
     tell(1.0)
     said = list(last.said)
     if seen is not every:
@@ -187,6 +184,11 @@ def diagnose(
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
     warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said)))
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings)
+
+
+def _advice(finding: Finding, last: LastWord, robot: Robot, verdict: str) -> str:
+    where = "held out" if finding.effect in (*last.unseen, *last.faint) else "fitted" if finding.effect in last.owed else ""
+    return advice_to_confirm(finding, where) if where and not finding.ambiguous else advice_for(finding, robot, verdict)
 
 
 def estimator_of(estimate: Estimate) -> Estimator:

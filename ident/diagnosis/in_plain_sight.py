@@ -10,7 +10,9 @@ import numpy as np
 
 from ..effect import Need
 from .analysis import without_reversals
+from .change import inverse_squares
 from .findings import Unexplained
+from .foretelling import Foretelling
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
@@ -76,9 +78,11 @@ def lost(signals: Signals) -> tuple[Unexplained, ...]:
 
 def apart(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained, ...]:
     """Joints on which the fit fails on held-out data as it does not on its own: something is there that was not before. Near reversals
-    a joint may stick in one part and not in the other; that is not meant."""
+    a joint may stick in one part and not in the other; that is not meant, nor what parameters are off by that the fitted motion tells
+    little of."""
     fitted, held = without_reversals(fitted), without_reversals(held)
-    inside, outside = _error(after, fitted), _error(after, held)
+    inside = _error(after, after.residual(fitted), fitted)
+    outside = _error(after, Foretelling(after, held).allowing(inverse_squares(inside))[0], held)
     enough = (fitted.valid.sum(axis=0) >= _FEW) & (held.valid.sum(axis=0) >= _FEW)
     found = []
     for j in enough.nonzero()[0].tolist():
@@ -92,13 +96,14 @@ def apart(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained,
     return tuple(found)
 
 
-def _error(estimate: Estimate, signals: Signals) -> Array:
-    """Root mean square error (n,). Where an effect remembers the motion before, nobody knows what it was before a run began: then that
-    of the stretch in the middle of all, ordered by it."""
-    if Need.HISTORY not in estimate.model.needs:
-        return estimate.torque_error(signals).rms
-    residual = estimate.residual(signals)
-    parts = (residual[part] for run in signals.row_runs for part in np.array_split(np.arange(run.start, run.stop), _STRETCHES))
+def _error(estimate: Estimate, residual: Array, signals: Signals) -> Array:
+    """Root mean square (n,) of a residual (M, n). Where an effect remembers the motion before, nobody knows what it was before a run began:
+    then that of the stretch in the middle of all, ordered by it."""
+    whole = [slice(0, len(residual))]
+    if Need.HISTORY in estimate.model.needs:
+        whole = [
+            slice(p[0], p[-1] + 1) for run in signals.row_runs for p in np.array_split(np.arange(run.start, run.stop), _STRETCHES) if len(p)
+        ]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a stretch without a row of some joint
-        return np.asarray(np.nanmedian([np.sqrt(np.nanmean(part**2, axis=0)) for part in parts if len(part)], axis=0))
+        return np.asarray(np.nanmedian([np.sqrt(np.nanmean(residual[part] ** 2, axis=0)) for part in whole], axis=0))

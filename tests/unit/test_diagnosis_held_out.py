@@ -14,11 +14,13 @@ from scipy.signal import lfilter
 from ident.diagnosis import confirmed as confirmed_module
 from ident.diagnosis import diagnose
 from ident.diagnosis.acceptance import Found
+from ident.diagnosis.analysis import without_reversals
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.change import Change
 from ident.diagnosis.consistent import consistent
 from ident.diagnosis.contest import Arena
 from ident.diagnosis.foretelling import Foretelling
+from ident.diagnosis.in_plain_sight import apart
 from ident.diagnosis.motions import Motions
 from ident.diagnosis.nominated import _found
 from ident.diagnosis.precision import found_parameters
@@ -106,15 +108,18 @@ def test_held_out_data_confirm_what_the_fitted_ones_suggest_with_too_little_evid
     fit = prepared(31, [fault], [0.003], width=0.2)
     model, _ = declared(fit.robot)
     before = WeightedLeastSquares().solve(Problem(model, fit))
-    found = diagnose(before, prepared(32, [fault], [0.003], width=0.4))
+    found = diagnose(before, prepared(32, [fault], [0.003], width=0.4, noise=0.01))
     assert [(f.name, f.joints) for f in found.findings] == [("asymmetric_viscous", ("j2",))]
     assert any("asymmetric_viscous on j2" in w and "too little evidence" in w and "had a part" in w for w in found.warnings)
+    # No data are left that had no part in it: named, and not yet sure.
+    assert found.verdict == "ambiguous"
+    assert "the data fitted do not show it beyond chance" in found.findings[0].advice or found.findings[0].ambiguous
     assert found.findings[0].parameters[0].value == pytest.approx(0.003, abs=3.0 * found.findings[0].parameters[0].std)
     selection = found.selection
     one = _found(selection.nearest[0], selection.nearest, selection.declared)
     assert len(one.rivals) == len(selection.nearest) - 1
     assert np.all(np.diff(one.weights[1:]) <= 0.0), "held-out data look at the likeliest rivals first"
-    without = diagnose(before, prepared(32, [], [], width=0.4))
+    without = diagnose(before, prepared(32, [], [], width=0.4, noise=0.01))
     assert without.findings == ()
     assert not any("too little evidence" in w for w in without.warnings)
 
@@ -149,6 +154,19 @@ def test_a_rival_that_helps_stands_in_for_what_does_harm() -> None:
     assert "nonlinear_spring on j1 takes the place of" in said
     assert other.weights.sum() == pytest.approx(1.0)
     assert tried(without) is None
+
+
+@pytest.mark.parametrize("seed", [61, 71, 81])
+def test_what_a_short_narrow_motion_tells_little_of_is_no_change_in_a_wide_one(seed: int) -> None:
+    fit, held = prepared(seed, [], [], width=0.2, noise=0.1).select_rows([slice(0, 150)]), prepared(seed + 1, [], [], width=0.6, noise=0.06)
+    model, _ = declared(fit.robot)
+    estimate = WeightedLeastSquares().solve(Problem(model, fit))
+    inside, outside = (estimate.torque_error(without_reversals(s)).rms for s in (fit, held))
+    assert np.max(outside / inside) > 10.0
+    assert apart(estimate, fit, held) == ()
+    # What no parameters account for is one.
+    shaken = held.tau + 5.0 * inside * np.outer(np.sin(9.0 * held.row_time), [1.0, 0.0, 0.0, 0.0])
+    assert [u.joint for u in apart(estimate, fit, replace(held, tau=shaken))] == ["j1"]
 
 
 def test_what_held_out_data_are_too_few_to_show_is_ambiguous_and_said() -> None:
