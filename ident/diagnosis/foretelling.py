@@ -17,6 +17,7 @@ import numpy as np
 if TYPE_CHECKING:
     from ..estimate import Estimate
     from ..signals import Signals
+    from .whitening import Whitener
 
 Array = np.ndarray
 
@@ -41,12 +42,26 @@ class Foretelling:
         For parameters off by δ of covariance P: δ = (P⁻¹ + M)⁻¹ g with g = Σ w Φᵀr, M = Σ w ΦᵀΦ; the price is δᵀP⁻¹δ + log det(I + P M)."""
         gradients, grams = self._moments
         gradient, gram = np.einsum("n,nb->b", weight, gradients), np.einsum("n,nbc->bc", weight, grams)
-        size, axes = np.linalg.eigh(self.estimate.covariance)
-        root = axes * np.sqrt(np.maximum(size, 0.0))
-        inner = np.eye(len(size)) + root.T @ gram @ root
+        root = _root(self.estimate.covariance)
+        inner = np.eye(len(gram)) + root.T @ gram @ root
         along = np.linalg.solve(inner, root.T @ gradient)
         price = float(along @ along + np.linalg.slogdet(inner)[1])
         return self._at(self.estimate.values + root @ along), price
+
+    def surprise(self, white: Whitener) -> float:
+        """−2 log of the probability of the rows under noise of a colour, up to what is the same for all models: `allowing` with what is
+        left and its price in one. `white`: the whitener of that noise, on any rows."""
+        own, rows = self.estimate.model.base.regroup[:, list(self.estimate.base.independent)], self.signals
+        there = white.on(rows.valid, rows.row_runs)
+        columns = np.zeros((*rows.tau.shape, own.shape[1]))
+        for part in self.estimate.problem_on(rows).rows():
+            columns[part.place] = np.where(part.valid[:, :, None], part.columns @ own, 0.0)
+        used = np.where(rows.valid, np.nan_to_num(self.residual), 0.0)
+        left = np.concatenate([there(used[:, j], j) for j in range(rows.robot.n)])
+        phi = np.concatenate([there(columns[:, j], j) for j in range(rows.robot.n)])
+        root = _root(self.estimate.covariance)
+        inner, along = np.eye(root.shape[1]) + root.T @ (phi.T @ phi) @ root, root.T @ (phi.T @ left)
+        return float(left @ left - along @ np.linalg.solve(inner, along) + np.linalg.slogdet(inner)[1])
 
     def _at(self, values: Array) -> Array:
         """Residuals (M, n) at other values of the estimate's parameters."""
@@ -68,3 +83,9 @@ class Foretelling:
                 gradients[j] += columns.T @ residual[rows.place, j]
                 grams[j] += columns.T @ columns
         return gradients, grams
+
+
+def _root(covariance: Array) -> Array:
+    """A matrix whose product with its transpose is a covariance."""
+    size, axes = np.linalg.eigh(covariance)
+    return np.asarray(axes * np.sqrt(np.maximum(size, 0.0)))

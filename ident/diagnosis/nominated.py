@@ -3,8 +3,10 @@
 A fault may show in one part of a log and hardly in another: a drift at its end, an eccentric encoder where the joint turns far. What
 the fitted part gains by it stays below what chance yields over the whole catalogue. On held-out data it need not beat the
 catalogue any more: a candidate that was named beforehand, with values fitted beforehand, is one hypothesis. It is asked for a clear gain
-there, and for as much as the fitted part lacks; of a few such candidates the one that gains most is taken, and all that came near it are
-its rivals. Beside findings nobody is nominated: what falls short there is more often the inexactness of their laws."""
+there, and for as much evidence as the fitted part lacks: parameters that the fitted part tells little of are off, and by chance a candidate
+may make up for that, so the evidence is the ratio of what both models foretell as far as their parameters are known, under the noise's
+colour. Of a few such candidates the one with most is taken, and all that came near it are its rivals. Beside findings nobody is nominated:
+what falls short there is more often the inexactness of their laws."""
 
 from __future__ import annotations
 
@@ -18,6 +20,7 @@ from .acceptance import Found
 from .bank import Bank
 from .change import Change
 from .evidence import occam, surplus
+from .foretelling import Foretelling
 from .selection import Selection, relabelled
 from .stage import Stage, with_effects
 from .weights import weights
@@ -30,8 +33,9 @@ if TYPE_CHECKING:
 #: So many candidates are nominated, each of which lacks no more than this.
 _MOST = 3
 _LACKING = 25.0
-#: The gain on held-out data over its standard error.
+#: The gain on held-out data over its standard error, and the least evidence there (twice a log-likelihood): one hypothesis, 150 to 1.
 _SURELY = 2.0
+_CLEARLY = 10.0
 
 
 def nominated(
@@ -42,20 +46,24 @@ def nominated(
     if selection.found:
         return selection, ""
     best: tuple[float, Selection, str] | None = None
+    white = selection.final.white
+    without = Foretelling(declared, rows).surprise(white) if selection.nearest else 0.0
     for judged in selection.nearest[:_MOST]:
         lacking = -surplus(judged, selection.final.number)
         if lacking > _LACKING:
             break
         one = _found(judged, selection.nearest, selection.final)
         stage = with_effects(selection.declared, [one.effect], selection.final, bank)
-        grown, error = Change.of(declared, refit(stage), rows).on(np.ones(rows.robot.n, bool))
-        if -grown > max(_SURELY * error, lacking, best[0] if best else 0.0):
+        estimate = refit(stage)
+        grown, error = Change.of(declared, estimate, rows).on(np.ones(rows.robot.n, bool))
+        told = without - Foretelling(estimate, rows).surprise(white)
+        if -grown > max(_SURELY * error, lacking) and told > max(lacking, best[0] if best else _CLEARLY):
             said = (
                 f"{judged.hit.candidate} is what the data fitted suggest, with too little evidence to name it ({judged.evidence:.0f};"
                 f" {judged.evidence + lacking:.0f} is asked for); the data held out confirm it (the squared error over the noise falls by"
-                f" {-grown:.0f} ± {error:.0f}). So they had a part in the finding."
+                f" {-grown:.0f} ± {error:.0f}; evidence {told:.0f}). So they had a part in the finding."
             )
-            best = -grown, replace(selection, final=stage, found=(one,)), said
+            best = told, replace(selection, final=stage, found=(one,)), said
     return (best[1], best[2]) if best else (selection, "")
 
 

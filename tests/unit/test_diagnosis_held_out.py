@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
+from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from ident.diagnosis import confirmed as confirmed_module
@@ -27,7 +28,7 @@ from ident.diagnosis.precision import found_parameters
 from ident.diagnosis.search import Search
 from ident.diagnosis.stage import Stage, with_effects
 from ident.diagnosis.stand_in import stand_in
-from ident.diagnosis.whitening import plain_whitener
+from ident.diagnosis.whitening import plain_whitener, whitener
 from ident.effect import Effect, make_effect
 from ident.effects.springs import Counterbalance
 from ident.estimators import WeightedLeastSquares
@@ -100,6 +101,27 @@ def test_what_an_estimate_foretells_as_far_as_its_parameters_are_known() -> None
     left, price = Foretelling(estimate, few).allowing(1.0 / scale**2)
     assert np.nansum((left / scale) ** 2) + price == pytest.approx(exact, rel=1e-9)
     assert price > 1.0
+
+
+def test_what_an_estimate_foretells_under_noise_of_a_colour() -> None:
+    """The same of coloured noise, of which no row tells as much as it would alone: against the density itself, up to a constant."""
+    fit, held = prepared(5, [], [], width=0.3, noise=0.3), prepared(6, [], [], noise=0.3)
+    model, _ = declared(fit.robot)
+    colour, few = np.array([1.0, -0.6, 0.2]), replace(held, valid=held.valid & (np.arange(len(held.tau)) < 40)[:, None])
+    white = whitener(lfilter([1.0], colour, np.random.default_rng(1).normal(size=fit.tau.shape), axis=0), fit.valid, fit.row_runs)
+    there, differences = white.on(few.valid, few.row_runs), []
+    for own in (model, model + make_effect("asymmetric_viscous")):
+        estimate = WeightedLeastSquares().solve(Problem(own, fit))
+        rows = np.concatenate([r.columns for r in estimate.problem_on(few).rows()]) @ own.base.regroup[:, list(estimate.base.independent)]
+        exact = []
+        for j in range(fit.robot.n):
+            used = np.flatnonzero(few.valid[:, j])
+            W = there.matrices[j].toarray()[np.ix_(used, used)]
+            exact.append((estimate.residual(few)[used, j], rows[used, j], np.linalg.inv(W.T @ W)))
+        r, phi = np.concatenate([x[0] for x in exact]), np.concatenate([x[1] for x in exact])
+        spread = block_diag(*(x[2] for x in exact)) + phi @ estimate.covariance @ phi.T
+        differences.append(Foretelling(estimate, few).surprise(white) - r @ np.linalg.solve(spread, r) - np.linalg.slogdet(spread)[1])
+    assert differences[0] == pytest.approx(differences[1], abs=1e-6)
 
 
 def test_held_out_data_confirm_what_the_fitted_ones_suggest_with_too_little_evidence() -> None:
