@@ -43,16 +43,19 @@ class Reversals:
         counts as zero."""
         return np.asarray(np.abs(self.measured) @ np.where(np.isfinite(threshold), threshold, 0.0))
 
-    def reached(self, slow: Array) -> Array:
-        """Samples (N, n) of the measured torques that the friction of any slow one is in; `slow` (N, m) bool."""
+    def reached(self, speeds: Array, limits: Array, top: Array) -> Array:
+        """Samples (N, n) of the measured torques that the friction of any speed below its limit (m,) is in; `speeds` (N, m). One whose
+        `top` (m,) is not above its limit does not reverse: what stands still all the time rubs the same way, or is held."""
+        slow = (speeds <= limits) & (top > limits)
         return np.stack([slow[:, own].any(axis=1) for own in self.reaches], axis=1)
 
 
-def turning(transmission: Transmission, dq: Array, threshold: Array) -> Array:
-    """Samples (N, n) of the measured torques at which friction in them may reverse: speeds below `threshold` (n,) on the measured side
-    (all of a torque for which it is infinite), from joint velocities (N, n)."""
+def turning(transmission: Transmission, dq: Array, threshold: Array, top: Array) -> Array:
+    """Samples (N, n) of the measured torques at which friction in them may reverse: speeds below `threshold` (n,) on the measured side,
+    from joint velocities (N, n); `top` (m,): the largest of all `Reversals.speeds`."""
     found = Reversals.of(transmission)
-    return np.asarray(found.reached(found.speeds(dq) <= found.limits(threshold)) | np.isinf(threshold))
+    own = np.abs(dq if transmission.measured == Side.JOINT else transmission.motor_rate(dq))
+    return np.asarray((own <= threshold) | found.reached(found.speeds(dq), found.limits(threshold), top))
 
 
 def _rounded(A: Array) -> Array:

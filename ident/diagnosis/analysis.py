@@ -140,7 +140,8 @@ def without_reversals(signals: Signals, but: Collection[str] = (), memory: Array
     report, reversals = signals.report, Reversals.of(signals.robot.transmission)
     speed = reversals.speeds(signals.dq)
     top = np.quantile(speed, 0.95, axis=0) if len(speed) else np.zeros(speed.shape[1])
-    slow = reversals.reached(speed < np.maximum(reversals.limits(np.array([j.threshold for j in report.joints])), _SLOW * top))
+    limits = np.maximum(reversals.limits(np.array([j.threshold for j in report.joints])), _SLOW * top)
+    slow = reversals.reached(speed, limits, top)
     reach = int(np.ceil(0.5 * signals.rate / report.cutoff_hz)) if report.cutoff_hz else 1
     before, after = (np.zeros(signals.robot.n, int) for _ in range(2))
     if memory is not None:

@@ -82,7 +82,8 @@ class MakeRows:
         row_filter = part.run.derivation.row_filter
         pace = np.abs(found.dq if drive.measured == Side.JOINT else drive.motor_rate(found.dq))
         none = np.zeros(pace.shape, bool)
-        threshold = self.decisions.threshold
+        threshold, fastest = self.decisions.threshold, self.decisions.fastest
+        near = turning(drive, found.dq, _TURNING_REACH * threshold, fastest) if self.standstill else none
 
         def share(flag: Array) -> Array:
             return flag.astype(float) if row_filter is None else _share(row_filter, flag)
@@ -92,7 +93,7 @@ class MakeRows:
             share(found.missing) > _UNSOUND,
             share(self.decisions.at_limit(found.torque) if self.saturated else none) > _UNSOUND,
             share(pace <= threshold if self.standstill else none),
-            share(turning(drive, found.dq, _TURNING_REACH * threshold) if self.standstill else none) > _TURNING_SHARE,
+            share(near) > _TURNING_SHARE,
         )
         numbers = facts.packed()
         if self.model is not None and row_filter is not None:

@@ -8,7 +8,13 @@ import pytest
 from ident import Side, Transmission
 from ident.reversals import Reversals, turning
 
+Array = np.ndarray
 WRIST = np.array([[0.1, 0.0, 0.0], [0.02, -0.2, 0.0], [0.0, 0.0, 0.5]])
+
+
+def reversing(drive: Transmission, dq: Array, threshold: Array) -> Array:
+    """`turning` where all that moves moves in these samples, or before."""
+    return turning(drive, dq, threshold, np.full(len(Reversals.of(drive).rates), 1e3))
 
 
 @pytest.mark.parametrize("side", [Side.MOTOR, Side.JOINT])
@@ -17,7 +23,7 @@ def test_without_coupling_only_the_own_speed_counts(side: Side) -> None:
     dq = np.random.default_rng(0).normal(size=(200, 2))
     on_side = dq if side == Side.JOINT else drive.motor_rate(dq)
     threshold = np.array([0.3, 0.4]) * (1.0 if side == Side.JOINT else 60.0)
-    assert np.array_equal(turning(drive, dq, threshold), np.abs(on_side) <= threshold)
+    assert np.array_equal(reversing(drive, dq, threshold), np.abs(on_side) <= threshold)
 
 
 @pytest.mark.parametrize("side", [Side.MOTOR, Side.JOINT])
@@ -28,7 +34,7 @@ def test_a_row_turns_where_any_friction_in_it_does(side: Side, seed: int) -> Non
     K[1, 0], K[3, 2] = rng.uniform(0.01, 0.5, 2)
     drive = Transmission(K, np.zeros(4), side)
     dq, threshold = rng.normal(size=(300, 4)), rng.uniform(0.01, 0.2, 4)
-    found = turning(drive, dq, threshold)
+    found = reversing(drive, dq, threshold)
     # One ampere of friction at each motor and each joint in turn; what sits on the joint behind a gear of its own is as the motor's.
     rate, joint, motor = drive.motor_rate(dq), np.eye(4), np.eye(4)
     seen = threshold if side == Side.JOINT else np.abs(K) @ threshold
@@ -49,14 +55,25 @@ def test_a_joint_that_other_motors_move_reverses_apart_from_its_own() -> None:
     dq = drive.joint_rate(rate)
     assert dq[0, 1] == pytest.approx(0.0)
     # What holds joint 2 is in the torques of motors 1 and 2; what holds motor 2 in its own alone.
-    assert turning(drive, dq, np.full(3, 0.01)).tolist() == [[True, True, False], [False, True, False]]
+    assert reversing(drive, dq, np.full(3, 0.01)).tolist() == [[True, True, False], [False, True, False]]
 
 
 def test_a_torque_without_a_threshold_turns_everywhere() -> None:
     drive = Transmission(WRIST, np.zeros(3), Side.MOTOR)
-    found = turning(drive, np.ones((5, 3)), np.array([0.01, np.inf, 0.01]))
+    found = reversing(drive, np.ones((5, 3)), np.array([0.01, np.inf, 0.01]))
     assert found[:, 1].all()
     assert not found[:, [0, 2]].any()
+
+
+def test_a_coupled_joint_that_never_moves_reverses_nowhere() -> None:
+    """Its motor follows the others' to hold it: what it rubs, if anything, does not change its sign."""
+    drive = Transmission(WRIST, np.zeros(3), Side.MOTOR)
+    dq = np.random.default_rng(3).normal(size=(500, 3)) * np.array([1.0, 0.0, 1.0])
+    rate, threshold = np.abs(drive.motor_rate(dq)), np.full(3, 0.05)
+    assert (rate[:, 1] > 0.05).any()
+    found = turning(drive, dq, threshold, Reversals.of(drive).speeds(dq).max(axis=0))
+    assert np.array_equal(found, rate <= threshold)
+    assert reversing(drive, dq, threshold)[:, :2].all(), "had it moved elsewhere, all of these samples would be at standstill"
 
 
 def test_rounding_of_an_inverse_couples_nothing() -> None:
