@@ -34,17 +34,21 @@ def test_a_row_turns_where_any_friction_in_it_does(side: Side, seed: int) -> Non
     K[1, 0], K[3, 2] = rng.uniform(0.01, 0.5, 2)
     drive = Transmission(K, np.zeros(4), side)
     dq, threshold = rng.normal(size=(300, 4)), rng.uniform(0.01, 0.2, 4)
-    found = reversing(drive, dq, threshold)
-    # One ampere of friction at each motor and each joint in turn; what sits on the joint behind a gear of its own is as the motor's.
-    rate, joint, motor = drive.motor_rate(dq), np.eye(4), np.eye(4)
-    seen = threshold if side == Side.JOINT else np.abs(K) @ threshold
+    # One newton metre of friction at each motor and each joint in turn; what sits on the joint behind a gear of its own is as the motor's.
+    rate, every = drive.motor_rate(dq), np.eye(4)
+    at_joint = threshold if side == Side.JOINT else np.abs(K) @ threshold
     at_motor = np.abs(np.linalg.inv(K)) @ threshold if side == Side.JOINT else threshold
-    expected = np.zeros(found.shape, bool)
+    motors, joints = np.zeros((300, 4), bool), np.zeros((300, 4), bool)
     for i in range(4):
-        expected |= (np.abs(rate[:, i]) <= at_motor[i])[:, None] & (drive.torque(motor[i], Side.MOTOR, side) != 0.0)
+        motors |= (np.abs(rate[:, i]) <= at_motor[i])[:, None] & (drive.torque(every[i], Side.MOTOR, side) != 0.0)
     for j in (1, 3):
-        expected |= (np.abs(dq[:, j]) <= seen[j])[:, None] & (drive.torque(joint[j], Side.JOINT, side) != 0.0)
-    assert np.array_equal(found, expected)
+        joints |= (np.abs(dq[:, j]) <= at_joint[j])[:, None] & (drive.torque(every[j], Side.JOINT, side) != 0.0)
+    all_of_them = Reversals.of(drive)
+    speeds, limits = all_of_them.speeds(dq), all_of_them.limits(threshold)
+    assert np.array_equal(all_of_them.reached(speeds, limits, np.full(len(limits), 1e3)), motors | joints)
+    own = np.abs(dq) <= threshold if side == Side.JOINT else motors
+    found = reversing(drive, dq, threshold)
+    assert np.array_equal(found, own | joints)
     assert found.any()
     assert not found.all()
 
