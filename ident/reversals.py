@@ -50,16 +50,5 @@ class Reversals:
         return np.stack([slow[:, own].any(axis=1) for own in self.reaches], axis=1)
 
 
-def turning(transmission: Transmission, dq: Array, threshold: Array, top: Array) -> Array:
-    """Samples (N, n) of the measured torques at which the friction of what moves on the measured side, or of a coupled joint behind it, may
-    reverse: speeds below `threshold` (n,) on the measured side, from joint velocities (N, n); `top` (m,): the largest of all
-    `Reversals.speeds`. Reversals of the several motors that a torque measured at a joint holds are not among them: they would be in most of
-    its rows."""
-    found, n = Reversals.of(transmission), len(threshold)
-    own = np.abs(dq if transmission.measured == Side.JOINT else transmission.motor_rate(dq))
-    joints = np.where(np.arange(len(top)) < n, 0.0, top)
-    return np.asarray((own <= threshold) | found.reached(found.speeds(dq), found.limits(threshold), joints))
-
-
 def _rounded(A: Array) -> Array:
     return np.where(np.abs(A) > _NONE * np.abs(A).max(), A, 0.0)

@@ -16,8 +16,6 @@ from .filters import RowFilter
 from .masks import Saturation, Standstill, find_saturation
 from .prepared import JointReport, PreparationReport, Signals
 from .resample import bridge
-from .reversals import Reversals
-from .reversals import turning as turning_samples
 from .robot import Robot
 from .transmission import Side
 from .uniform import Recording, Resampling, UniformRun
@@ -118,8 +116,7 @@ def assemble(
     valid = ~np.logical_or.reduce(list(lost.values()))
     turning = None
     if rule is not None:
-        fastest = Reversals.of(robot.transmission).speeds(dq).max(axis=0)
-        near = turning_samples(robot.transmission, dq, _TURNING_REACH * threshold, fastest)
+        near = pace <= _TURNING_REACH * threshold
         reached = [near[run].astype(float) if row_filter is None else _share(row_filter, near[run]) for run in runs]
         turning = np.concatenate(reached) > _TURNING_SHARE
     tau[lost["torque missing"]] = np.nan

@@ -162,6 +162,16 @@ def without_reversals(signals: Signals, but: Collection[str] = (), memory: Array
     return replace(signals, valid=np.where(kept, valid, signals.valid))
 
 
+def without_turning(signals: Signals, joints: Collection[str]) -> Signals:
+    """The same signals without the rows of some joints into which a reversal of theirs reaches, or, where gears couple joints, one of any
+    joint or motor whose friction is in them."""
+    rows, reaches = signals.without_turning(joints), Reversals.of(signals.robot.transmission).reaches
+    at = [j for j in map(signals.robot.joint_index, joints) if np.count_nonzero(reaches[j]) > 1]
+    valid = rows.valid.copy()
+    valid[:, at] &= without_reversals(signals).valid[:, at]
+    return replace(rows, valid=valid)
+
+
 def _dilated(flag: Array, before: int, after: int) -> Array:
     """Flags (N,) bool, and so many samples before and after each, as 0 and 1."""
     edges = np.zeros(len(flag) + 1, int)

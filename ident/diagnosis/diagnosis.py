@@ -13,7 +13,7 @@ from ..errors import ConfigurationError
 from ..results import result
 from ..torque_error import number
 from .advice import advice_for, advice_to_confirm
-from .analysis import analysis_signals, stretches, thinned, without_reversals
+from .analysis import analysis_signals, stretches, thinned, without_reversals, without_turning
 from .bank import Bank
 from .carried import without_carried
 from .confirmed import LastWord, last_word
@@ -152,7 +152,7 @@ def diagnose(
         model = stage.problem.model
 
         def fitted(left_out: tuple[str, ...]) -> Estimate:
-            rows = wide.without_turning(left_out) if left_out else wide
+            rows = without_turning(wide, left_out) if left_out else wide
             estimate = _fitted(estimator, model, rows, before, stage.problem.reference)
             return replace(estimate, sticking=tuple(dict.fromkeys((*estimate.sticking, *left_out))))
 

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 #: Variance of the residual in rows that a reversal reaches, over that of the others, beyond which the joint sticks there.
 _STICKS = 9.0
 _FEWEST = 10
-#: What is left in those rows counts from this share of the torque (rms) on: below it no reading tells anything, and in a log without noise
-#: errors are those of the calculation.
-_READABLE = 1e-4
 
 
 def without_sticking(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
@@ -41,8 +38,7 @@ def without_sticking(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
         near, far = problem.valid[:, j] & turning[:, j], problem.valid[:, j] & ~turning[:, j]
         if near.sum() < _FEWEST or far.sum() < max(_FEWEST, 0.3 * problem.valid[:, j].sum()):
             continue
-        readable = _READABLE**2 * float(np.mean(problem.signals.tau[near | far, j] ** 2))
-        if squares[near, j].mean() > max(_STICKS * squares[far, j].mean(), readable):
+        if squares[near, j].mean() > _STICKS * squares[far, j].mean():
             joints.append(name)
     if not joints:
         return problem, ()

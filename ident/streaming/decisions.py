@@ -12,7 +12,6 @@ import numpy as np
 
 from ..cutoff import CutoffChoice
 from ..masks import _MOST, Saturation, Standstill, _longest_usual
-from ..reversals import Reversals
 from ..robot import Robot
 from ..rows import _speed_noise
 from ..transmission import Side
@@ -35,14 +34,13 @@ class Part:
 @dataclass(frozen=True, eq=False)
 class Extremes:
     """Over samples, (n,) each: `top`: largest speed on the measured side; `far`: largest distance of the position from zero; `least`,
-    `most`: extremes of the torque that is there; `finite`: samples with torque; and `fastest` (m,): largest of `Reversals.speeds`."""
+    `most`: extremes of the torque that is there; `finite`: samples with torque."""
 
     top: Array
     far: Array
     least: Array
     most: Array
     finite: Array
-    fastest: Array
 
     def __add__(self, other: Extremes) -> Extremes:
         return Extremes(
@@ -51,7 +49,6 @@ class Extremes:
             np.minimum(self.least, other.least),
             np.maximum(self.most, other.most),
             self.finite + other.finite,
-            np.maximum(self.fastest, other.fastest),
         )
 
 
@@ -63,21 +60,18 @@ def extremes_of(part: Part) -> Extremes:
     if found.missing.any():
         least, most = (np.where(found.missing, other, found.torque) for other in (np.inf, -np.inf))
         finite = finite - found.missing.sum(axis=0)
-    fastest = Reversals.of(drive).speeds(found.dq)
-    top, far, fastest = (over_rows(np.maximum, np.abs(x)) for x in (speed, found.q, fastest))
-    return Extremes(top, far, over_rows(np.minimum, least), over_rows(np.maximum, most), finite, fastest)
+    top, far = (over_rows(np.maximum, np.abs(x)) for x in (speed, found.q))
+    return Extremes(top, far, over_rows(np.minimum, least), over_rows(np.maximum, most), finite)
 
 
 @dataclass(frozen=True, eq=False)
 class Decisions:
-    """`still` (n,) bool: never moved; `top`, `threshold` (n,): speeds on the measured side; `fastest` (m,): largest of
-    `Reversals.speeds`; `cut` (n, 2): torque at which it is cut off (NaN: nowhere), with the span `span` (n,) by which equality is judged;
-    `saturation`: for reports."""
+    """`still` (n,) bool: never moved; `top`, `threshold` (n,): speeds on the measured side; `cut` (n, 2): torque at which it is cut off
+    (NaN: nowhere), with the span `span` (n,) by which equality is judged; `saturation`: for reports."""
 
     still: Array
     top: Array
     threshold: Array
-    fastest: Array
     cut: Array
     span: Array
     saturation: Saturation = field(repr=False)
@@ -114,7 +108,7 @@ def decide(
     moving = np.where(still, np.inf, np.maximum(threshold, 0.01 * found.top))
     span = np.where(found.finite > 0, found.most - found.least, 0.0)
     cut, counts = _limits(runs, [Reaching(*pair) for pair in zip(parts, each, strict=True)], found, moving, workers)
-    return Decisions(still, found.top, threshold, found.fastest, cut, span, Saturation(counts[None], cut))
+    return Decisions(still, found.top, threshold, cut, span, Saturation(counts[None], cut))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,6 @@ from ..filters import RowFilter
 from ..model import Model
 from ..motion import Motion
 from ..problem import Rows
-from ..reversals import turning
 from ..rows import _TURNING_REACH, _TURNING_SHARE, _UNSOUND, _share
 from ..transmission import Side
 from .columns import RowColumns, live_columns
@@ -82,8 +81,7 @@ class MakeRows:
         row_filter = part.run.derivation.row_filter
         pace = np.abs(found.dq if drive.measured == Side.JOINT else drive.motor_rate(found.dq))
         none = np.zeros(pace.shape, bool)
-        threshold, fastest = self.decisions.threshold, self.decisions.fastest
-        near = turning(drive, found.dq, _TURNING_REACH * threshold, fastest) if self.standstill else none
+        threshold = self.decisions.threshold
 
         def share(flag: Array) -> Array:
             return flag.astype(float) if row_filter is None else _share(row_filter, flag)
@@ -93,7 +91,7 @@ class MakeRows:
             share(found.missing) > _UNSOUND,
             share(self.decisions.at_limit(found.torque) if self.saturated else none) > _UNSOUND,
             share(pace <= threshold if self.standstill else none),
-            share(near) > _TURNING_SHARE,
+            share(pace <= _TURNING_REACH * threshold if self.standstill else none) > _TURNING_SHARE,
         )
         numbers = facts.packed()
         if self.model is not None and row_filter is not None:

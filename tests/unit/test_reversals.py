@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from ident import Side, Transmission
-from ident.reversals import Reversals, turning
+from ident.reversals import Reversals
 
 Array = np.ndarray
 WRIST = np.array([[0.1, 0.0, 0.0], [0.02, -0.2, 0.0], [0.0, 0.0, 0.5]])
 
 
-def reversing(drive: Transmission, dq: Array, threshold: Array) -> Array:
-    """`turning` where all that moves moves in these samples, or before."""
-    return turning(drive, dq, threshold, np.full(len(Reversals.of(drive).rates), 1e3))
+def reversing(drive: Transmission, dq: Array, threshold: Array, moved: float = 1e3) -> Array:
+    """Samples at which friction in each measured torque may reverse, where every speed reached `moved` in these samples or before."""
+    found = Reversals.of(drive)
+    limits = found.limits(threshold)
+    return found.reached(found.speeds(dq), limits, np.maximum(found.speeds(dq).max(axis=0), moved))
 
 
 @pytest.mark.parametrize("side", [Side.MOTOR, Side.JOINT])
@@ -43,12 +45,8 @@ def test_a_row_turns_where_any_friction_in_it_does(side: Side, seed: int) -> Non
         motors |= (np.abs(rate[:, i]) <= at_motor[i])[:, None] & (drive.torque(every[i], Side.MOTOR, side) != 0.0)
     for j in (1, 3):
         joints |= (np.abs(dq[:, j]) <= at_joint[j])[:, None] & (drive.torque(every[j], Side.JOINT, side) != 0.0)
-    all_of_them = Reversals.of(drive)
-    speeds, limits = all_of_them.speeds(dq), all_of_them.limits(threshold)
-    assert np.array_equal(all_of_them.reached(speeds, limits, np.full(len(limits), 1e3)), motors | joints)
-    own = np.abs(dq) <= threshold if side == Side.JOINT else motors
     found = reversing(drive, dq, threshold)
-    assert np.array_equal(found, own | joints)
+    assert np.array_equal(found, motors | joints)
     assert found.any()
     assert not found.all()
 
@@ -62,21 +60,13 @@ def test_a_joint_that_other_motors_move_reverses_apart_from_its_own() -> None:
     assert reversing(drive, dq, np.full(3, 0.01)).tolist() == [[True, True, False], [False, True, False]]
 
 
-def test_a_torque_without_a_threshold_turns_everywhere() -> None:
-    drive = Transmission(WRIST, np.zeros(3), Side.MOTOR)
-    found = reversing(drive, np.ones((5, 3)), np.array([0.01, np.inf, 0.01]))
-    assert found[:, 1].all()
-    assert not found[:, [0, 2]].any()
-
-
 def test_a_coupled_joint_that_never_moves_reverses_nowhere() -> None:
     """Its motor follows the others' to hold it: what it rubs, if anything, does not change its sign."""
     drive = Transmission(WRIST, np.zeros(3), Side.MOTOR)
     dq = np.random.default_rng(3).normal(size=(500, 3)) * np.array([1.0, 0.0, 1.0])
     rate, threshold = np.abs(drive.motor_rate(dq)), np.full(3, 0.05)
     assert (rate[:, 1] > 0.05).any()
-    found = turning(drive, dq, threshold, Reversals.of(drive).speeds(dq).max(axis=0))
-    assert np.array_equal(found, rate <= threshold)
+    assert np.array_equal(reversing(drive, dq, threshold, moved=0.0), rate <= threshold)
     assert reversing(drive, dq, threshold)[:, :2].all(), "had it moved elsewhere, all of these samples would be at standstill"
 
 
