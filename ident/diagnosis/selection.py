@@ -29,6 +29,12 @@ _MOST_TIED = 30
 _MOST_FINDINGS = 6
 #: So often may the same thing be accepted: once more than it was dropped.
 _CHANCES = 2
+#: A value of one parameter alone counts from so many of its standard deviations on, the scatter of blocks of time being in them.
+_TOLD = 2.0
+#: So often the search goes on where something was dropped in the end.
+_AGAIN = 1
+#: What something is, and where (see Hit.place).
+Place = tuple[str, tuple[str, ...], tuple[str, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,38 +84,43 @@ def _counts(judged: Judged, stage: Stage) -> bool:
 def select(
     first: Stage, bank: Bank, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None
 ) -> Selection:
-    """Add what is asked for until nothing is. `progress`: called with the share done; as nobody knows how many rounds there will
-    be, each takes a share of what is left."""
+    """Add what is asked for until nothing is. `progress`: called with the share done."""
     trail: list[str] = []
-
-    say = writing(trail, note)
-    stage, found, accepted = first, list[Found](), Counter[tuple[str, tuple[str, ...], tuple[str, ...]]]()
+    say, began = writing(trail, note), first
+    stage, found, accepted = first, list[Found](), Counter[Place]()
     begun_with: Found | None = None
+    dropped = 0
     nearest = list[Judged]()
     unlooked = list[Found]()  # found before something that was found since, on other rows
-    while len(found) < _MOST_FINDINGS:
-        begun = 1.0 - 0.5 ** len(found)
-
-        def told(share: float, begun: float = begun) -> None:
-            if progress is not None:
-                progress(begun + 0.5 * (1.0 - begun) * share)
-
-        # A fit that is merely consistent with its own prediction leaves what another effect would take up.
-        stage = at_least(stage)
-        all_ranked = ranked(stage, progress=told)
-        for j in all_ranked[:8]:
-            say(f"    {described(j, stage.number)}")
-        # Two that make room for each other would do so for ever.
-        able = undecoyed(all_ranked)
-        new = chosen(stage, [j for j in able if accepted[j.hit.place] < _CHANCES], found)
+    while True:
+        new = None
+        if len(found) < _MOST_FINDINGS:
+            # A fit that is merely consistent with its own prediction leaves what another effect would take up.
+            stage = at_least(stage)
+            all_ranked = ranked(stage, progress=_share_of(progress, len(found)))
+            for j in all_ranked[:8]:
+                say(f"    {described(j, stage.number)}")
+            # Two that make room for each other would do so for ever.
+            able = undecoyed(all_ranked)
+            new = chosen(stage, [j for j in able if accepted[j.hit.place] < _CHANCES], found)
+            nearest = nearest if found else [j for j in able if j.evidence > 0.0]
         if new is None:
-            due, before = [f for f in found if any(f is x for x in unlooked)], {f.judged.hit.place for f in found}
-            if due:
+            due, before = [f for f in found if any(f is x for x in unlooked)], _places(found)
+            if due and len(found) < _MOST_FINDINGS:
                 unlooked = []
                 stage, found = _re_examined(first, stage, found, due, bank, say)
-            if before == {f.judged.hit.place for f in found}:
-                nearest = [j for j in able if j.evidence > 0.0] if not accepted else []
-                break
+            if before != _places(found):
+                continue
+            # What was found first was judged under the noise before that: told in units of this one, like all the others.
+            found = [_judged_in(first, f) if f is begun_with else f for f in found]
+            stage, kept = settled_together(first, stage, found, bank, say)
+            gone, dropped = _places(found) - _places(kept), dropped + 1
+            if not gone or dropped > _AGAIN:
+                return Selection(first, stage, tuple(kept), tuple(trail), () if kept else tuple(nearest))
+            # It stood where something else may belong, which was never looked at without it.
+            accepted.update(dict.fromkeys(gone, _CHANCES))
+            found, begun_with = kept, None
+            first, stage = (first, stage) if found else (began, began)
             continue
         accepted[new.judged.hit.place] += 1
         say(f"accepted: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
@@ -124,10 +135,22 @@ def select(
             # With the strongest effect in the model, what is left tells the noise better than the saturated model did.
             first, stage = with_noise_beneath(first, stage, bank)
             begun_with = found[0]
-    # What was found first was judged under the noise before that: told in units of this one, like all the others.
-    found = [_judged_in(first, f) if f is begun_with else f for f in found]
-    stage, found = settled_together(first, stage, found, bank, say)
-    return Selection(first, stage, tuple(found), tuple(trail), tuple(nearest))
+
+
+def _share_of(progress: Callable[[float], None] | None, count: int) -> Callable[[float], None]:
+    """What tells the share done of a round in which so many effects have been found: as nobody knows how many rounds there will be, each
+    takes a share of what is left."""
+    begun = 1.0 - 0.5**count
+
+    def told(share: float) -> None:
+        if progress is not None:
+            progress(begun + 0.5 * (1.0 - begun) * share)
+
+    return told
+
+
+def _places(found: Sequence[Found]) -> set[Place]:
+    return {f.judged.hit.place for f in found}
 
 
 def writing(trail: list[str], note: Callable[[str], None] | None) -> Callable[[str], None]:
@@ -191,6 +214,8 @@ def settled_together(first: Stage, stage: Stage, found: list[Found], bank: Bank,
             why = why or driven_out_on(first.frame, best.frame, effects[i].joints or ())
             if not why and support(best, effects[i]) < threshold(f.judged.hit, best.number):
                 why = "in this company nothing is gained by it"
+            if not why and not effects[i].shape() and len(values) == 1 and abs(values[0]) < _TOLD * std[0]:
+                why = f"{values[0]:.3g} ± {std[0]:.2g} is not told from nothing"
             if why and (worst is None or f.judged.evidence < worst[0]):
                 worst = (f.judged.evidence, i, why)
         if worst is None:
