@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,8 @@ from .acceptance import Found
 from .evidence import WEAK, acts_on
 from .leftover import Leftover
 from .precision import FoundParameter, found_parameters, support
-from .selection import Selection
+from .search import Judged
+from .selection import Place, Selection
 from .stage import Stage
 
 if TYPE_CHECKING:
@@ -29,6 +30,11 @@ AMBIGUOUS = 0.1
 _LIKELY = 0.5
 #: Rivals less probable than this are not worth a word.
 _NAMED = 0.01
+#: Rivals that are told for what they would take up, however improbable: so many, of at least this share of the finding's evidence, and
+#: only one that takes up more than a simpler one does, which has this share of it.
+_TOLD = 3
+_SHARE = 0.2
+_AS_MUCH = 0.9
 #: A finding is trusted no further than this: the catalogue may lack the true one.
 _MOST = 0.99
 #: Share of its confidence that a finding keeps beside something larger that nothing explains.
@@ -42,12 +48,20 @@ _RIPPLE = 20.0
 
 @dataclass(frozen=True)
 class Imitator:
-    """A rival of a finding and its probability; `motors`: joints whose motors a coupling ties in."""
+    """A rival of a finding and its probability; `motors`: joints whose motors a coupling ties in. `share`: how much of what the finding
+    explains it takes up in its place (NaN: not known), with the `values` (name, value, unit) of its linear parameters."""
 
     effect: str
     joints: tuple[str, ...]
     confidence: float
     motors: tuple[str, ...] = ()
+    share: float = float("nan")
+    values: tuple[tuple[str, float, str], ...] = ()
+
+    @property
+    def likely(self) -> bool:
+        """Whether it is worth a word as what may be there in truth."""
+        return self.confidence >= _NAMED
 
     @property
     def place(self) -> str:
@@ -56,7 +70,9 @@ class Imitator:
 
     def to_dict(self) -> dict[str, Any]:
         tied = {"motors": list(self.motors)} if self.motors else {}
-        return {"effect": self.effect, "joints": list(self.joints), **tied, "confidence": self.confidence}
+        values = [{"name": name, "value": value, "unit": unit} for name, value, unit in self.values]
+        there = {"share": self.share, "parameters": values} if np.isfinite(self.share) else {}
+        return {"effect": self.effect, "joints": list(self.joints), **tied, "confidence": self.confidence, **there}
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,11 +225,7 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
             total[rival.hit.place] = total.get(rival.hit.place, 0.0) + float(probability)
     every = max(sum(total.values()), 1e-300)
     total = {key: probability / every for key, probability in total.items()}
-    imitators = tuple(
-        Imitator(key[0], key[1], trust * probability, key[2])
-        for key, probability in sorted(total.items(), key=lambda x: -x[1])
-        if key != own and probability >= _NAMED
-    )
+    imitators = _imitators(found, {key: p for key, p in total.items() if key != own}, trust, selection.final.problem.model.robot)
     loss = float(selection.declared.frame.heldout_loss.sum())
     return Finding(
         found.effect,
@@ -224,3 +236,30 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
         trust * total[own],
         imitators,
     )
+
+
+def _imitators(found: Found, rivals: Mapping[Place, float], trust: float, robot: Robot) -> tuple[Imitator, ...]:
+    """The rivals of a finding, by their probability: those that may be there in truth, and those that would take up much of the same."""
+    best: dict[Place, Judged] = {}
+    for rival in found.rivals:
+        place = rival.hit.place
+        if place in rivals and (place not in best or rival.evidence > best[place].evidence):
+            best[place] = rival
+    share = {place: rival.evidence / max(found.judged.evidence, 1e-300) for place, rival in best.items()}
+
+    def parameters(place: Place) -> int:
+        effect = best[place].hit.effect
+        return len(effect.parameters(robot)) + len(effect.shape())
+
+    told = list[Place]()
+    for place in sorted((p for p in best if share[p] >= _SHARE), key=lambda p: (parameters(p), -share[p])):
+        if all(parameters(simple) == parameters(place) or share[simple] < _AS_MUCH * share[place] for simple in told):
+            told.append(place)
+    told = sorted(told, key=lambda p: -share[p])[:_TOLD]
+    out = []
+    for place, probability in sorted(rivals.items(), key=lambda x: -x[1]):
+        if probability >= _NAMED or place in told:
+            effect, values = replace(best[place].hit.effect, label=""), best[place].score.values
+            own = tuple((p.name, float(v), p.unit) for p, v in zip(effect.parameters(robot), values, strict=True))
+            out.append(Imitator(*place[:2], trust * probability, place[2], min(share[place], 1.0), own))
+    return tuple(out)

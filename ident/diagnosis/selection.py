@@ -240,13 +240,15 @@ def _hit_in(stage: Stage, found: Found) -> Hit | None:
 
 
 def _judged_in(stage: Stage, found: Found) -> Found:
-    """A finding judged once more under the noise of a stage: what others gain there is compared with it."""
-    hit = found.judged.hit
-    if hit.effect.abrupt:
-        return found  # its columns are not to be had without the search that found them
-    return replace(
-        found, judged=stage.search.judge(replace(stage.search.hit(hit.candidate, hit.effect), evenly=hit.evenly, tried=hit.tried))
-    )
+    """A finding and its rivals judged once more under the noise of a stage: what others gain there is compared with it."""
+
+    def again(judged: Judged) -> Judged:
+        hit = judged.hit
+        if hit.effect.abrupt:
+            return judged  # its columns are not to be had without the search that found them
+        return stage.search.judge(replace(stage.search.hit(hit.candidate, hit.effect), evenly=hit.evenly, tried=hit.tried))
+
+    return replace(found, judged=again(found.judged), rivals=tuple(again(r) for r in found.rivals))
 
 
 def relabelled(found: Found, model: Model) -> Found:

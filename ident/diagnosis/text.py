@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,8 @@ from ..places import on
 if TYPE_CHECKING:
     from .diagnosis import Diagnosis
 
+#: Values of a rival that are told in its line.
+_FEW = 3
 _SAID = {
     "clean": "clean: nothing beyond the declared model is supported by the data",
     "explained": "explained: the model lacks what is listed, and with it nothing significant is left",
@@ -29,14 +32,22 @@ def diagnosis_text(d: Diagnosis) -> str:
             lines.append(f"     {p.name} = {p.value:.4g}{doubt} {p.unit}")
         if f.configuration:
             lines.append("     " + ", ".join(f"{name}: {value}" for name, value in f.configuration.items()))
-        if f.imitators:
-            named = "; ".join(f"{m.effect}{on(m.place)} ({m.confidence:.2f})" for m in f.imitators)
+        if likely := [m for m in f.imitators if m.likely]:
+            named = "; ".join(f"{m.effect}{on(m.place)} ({m.confidence:.2f})" for m in likely)
             lines.append(f"     could also be: {named}")
+        if unlikely := [m for m in f.imitators if not m.likely]:
+            named = "; ".join(f"{m.effect}{on(m.place)}{_with(m.values)} {100 * m.share:.0f} %" for m in unlikely)
+            lines.append(f"     in its place would take up, of what it explains: {named}")
         lines.append(f"     {f.advice}")
     lines += [f"left: {u.evidence}" for u in d.unexplained]
     data = "held out" if d.held is not None else "fitted"
     lines += ["", f"error on {data} data, noise floor {_numbers(d.noise_floor)}:", str(d.comparison)]
     return "\n".join(lines)
+
+
+def _with(values: Sequence[tuple[str, float, str]]) -> str:
+    """What a rival's parameters would be."""
+    return f" ({', '.join(f'{value:.3g} {unit}' for _, value, unit in values)})" if 0 < len(values) <= _FEW else ""
 
 
 def _numbers(x: np.ndarray) -> str:

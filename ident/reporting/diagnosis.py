@@ -200,7 +200,9 @@ def _imitators(d: Diagnosis) -> list[Section]:
     rows = [
         (
             f"{i}. {f.name}{on(place_of(f.effect, f.joints))}",
-            f"{m.effect}{on(joined(m.joints))}",
+            f"{m.effect}{on(m.place)}",
+            ", ".join(f"{value:.4g} {unit}" for _, value, unit in m.values),
+            f"{100 * m.share:.0f} %" if np.isfinite(m.share) else "",
             f"{m.confidence:.3f}",
         )
         for i, f in enumerate(d.findings, 1)
@@ -208,7 +210,8 @@ def _imitators(d: Diagnosis) -> list[Section]:
     ]
     if not rows:
         return []
-    return [Table("Imitators", ("finding", "could also be", "probability"), tuple(rows), "Rivals refitted in the finding's place.", left=2)]
+    words = "Rivals refitted in the finding's place: what their parameters would be there, and how much of what it explains they take up."
+    return [Table("Imitators", ("finding", "could also be", "with", "takes up", "probability"), tuple(rows), words, left=3)]
 
 
 def _advice(d: Diagnosis) -> list[Section]:

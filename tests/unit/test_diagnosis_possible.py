@@ -159,9 +159,10 @@ def test_no_payload_leaves_a_robot_without_inertia() -> None:
 
 
 def found(effect: Effect, evidence: float, rivals: tuple[Found, ...] = (), weights: tuple[float, ...] = (1.0,)) -> Found:
-    """A finding, as far as its confidence looks at it."""
-    columns = np.zeros((2, 5, 1))
-    columns[0] = 1.0
+    """A finding, as far as its confidence looks at it. On joints that the robot does not have it has one column."""
+    robot = ROBOTS["scara"]()
+    columns = np.zeros((2, 5, len(effect.parameters(robot)) if set(effect.joints or ()) <= set(robot.joint_names) else 1))
+    columns[0, :, 0] = 1.0
     place = (effect.name, tuple(effect.joints or ()), ())
     hit = SimpleNamespace(place=place, columns=columns, effect=effect, candidate=SimpleNamespace(joints=place[1], name=effect.name))
     judged = SimpleNamespace(hit=hit, evidence=evidence, score=SimpleNamespace(heldout=evidence, values=np.ones(columns.shape[2])))
@@ -202,6 +203,22 @@ def test_what_is_there_as_well_is_no_rival() -> None:
     with_it = _finding(first, (), both, [])
     assert with_it.confidence == pytest.approx(5.0 / 6.0, abs=0.01)
     assert [i.effect for i in with_it.imitators] == ["stribeck"]
+
+
+def test_what_would_take_up_much_is_told_though_it_is_improbable() -> None:
+    """Of those the simplest; one that takes up more is told for what it takes up beyond."""
+    spring = found(make_effect("nonlinear_spring", joints="j1"), 850.0)  # four parameters, no more than an offset takes up
+    curved = found(make_effect("asymmetric_coulomb", joints="j1"), 820.0)
+    offset = found(make_effect("offset", joints="j1"), 800.0)
+    little = found(make_effect("linear_spring", joints="j1"), 100.0)
+    payload = found(make_effect("payload_step"), 950.0)
+    first = found(make_effect("asymmetric_viscous", joints="j1"), 1000.0, (spring, curved, offset, little, payload), (1.0, *[1e-9] * 5))
+    stage = SimpleNamespace(problem=SimpleNamespace(model=SimpleNamespace(robot=ROBOTS["scara"]())))
+    selection = SimpleNamespace(found=(first,), declared=SimpleNamespace(frame=SimpleNamespace(heldout_loss=np.ones(4))), final=stage)
+    told = _finding(first, (), cast(Selection, selection), []).imitators
+    assert {(i.effect, round(i.share, 2)) for i in told} == {("payload_step", 0.95), ("asymmetric_coulomb", 0.82), ("offset", 0.8)}
+    assert not any(i.likely for i in told)
+    assert next(i for i in told if i.effect == "offset").values == (("offset_j1", 1.0, "N m"),)
 
 
 def test_rows_near_reversals_that_say_otherwise_are_left_out() -> None:
