@@ -193,6 +193,52 @@ def test_what_makes_room_for_each_other_is_not_accepted_for_ever(monkeypatch: py
     assert rounds == [1, 1, 0]
 
 
+def two_found() -> tuple[Stage, list[Judged]]:
+    """A log with two effects that the model lacks, and both of them judged."""
+    own = [make_effect("asymmetric_viscous", joints=j) for j in ("j1", "j2")]
+    stage, _ = stage_of(11, [], own, [2.0, 2.0])
+    listed = tuple(Candidate("asymmetric_viscous", e.joints or (), (e,)) for e in own)
+    stage = replace(stage, search=Search(stage.frame, stage.motions, listed, Bank()))
+    return stage, [stage.search.judge(stage.search.hit(c, c.variants[0])) for c in listed]
+
+
+@pytest.mark.parametrize("holds", [True, False])
+def test_what_is_dropped_in_the_end_makes_room_for_what_came_near(monkeypatch: pytest.MonkeyPatch, holds: bool) -> None:
+    """The search goes on without it; where nothing else holds, both are still what came nearest, for other data to confirm."""
+    stage, judged = two_found()
+    rounds = []
+
+    def chosen(stage: Stage, plausible: list[Judged], beside: list[Found]) -> Found | None:
+        rounds.append([j.hit.candidate.joints[0] for j in plausible])
+        return Found(plausible[0], (), np.ones(1)) if plausible and not beside else None
+
+    def settled_together(first: Stage, stage: Stage, found: list[Found], *_: object) -> tuple[Stage, list[Found]]:
+        return stage, [f for f in found if holds and f.effect.joints == ("j2",)]
+
+    monkeypatch.setattr(selection, "ranked", lambda *args, **more: judged)
+    monkeypatch.setattr(selection, "chosen", chosen)
+    monkeypatch.setattr(selection, "settled_together", settled_together)
+    monkeypatch.setattr(selection, "with_noise_beneath", lambda first, stage, bank: (first, stage))
+    looked = selection.select(stage, Bank())
+    assert [f.effect.joints for f in looked.found] == ([("j2",)] if holds else [])
+    assert rounds[0] == ["j1", "j2"]
+    assert rounds[2] == ["j2"]
+    assert [j.hit.candidate.joints[0] for j in looked.nearest] == ([] if holds else ["j1", "j2"])
+
+
+@pytest.mark.parametrize(("std", "kept"), [(0.7, False), (0.4, True)])
+def test_a_value_that_scatters_as_far_as_it_is_large_is_nothing(monkeypatch: pytest.MonkeyPatch, std: float, kept: bool) -> None:
+    """Its evidence counts blocks of time as if noise alone told them apart; their scatter says how far they agree."""
+    stage, judged = two_found()
+    one = Found(judged[0], (), np.ones(1))
+    with_it = selection.with_effects(stage, [one.effect], stage, Bank())
+    monkeypatch.setattr(selection, "unbound", lambda stage, effects: [(np.array([1.0]), np.array([std]))])
+    said: list[str] = []
+    _, left = selection.settled_together(stage, with_it, [one], Bank(), said.append)
+    assert bool(left) is kept
+    assert kept or "1 ± 0.7 is not told from nothing" in said[0]
+
+
 def test_jumps_are_told_from_motion() -> None:
     t = np.arange(4000) / RATE
     rng = np.random.default_rng(1)
