@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -86,55 +86,76 @@ def select(
 ) -> Selection:
     """Add what is asked for until nothing is. `progress`: called with the share done."""
     trail: list[str] = []
-    say, began = writing(trail, note), first
-    stage, found, accepted = first, list[Found](), Counter[Place]()
-    begun_with: Found | None = None
-    dropped = 0
-    nearest = list[Judged]()
-    unlooked = list[Found]()  # found before something that was found since, on other rows
-    while True:
-        new = None
-        if len(found) < _MOST_FINDINGS:
+    say = writing(trail, note)
+    forward = _Forward(bank, say, progress)
+    begun, stage, found = first, first, list[Found]()
+    for last in (*[False] * _AGAIN, True):
+        first, stage, grown = forward.grown(first, stage, found)
+        stage, found = settled_together(first, stage, grown, bank, say)
+        gone = _places(grown) - _places(found)
+        if not gone or last:
+            break
+        # What was dropped stood where something else may belong, which was never looked at without it.
+        forward.accepted.update(dict.fromkeys(gone, _CHANCES))
+        first, stage = (first, stage) if found else (begun, begun)
+    return Selection(first, stage, tuple(found), tuple(trail), () if found else tuple(forward.nearest))
+
+
+@dataclass
+class _Forward:
+    """Steps forward. `accepted`: how often each thing was; `nearest`: what came near to being found before anything was."""
+
+    bank: Bank
+    say: Callable[[str], None]
+    progress: Callable[[float], None] | None
+    accepted: Counter[Place] = field(default_factory=Counter)
+    nearest: list[Judged] = field(default_factory=list)
+
+    def grown(self, first: Stage, stage: Stage, found: Sequence[Found]) -> tuple[Stage, Stage, list[Found]]:
+        """The declared model's stage, the last one and its findings, when nothing more is asked for."""
+        bank, say, found = self.bank, self.say, list(found)
+        begun_with: Found | None = None
+        unlooked = list[Found]()  # found before something that was found since, on other rows
+        while len(found) < _MOST_FINDINGS:
             # A fit that is merely consistent with its own prediction leaves what another effect would take up.
             stage = at_least(stage)
-            all_ranked = ranked(stage, progress=_share_of(progress, len(found)))
-            for j in all_ranked[:8]:
-                say(f"    {described(j, stage.number)}")
-            # Two that make room for each other would do so for ever.
-            able = undecoyed(all_ranked)
-            new = chosen(stage, [j for j in able if accepted[j.hit.place] < _CHANCES], found)
-            nearest = nearest if found else [j for j in able if j.evidence > 0.0]
-        if new is None:
-            due, before = [f for f in found if any(f is x for x in unlooked)], _places(found)
-            if due and len(found) < _MOST_FINDINGS:
-                unlooked = []
-                stage, found = _re_examined(first, stage, found, due, bank, say)
-            if before != _places(found):
+            new = self._next(stage, found)
+            if new is None:
+                due, before = [f for f in found if any(f is x for x in unlooked)], _places(found)
+                if due:
+                    unlooked = []
+                    stage, found = _re_examined(first, stage, found, due, bank, say)
+                if before == _places(found):
+                    break
                 continue
-            # What was found first was judged under the noise before that: told in units of this one, like all the others.
-            found = [_judged_in(first, f) if f is begun_with else f for f in found]
-            stage, kept = settled_together(first, stage, found, bank, say)
-            gone, dropped = _places(found) - _places(kept), dropped + 1
-            if not gone or dropped > _AGAIN:
-                return Selection(first, stage, tuple(kept), tuple(trail), () if kept else tuple(nearest))
-            # It stood where something else may belong, which was never looked at without it.
-            accepted.update(dict.fromkeys(gone, _CHANCES))
-            found, begun_with = kept, None
-            first, stage = (first, stage) if found else (began, began)
-            continue
-        accepted[new.judged.hit.place] += 1
-        say(f"accepted: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
-        found.append(relabelled(new, stage.problem.model))
-        stage = with_effects(first, [f.effect for f in found], stage, bank)
-        if len(found) > 1:
-            rows = acts_on(found[-1].judged)
-            unlooked = [f for f in found[:-1] if not (acts_on(f.judged) & rows).any()]
-            due = [f for f in reversed(found[:-1]) if not any(f is x for x in unlooked)]
-            stage, found = _re_examined(first, stage, found, [*due, found[-1]], bank, say)
-        else:
-            # With the strongest effect in the model, what is left tells the noise better than the saturated model did.
-            first, stage = with_noise_beneath(first, stage, bank)
-            begun_with = found[0]
+            found.append(relabelled(new, stage.problem.model))
+            stage = with_effects(first, [f.effect for f in found], stage, bank)
+            if len(found) > 1:
+                rows = acts_on(found[-1].judged)
+                unlooked = [f for f in found[:-1] if not (acts_on(f.judged) & rows).any()]
+                due = [f for f in reversed(found[:-1]) if not any(f is x for x in unlooked)]
+                stage, found = _re_examined(first, stage, found, [*due, found[-1]], bank, say)
+            else:
+                # With the strongest effect in the model, what is left tells the noise better than the saturated model did.
+                first, stage = with_noise_beneath(first, stage, bank)
+                begun_with = found[0]
+        # What was found first was judged under the noise before that: told in units of this one, like all the others.
+        return first, stage, [_judged_in(first, f) if f is begun_with else f for f in found]
+
+    def _next(self, stage: Stage, found: Sequence[Found]) -> Found | None:
+        """What is worth adding beside what was found."""
+        all_ranked = ranked(stage, progress=_share_of(self.progress, len(found)))
+        for j in all_ranked[:8]:
+            self.say(f"    {described(j, stage.number)}")
+        able = undecoyed(all_ranked)
+        if not found:
+            self.nearest = [j for j in able if j.evidence > 0.0]
+        # Two that make room for each other would do so for ever.
+        new = chosen(stage, [j for j in able if self.accepted[j.hit.place] < _CHANCES], found)
+        if new is not None:
+            self.accepted[new.judged.hit.place] += 1
+            self.say(f"accepted: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
+        return new
 
 
 def _share_of(progress: Callable[[float], None] | None, count: int) -> Callable[[float], None]:
