@@ -23,28 +23,33 @@ LIMIT = 600.0
 
 @dataclass(frozen=True)
 class Missing:
-    """What is known to be missing in a study: `effects` any of which names it, on `joint` ("" anywhere), of a coupling by `motor`."""
+    """What is known to be missing in a study: `effects` any of which names it, on `joint` ("" anywhere), of a coupling by `motor`.
+    `beside`: beside this one, which is missing as well, nothing is left of it (the same trace is published under both names)."""
 
     words: str
     effects: tuple[str, ...]
     joint: str = ""
     motor: str = ""
+    beside: str = ""
 
     def among(self, findings: list[Mapping[str, Any]]) -> bool:
         """Whether a finding names it."""
-        return any(
-            f["effect"] in self.effects
-            and (not self.joint or self.joint in f["joints"])
-            and (not self.motor or self.motor in (f.get("motors") or ()))
-            for f in findings
-        )
+        return any(self._names(f) for f in findings)
+
+    def told(self, findings: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+        """The rivals by which findings of the kind `beside` say that they stand in its place, with its size there."""
+        return [m for f in findings if f["effect"] == self.beside for m in f["imitators"] if self._names(m)]
+
+    def _names(self, found: Mapping[str, Any]) -> bool:
+        here = not self.joint or self.joint in found["joints"]
+        return found["effect"] in self.effects and here and (not self.motor or self.motor in (found.get("motors") or ()))
 
 
 #: From the notes beside the logs: what the studies leave out.
 KNOWN: dict[str, tuple[Missing, ...]] = {
     "emps": (
         Missing("viscous friction that depends on direction", ("asymmetric_viscous",), "axis"),
-        Missing("offset", ("offset", "asymmetric_coulomb"), "axis"),
+        Missing("offset", ("offset", "asymmetric_coulomb"), "axis", beside="asymmetric_viscous"),
     ),
     "tx40": (Missing("coupling of joint 6 to motor 5", ("gear_coupling",), "joint_6", "joint_5"),),
     "double_pendulum": (
@@ -86,7 +91,7 @@ def diagnosed(name: str) -> dict[str, Any]:
         "over_floor": [float(r / f) for r, f in zip(comparison.error_after.rms, floor, strict=True)],
         "seconds": seconds,
         "wall_seconds": wall,
-        "known": [{"words": m.words, "named": m.among(findings)} for m in KNOWN[name]],
+        "known": [{"words": m.words, "named": m.among(findings), "told": m.told(findings)} for m in KNOWN[name]],
         "text": str(found),
         "trail": list(found.trail),
     }
@@ -135,10 +140,18 @@ def told(found: Mapping[str, Any]) -> str:
         lines.append(f"    {f['effect']}{where}: {values}; confidence {f['confidence']:.2f}" + (f"; or {rivals}" if rivals else ""))
     lines += [f"    left: {u['evidence']}" for u in found["result"]["unexplained"]]
     lines.append("    after / noise floor: " + " ".join(f"{x:.2f}" for x in found["over_floor"]))
-    lines += [f"    known to be missing: {k['words']}: {'named' if k['named'] else 'NOT named'}" for k in found["known"]]
+    lines += [f"    known to be missing: {k['words']}: {_how(k)}" for k in found["known"]]
     if found["gain_std"] is not None and not found["gain"] > 0 and found["findings"]:
         lines.append("    WRONG: what was found does not gain on held-out data")
     return "\n".join(lines)
+
+
+def _how(known: Mapping[str, Any]) -> str:
+    if known["named"] or not known["told"]:
+        return "named" if known["named"] else "NOT named"
+    first = known["told"][0]
+    values = ", ".join(f"{p['value']:.3g} {p['unit']}" for p in first["parameters"])
+    return f"told as {first['effect']} ({values}), which would take up {100 * first['share']:.0f} % of what a finding explains"
 
 
 def _value(p: Mapping[str, Any]) -> str:
