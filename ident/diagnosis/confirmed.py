@@ -33,7 +33,8 @@ Array = np.ndarray
 class LastWord:
     """What is left of a selection, the estimate of its model, what was taken back, and what is to be said about it. `unseen`: findings that
     stay, though held-out data do not show them; `faint`: those that they show no more clearly than chance might; `owed`: those that were
-    found with their help, so that no data are left which had no part in it."""
+    found with their help, so that no data are left which had no part in it. `shown`: whether the error on held-out data falls by more than
+    chance might with all that is left."""
 
     selection: Selection
     after: Estimate
@@ -42,6 +43,7 @@ class LastWord:
     faint: tuple[Effect, ...] = ()
     owed: tuple[Effect, ...] = ()
     said: tuple[str, ...] = ()
+    shown: bool = True
 
 
 def last_word(
@@ -61,7 +63,8 @@ def last_word(
     said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []), *_not_shown(kept))
     unseen, faint = (tuple(f.effect for f in some) for some in (kept.unseen, kept.faint))
     owed = tuple(f.effect for f in kept.selection.found if confirms)
-    return LastWord(kept.selection, kept.after, unexplained, unseen, faint, owed, said)
+    grown, error = Change.of(declared, kept.after, rows).on(np.ones(rows.robot.n, bool))
+    return LastWord(kept.selection, kept.after, unexplained, unseen, faint, owed, said, -grown > SURELY * error)
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
 from .stage import Stage, start
 from .turning import agreeing
+from .withdrawn import withdrawn
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
@@ -165,6 +166,10 @@ def diagnose(
     verdict, findings, unexplained = assess(selection, leftovers(away_from_reversals(selection, looked, bank), selection.found))
     if last.unexplained:
         verdict, unexplained = "unexplained", (*unexplained, *last.unexplained)
+    if (nothing := withdrawn(verdict, findings, last.shown)) is not None:
+        selection, after = replace(selection, final=selection.declared, found=()), declared
+        _, findings, unexplained = assess(selection, leftovers(looked.declared, ()))
+        unexplained = (*unexplained, *last.unexplained, nothing)
     if plain := (*jumps(wide), *lost(wide), *(apart(after, wide, held) if held is not None else ())):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
     if verdict == "explained" and (last.unseen or last.faint or last.owed):  # the name may be right; no other data say so

@@ -27,7 +27,7 @@ Array = np.ndarray
 #: A finding is ambiguous when its rivals together are at least this probable.
 AMBIGUOUS = 0.1
 #: With a finding that is less likely than this nothing is explained for sure.
-_LIKELY = 0.5
+LIKELY = 0.5
 #: Rivals less probable than this are not worth a word.
 _NAMED = 0.01
 #: Rivals that are told for what they would take up, however improbable: so many, of at least this share of the finding's evidence, and
@@ -151,7 +151,7 @@ def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[F
     unexplained += _drawn(selection.found, robot)
     if unexplained:
         verdict = "unexplained"
-    elif any(f.ambiguous or f.confidence < _LIKELY for f in findings):
+    elif any(f.ambiguous or f.confidence < LIKELY for f in findings):
         verdict = "ambiguous"
     else:
         verdict = "explained" if findings else "clean"

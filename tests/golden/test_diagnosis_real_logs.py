@@ -53,9 +53,11 @@ def test_what_is_missing_is_told_by_place():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KNOWN)
 def test_findings_gain_on_held_out_data(name):
+    """All of these lack something. What is claimed gains; guesses that do not are withdrawn, and nothing is claimed."""
     found = diagnosis_of(name)
     assert found["result"]["verdict"] != "clean", told(found)
-    assert found["gain"] > LEAST_GAIN.get(name, 0.0) + 2 * found["gain_std"], told(found)
+    withdrawn = not found["findings"] and found["result"]["verdict"] == "unexplained" and found["gain"] == 0.0
+    assert (withdrawn and not KNOWN[name]) or found["gain"] > LEAST_GAIN.get(name, 0.0) + 2 * found["gain_std"], told(found)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -12,8 +13,9 @@ from effect_robots import ROBOTS, declared
 from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
+from ident.diagnosis import Finding, Unexplained, diagnose
 from ident.diagnosis import confirmed as confirmed_module
-from ident.diagnosis import diagnose
+from ident.diagnosis import diagnosis as diagnosis_module
 from ident.diagnosis.acceptance import Found
 from ident.diagnosis.analysis import without_reversals
 from ident.diagnosis.bank import Bank
@@ -29,6 +31,7 @@ from ident.diagnosis.search import Search
 from ident.diagnosis.stage import Stage, with_effects
 from ident.diagnosis.stand_in import stand_in
 from ident.diagnosis.whitening import plain_whitener, whitener
+from ident.diagnosis.withdrawn import withdrawn
 from ident.effect import Effect, make_effect
 from ident.effects.springs import Counterbalance
 from ident.estimators import WeightedLeastSquares
@@ -204,6 +207,48 @@ def test_what_held_out_data_are_too_few_to_show_is_ambiguous_and_said() -> None:
     enough = diagnose(before, held.select_rows([slice(0, 100)]))
     assert enough.verdict == "explained"
     assert not any("another motion" in w for w in enough.warnings)
+
+
+def a_guess(confidence: float) -> Finding:
+    return Finding(make_effect("torque_ripple", joints="j2", order=3.0), ("j2",), (), 0.1, 300.0, confidence, ())
+
+
+def test_guesses_that_held_out_data_do_not_bear_out_are_withdrawn() -> None:
+    """Only where something else is there that nothing explains, and none of them is likely."""
+    guesses = [a_guess(0.2), a_guess(0.05)]
+    nothing = withdrawn("unexplained", guesses, shown=False)
+    assert nothing is not None
+    assert nothing.joint == "j2"
+    assert nothing.gain == 600.0
+    assert "torque_ripple on j2" in nothing.evidence
+    assert withdrawn("unexplained", guesses, shown=True) is None
+    assert withdrawn("unexplained", [*guesses, a_guess(0.9)], shown=False) is None
+    assert withdrawn("ambiguous", guesses, shown=False) is None
+    assert withdrawn("unexplained", [], shown=False) is None
+
+
+def test_what_is_withdrawn_leaves_the_declared_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    late = make_effect("asymmetric_viscous", joints="j1")
+    fit, held = prepared(31, [late], [3.0]), prepared(32, [late], [3.0])
+    before = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit))
+    words = Unexplained("j1", "held-out data", "nothing is taken", 10.0)
+    shown = list[bool]()
+
+    def withdraw(verdict: str, findings: Sequence[Finding], is_shown: bool) -> Unexplained:
+        assert findings
+        shown.append(is_shown)
+        return words
+
+    monkeypatch.setattr(diagnosis_module, "withdrawn", withdraw)
+    found = diagnose(before, held)
+    assert shown == [True]
+    assert found.findings == ()
+    assert found.verdict == "unexplained"
+    assert words in found.unexplained
+    assert any(u.signature != "held-out data" and u.joint == "j1" for u in found.unexplained)
+    assert found.model.names == before.model.names
+    assert found.comparison.gain == 0.0
+    assert found.to_dict()["findings"] == []
 
 
 @pytest.mark.parametrize("name", ["linear_spring", "nonlinear_spring"])
