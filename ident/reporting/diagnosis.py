@@ -25,6 +25,8 @@ Array = np.ndarray
 _JOINTS = 8
 _SHIFTS = 14
 _FIGURES = 8
+#: Probabilities are told down to this.
+_LEAST = 0.001
 _REPLAYED_JOINTS = 12
 
 
@@ -203,7 +205,7 @@ def _imitators(d: Diagnosis) -> list[Section]:
             f"{m.effect}{on(m.place)}",
             ", ".join(f"{value:.4g} {unit}" for _, value, unit in m.values),
             f"{100 * m.share:.0f} %" if np.isfinite(m.share) else "",
-            f"{m.confidence:.3f}",
+            f"{m.confidence:.3f}" if m.confidence >= _LEAST else f"< {_LEAST}",
         )
         for i, f in enumerate(d.findings, 1)
         for m in f.imitators
@@ -211,7 +213,7 @@ def _imitators(d: Diagnosis) -> list[Section]:
     if not rows:
         return []
     words = "Rivals refitted in the finding's place: what their parameters would be there, and how much of what it explains they take up."
-    return [Table("Imitators", ("finding", "could also be", "with", "takes up", "probability"), tuple(rows), words, left=3)]
+    return [Table("Imitators", ("finding", "in its place", "with", "takes up", "probability"), tuple(rows), words, left=3)]
 
 
 def _advice(d: Diagnosis) -> list[Section]:
