@@ -10,6 +10,7 @@ what falls short there is more often the inexactness of their laws."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ import numpy as np
 from .acceptance import Found
 from .bank import Bank
 from .change import Change
-from .evidence import occam, surplus
+from .evidence import FALSE_ALARM, occam, surplus
 from .foretelling import Foretelling
 from .selection import Selection, relabelled
 from .stage import Stage, with_effects
@@ -33,9 +34,11 @@ if TYPE_CHECKING:
 #: So many candidates are nominated, each of which lacks no more than this.
 _MOST = 3
 _LACKING = 25.0
-#: The gain on held-out data over its standard error, and the least evidence there (twice a log-likelihood): one hypothesis, 150 to 1.
+#: The gain on held-out data over its standard error, and the least evidence there (twice the logarithm of the ratio of densities). Where
+#: nothing is, a ratio of k is reached with a probability of no more than 1 / k (Markov's inequality): the rate of false alarms over all
+#: that are nominated is that of the whole catalogue.
 _SURELY = 2.0
-_CLEARLY = 10.0
+_CLEARLY = 2.0 * math.log(_MOST / FALSE_ALARM)
 
 
 def nominated(
