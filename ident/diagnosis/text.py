@@ -35,7 +35,7 @@ def diagnosis_text(d: Diagnosis) -> str:
         if likely := [m for m in f.imitators if m.likely]:
             named = "; ".join(f"{m.effect}{on(m.place)} ({m.confidence:.2f})" for m in likely)
             lines.append(f"     could also be: {named}")
-        if unlikely := [m for m in f.imitators if not m.likely]:
+        if unlikely := sorted((m for m in f.imitators if not m.likely), key=lambda m: -m.share):
             named = "; ".join(f"{m.effect}{on(m.place)}{_with(m.values)} {100 * m.share:.0f} %" for m in unlikely)
             lines.append(f"     in its place would take up, of what it explains: {named}")
         lines.append(f"     {f.advice}")
