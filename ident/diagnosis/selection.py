@@ -89,11 +89,11 @@ def select(
     say = writing(trail, note)
     forward = _Forward(bank, say, progress)
     begun, stage, found = first, first, list[Found]()
-    for last in (*[False] * _AGAIN, True):
+    for turn in range(_AGAIN + 1):
         first, stage, grown = forward.grown(first, stage, found)
         stage, found = settled_together(first, stage, grown, bank, say)
         gone = _places(grown) - _places(found)
-        if not gone or last:
+        if not gone or turn == _AGAIN:
             break
         # What was dropped stood where something else may belong, which was never looked at without it.
         forward.accepted.update(dict.fromkeys(gone, _CHANCES))
