@@ -22,6 +22,11 @@ _BLOCKS = 20
 #: found elsewhere moves is the price of refitting all parameters with it.
 SURELY = 2.0
 _SHARE = 0.4
+#: What falls beyond chance: by more than this, which chance reaches once in a thousand for one parameter; and by so many standard errors,
+#: or by twenty times as much, which no colour of the noise explains.
+_CLEAR = 10.8
+_CLEARLY = 3.0
+_SURE = 20.0 * _CLEAR
 
 
 def squared_errors(one: Array, other: Array, signals: Signals) -> tuple[Array, Array]:
@@ -51,6 +56,12 @@ class Change:
         """Growth over some joints (n,) bool, each weighted by its noise, and its standard error."""
         blocks = self.grows @ np.where(joints, inverse_squares(self.noise), 0.0)
         return float(blocks.sum()), float(np.sqrt(np.sum(blocks**2)))
+
+    @property
+    def shown(self) -> bool:
+        """Whether the sum over all joints falls beyond chance."""
+        grown, error = self.on(np.ones(len(self.noise), bool))
+        return -grown > max(_CLEAR, min(_CLEARLY * error, _SURE))
 
     @property
     def shares(self) -> float:

@@ -138,12 +138,13 @@ def _borne_out(
     without it. `without`: the estimate of that one; `after`: that of all."""
     unseen, faint = list[Found](), list[Found]()
     for f in sorted(found, key=lambda f: f.judged.evidence):
-        grown, error = Change.of(without(f), after, rows).on(np.ones(rows.robot.n, bool))
+        change = Change.of(without(f), after, rows)
+        grown, error = change.on(np.ones(rows.robot.n, bool))
         if f in doubtful and grown >= 0.0:
             if grown > error or f.judged.evidence < WEAK:
                 return [f], [], []
             unseen.append(f)
-        elif -grown <= min(SURELY * error, WEAK):
+        elif not change.shown:
             faint.append(f)
     return [], unseen, faint
 

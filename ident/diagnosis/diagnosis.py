@@ -170,11 +170,14 @@ def diagnose(
         selection, after = replace(selection, final=selection.declared, found=()), declared
         _, findings, unexplained = assess(selection, leftovers(looked.declared, ()))
         unexplained = (*unexplained, *last.unexplained, nothing)
-    if plain := (*jumps(wide), *lost(wide), *(apart(after, wide, held) if held is not None else ())):
+    if plain := (*jumps(wide), *(apart(after, wide, held) if held is not None else ())):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
     if verdict == "explained" and (last.unseen or last.faint or last.owed):  # the name may be right; no other data say so
         verdict = "ambiguous"
-    bad = {u.joint for u in plain}
+    if (blind := lost(wide)) and verdict in ("clean", "explained"):  # anything of the catalogue may be on joints that cannot be looked at
+        verdict = "ambiguous"
+    unexplained = (*unexplained, *blind)
+    bad = {u.joint for u in (*plain, *blind)}
     findings = tuple(
         replace(f, confidence=_UNHELPFUL * f.confidence)
         if (bad and (not f.joints or bad & set(f.joints))) or f.effect in last.unseen

@@ -15,16 +15,24 @@ if TYPE_CHECKING:
 #: Values of a rival that are told in its line.
 _FEW = 3
 _SAID = {
-    "clean": "clean: nothing beyond the declared model is supported by the data",
-    "explained": "explained: the model lacks what is listed, and with it nothing significant is left",
-    "ambiguous": "ambiguous: something is there, and two or more effects account for it equally well",
-    "unexplained": "unexplained: structure is there that no effect of the catalogue accounts for",
+    "clean": "nothing beyond the declared model is supported by the data",
+    "explained": "the model lacks what is listed, and with it nothing significant is left",
+    "unexplained": "structure is there that no effect of the catalogue accounts for",
 }
+
+
+def undecided(d: Diagnosis) -> str:
+    """Why a verdict is ambiguous."""
+    if any(f.ambiguous for f in d.findings):
+        return "something is there, and two or more effects account for it equally well"
+    if d.findings:
+        return "something is there, and only a part of the data bears out the name it has here"
+    return f"nothing can be said about {', '.join(dict.fromkeys(u.joint for u in d.unexplained))}"
 
 
 def diagnosis_text(d: Diagnosis) -> str:
     """Verdict, findings, imitators, what is left, before and after."""
-    lines = [f"verdict: {_SAID[d.verdict]}"]
+    lines = [f"verdict: {d.verdict}: {_SAID.get(d.verdict) or undecided(d)}"]
     for i, f in enumerate(d.findings, 1):
         lines.append(f"{i}. {f.name}{on(f.place)}: {f.effect.title}; confidence {f.confidence:.2f}, evidence {f.evidence:.0f}")
         for p in f.parameters:

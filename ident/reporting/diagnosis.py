@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..diagnosis.text import undecided
 from ..places import on, place_of
 from ..transmission import Side
 from .document import Figure, Kind, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
@@ -46,6 +47,8 @@ def headline(d: Diagnosis) -> str:
     """The verdict in one line."""
     named = "; ".join(f"{f.name}{on(place_of(f.effect, f.joints))}" for f in d.findings)
     left = joined(dict.fromkeys(u.joint for u in d.unexplained))
+    if d.verdict == "ambiguous" and not any(f.ambiguous for f in d.findings):
+        return f"Ambiguous: {undecided(d)}" + (f": {named}" if named else "")
     return {
         "clean": "Clean: nothing beyond the declared model is supported by the data",
         "explained": f"Explained: the model lacks {named}",

@@ -330,6 +330,23 @@ def test_only_growth_beyond_chance_is_harm() -> None:
     assert change.on(np.array([True, False, False])) == pytest.approx((-2000.0, np.sqrt(20.0) * 100.0))
 
 
+def test_a_fall_of_the_error_is_shown_only_beyond_chance() -> None:
+    rng = np.random.default_rng(11)
+
+    def shown(blocks: np.ndarray) -> bool:
+        return Change(blocks[:, None], np.array([1e4]), np.ones(1)).shown
+
+    # Gains of either sign alike, as where nothing is.
+    assert 0.0 < np.mean([shown(rng.normal(scale=5.0, size=20)) for _ in range(20_000)]) < 0.002
+    assert shown(np.full(20, -3.0))
+    assert not shown(np.full(20, -0.5)), "however steady, no more than one parameter gains by chance"
+    assert not shown(np.full(20, 3.0))
+    seldom = np.zeros(20)
+    seldom[[3, 11]] = -120.0
+    assert shown(seldom), "seldom, and by more than any colour of the noise explains"
+    assert not shown(0.8 * seldom)
+
+
 def test_growth_as_a_share_needs_no_noise() -> None:
     grows = np.stack([np.full(20, -5.0), np.full(20, 1.0), np.zeros(20)], axis=1)
     change = Change(grows, np.array([1000.0, 10.0, 0.0]), np.array([1e-30, 1.0, np.nan]))

@@ -10,7 +10,7 @@ from effect_robots import ROBOTS, declared
 
 from ident.audit_checks import position_jumps
 from ident.cutoff import choose_cutoff
-from ident.diagnosis import selection
+from ident.diagnosis import diagnose, selection
 from ident.diagnosis.acceptance import Found
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.candidates import Candidate
@@ -33,6 +33,7 @@ from ident.model import Model
 from ident.motion import Motion
 from ident.problem import Problem
 from ident.reference import Reference
+from ident.reporting.diagnosis import headline
 from ident.robot import Robot
 from ident.signals import Signals, ZeroPhase
 from ident.trajectory import FourierTrajectory
@@ -294,6 +295,19 @@ def test_a_joint_that_moves_without_a_usable_row_is_said_and_one_that_stands_is_
     assert [u.joint for u in lost(replace(prepared, valid=valid))] == ["j2"]
     still = replace(prepared, valid=valid, q=np.where(np.arange(robot.n) == 1, 0.3, prepared.q))
     assert lost(still) == ()
+
+
+def test_a_joint_that_cannot_be_looked_at_leaves_the_verdict_open() -> None:
+    """Anything of the catalogue may sit there: the model is not said to be complete, nor a structure to be none of the catalogue's."""
+    robot = ROBOTS["scara"]()
+    model, values = declared(robot)
+    log = recorded(robot, model, values, 8)
+    parts = [ZeroPhase(cutoff_hz=15.0)(part) for part in LogSet((log,), robot=robot).split(by="fraction", held=0.3)]
+    fit, held = (replace(part, valid=part.valid & (np.arange(robot.n) != 1)) for part in parts)
+    found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
+    assert (found.verdict, found.findings, [u.joint for u in found.unexplained]) == ("ambiguous", (), ["j2"])
+    assert str(found).startswith("verdict: ambiguous: nothing can be said about j2")
+    assert headline(found) == "Ambiguous: nothing can be said about j2"
 
 
 def test_a_joint_whose_position_jumps_does_not_take_the_cutoff_of_all() -> None:
