@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..effect import Axis, effect_types
+from ..effect import Axis, Effect, effect_types
 from ..places import on
 
 if TYPE_CHECKING:
@@ -44,7 +44,12 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
     return f"Add {finding.name}{on(finding.place)} to the declared model ({title})."
 
 
+def motion_for(effect: Effect, joint: str) -> str:
+    """The motion of a joint that shows an effect."""
+    return _MOTION[effect.axis].format(joint=joint)
+
+
 def advice_to_confirm(finding: Finding, where: str) -> str:
     """What to do before a finding is relied on that the data `where` ("fitted" or "held out") do not show beyond chance."""
-    motion = _MOTION[finding.effect.axis].format(joint=finding.joints[0] if finding.joints else "every joint")
+    motion = motion_for(finding.effect, finding.joints[0] if finding.joints else "every joint")
     return f"{finding.effect.title}: the data {where} do not show it beyond chance; {motion}, and validate on that."

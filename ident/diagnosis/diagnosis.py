@@ -18,6 +18,7 @@ from .bank import Bank
 from .carried import without_carried
 from .confirmed import LastWord, last_word
 from .findings import Finding, Unexplained, assess
+from .hidden import Hidden, hidden
 from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
@@ -77,6 +78,11 @@ class Diagnosis:
 
         return compare(self.before, self.after, self.signals if self.held is None else self.held)
 
+    @cached_property
+    def hidden(self) -> tuple[Hidden, ...]:
+        """What could be there beside the findings without being seen, because this motion does not tell it from what the model has."""
+        return hidden(self.selection.final)
+
     def to_dict(self) -> dict[str, Any]:
         """The `ident.diagnosis/1` result (DESIGN.md 3.4), with the comparison and the warnings beside it."""
         from ..comparison import compare
@@ -91,6 +97,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "findings": [f.to_dict() for f in self.findings],
             "unexplained": [u.to_dict() for u in self.unexplained],
+            "hidden": [h.to_dict() for h in self.hidden],
             "before": sides["before"],
             "after": sides["after"],
             "noise_floor": [number(x) for x in self.noise_floor],

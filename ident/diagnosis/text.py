@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..places import on
+from .hidden import by_effect
 
 if TYPE_CHECKING:
     from .diagnosis import Diagnosis
@@ -48,6 +49,10 @@ def diagnosis_text(d: Diagnosis) -> str:
             lines.append(f"     in its place would take up, of what it explains: {named}")
         lines.append(f"     {f.advice}")
     lines += [f"left: {u.evidence}" for u in d.unexplained]
+    lines += [
+        f"hidden: {effect} on {places}: would pass for what the model has; to see it, {motion}"
+        for effect, places, motion in by_effect(d.hidden)
+    ]
     data = "held out" if d.held is not None else "fitted"
     lines += ["", f"error on {data} data, noise floor {_numbers(d.noise_floor)}:", str(d.comparison)]
     return "\n".join(lines)

@@ -18,6 +18,7 @@ from .expressions import LINK_PREFERENCE
 
 if TYPE_CHECKING:
     from ..model import Model
+    from ..robot import Robot
 
 Array = np.ndarray
 
@@ -81,15 +82,18 @@ def preference(parameters: tuple[Parameter, ...]) -> list[int]:
     return order + [i for i in range(len(parameters)) if i not in chosen]
 
 
-def sample_columns(model: Model, seed: int = 0) -> Array:
-    """Columns at random states, stacked to (samples * n, k): positions within the limits, where the robot has them."""
-    robot = model.robot
+def random_motion(robot: Robot, count: int, seed: int = 0) -> Motion:
+    """So many states that have nothing to do with each other: positions within the limits, where the robot has them."""
     rng = np.random.default_rng(seed)
-    count = 4 * len(model.parameters) // robot.n + 60
     lower = np.array([j.lower if np.isfinite(j.lower) else (-1.0 if j.prismatic else -np.pi) for j in robot.joints])
     upper = np.array([j.upper if np.isfinite(j.upper) else (1.0 if j.prismatic else np.pi) for j in robot.joints])
     q = rng.uniform(lower, upper, (count, robot.n))
-    motion = Motion.of(robot, q, rng.normal(size=q.shape) * 2.0, rng.normal(size=q.shape) * 5.0)
+    return Motion.of(robot, q, rng.normal(size=q.shape) * 2.0, rng.normal(size=q.shape) * 5.0)
+
+
+def sample_columns(model: Model, seed: int = 0) -> Array:
+    """Columns at random states, stacked to (samples * n, k)."""
+    motion = random_motion(model.robot, 4 * len(model.parameters) // model.robot.n + 60, seed)
     return model.columns(motion).reshape(-1, len(model.parameters))
 
 

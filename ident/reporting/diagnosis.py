@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..diagnosis.hidden import by_effect
 from ..diagnosis.text import undecided
 from ..places import on, place_of
 from ..transmission import Side
@@ -34,7 +35,7 @@ _REPLAYED_JOINTS = 12
 def diagnosis_report(d: Diagnosis, *, replay: bool = True) -> Report:
     """Verdict, findings, errors, residuals before and after, imitators, advice, shifts, replayed motion, and what was used."""
     robot = d.before.model.robot
-    sections: list[Section] = [*_findings(d), *_left(d), _errors(d), *_axes(d), _over_time(d)]
+    sections: list[Section] = [*_findings(d), *_left(d), *_hidden(d), _errors(d), *_axes(d), _over_time(d)]
     sections += [*_imitators(d), *_advice(d), *_shifts(d)]
     if replay and d.findings and robot.n <= _REPLAYED_JOINTS:
         sections += replay_sections(d.before, d.after, d.signals if d.held is None else d.held, _data(d))
@@ -86,6 +87,21 @@ def _left(d: Diagnosis) -> list[Section]:
     rows = tuple((u.joint, u.signature, u.evidence) for u in d.unexplained)
     return [
         Table("What stays unexplained", ("joint", "follows", "evidence"), rows, "No catalogued effect accounts for this structure.", left=3)
+    ]
+
+
+def _hidden(d: Diagnosis) -> list[Section]:
+    if not d.hidden:
+        return []
+    note = "On this motion it would pass for what the model has, so that it was not found means nothing."
+    return [
+        Table(
+            "What this motion could not have shown",
+            ("effect", "where, and how large", "to see it"),
+            tuple(by_effect(d.hidden)),
+            note,
+            left=3,
+        )
     ]
 
 
