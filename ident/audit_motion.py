@@ -219,9 +219,12 @@ def _best_lag(signals: Array, m: _Motion, basis: Array) -> tuple[float, bool]:
 
 
 def _lags(m: _Motion) -> Array:
-    """Lags to try: up to 50 ms or ten samples, but within the part given up at the ends."""
-    reach = min(max(10 / m.rate, 0.05), max(2 / m.rate, (m.inner.start - 1) / m.rate))
-    return np.linspace(-reach, reach, _LAGS)
+    """Lags to try, zero in the middle: up to 50 ms or ten samples, but within the part given up at the ends. Whole samples: between two of
+    them interpolation takes away noise, and what is left would be least where there is no delay."""
+    reach = int(min(max(10.0, 0.05 * m.rate), max(2.0, m.inner.start - 1.0)))
+    step = -(-2 * reach // (_LAGS - 1))
+    most = reach // step
+    return step * np.arange(-most, most + 1) / m.rate
 
 
 def _minimum(lags: Array, left: Array) -> tuple[float, bool]:
@@ -264,26 +267,26 @@ def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
         good = S > 1e-4 * S[0]
         U = U[:, good]
         shifted = np.stack([np.interp(t[use] + lag, m.run.t, m.torque[:, j]) for lag in lags], axis=1)
-        energy = float(np.sum(shifted[:, _LAGS // 2] ** 2))
+        energy = float(np.sum(shifted[:, len(lags) // 2] ** 2))
         if energy <= 0 or not np.isfinite(energy):
             continue
         left = np.sum((shifted - U @ (U.T @ shifted)) ** 2, axis=0) / energy
         pooled += left * use.sum()
         lag, inside = _minimum(lags, left)
-        found.append((lag, inside, float(left[_LAGS // 2])))
-        if left[_LAGS // 2] > 0.5:
+        found.append((lag, inside, float(left[len(lags) // 2])))
+        if left[len(lags) // 2] > 0.5:
             add(
                 "torque_unrelated",
                 Severity.WARNING,
-                f"The robot's structure explains only {1 - left[_LAGS // 2]:.0%} of its torque. Either hardly any torque drives this"
+                f"The robot's structure explains only {1 - left[len(lags) // 2]:.0%} of its torque. Either hardly any torque drives this"
                 " motion, or columns, signs, units or the side of the torque ([drive] measured) are mixed up.",
                 joint.name,
-                float(left[_LAGS // 2]),
+                float(left[len(lags) // 2]),
             )
             continue
         # Only directions that are told well: between nearly equal columns anything cancels.
         solid = S[good] > 1e-2 * S[0]
-        parts = (Vt[good][solid].T / S[good][solid]) @ (U[:, solid].T @ shifted[:, _LAGS // 2])
+        parts = (Vt[good][solid].T / S[good][solid]) @ (U[:, solid].T @ shifted[:, len(lags) // 2])
         balance = math.sqrt(float(np.sum((basis[:, keep] / scale[keep] * parts) ** 2)) / energy)
         if balance > 2:
             add(
@@ -302,7 +305,7 @@ def _delay(add: Add, lags: Array, pooled: Array, found: list[tuple[float, bool, 
     if not found or not pooled.any():
         return
     lag, inside = _minimum(lags, pooled)
-    gain = 1 - float(pooled.min() / pooled[_LAGS // 2])
+    gain = 1 - float(pooled.min() / pooled[len(lags) // 2])
     # Only rows that the structure explains can tell a delay, and joints on one bus share it.
     told = [f[0] for f in found if f[1] and f[2] < 0.3]
     agree = len(told) >= max(1, len(found) // 2) and float(np.median(np.abs(np.array(told) - lag))) < 0.5 * abs(lag)

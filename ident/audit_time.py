@@ -9,7 +9,7 @@ import numpy as np
 
 from .audit import Finding, Severity
 from .logs import Log
-from .resample import Clock, is_even
+from .resample import Clock, is_even, slow_clock
 from .spacing import GAP
 
 Array = np.ndarray
@@ -36,7 +36,7 @@ class Stamps:
         steps, clock = np.diff(t), Clock.of(t)
         gaps = np.flatnonzero(steps > GAP * clock.step)
         longest = int(gaps[np.argmax(steps[gaps])]) if len(gaps) else 0
-        even = not len(gaps) and is_even(t, 1 / clock.step, clock.resolution)
+        even = not len(gaps) and is_even(t, 1 / clock.step, clock)
         return cls(len(t), float(t[-1] - t[0]), clock, len(gaps), float(steps[longest]), float(t[longest]), even)
 
 
@@ -82,6 +82,8 @@ def stamp_findings(name: str, stamps: Stamps) -> list[Finding]:
     clock = stamps.clock
     rate = 1 / clock.step
     add("sample_rate", Severity.INFO, f"{stamps.samples} samples in {stamps.duration:.4g} s, {rate:.5g} Hz.", rate)
+    if why := slow_clock(clock.step):
+        add("time_unit", Severity.ERROR, f"{why[0].upper()}{why[1:]}", clock.step)
     if stamps.duration * rate < 200:
         add(
             "too_short",

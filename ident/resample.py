@@ -18,6 +18,9 @@ from .spacing import GAP, Spacing
 Array = np.ndarray
 #: A stamp nearer than this share of the usual step to the one before brings no motion, only the noise of both.
 _NEAREST = 0.2
+#: Stamps this far apart (s) tell nothing of a motion; rates (Hz) at which robots are logged.
+_SLOWEST = 0.9
+_USUAL = (9.0, 30_000.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +70,13 @@ class Clock:
             step = mean(lambda s: s, longest)
         return cls(step, resolution, float(np.sqrt(mean(lambda s: (s - step) ** 2, longest))))
 
+    def tolerance(self, rate: float) -> float:
+        """By how much (s, from the earliest to the latest) even stamps may lie off a grid of `rate`: 1 % of a step to either side, or what
+        their resolution rounds off. The latter not where samples are missing: a single one shifts all later ones by a step, and of stamps
+        that tell whole steps alone that would pass for rounding."""
+        rounded = 0.0 if self.missing else 0.55 * self.resolution
+        return 2 * max(0.01 / rate, rounded)
+
 
 def stamp_resolution(t: Array, step: float) -> float:
     """The power of ten that all stamps are multiples of, if it is no finer than a thousandth of the step; else 0."""
@@ -97,10 +107,18 @@ def common_rate(clocks: Sequence[Clock]) -> float:
     return 1.0 / float(np.median([c.step for c in clocks]))
 
 
-def is_even(t: Array, rate: float, resolution: float = 0.0) -> bool:
-    """Whether stamps (N,) lie on a uniform grid of `rate` within 1 % of a step, or within what their resolution rounds off."""
-    deviation = t - t[0] - np.arange(len(t)) / rate
-    return bool(np.ptp(deviation) <= 2 * max(0.01 / rate, 0.55 * resolution))
+def slow_clock(step: float) -> str:
+    """What is wrong with stamps that are so far apart (s); "" if nothing is."""
+    if not step >= _SLOWEST:
+        return ""
+    unit = next((u for u, size in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)) if _USUAL[0] <= 1.0 / (step * size) <= _USUAL[1]), "")
+    hint = f"They look like {unit}, not s: name the column t_{unit}" if unit else "Name their unit in the column (t_ms, t_us, t_ns)"
+    return f"the time stamps are {step:.4g} s apart, and no motion of a robot is logged so slowly. {hint}."
+
+
+def is_even(t: Array, rate: float, clock: Clock) -> bool:
+    """Whether stamps (N,) of a clock lie on a uniform grid of `rate`."""
+    return bool(np.ptp(t - t[0] - np.arange(len(t)) / rate) <= clock.tolerance(rate))
 
 
 def grid(t: Array, rate: float) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from .doubts import doubts, fitted_as_well
 from .errors import DataError
 from .problem import Problem
 
@@ -104,18 +105,28 @@ class Session:
         Where no validation log is given and the part held out is too short to be used, a warning stands for that error."""
         found = self.study.make_estimator().solve(self.problem)
         found = replace(found, inputs=self.inputs, signals_config=self.fit_signals.report.to_dict())
+        said = []
         try:
-            return found.with_heldout(found.torque_error(self.held_signals))
+            found = found.with_heldout(found.torque_error(self.held_signals))
         except DataError as error:
             if not self.held_by_split:
                 raise
-            return replace(found, warnings=(*found.warnings, f"no error on data held out. {str(error)[0].upper()}{str(error)[1:]}"))
+            said.append(f"no error on data held out. {str(error)[0].upper()}{str(error)[1:]}")
+        if again := fitted_as_well(*self.inputs_apart):
+            said.append(again)
+        return replace(found, warnings=(*found.warnings, *said, *doubts(found)))
+
+    @property
+    def inputs_apart(self) -> tuple[tuple[dict[str, Any], ...], tuple[dict[str, Any], ...]]:
+        """Paths and SHA-256 of the logs that are fitted, and of those named to validate on."""
+        fit, held = self._parts
+        return fit.inputs, () if self.held_by_split or held is None else held.inputs
 
     @property
     def inputs(self) -> tuple[dict[str, Any], ...]:
-        """Paths and SHA-256 of every log used."""
-        fit, held = self._parts
-        return (*fit.inputs, *(() if self.held_by_split or held is None else held.inputs))
+        """Paths and SHA-256 of every log used, each once."""
+        fit, held = self.inputs_apart
+        return (*fit, *(one for one in held if one not in fit))
 
     def validation(self, *, simulate: bool) -> Validation:
         """The estimate on held-out data."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from .errors import ConfigurationError, DataError
 from .logs import Log, measured, unwrapped
-from .resample import Clock, common_rate, flag_at, grid, interpolate, is_even, stretches, thin
+from .resample import Clock, common_rate, flag_at, grid, interpolate, is_even, slow_clock, stretches, thin
 from .robot import Robot
 
 Array = np.ndarray
@@ -110,10 +110,7 @@ class Resampling:
 def uniform_runs(recordings: Sequence[Recording], rate: float | None, longest_gap: float | None, cutoff: float | None) -> Resampling:
     """Put recordings on one uniform rate. `rate`: None takes the logs' own. `longest_gap` (s): longer steps cut a run; None: what a
     motion below `cutoff` (Hz) can be bridged over, a tenth of its period, and at least three and a half steps."""
-    own = common_rate([r.clock for r in recordings])
-    if rate is not None and not 0 < rate <= 20 * own:
-        raise ConfigurationError(f"resample_hz = {rate:g} makes no sense for logs of {own:.4g} Hz.")
-    rate = rate or own
+    rate = rate_for([(r.name, r.clock) for r in recordings], rate)
     runs: list[UniformRun] = []
     gaps = thinned = 0
     for rec in recordings:
@@ -126,6 +123,17 @@ def uniform_runs(recordings: Sequence[Recording], rate: float | None, longest_ga
             runs.append(run if len(parts) == 1 else replace(run, name=f"{rec.name} [{k + 1}]"))
     text = resampling_text(len(runs), sum(r.interpolated for r in runs), rate, [(len(r.t), r.clock) for r in recordings], gaps, thinned)
     return Resampling(tuple(runs), rate, text, gaps, thinned)
+
+
+def rate_for(clocks: Sequence[tuple[str, Clock]], rate: float | None) -> float:
+    """The rate (Hz) that recordings are put on: the one asked for, or their own. `clocks`: each with the recording's name. Raises DataError
+    where their stamps cannot be seconds."""
+    own = common_rate([clock for _, clock in clocks])
+    if why := slow_clock(1.0 / own):
+        raise DataError(f"log {', '.join(dict.fromkeys(name for name, _ in clocks))}: {why}")
+    if rate is not None and not 0 < rate <= 20 * own:
+        raise ConfigurationError(f"resample_hz = {rate:g} makes no sense for logs of {own:.4g} Hz.")
+    return rate or own
 
 
 def resampling_text(runs: int, uneven: int, rate: float, recordings: Sequence[tuple[int, Clock]], gaps: int, thinned: int) -> str:
@@ -147,7 +155,7 @@ def resampling_text(runs: int, uneven: int, rate: float, recordings: Sequence[tu
 def _uniform(rec: Recording, part: slice, rate: float) -> tuple[UniformRun, int]:
     t = rec.t[part]
     rows: slice | Array = part
-    if is_even(t, rate, rec.clock.resolution):
+    if is_even(t, rate, rec.clock):
         at = t[0] + np.arange(len(t)) / rate
         missing = np.isnan(rec.torque[rows])
         arrays = [None if a is None else a[rows] for a in (rec.dq, rec.ddq)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -22,11 +23,14 @@ _BLOCKS = 20
 #: found elsewhere moves is the price of refitting all parameters with it.
 SURELY = 2.0
 _SHARE = 0.4
-#: What falls beyond chance: by more than this, which chance reaches once in a thousand for one parameter; and by so many standard errors,
-#: or by twenty times as much, which no colour of the noise explains.
+#: What falls beyond chance: by more than this, which chance reaches once in a thousand for one parameter; and so that blocks which fall or
+#: grow alike would reach it with no more than this probability, or by ten times as much, which no colour of the noise explains.
 _CLEAR = 10.8
-_CLEARLY = 3.0
-_SURE = 20.0 * _CLEAR
+_CHANCE = 0.005
+_SURE = 10.0 * _CLEAR
+#: Signs are tried all, or so many.
+_ALL = 12
+_MANY = 20_000
 
 
 def squared_errors(one: Array, other: Array, signals: Signals) -> tuple[Array, Array]:
@@ -60,8 +64,10 @@ class Change:
     @property
     def shown(self) -> bool:
         """Whether the sum over all joints falls beyond chance."""
-        grown, error = self.on(np.ones(len(self.noise), bool))
-        return -grown > max(_CLEAR, min(_CLEARLY * error, _SURE))
+        # Of two neighbours each, which are the less alike, however the noise is coloured.
+        falls = -np.add.reduceat(self.grows @ inverse_squares(self.noise), np.arange(0, len(self.grows), 2))
+        gain = float(falls.sum())
+        return gain > _SURE or (gain > _CLEAR and by_signs(falls) <= _CHANCE)
 
     @property
     def shares(self) -> float:
@@ -89,3 +95,13 @@ def inverse_squares(noise: Array) -> Array:
     """Weights (n,): a joint without rows has no noise that anyone knows, and no share."""
     known = np.isfinite(noise) & (noise > 0.0)
     return np.where(known, 1.0 / np.where(known, noise, 1.0) ** 2, 0.0)
+
+
+def by_signs(gains: Array) -> float:
+    """The probability that gains (blocks,) of either sign alike come to as much in sum: an exact test, which asks nothing of how they are
+    spread (R. A. Fisher, The Design of Experiments, 1935)."""
+    if len(gains) <= _ALL:
+        signs = np.array(list(itertools.product((1.0, -1.0), repeat=len(gains))))
+    else:
+        signs = np.random.default_rng(0).choice((1.0, -1.0), (_MANY, len(gains)))
+    return float(np.mean(signs @ gains >= gains.sum() * (1.0 - 1e-12)))

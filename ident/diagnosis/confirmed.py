@@ -13,7 +13,7 @@ from .acceptance import Found
 from .analysis import without_reversals
 from .bank import Bank
 from .change import SURELY, Change
-from .contest import Arena, contested
+from .contest import FEW, Arena, contested
 from .evidence import WEAK, acts_on
 from .findings import Unexplained
 from .nominated import nominated
@@ -92,8 +92,9 @@ def confirmed(
 
     `after`: the estimate of the selection's model; `rows`: of the held-out data. `refit`: the estimate of a stage's model on all rows
     but those near reversals of some joints. First on all rows; if that does harm, without those near reversals of the joints of the
-    findings, which were not looked at when the findings were chosen either. A rival that helps takes the place of what does harm. A
-    strong finding on whose joints nothing is gained, nor lost, stays: the held-out data may not hold what shows it."""
+    findings, which were not looked at when the findings were chosen either. A rival that helps takes the place of what does harm, where
+    findings are few: of many each draws a part, and none has rivals of its own. A strong finding on whose joints nothing is gained, nor
+    lost, stays: the held-out data may not hold what shows it."""
     found, stage, refused, said = list(selection.found), selection.final, list[Found](), list[str]()
     names = np.array(declared.model.robot.joint_names)
 
@@ -116,7 +117,7 @@ def confirmed(
             left = replace(selection, final=stage, found=tuple(found))
             return Confirmed(left, after, tuple(refused), tuple(unseen), tuple(faint), tuple(said))
         worst = harmful[0] if len(harmful) == 1 else _to_blame(harmful, without, declared, rows)
-        if len(said) < len(selection.found):
+        if len(found) <= FEW and len(said) < len(selection.found):
             effects, turn = tuple(f.effect for f in found), found.index(worst)
             arena = Arena(selection, bank, rows, lambda stage: refit(stage, ()), stage, effects, turn, without(worst))
             other = stand_in(arena, declared, found)

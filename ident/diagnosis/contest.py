@@ -37,7 +37,7 @@ _UTMOST = 24
 _LOOSE = 4.0
 _SHAPES = 3
 #: Of more findings than this each draws a part of what is there, whatever it is: which of two names is better says nothing then.
-_FEW = 3
+FEW = 3
 #: What decides: a difference of so many standard errors over blocks of time, and of this share of the squared error.
 _SURELY = 2.0
 _SHARE = 0.01
@@ -58,7 +58,7 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
     """Every finding against its rivals on held-out data (without rows near reversals)."""
     found, stage, after = list(selection.found), selection.final, refit(selection.final)
     said: list[str] = []
-    for i in range(len(found) if len(found) <= _FEW else 0):
+    for i in range(len(found) if len(found) <= FEW else 0):
         one = found[i]
         arena = Arena(selection, bank, held, refit, stage, tuple(f.effect for f in found), i, after)
         entries = [arena.entry(0, one.judged.hit), *(arena.entry(k + 1, one.rivals[k].hit) for k in contenders(one))]

@@ -27,9 +27,11 @@ def less_noise(signals: Signals) -> Signals:
     noise = position_noise(signals)
     again = repeats(signals, noise)
     noise = noise * np.where(again > 0.5, lines(signals, noise), 1.0)
+    # A joint that does not move has nothing but noise, and what the scatter of its spectrum leaves of it would follow no torque either.
+    still = np.array([j.suggested_hz == 0.0 for j in signals.report.joints])
     for run in signals.runs:
         if run.stop - run.start > 16:
-            share = noise_share(signals.ddq[run], signals.rate, noise)
+            share = np.where(still, 1.0, noise_share(signals.ddq[run], signals.rate, noise))
             inside = _away_from_ends(run.stop - run.start, share)
             for x in (q, dq, ddq):
                 x[run] -= inside * _part(x[run], share)

@@ -68,6 +68,8 @@ def harmonics(effect: Effect, frame: Frame, motions: Motions) -> Harmonics | Non
     if longest <= 0.0:
         return None
     step = 2.0 * np.pi / (_FINER * longest)
+    if 2.0 * step >= p.upper:
+        return None  # it stands still but for its encoder's flicker
     # The row filter decides how fast an order may be: found by trying a few.
     probe = np.geomspace(max(motions.search_range(effect)[name][0], 2.0 * step), p.upper, 24)
     power = _power(parts, probe, frame, motions)

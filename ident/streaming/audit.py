@@ -51,7 +51,7 @@ def stamps_of(log: StoredLog) -> Stamps:
         if len(gaps) and steps[gaps].max() > longest:
             longest, place = float(steps[gaps].max()), at + int(gaps[np.argmax(steps[gaps])])
         at += len(steps)
-    even = not count and deviation(log.t, 1 / clock.step) <= 2 * max(0.01 * clock.step, 0.55 * clock.resolution)
+    even = not count and deviation(log.t, 1 / clock.step) <= clock.tolerance(1 / clock.step)
     return Stamps(len(log), log.duration, clock, count, longest, float(log.t[place]), even)
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import ConfigurationError, DataError
+from ..errors import DataError
 from ..logs import measured
-from ..resample import Clock, bridge, common_rate, flag_at, interpolate, thin
+from ..resample import Clock, bridge, flag_at, interpolate, thin
 from ..robot import Robot
-from ..uniform import UniformRun, resampling_text, torque_notes
+from ..uniform import UniformRun, rate_for, resampling_text, torque_notes
 from .clock import clock_of, deviation, longer_steps
 from .disk import PASS, DiskArray, DiskWriter
 from .stored import StoredLog
@@ -154,10 +154,7 @@ def stored_runs(
     recordings: Sequence[StoredRecording], rate: float | None, longest_gap: float | None, cutoff: float | None, folder: Path
 ) -> StoredResampling:
     """Put recordings on one uniform rate; see `ident.uniform.uniform_runs`. Uneven stretches are resampled into files in `folder`."""
-    own = common_rate([r.clock for r in recordings])
-    if rate is not None and not 0 < rate <= 20 * own:
-        raise ConfigurationError(f"resample_hz = {rate:g} makes no sense for logs of {own:.4g} Hz.")
-    rate = rate or own
+    rate = rate_for([(r.name, r.clock) for r in recordings], rate)
     runs: list[StoredRun] = []
     gaps = thinned = 0
     for i, rec in enumerate(recordings):
@@ -177,7 +174,7 @@ def stored_runs(
 def _uniform(rec: StoredRecording, part: slice, rate: float, name: str, folder: Path) -> tuple[StoredRun, int]:
     log = rec.log.part(part.start, part.stop)
     start, began = float(log.t[0]), rec.log.began
-    if deviation(log.t, rate) <= 2 * max(0.01 / rate, 0.55 * rec.clock.resolution):
+    if deviation(log.t, rate) <= rec.clock.tolerance(rate):
         return StoredRun(name, log, rec.robot, len(log), start, rate, rec.absent, False, began), 0
     log, lost = _spaced(log, rec.clock.step, folder)
     length = int(np.floor((float(log.t[-1]) - start) * rate + 1e-6)) + 1

@@ -209,10 +209,14 @@ class StreamedSession(Session):
         return replace(found, warnings=(*skipped, *found.warnings))
 
     @property
-    def inputs(self) -> tuple[dict[str, Any], ...]:
-        """Paths and SHA-256 of every log used."""
-        logs = self.stored if self.held_by_split else (*self.stored, *self._held_files[0])
-        return tuple({"path": s, "sha256": h} for s, h in dict.fromkeys((log.source, log.sha256) for log in logs))
+    def inputs_apart(self) -> tuple[tuple[dict[str, Any], ...], tuple[dict[str, Any], ...]]:
+        """Paths and SHA-256 of the logs that are fitted, and of those named to validate on."""
+        held = () if self.held_by_split else self._held_files[0]
+        fit, others = (
+            tuple({"path": s, "sha256": h} for s, h in dict.fromkeys((log.source, log.sha256) for log in logs))
+            for logs in (self.stored, held)
+        )
+        return fit, others
 
 
 def store_files(

@@ -130,7 +130,7 @@ def test_even_clocks_are_seen_as_even(rate: float, count: int, start: float) -> 
     t = start + np.arange(count) / rate
     clock = Clock.of(t)
     assert abs(clock.step * rate - 1) < 1e-6
-    assert is_even(t, 1 / clock.step, clock.resolution)
+    assert is_even(t, 1 / clock.step, clock)
 
 
 @settings(max_examples=60, deadline=None)

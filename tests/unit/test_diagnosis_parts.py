@@ -310,6 +310,25 @@ def test_a_joint_that_cannot_be_looked_at_leaves_the_verdict_open() -> None:
     assert headline(found) == "Ambiguous: nothing can be said about j2"
 
 
+@pytest.mark.parametrize("flicker", [1e-9, 1e-4])
+def test_a_joint_that_stands_but_for_its_encoder_is_no_obstacle(flicker: float) -> None:
+    """No order of a ripple can be told from so little; one beyond all bounds had ended the search."""
+    rng = np.random.default_rng(5)
+    robot = ROBOTS["wrist"]()
+    model, values = declared(robot)
+    motion = FourierTrajectory(np.zeros(robot.n), *0.5 * rng.normal(size=(2, 4, robot.n)) / np.arange(1, 5)[:, None], 0.1)
+    t = np.arange(2000) / 200.0
+    c = motion.sample(t)
+    moving = np.array([1.0, 1.0, 0.0])
+    tau = model.torque(Motion.of(robot, c.q * moving, c.dq * moving, c.ddq * moving, t, rate=200.0), values)
+    tau += 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * rng.normal(size=tau.shape)
+    q = c.q * moving + flicker * (1.0 - moving) * rng.integers(0, 2, c.q.shape)
+    log = Log("standing", t, q=q, tau={robot.transmission.measured.value: tau})
+    fit, held = (ZeroPhase(cutoff_hz=15.0)(part) for part in LogSet((log,), robot=robot).split(by="fraction", held=0.25))
+    found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
+    assert not any("j3" in f.joints for f in found.findings)
+
+
 def test_a_joint_whose_position_jumps_does_not_take_the_cutoff_of_all() -> None:
     rng = np.random.default_rng(2)
     t = np.arange(6000) / RATE

@@ -461,6 +461,32 @@ def test_the_report_tells_missing_samples_from_jitter() -> None:
     assert "missing" not in text
 
 
+@pytest.mark.parametrize("rate", [10.0, 100.0, 1000.0])
+@pytest.mark.parametrize("place", [0.1, 0.6, 0.97])
+def test_a_single_missing_sample_shifts_nothing(rate: float, place: float) -> None:
+    """Stamps that are whole steps of the clock leave no room for rounding to hide a step in."""
+    truth = Truth()
+    t = np.arange(round(40.0 * rate)) / rate
+    t = np.round(np.delete(t, round(place * len(t))), 6)
+    whole, holed = (ZeroPhase(cutoff_hz=2.0)(truth.log(x), robot()) for x in (np.round(np.arange(round(40.0 * rate)) / rate, 6), t))
+    assert whole.report.resampled.startswith("even")
+    assert "1 samples missing" in holed.report.resampled
+    for one, other in zip(errors(holed, truth), errors(whole, truth), strict=True):
+        assert one < max(3.0 * other, 1e-4)
+
+
+@pytest.mark.parametrize(("unit", "size"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_stamps_that_cannot_be_seconds_are_refused(unit: str, size: float) -> None:
+    log = Truth().log(clock("even", 200.0, 20.0))
+    with pytest.raises(
+        DataError, match=rf"log run: the time stamps are .* s apart.*They look like {unit}, not s: name the column t_{unit}"
+    ):
+        ZeroPhase()(replace(log, t=log.t * size), robot())
+    found = LogSet((replace(log, t=log.t * size),)).audit(robot()).of("time_unit")
+    assert [f.severity.value for f in found] == ["error"]
+    assert not LogSet((log,)).audit(robot()).of("time_unit")
+
+
 def test_rounded_stamps_are_not_jitter() -> None:
     """3 kHz written with four decimals: the steps look uneven by a third, the samples are not."""
     truth = Truth()

@@ -1,0 +1,73 @@
+"""What a glance at a fit doubts: wrong signs, held-out data of another kind, data that were not held out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_robots import ROBOTS, declared
+
+from ident.doubts import doubts, fitted_as_well
+from ident.estimate import Estimate
+from ident.estimators import WeightedLeastSquares
+from ident.logs import Log
+from ident.motion import Motion
+from ident.problem import Problem
+from ident.signals import Signals, ZeroPhase
+from ident.trajectory import FourierTrajectory
+
+
+def prepared(seed: int, sign: float = 1.0) -> Signals:
+    """A log of an arm behind a coupled wrist, its torque recorded with a sign."""
+    rng = np.random.default_rng(seed)
+    robot = ROBOTS["wrist"]()
+    model, values = declared(robot)
+    motion = FourierTrajectory(np.zeros(robot.n), *0.6 * rng.normal(size=(2, 5, robot.n)) / np.arange(1, 6)[:, None], 0.1)
+    t = np.arange(2000) / 200.0
+    c = motion.sample(t)
+    tau = model.torque(Motion.of(robot, c.q, c.dq, c.ddq, t, rate=200.0), values)
+    tau = sign * tau + 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * rng.normal(size=tau.shape)
+    return ZeroPhase(cutoff_hz=10.0)(Log(f"log{seed}", t, q=c.q, tau={robot.transmission.measured.value: tau}), robot)
+
+
+def fitted(signals: Signals) -> Estimate:
+    model, _ = declared(signals.robot)
+    return WeightedLeastSquares().solve(Problem(model, signals))
+
+
+def test_a_good_fit_raises_none() -> None:
+    good = fitted(prepared(1))
+    assert doubts(good) == ()
+    assert doubts(good.with_heldout(good.torque_error(prepared(2)))) == ()
+
+
+def test_a_torque_of_the_opposite_sign_is_seen() -> None:
+    (said,) = doubts(fitted(prepared(1, -1.0)))
+    assert "Fv_j1 = -" in said
+    assert "opposite sign" in said
+
+
+def test_scatter_about_zero_is_no_wrong_sign() -> None:
+    good = fitted(prepared(1))
+    i = good.index("Fv_j2")
+    below = good.values.copy()
+    below[i] = -3.0 * good.std[i]
+    assert doubts(replace(good, values=below)) == ()
+    below[i] = -6.0 * good.std[i]
+    (said,) = doubts(replace(good, values=below))
+    assert said.startswith("Fv_j2 = ")
+
+
+def test_held_out_data_of_another_kind_are_seen() -> None:
+    good = fitted(prepared(1))
+    (said,) = doubts(good.with_heldout(good.torque_error(prepared(2, -1.0))))
+    assert all(f"j{k} (2" in said or f"j{k} (1" in said for k in (1, 2, 3))
+    assert "another kind" in said
+
+
+@pytest.mark.parametrize(("sha", "again"), [("a", True), ("b", False), ("", False)])
+def test_logs_that_are_fitted_and_held_out_are_named(sha: str, again: bool) -> None:
+    said = fitted_as_well([{"path": "one.csv", "sha256": "a"}], [{"path": "copy.csv", "sha256": sha}])
+    assert said.startswith("copy.csv is fitted as well") == again
+    assert bool(said) == again
