@@ -180,7 +180,11 @@ def _limits(joint: etree._Element, where: str, name: str) -> tuple[float, float,
     lower, upper = -math.inf, math.inf
     if bounded and {"lower", "upper"} & set(found):
         lower, upper = (_number(found.get(key, "0"), where, name) for key in ("lower", "upper"))  # URDF's default is 0
-    if lower >= upper:  # 0, 0: not a limit anyone meant
+    if lower > upper:
+        raise ConfigurationError(
+            f"URDF {where}: joint {name!r}: its limit's lower ({lower:g}) lies above its upper ({upper:g}). Exchange them, or leave both."
+        )
+    if lower == upper:  # 0, 0: not a limit anyone meant
         lower, upper = -math.inf, math.inf
     velocity = _number(found.get("velocity", "0"), where, name)
     effort = _number(found.get("effort", "0"), where, name)

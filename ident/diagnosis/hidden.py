@@ -30,6 +30,8 @@ _SHARE = 0.3
 _ANY = 10.0
 #: Places of an effect that are told to people.
 _PLACES = 4
+#: A column whose standard deviation is this share of its root mean square is the same all the time.
+_STEADY = 1e-3
 #: Seen in nineteen of twenty such logs.
 _MOSTLY = 1.645
 #: Shares of a column's power that are the error of its making, on this motion and on states without any.
@@ -42,8 +44,10 @@ _AT_ONCE = frozenset({Need.LOAD, Need.REFERENCE})
 
 @dataclass(frozen=True, eq=False)
 class Hidden:
-    """An effect's parameter that may be as large as `least` (SI, `unit`) without being seen: then its torque on `joint` varies by `share`
-    of what that joint's torque is (rms). `advice`: the motion that would show it."""
+    """An effect's parameter that may be as large as `least` (SI, `unit`) without being seen.
+
+    Then it makes a torque of `torque` (`torque_unit`, standard deviation) on `joint`, `share` of what that joint's torque varies by; both
+    are root mean squares where the effect is the same all the time. `advice`: the motion that would show it."""
 
     effect: str
     joints: tuple[str, ...]
@@ -52,6 +56,8 @@ class Hidden:
     unit: str
     least: float
     joint: str
+    torque: float
+    torque_unit: str
     share: float
     advice: str
 
@@ -65,14 +71,17 @@ class Hidden:
         if self.share > _ANY:
             size = "of any size"
         else:
-            size = f"up to {self.least:.2g}{f' {self.unit}' if self.unit != '1' else ''}, {100 * self.share:.0f} % of {self.joint}'s torque"
+            size = (
+                f"up to {self.least:.2g}{f' {self.unit}' if self.unit != '1' else ''}: {self.torque:.2g} {self.torque_unit} on {self.joint}"
+            )
         return f"{self.place or 'whole robot'} ({size})"
 
     def to_dict(self) -> dict[str, Any]:
         motors = {"motors": list(self.motors)} if self.motors else {}
         return {
             "effect": self.effect, "joints": list(self.joints), **motors, "parameter": self.parameter, "unit": self.unit,
-            "least": self.least, "joint": self.joint, "share": self.share, "advice": self.advice,
+            "least": self.least, "joint": self.joint, "torque": self.torque, "torque_unit": self.torque_unit, "share": self.share,
+            "advice": self.advice,
         }  # fmt: skip
 
 
@@ -82,7 +91,8 @@ def hidden(stage: Stage) -> tuple[Hidden, ...]:
     from scipy.stats import chi2
 
     robot, frame = stage.problem.model.robot, stage.frame
-    level = _torque(stage)
+    signals, measured = stage.problem.signals, robot.transmission.measured
+    torque = _sizes(signals.tau[:, :, None], signals.valid)
     X, inverse = frame.columns.reshape(-1, frame.columns.shape[2]), frame.inverse_gram
     seen_from = math.sqrt(float(chi2.isf(FALSE_ALARM / stage.number, 1))) + _MOSTLY
     best: dict[tuple[str, tuple[str, ...], tuple[str, ...]], Hidden] = {}
@@ -95,7 +105,11 @@ def hidden(stage: Stage) -> tuple[Hidden, ...]:
         z = frame.whitened(columns).reshape(-1, columns.shape[2])
         cross = X.T @ z
         own, taken = np.sum(z**2, axis=0), np.einsum("bk,bc,ck->k", cross, inverse, cross)
-        spread = _spread(columns, stage) / level
+        sizes = _sizes(columns, signals.valid)
+        # What is the same all the time is compared with all of the torque, what varies with what it varies by.
+        steady = sizes[0] <= _STEADY * sizes[1]
+        size, level = np.where(steady, sizes[1], sizes[0]), np.where(steady, torque[1], torque[0])
+        spread = np.divide(size, level, out=np.zeros_like(size), where=level > 0.0)
         for k, parameter in enumerate(effect.parameters(robot)):
             j = int(np.argmax(spread[:, k]))
             if own[k] <= 0.0 or spread[j, k] <= 0.0:
@@ -105,8 +119,9 @@ def hidden(stage: Stage) -> tuple[Hidden, ...]:
             if share < _SHARE or (key in best and best[key].share >= share) or structure.holds(effect, k):
                 continue
             name = parameter.name.replace("+", "")
-            where = robot.joint_names[j]
-            best[key] = Hidden(*key, name, parameter.unit, least, where, share, motion_for(effect, _joint(candidate, where)))
+            where, unit = robot.joint_names[j], robot.force_unit(j, measured)
+            made, motion = least * float(size[j, k]), motion_for(effect, _joint(candidate, where))
+            best[key] = Hidden(*key, name, parameter.unit, least, where, made, unit, share, motion)
     return tuple(sorted(best.values(), key=lambda h: -h.share))
 
 
@@ -114,19 +129,12 @@ def _joint(candidate: Candidate, where: str) -> str:
     return candidate.joints[0] if candidate.joints else where
 
 
-def _torque(stage: Stage) -> Array:
-    """Root mean square (n,) of the torque on the rows in use."""
-    s = stage.problem.signals
-    power = np.sum(np.where(s.valid, s.tau, 0.0) ** 2, axis=0) / np.maximum(s.valid.sum(axis=0), 1)
-    return np.where(power > 0.0, np.sqrt(power), np.inf)[:, None]
-
-
-def _spread(columns: Array, stage: Stage) -> Array:
-    """Standard deviation (n, k) of columns (M, n, k) over the rows in use: what is the same in all of them an offset has as well."""
-    valid = stage.problem.signals.valid[:, :, None]
-    count = np.maximum(valid.sum(axis=0), 1)
-    mean = np.sum(np.where(valid, columns, 0.0), axis=0) / count
-    return np.asarray(np.sqrt(np.sum(np.where(valid, columns - mean, 0.0) ** 2, axis=0) / count))
+def _sizes(columns: Array, valid: Array) -> tuple[Array, Array]:
+    """Standard deviation and root mean square, (n, k) each, of columns (M, n, k) over the rows in use (M, n)."""
+    use = valid[:, :, None]
+    count = np.maximum(use.sum(axis=0), 1)
+    mean, square = (np.sum(np.where(use, x, 0.0), axis=0) / count for x in (columns, columns**2))
+    return np.sqrt(np.sum(np.where(use, columns - mean, 0.0) ** 2, axis=0) / count), np.sqrt(square)
 
 
 class _Structure:

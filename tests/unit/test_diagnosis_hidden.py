@@ -26,11 +26,14 @@ from ident.trajectory import FourierTrajectory
 RATE = 200.0
 
 
-def stage_of(name: str, seed: int, span: float, noise: float = 0.01) -> Stage:
-    """The declared model on a log of a robot whose joints move by about `span` (rad; slides by a tenth in m)."""
+def stage_of(name: str, seed: int, span: float, noise: float = 0.01, without: tuple[str, ...] = ()) -> Stage:
+    """The declared model, less some effects that are not there either, on a log of a robot whose joints move by about `span` (rad; slides
+    by a tenth in m)."""
     rng = np.random.default_rng(seed)
     robot = ROBOTS[name]()
     model, values = declared(robot)
+    values = np.concatenate([values[part] for e, part in zip(model.effects, model.slices, strict=True) if e.name not in without])
+    model = replace(model, effects=tuple(e for e in model.effects if e.name not in without))
     weight = span / np.arange(1, 6)[:, None] * np.where([j.prismatic for j in robot.joints], 0.1, 1.0)
     motion = FourierTrajectory(np.zeros(robot.n), *rng.normal(size=(2, 5, robot.n)) * weight, 0.15)
     t = np.arange(round(25.0 * RATE)) / RATE
@@ -61,6 +64,15 @@ def test_a_spring_hides_in_a_moment_where_the_joint_moves_little_and_not_where_i
     assert "move j1 slowly through its whole range" in spring.advice
 
 
+def test_an_offset_hides_beside_gravity_where_the_joint_hardly_moves() -> None:
+    """It is the same all the time, and so next to is gravity: the two differ by what the joint moves."""
+    small = hidden(stage_of("pendulum", 1, 0.02, without=("offset",)))
+    offset = next(h for h in small if h.effect == "offset")
+    assert (offset.unit, offset.joint) == ("N m", "j1")
+    assert offset.torque == pytest.approx(offset.least)
+    assert not [h for h in hidden(stage_of("pendulum", 1, 1.0, without=("offset",))) if h.effect == "offset"]
+
+
 def test_what_no_motion_shows_is_not_told(narrow: Stage) -> None:
     """A payload is links' mass, and a rotor on the only joint its inertia, however the robot moves."""
     for stage in (narrow, stage_of("scara", 2, 0.2)):
@@ -71,7 +83,7 @@ def test_what_no_motion_shows_is_not_told(narrow: Stage) -> None:
 def test_what_is_as_large_as_told_is_just_seen(name: str, seed: int, span: float) -> None:
     """Put into the torque at that size, beside the noise that is there, it gains as much as is asked for, and a little more."""
     stage = stage_of(name, seed, span)
-    found = [h for h in hidden(stage) if h.share < 10.0]
+    found = [h for h in hidden(stage) if h.share < 1e3]
     assert found
     robot, signals = stage.problem.model.robot, stage.problem.signals
     asked = math.sqrt(float(chi2.isf(FALSE_ALARM / stage.number, 1)))
@@ -91,9 +103,9 @@ def test_what_is_as_large_as_told_is_just_seen(name: str, seed: int, span: float
 
 
 def test_what_hides_is_told() -> None:
-    h = Hidden("gear_coupling", ("j1",), ("j2",), "K", "rad/rad", 0.1, "j1", 0.4, "move")
+    h = Hidden("gear_coupling", ("j1",), ("j2",), "K", "rad/rad", 0.1, "j1", 3.0, "N m", 0.4, "move")
     assert json.loads(json.dumps(h.to_dict()))["motors"] == ["j2"]
-    assert str(h) == "j1 (motor of j2) (up to 0.1 rad/rad, 40 % of j1's torque)"
+    assert str(h) == "j1 (motor of j2) (up to 0.1 rad/rad: 3 N m on j1)"
     many = [replace(h, joints=(f"j{i}",), share=20.0 - i) for i in range(1, 7)]
     ((effect, places, motion),) = by_effect(many)
     assert (effect, motion) == ("gear_coupling", "move")
