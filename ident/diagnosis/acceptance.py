@@ -33,6 +33,8 @@ _SEVERAL = 4
 _CLEARLY = 10.0
 #: By how much a decoy (a fit that cannot be: a negative stiffness) outdoes a weak candidate.
 _DECOY = 1.5
+#: Of more findings than this each draws a part of what is there, whatever it is: which of two names is better says nothing then.
+FEW = 3
 #: So many of the best candidates are compared with what they gain for nothing.
 _TRIES = 4
 #: A candidate is near the best if it has this share of its evidence.

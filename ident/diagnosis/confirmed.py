@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..places import on, place_of
-from .acceptance import Found
+from .acceptance import FEW, Found
 from .analysis import without_reversals
 from .bank import Bank
 from .change import SURELY, Change
-from .contest import FEW, Arena, contested
+from .contest import Arena, contested
 from .evidence import WEAK, acts_on
 from .findings import Unexplained
 from .nominated import nominated

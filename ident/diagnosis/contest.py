@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effect import Effect
-from .acceptance import Found
+from .acceptance import FEW, Found
 from .bank import Bank
 from .change import inverse_squares, squared_errors
 from .foretelling import Foretelling
@@ -36,8 +36,6 @@ _UTMOST = 24
 #: A shape is hardly told where one drawn evenly from its range fits as well but for so much (twice a log-likelihood); so many are tried.
 _LOOSE = 4.0
 _SHAPES = 3
-#: Of more findings than this each draws a part of what is there, whatever it is: which of two names is better says nothing then.
-FEW = 3
 #: What decides: a difference of so many standard errors over blocks of time, and of this share of the squared error.
 _SURELY = 2.0
 _SHARE = 0.01

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..effect import Effect
 from ..model import Model
-from .acceptance import Found, chosen, undecoyed
+from .acceptance import FEW, Found, chosen, undecoyed
 from .bank import Bank
 from .evidence import acts_on, surplus, threshold
 from .grouped import groups
@@ -93,9 +93,10 @@ def select(
         first, stage, grown = forward.grown(first, stage, found)
         stage, found = settled_together(first, stage, grown, bank, say)
         gone = _places(grown) - _places(found)
-        if not gone or turn == _AGAIN:
+        if not gone or turn == _AGAIN or len(found) > FEW:
             break
-        # What was dropped stood where something else may belong, which was never looked at without it.
+        # What was dropped stood where something else may belong, which was never looked at without it. (Beside many, it would be one more
+        # that draws a part.)
         forward.accepted.update(dict.fromkeys(gone, _CHANCES))
         first, stage = (first, stage) if found else (begun, begun)
     return Selection(first, stage, tuple(found), tuple(trail), () if found else tuple(forward.nearest))
