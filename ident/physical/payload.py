@@ -21,6 +21,8 @@ from .structure import InertiaStructure
 from .target import covariance_root
 
 Array = np.ndarray
+#: What noise and the inexactness of its colour leave, in units of its degrees of freedom.
+_MORE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,7 @@ class PayloadEstimate:
     `values` (10,) in Pinocchio's order, a real body; `unconstrained` (10,) and `std` (10,): what the logs alone say (nan where they
     say nothing). `mass` kg with `mass_std`, `centre_of_mass` (3,) m, `inertia` (3, 3) kg m^2 about it.
     `identifiable`: number of directions of the ten that the robot's motion can show at all; `significant`: whether there is a payload
-    beyond chance (`chi2` with that many degrees of freedom, at 0.1 %)."""
+    beyond chance (`chi2`, what it explains, with that many degrees of freedom, at 0.1 %); `notes`: what speaks against it."""
 
     link: str
     values: Array
@@ -180,7 +182,10 @@ def _estimate(
         _log_cholesky(R, z, scale), "log-Cholesky factors, nonlinear least squares (fallback)"
     )  # fmt: skip
     mass, com, inertia = centre_of_mass(fit)
-    gain = float(z @ z - np.sum((z - R @ np.where(np.isnan(unconstrained), 0.0, unconstrained)) ** 2))
+    left, with_body = (float(np.sum((z - R @ values) ** 2)) for values in (np.nan_to_num(unconstrained), fit))
+    gain = float(z @ z) - with_body
+    # Both logs say something of the same arm: so many directions they say twice, and the load has some of them.
+    twice = sum(int(np.linalg.matrix_rank(M / np.where(size > 0, size, 1.0), tol=1e-9)) for M in (R0, R1)) - Q.shape[1]
     return PayloadEstimate(
         link=name,
         values=fit,
@@ -195,7 +200,25 @@ def _estimate(
         significant=gain > _chi2_limit(seen),
         method=method,
         seconds=time.perf_counter() - start,
+        notes=_notes(name, left, max(twice - seen, 0), with_body - left, seen),
     )
+
+
+def _notes(link: str, left: float, free: int, cost: float, seen: int) -> tuple[str, ...]:
+    """What speaks against a load on that link: `left`, what its parameters leave (`free` degrees of freedom), and the `cost` of its being a
+    body (twice a log-likelihood)."""
+    out = []
+    if free and left > max(_chi2_limit(free), _MORE * free):
+        out.append(
+            f"what a load on {link} leaves of the difference between the logs is far beyond noise (chi2 {left:.4g} with {free} degrees of"
+            " freedom): something else has changed, such as friction, or the load is on another link. `ident monitor` looks for it."
+        )
+    if cost > max(_chi2_limit(seen), _MORE * seen):
+        out.append(
+            f"no body on {link} comes near what the logs alone say (it costs chi2 {cost:.4g}): what has changed is something else, or on"
+            " another link."
+        )
+    return tuple(out)
 
 
 def _column_basis(M: Array) -> Array:

@@ -88,6 +88,21 @@ def test_no_payload_is_not_reported() -> None:
     assert sum(claims) <= 1
 
 
+def test_what_is_no_load_on_that_link_is_said() -> None:
+    structure, _, _ = puma_truth()
+    bare, loaded = block(np.zeros(10), 800, 1), block(LOAD, 800, 2)
+    assert payload_from_logs(structure, bare, loaded).notes == ()
+    assert payload_from_logs(structure, bare, block(np.zeros(10), 800, 3)).notes == ()
+    elsewhere = payload_from_logs(structure, bare, loaded, link="link5").notes
+    assert "the load is on another link" in " ".join(elsewhere)
+    # Friction of a joint that has grown: next to nothing of it passes for a body.
+    R, z = block(np.zeros(10), 800, 3)
+    grown = np.linalg.solve(R, z)
+    grown[next(i for i, name in enumerate(structure.base_names) if name.startswith("Fv"))] *= 1.5
+    changed = payload_from_logs(structure, bare, (R, R @ grown))
+    assert any("something else has changed, such as friction" in note for note in changed.notes)
+
+
 def test_another_link() -> None:
     structure, _, _ = puma_truth()
     found = payload_from_logs(structure, block(np.zeros(10), 200, 1), block(LOAD, 200, 2, body=1), link="link2")
