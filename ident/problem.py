@@ -154,7 +154,8 @@ class Problem:
             for r in self.rows():
                 total = total + Information.empty(total.n, total.names).with_rows(r.columns, r.tau, r.valid)
         if not total.counts.any():
-            raise DataError("no row of the log can be used: every torque is missing or masked. See `audit` for the reason.")
+            why = next((w for w in self.signals.report.warnings if w.startswith("no row of")), "`ident check` tells why.")
+            raise DataError(f"no row of the log can be used: every torque is missing or masked. {why[0].upper()}{why[1:]}")
         return total
 
     def _instant_information(self) -> Information:

@@ -120,7 +120,8 @@ def assemble(
         reached = [near[run].astype(float) if row_filter is None else _share(row_filter, near[run]) for run in runs]
         turning = np.concatenate(reached) > _TURNING_SHARE
     tau[lost["torque missing"]] = np.nan
-    warnings += _warnings(robot, still_joint, rule is not None, cut, prep.saturated, valid, lost)
+    absent = np.all([np.isnan(r.torque).all(axis=0) for r in recordings], axis=0)
+    warnings += _warnings(robot, still_joint, absent, rule is not None, cut, prep.saturated, valid, lost)
     warnings += raised_shares(robot, rule, allowed)
     warnings += [
         f"the position of {name} is so noisy, or jumps so far, that its accelerations could be had only with a cut-off that leaves nothing"
@@ -251,7 +252,10 @@ def _half_gain(row_filter: RowFilter, rate: float) -> float:
     return high
 
 
-def _warnings(robot: Robot, still: Array, masked: bool, cut: Saturation, saturated: str, valid: Array, lost: dict[str, Array]) -> list[str]:
+def _warnings(
+    robot: Robot, still: Array, absent: Array, masked: bool, cut: Saturation, saturated: str, valid: Array, lost: dict[str, Array]
+) -> list[str]:
+    """What to say of joints. `still`, `absent` (n,) bool: that never move, whose torque was not logged at all."""
     out = []
     if still.any():
         names = ", ".join(n for n, s in zip(robot.joint_names, still, strict=True) if s)
@@ -267,6 +271,15 @@ def _warnings(robot: Robot, still: Array, masked: bool, cut: Saturation, saturat
         rest = float(lost["standstill"][:, j].mean()) if len(valid) else 0.0
         if not still[j] and rest > 0.5:
             out.append(f"{rest:.0%} of the rows of {name} rest on standstill or reversals; they are left out.")
-        if len(valid) and not valid[:, j].any() and not still[j] and not lost["torque missing"][:, j].all():
-            out.append(f"no row of {name} can be used.")
+        if len(valid) and not valid[:, j].any() and not still[j] and not absent[j]:
+            sparse = lost["torque missing"][:, j].all()
+            out.append(
+                f"no row of {name} can be used"
+                + (
+                    ": its torque is missing in so many samples that every row rests on one. If it is logged more slowly than the"
+                    " positions, log it as often, or leave out the lines without it."
+                    if sparse
+                    else "."
+                )
+            )
     return out

@@ -170,7 +170,8 @@ class Streaming:
         valid = ~np.logical_or.reduce(list(lost.values()))
         tau = facts.tau
         tau[facts.missing] = np.nan
-        warnings += _warnings(robot, decisions.still, rule is not None, decisions.saturation, prep.saturated, valid, lost)
+        absent = np.all([r.absent for r in recordings], axis=0)
+        warnings += _warnings(robot, decisions.still, absent, rule is not None, decisions.saturation, prep.saturated, valid, lost)
         warnings += raised_shares(robot, rule, allowed)
         require_motion(rule, decisions.still)
         joints = tuple(

@@ -475,6 +475,20 @@ def test_a_single_missing_sample_shifts_nothing(rate: float, place: float) -> No
         assert one < max(3.0 * other, 1e-4)
 
 
+def test_a_torque_that_is_logged_more_slowly_is_named() -> None:
+    """Every row rests on samples without it, and no joint may go without a word."""
+    log = Truth().log(clock("even", 500.0, 20.0))
+    tau = log.tau["joint"].copy()
+    tau[np.arange(len(tau)) % 5 != 0, 1] = np.nan
+    report = ZeroPhase(cutoff_hz=12)(replace(log, tau={"joint": tau}), robot()).report
+    assert report.joints[1].rows == 0
+    (said,) = [w for w in report.warnings if w.startswith(f"no row of {report.joints[1].name} can be used")]
+    assert "more slowly than the positions" in said
+    tau[:, 1] = np.nan
+    never = ZeroPhase(cutoff_hz=12)(replace(log, tau={"joint": tau}), robot()).report
+    assert not [w for w in never.warnings if w.startswith("no row of")]
+
+
 @pytest.mark.parametrize(("unit", "size"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
 def test_stamps_that_cannot_be_seconds_are_refused(unit: str, size: float) -> None:
     log = Truth().log(clock("even", 200.0, 20.0))
