@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: An effect is told if what it could be without being seen makes up this share of its joint's torque.
 _SHARE = 0.3
+#: From so many times its joint's torque on, no robot has it, and its size is of no interest.
 _ANY = 10.0
 #: Places of an effect that are told to people.
 _PLACES = 4
@@ -159,7 +160,7 @@ class _Structure:
         return np.asarray(U[:, s > 1e-9 * s[0]])
 
     def holds(self, effect: Effect, k: int) -> bool:
-        """Whether the k-th column of an effect is one of the model's, and of its other columns, on any motion."""
+        """Whether the k-th column of an effect lies within the model's on any motion."""
         if effect.needs - _AT_ONCE:
             return False
         values, measured = effect.columns(self.motion, self.robot), self.robot.transmission.measured

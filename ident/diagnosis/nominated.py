@@ -61,8 +61,8 @@ def nominated(
         grown, error = Change.of(declared, estimate, rows).on(np.ones(rows.robot.n, bool))
         told = without - Foretelling(estimate, rows).surprise(white)
         # What shows in one stretch alone has as large a standard error as it is itself: there, the evidence must not be weak.
-        steady = -grown > _SURELY * error or told > WEAK
-        if steady and -grown > lacking and told > max(lacking, best[0] if best else _CLEARLY):
+        lasting = -grown > _SURELY * error or told > WEAK
+        if lasting and -grown > lacking and told > max(lacking, best[0] if best else _CLEARLY):
             said = (
                 f"{judged.hit.candidate} is what the data fitted suggest, with too little evidence to name it ({judged.evidence:.0f};"
                 f" {judged.evidence + lacking:.0f} is asked for); the data held out confirm it (the squared error over the noise falls by"
