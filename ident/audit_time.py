@@ -94,7 +94,7 @@ def stamp_findings(name: str, stamps: Stamps) -> list[Finding]:
         add(
             "gaps",
             Severity.WARNING,
-            f"{stamps.gaps} gap{'s' * (stamps.gaps > 1)} in time, the longest {stamps.longest * 1e3:.4g} ms at {stamps.at:.6g} s."
+            f"{stamps.gaps} gap{'s' * (stamps.gaps > 1)} in time, the longest {stamps.longest * 1e3:.4g} ms at {stamps.at:.12g} s."
             " Short ones are bridged where the motion is slow enough; longer ones cut the run, and the filters lose"
             " their transient on either side."
             " Log with a real-time buffer if they are many.",
