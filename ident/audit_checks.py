@@ -75,7 +75,7 @@ def check_columns(log: Log, robot: Robot | None) -> list[Finding]:
         add("torque_missing", Severity.ERROR, f"No torque: {why} Nothing can be fitted to this run; it may serve for replay.")
         return out
     for j, name in enumerate(names):
-        check_torque(add, robot, j, name, torque[:, j], q[:, j])
+        check_torque(add, robot, j, name, log.t, torque[:, j], q[:, j])
     check_saturation(add, names, torque, q)
     return out
 

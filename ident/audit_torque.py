@@ -15,10 +15,14 @@ Add = Callable[..., None]
 #: A reading that stays the same for so many samples, and so many times longer than all other stretches but so many, while the joint goes
 #: this share of its range.
 _FROZEN, _LONGER, _OTHERS, _WAY = 50, 4.0, 4, 0.05
+#: A torque is wild if it lies so many times the range of all others outside of that range, for so many samples at the most, as far from
+#: so many on either side, and so seldom (share of the samples): a blow lasts longer, and what comes more often is how this torque is.
+_OUTSIDE, _BRIEF, _AROUND, _SELDOM = 2.0, 3, 20, 1e-3
 
 
-def check_torque(add: Add, robot: Robot | None, j: int, name: str, x: Array, q: Array) -> None:
-    """Say what is wrong with the torque (N,) of one joint; q (N,): its position. `add`: takes code, severity, text, where, value."""
+def check_torque(add: Add, robot: Robot | None, j: int, name: str, t: Array, x: Array, q: Array) -> None:
+    """Say what is wrong with the torque x (N,) of one joint at times t (N,); q (N,): its position. `add`: takes code, severity, text,
+    where, value."""
     missing = np.isnan(x)
     if missing.all():
         add(
@@ -80,9 +84,23 @@ def check_torque(add: Add, robot: Robot | None, j: int, name: str, x: Array, q: 
                 name,
                 most,
             )
+    wild = wild_samples(x)
+    if len(wild):
+        others = np.delete(x, wild)
+        several = f"{len(wild)} samples stand" if len(wild) > 1 else "1 sample stands"
+        add(
+            "torque_spike",
+            Severity.WARNING,
+            f"Torque is {x[wild[0]]:.4g} at {t[wild[0]]:.6g} s ({several} far outside of {np.nanmin(others):.4g} to"
+            f" {np.nanmax(others):.4g}, where all others are). Least squares follows such a sample: leave its cell empty, or remove the"
+            " row.",
+            name,
+            float(x[wild[0]]),
+        )
+        present = others[np.isfinite(others)]
     step = grid_step(present)
     if step > 0:
-        levels = span / step
+        levels = float(np.ptp(present)) / step
         coarse = levels < 100
         if levels > 1e4:
             return
@@ -94,6 +112,33 @@ def check_torque(add: Add, robot: Robot | None, j: int, name: str, x: Array, q: 
             name,
             step,
         )
+
+
+def wild_samples(x: Array) -> Array:
+    """Samples (W,) of a torque x (N,) that stand far outside of all others, the farthest first. NaN where there is none."""
+    present = np.flatnonzero(np.isfinite(x))
+    if len(present) < 100:
+        return np.zeros(0, int)
+    most = int(np.ceil(_SELDOM * len(present)))
+    low, high = (float(v) for v in np.partition(x[present], [most, len(present) - 1 - most])[[most, len(present) - 1 - most]])
+    out = np.maximum(low - x[present], x[present] - high) > _OUTSIDE * (high - low)
+    found = present[out]
+    if not high > low or not 0 < len(found) <= most:
+        return np.zeros(0, int)
+    groups = np.split(found, np.flatnonzero(np.diff(found) > _AROUND) + 1)
+    found = np.concatenate([group for group in groups if np.ptp(group) < _BRIEF and _stands_alone(x, group)] or [np.zeros(0, int)])
+    return np.asarray(found[np.argsort(-np.abs(x[found] - 0.5 * (low + high)))])
+
+
+def _stands_alone(x: Array, group: Array) -> bool:
+    """Whether all samples of a group are far from what is on either side of it: where a joint moves but once, much is far from usual."""
+    first, last = int(group[0]), int(group[-1])
+    near = np.r_[x[max(first - _AROUND, 0) : first], x[last + 1 : last + 1 + _AROUND]]
+    near = near[np.isfinite(near)]
+    if not len(near):
+        return False
+    low, high = float(near.min()), float(near.max())
+    return bool(np.all(np.maximum(low - x[group], x[group] - high) > _OUTSIDE * (high - low)))
 
 
 def check_saturation(add: Add, names: tuple[str, ...], torque: Array, q: Array) -> None:

@@ -210,8 +210,8 @@ def model_from_dict(data: dict[str, Any]) -> Model:
     built = built.with_transmission(
         Transmission(K, np.array(drive["zero"], float), drive["measured"], None if constants is None else np.array(constants, float))
     )
-    if "urdf" in robot:
-        built = dataclasses.replace(built, source={**built.source, "urdf": robot["urdf"]})
+    known = {key: robot[key] for key in ("urdf", "robot", "payload") if key in robot}
+    built = dataclasses.replace(built, source={**built.source, **known})
     effects = tuple(make_effect(**_tuples(e)) for e in data["effects"])
     return Model(built, effects)
 

@@ -27,7 +27,9 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint of the tree. `kind` is "revolute", "continuous" or "prismatic"; limits are in rad or m, infinite where unknown."""
+    """A joint of the tree. `kind` is "revolute", "continuous" or "prismatic"; limits are in rad or m, infinite where unknown.
+    `damping`, `friction`: what the URDF's <dynamics> says of its viscous and dry friction (N m s/rad, N m; N s/m, N), zero if nothing.
+    No fit uses them: they are nominal values, as the URDF's inertials are."""
 
     name: str
     kind: str
@@ -35,6 +37,8 @@ class Joint:
     upper: float
     velocity: float
     effort: float
+    damping: float = 0.0
+    friction: float = 0.0
 
     @property
     def prismatic(self) -> bool:
@@ -237,7 +241,7 @@ def _build(
         model = pin.buildReducedModel(model, [model.getJointId(j) for j in held], at)
     model.armature[:] = 0.0  # rotor inertia is an effect; it must not count twice
     model.gravity.linear[:] = _gravity(gravity)
-    tree_joints = tuple(Joint(j, urdf.kinds[j], *urdf.limits[j]) for j in list(model.names)[first:])
+    tree_joints = tuple(Joint(j, urdf.kinds[j], *urdf.limits[j], *urdf.dynamics[j]) for j in list(model.names)[first:])
     if not tree_joints:
         raise ConfigurationError(f"robot {name!r} has no moving joint: there is nothing to identify.")
     closure, joints = _closure(urdf, tree_joints, loop)

@@ -31,13 +31,15 @@ class UrdfText:
     """A URDF made ready for Pinocchio.
 
     `xml`: the text with exact right angles and mimic tags taken out; `kinds`: joint name → URDF type;
-    `limits`: joint name → (lower, upper, velocity, effort), infinite where not given; `mimics`: followers, each bound to
+    `limits`: joint name → (lower, upper, velocity, effort), infinite where not given; `dynamics`: joint name → (damping, friction)
+    of <dynamics>, zero where not given; `mimics`: followers, each bound to
     a joint that follows none; `notes`: what was changed, for the user."""
 
     xml: str
     name: str
     kinds: dict[str, str]
     limits: dict[str, tuple[float, float, float, float]]
+    dynamics: dict[str, tuple[float, float]]
     mimics: tuple[Mimic, ...]
     notes: tuple[str, ...]
 
@@ -65,6 +67,7 @@ def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
         raise ConfigurationError(f"URDF {where}: the root element is <{root.tag}>, not <robot>.")
     kinds: dict[str, str] = {}
     limits: dict[str, tuple[float, float, float, float]] = {}
+    dynamics: dict[str, tuple[float, float]] = {}
     mimics: dict[str, Mimic] = {}
     snapped: dict[str, float] = {}
     for joint in root.findall("joint"):
@@ -80,6 +83,7 @@ def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
             )
         kinds[name] = kind
         limits[name] = _limits(joint, where, name)
+        dynamics[name] = _dynamics(joint, where, name)
         snapped[name] = _snap_origin(joint, where, name)
         mimic = joint.find("mimic")
         if mimic is not None:
@@ -99,7 +103,7 @@ def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
     if moved:
         notes.append(f"rpy of {some(moved)} taken as exact multiples of pi/4 (moved by at most {max(moved.values()):.1e} rad).")
     bound = _resolve(mimics, kinds, where, notes)
-    return UrdfText(etree.tostring(root, encoding="unicode"), root.get("name", "robot"), kinds, limits, bound, tuple(notes))
+    return UrdfText(etree.tostring(root, encoding="unicode"), root.get("name", "robot"), kinds, limits, dynamics, bound, tuple(notes))
 
 
 def some(names: Iterable[str], most: int = 6) -> str:
@@ -189,6 +193,12 @@ def _limits(joint: etree._Element, where: str, name: str) -> tuple[float, float,
     velocity = _number(found.get("velocity", "0"), where, name)
     effort = _number(found.get("effort", "0"), where, name)
     return lower, upper, velocity if velocity > 0 else math.inf, effort if effort > 0 else math.inf
+
+
+def _dynamics(joint: etree._Element, where: str, name: str) -> tuple[float, float]:
+    found = joint.find("dynamics")
+    damping, friction = (_number("0" if found is None else found.get(key, "0"), where, name) for key in ("damping", "friction"))
+    return damping, friction
 
 
 def _number(text: str, where: str, name: str) -> float:

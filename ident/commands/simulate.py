@@ -74,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
     if target.exists() and not args.force:
         raise ConfigurationError(f"{target} exists; nothing was simulated. Choose another --log, or add --force.")
     model, values = _plant(args)
+    _note_unknown(out, model, values)
     desired: FourierTrajectory | Coordinates
     if args.trajectory:
         desired = sampled = _followed(args.trajectory, model)
@@ -121,6 +122,7 @@ def _planned(args: argparse.Namespace) -> int:
     tests = plan.tests if args.tests is None else tuple(plan.test(name) for name in args.tests)
     out = Output(args)
     assert out.folder is not None
+    _note_unknown(out, model, values)
     sensors = _sensors(model, args.counts, args.noise * _typical(plan, model, values), args.colour)
     # A controller holds its torque between instants: averaged over a sample it is recorded as it acts.
     sensors = replace(sensors, distortions=(TorqueWindow(1.0 / args.rate), *sensors.distortions))
@@ -187,6 +189,13 @@ def _plant(args: argparse.Namespace) -> tuple[Model, Array]:
     if model.robot.nominal is None:
         raise ConfigurationError(f"robot {model.robot.name!r} has no inertials to simulate with; give a saved fit with --fit.")
     return model, nominal_values(model)
+
+
+def _note_unknown(out: Output, model: Model, values: Array) -> None:
+    """Say which effects of the model have no nominal values: a log without friction that was asked for is not what its user thinks."""
+    absent = [e.name for e, part in zip(model.effects, model.slices, strict=True) if not np.any(values[part])]
+    if absent:
+        out.note(f"no value is known for {', '.join(absent)} of {model.robot.name}: simulated as zero. A saved fit (--fit) gives values.")
 
 
 def random_motion(model: Model, seed: int, seconds: float, base_hz: float = 0.1, harmonics: int = 5) -> FourierTrajectory:

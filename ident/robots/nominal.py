@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import ConfigurationError
 from ..parameters import LINK_SYMBOLS
+from ..transmission import Side
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -43,8 +44,8 @@ def drive_parameters(name: str) -> DriveParameters:
 
 
 def nominal_values(model: Model, drive: DriveParameters | None = None) -> Array:
-    """Values (k,) of all parameters of a model: inertial ones from the robot's URDF, drive ones from `drive` (by default
-    those of the built-in robot it was loaded as), zero for whatever neither knows.
+    """Values (k,) of all parameters of a model: inertial ones from the robot's URDF, drive ones from `drive` (by default those of the
+    built-in robot it was loaded as, else viscous and Coulomb friction of the URDF's <dynamics>), zero for whatever is not known.
 
     Raises ConfigurationError where the URDF has no inertials, or the drive parameters are of another robot."""
     robot = model.robot
@@ -64,4 +65,24 @@ def nominal_values(model: Model, drive: DriveParameters | None = None) -> Array:
         known |= {
             f"{symbol}_{joint}": value for symbol, column in drive.values.items() for joint, value in zip(drive.joints, column, strict=True)
         }
+    else:
+        known |= _declared_friction(model)
     return np.array([known.get(name, 0.0) for name in model.names])
+
+
+def _declared_friction(model: Model) -> dict[str, float]:
+    """Parameter → value of viscous and Coulomb friction from the URDF's <dynamics>, which are of the joint side. Motors that share joints
+    have none there: a URDF cannot say how such friction is divided. Where a model has a kind twice on a joint, the first one takes it."""
+    robot, found, given = model.robot, dict[str, float](), set[tuple[str, str]]()
+    ratio = np.abs(np.diagonal(robot.transmission.K))
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        if effect.name not in ("viscous", "coulomb") or (effect.side == Side.MOTOR and not robot.transmission.is_diagonal):
+            continue
+        for parameter in model.parameters[part]:
+            j = robot.joint_index(parameter.joint)
+            k = ratio[j] if effect.side == Side.MOTOR else 1.0
+            value = robot.joints[j].damping * k**2 if effect.name == "viscous" else robot.joints[j].friction * k
+            if (effect.name, parameter.joint) not in given:
+                found[parameter.name] = float(value)
+            given.add((effect.name, parameter.joint))
+    return found

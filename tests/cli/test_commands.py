@@ -340,6 +340,13 @@ def test_out_keeps_the_file_that_was_made(ident, tmp_path, monkeypatch):
         assert (alone.code, alone.json[key]) == (0, name)
 
 
+def test_simulate_says_what_it_has_no_value_for(ident, tmp_path):
+    log = tmp_path / "log.csv"
+    made = ident("simulate", "--robot", "double_pendulum", "--log", log, "--effects", "offset", "--seconds", "1", "--quiet")
+    assert made.code == 0, made.err
+    assert "no value is known for offset of double_pendulum: simulated as zero" in made.err
+
+
 def test_simulated_torque_is_recorded_as_it_acts(ident, tmp_path):
     """Torque that a controller holds for a period acts half a period late; a record of what it asked for would look early."""
     from ident.effect import make_effect

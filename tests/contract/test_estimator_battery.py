@@ -111,5 +111,6 @@ def test_noise_stays_within_the_covariance_and_repeats_exactly(name: str, truth,
     path = estimate.save(tmp_path / "fit.json")
     loaded = ident.Estimate.load(path)
     assert loaded.values == pytest.approx(estimate.values, rel=1e-15)
+    assert np.array_equal(nominal_values(loaded.model), nominal_values(estimate.model))
     assert loaded.covariance == pytest.approx(estimate.covariance, rel=1e-12)
     assert loaded.torque_error(noisy.signals).relative_all == pytest.approx(estimate.torque_error(noisy.signals).relative_all, rel=1e-9)

@@ -118,6 +118,7 @@ CASES: dict[str, tuple[Callable[[Log], Log], str, Severity]] = {
     "torque_nan": (with_tau(lambda tau: put(tau, slice(500, 520), 0, np.nan)), "shoulder", Severity.WARNING),
     "torque_constant": (with_tau(lambda tau: put(tau, slice(None), 1, 0.0)), "slide", Severity.WARNING),
     "torque_zero": (with_tau(lambda tau: put(tau, slice(3000, 6000), 1, 0.0)), "slide", Severity.WARNING),
+    "torque_spike": (with_tau(lambda tau: put(tau, slice(3333, 3335), 1, 1e6)), "slide", Severity.WARNING),
     "torque_frozen": (with_tau(lambda tau: put(tau, slice(3000, 3400), 1, tau[3000, 1])), "slide", Severity.WARNING),
     "torque_steps": (with_tau(lambda tau: np.round(tau / 2.0) * 2.0), "slide", Severity.WARNING),
     "torque_large": (with_tau(lambda tau: 1000 * tau), "shoulder", Severity.WARNING),

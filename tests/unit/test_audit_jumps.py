@@ -7,6 +7,7 @@ import pytest
 
 import ident
 from ident.audit_checks import position_jumps
+from ident.audit_torque import wild_samples
 from ident.commands.simulate import random_motion
 from ident.robots import nominal_values
 from ident.simulate import Plant, simulate
@@ -157,3 +158,23 @@ def test_simulated_robots_do_not_jump_and_their_jumps_are_found(name: str, rate:
         at, size = fast(x, rng), 3e-3 * np.ptp(x)
         if size > 20 * np.median(np.abs(np.diff(np.unique(x)))):
             assert np.abs(position_jumps(log.t, changed(x, at, size, "step")) - at).min(initial=len(x)) <= 1
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_wild_torques_are_found_and_rare_ones_left(seed: int) -> None:
+    """Up to three samples on end far outside of all others; heavy tails, a blow of ten samples and a log mostly at rest have none."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(200, 20000))
+    motion = rng.uniform(0.1, 100) * (np.sin(np.arange(n) * rng.uniform(0.001, 0.1)) + 0.3 * rng.standard_t(4, n))
+    assert len(wild_samples(motion)) == 0
+    wild = motion.copy()
+    at = int(rng.integers(n))
+    wild[at] = rng.choice([-1, 1]) * rng.uniform(10, 1e6) * np.ptp(motion)
+    wild[rng.integers(n, size=n // 50)] = np.nan
+    assert wild_samples(wild).tolist() == ([] if np.isnan(wild[at]) else [at])
+    blow = motion.copy()
+    blow[50:60] = 30 * np.ptp(motion)
+    assert len(wild_samples(blow)) == 0
+    rest = np.where(np.abs(np.arange(n) - n // 2) < 20, motion, 0.01 * rng.standard_normal(n))
+    assert len(wild_samples(rest)) == 0
+    assert len(wild_samples(np.zeros(n))) == len(wild_samples(np.full(n, np.nan))) == 0

@@ -20,6 +20,7 @@ from ident.physical.pseudo_inertia import smallest_eigenvalues
 from ident.regressor.rigid import inverse_dynamics, mass_matrix
 from ident.robot import Robot
 from ident.robots import load_robot, nominal_values
+from ident.transmission import Transmission
 
 Array = np.ndarray
 
@@ -180,6 +181,14 @@ def test_dynamics_are_written_on_the_joint_side(tmp_path: Path) -> None:
     assert any("stribeck" in note for note in found.notes)
     assert json.dumps(found.to_dict())
     assert "out.urdf" in found.text()
+    # Read again, they are nominal values on either side; what a URDF has no place for is not known.
+    again = Robot.from_urdf(target, transmission=np.array([-50.0, 100.0]), measured="motor", locked={"wrist": 0.0})
+    declared = again.rigid_body() + fr.RotorInertia() + fr.Viscous() + fr.Coulomb()
+    assert nominal_values(declared)[20:] == pytest.approx([0, 0, *values[22:26]])
+    beside = again.rigid_body() + fr.Viscous(side="joint") + fr.Coulomb(joints=("elbow",), side="joint")
+    assert nominal_values(beside)[20:] == pytest.approx([1e-3 * 50**2, 2e-3 * 100**2, 0.02 * 100])
+    coupled = again.with_transmission(Transmission(np.array([[0.02, 0.0], [0.01, 0.01]]), np.zeros(2), "motor"))
+    assert not np.any(nominal_values(coupled.rigid_body() + fr.Viscous())[20:])
 
 
 @pytest.mark.parametrize("name", ["puma560", "panda", "ur5", "tiago", "kinova", "palletiser", "scara"])
