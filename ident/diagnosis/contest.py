@@ -193,7 +193,8 @@ def standing_in(
 
 
 def _odds(one: Foretelling, other: Foretelling) -> float:
-    """Logarithm of the odds for the other that held-out data give; 0 where they do not decide."""
+    """Logarithm of the odds for the other that held-out data give; 0 where they do not decide. By how much blocks of time differ says what
+    the noise's colour leaves of them; they are never more than they are under white noise, however evenly a little is spread over time."""
     scale = np.fmin(one.estimate.fit_error.rms, other.estimate.fit_error.rms)
     weight = inverse_squares(scale)
     (left, price), (others, others_price) = (f.allowing(weight) for f in (one, other))
@@ -205,4 +206,4 @@ def _odds(one: Foretelling, other: Foretelling) -> float:
     there = float(np.minimum(first, second).sum(axis=0) @ apart / max(float(apart.sum()), 1e-300))
     if abs(gain) < max(_SURELY * error, _SHARE * there) or error == 0.0:
         return 0.0
-    return float(np.sign(gain) * min(0.5 * (gain / error) ** 2, _FARTHEST))
+    return float(np.sign(gain) * min(0.5 * (gain / error) ** 2, 0.5 * abs(gain), _FARTHEST))

@@ -270,6 +270,22 @@ def test_what_held_out_data_say_is_told_of_the_winner() -> None:
     np.testing.assert_allclose(logs, np.log(one.weights))
 
 
+def test_a_little_that_is_even_over_time_decides_no_more_than_its_likelihood() -> None:
+    """A rival that leaves 1.2 % less, everywhere: far beyond the scatter of blocks of time, and worth next to nothing."""
+    one = found(make_effect("delay", joints="j1"), 100.0, (found(make_effect("filter_lag", joints="j1"), 95.0),))
+    cast(SimpleNamespace, one).weights = np.array([0.9, 0.1])
+    noise = np.random.default_rng(0).choice([-1.0, 1.0], size=(100, 1)) * np.linspace(0.95, 1.05, 100)[:, None]
+
+    def entry(place: int, residual: Array) -> Entry:
+        fake = SimpleNamespace(estimate=SimpleNamespace(fit_error=SimpleNamespace(rms=np.ones(1))), residual=residual)
+        fake.signals, fake.allowing = SimpleNamespace(row_runs=(slice(0, 100),)), lambda _: (residual, 0.0)
+        return Entry(place, (), cast(Foretelling, fake))
+
+    winner, logs, _ = _decided(one, [entry(0, noise), entry(1, np.sqrt(0.988) * noise)])
+    assert winner.place == 0
+    assert logs[0] - logs[1] == pytest.approx(np.log(9.0) - 0.5 * 0.012 * np.sum(noise**2), rel=1e-6)
+
+
 def test_as_many_rivals_are_looked_at_as_weigh_anything() -> None:
     """Six, and more where those left out would weigh more than 2 % together; never more than 24; one of each place."""
     rivals = tuple(found(make_effect("stribeck", joints=f"j{i}"), 30.0) for i in range(40))
