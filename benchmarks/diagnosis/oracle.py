@@ -15,6 +15,7 @@ import numpy as np
 
 import ident
 from ident import estimators as es
+from ident.diagnosis.analysis import without_reversals
 from ident.diagnosis.candidates import candidates
 from ident.effect import Effect
 from ident.problem import Problem
@@ -57,15 +58,25 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class Oracle:
-    """Refits on the analysis signals of a diagnosis, judged on held-out rows over the generator's own noise `floor` (n,)."""
+    """Refits on the signals `fitted` of a diagnosis, judged on held-out rows over the generator's own noise `floor` (n,)."""
 
     found: Any
+    fitted: Signals
     held: Signals
     floor: Array
 
+    @classmethod
+    def of(cls, found: Any, held: Signals, floor: Array, parts: Sequence[dict[str, Any]]) -> Oracle:
+        """Refits on all rows of the analysis; where the truth does harm like that, without those near reversals, as the diagnosis itself
+        refits: there the sign of the speed is wrong by its own error in time, and contacts hold."""
+        whole = cls(found, found.signals, held, floor)
+        if all(told["gain"] >= 0.0 for told in whole.parts(parts)[1]):
+            return whole
+        return cls(found, without_reversals(found.signals), held, floor)
+
     @cached_property
     def _kept(self) -> dict[tuple[Effect, ...], Array]:
-        return {(): self.scaled(self.found.before)}
+        return {(): self.scaled(self.found.before)} if self.fitted is self.found.signals else {}
 
     def scaled(self, estimate: Any) -> Array:
         """Residual (M, n) of an estimate on held-out rows over the noise; NaN where not used."""
@@ -79,7 +90,7 @@ class Oracle:
             for effect in effects:
                 model = model + effect
                 reference = np.append(reference, np.zeros(len(effect.parameters(model.robot))))
-            estimate = es.WeightedLeastSquares().solve(Problem(model, self.found.signals, reference=reference))
+            estimate = es.WeightedLeastSquares().solve(Problem(model, self.fitted, reference=reference))
             self._kept[key] = self.scaled(estimate)
         return self._kept[key]
 
