@@ -131,7 +131,7 @@ def _position(add: Add, log: Log, robot: Robot | None, j: int, name: str, x: Arr
         add(
             "spike",
             Severity.WARNING,
-            f"Position jumps at {at:.6g} s ({len(spikes)} sample{'s stand' if len(spikes) > 1 else ' stands'} far out). A single wrong"
+            f"Position jumps at {at:.12g} s ({len(spikes)} sample{'s stand' if len(spikes) > 1 else ' stands'} far out). A single wrong"
             " sample bends velocity and acceleration around it: remove it from the log. Where the position stays away, an encoder or a"
             " coupling slipped: cut the log there.",
             name,

@@ -91,7 +91,7 @@ def check_torque(add: Add, robot: Robot | None, j: int, name: str, t: Array, x: 
         add(
             "torque_spike",
             Severity.WARNING,
-            f"Torque is {x[wild[0]]:.4g} at {t[wild[0]]:.6g} s ({several} far outside of {np.nanmin(others):.4g} to"
+            f"Torque is {x[wild[0]]:.4g} at {t[wild[0]]:.12g} s ({several} far outside of {np.nanmin(others):.4g} to"
             f" {np.nanmax(others):.4g}, where all others are). Least squares follows such a sample: leave its cell empty, or remove the"
             " row.",
             name,

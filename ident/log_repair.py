@@ -139,7 +139,7 @@ def _runs(t: Array, index: Array, back: Array, where: str, notes: list[str]) -> 
         return np.split(index, starts[1:])
     row = int(index[back[0] + 1])
     raise DataError(
-        f"{where}: time runs backwards at data row {row + 1} ({t[index[back[0]]]:.6g} s, then {t[row]:.6g} s), in"
+        f"{where}: time runs backwards at data row {row + 1} ({t[index[back[0]]]:.12g} s, then {t[row]:.12g} s), in"
         f" {len(back)} place{'s' * (len(back) > 1)}."
         " Sort or cut the log; several runs in one file must each start near the first one's time."
     )

@@ -45,7 +45,7 @@ def jumps(signals: Signals) -> tuple[Unexplained, ...]:
             here = [at for at in log.t[position_jumps(log.t, x)] if _rests_on(signals, float(at))]
             if here and joint not in found:
                 said = (
-                    f"{joint}: its position jumps at {here[0]:.6g} s (log {log.name}), as no motion does: a wrong sample, or, if it stays"
+                    f"{joint}: its position jumps at {here[0]:.12g} s (log {log.name}), as no motion does: a wrong sample, or, if it stays"
                     " away after that, an encoder or a coupling that slipped. Cut it out; what is fitted around it is worth nothing"
                 )
                 found[joint] = Unexplained(joint, "a jump of its position", said, 0.0)

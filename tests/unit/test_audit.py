@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -138,6 +139,15 @@ def test_each_fault_is_found_where_it_is(robot: Robot, code: str) -> None:
     assert len(found[0].text) > 20
     assert found[0].text.rstrip().endswith((".", ")")), "a whole sentence that says what to do"
     assert audit.ok == (severity != Severity.ERROR)
+
+
+@pytest.mark.parametrize(("code", "at"), [("gaps", 10.0), ("spike", 8.0), ("torque_spike", 6.666)])
+def test_times_are_told_to_the_millisecond_in_logs_stamped_since_1970(robot: Robot, code: str, at: float) -> None:
+    fault, _, _ = CASES[code]
+    log = fault(good(robot))
+    (found,) = look(replace(log, t=log.t + 1.76e9), robot).of(code)
+    told = [float(x) for x in re.findall(r"at (\d+\.?\d*) s", found.text)]
+    assert told == [pytest.approx(1.76e9 + at, abs=0.1, rel=0)], found.text
 
 
 @pytest.mark.parametrize("code", ["jitter", "missing_samples", "gaps", "quantisation", "wrapped", "torque_nan", "velocity_scale"])
