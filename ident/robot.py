@@ -230,7 +230,7 @@ def _build(
 
     try:
         model = pin.buildModelFromXML(urdf.xml, pin.JointModelFreeFlyer()) if floating_base else pin.buildModelFromXML(urdf.xml)
-    except Exception as error:  # noqa: BLE001 - Pinocchio raises plain exceptions for what is wrong in a URDF
+    except (ValueError, RuntimeError, IndexError) as error:  # what Pinocchio raises for something wrong in a URDF
         raise ConfigurationError(f"URDF of {name!r} is refused by Pinocchio: {str(error).strip().splitlines()[0]}") from None
     first = 2 if floating_base else 1
     held = _held(urdf, list(model.names)[first:], locked, keep, loop)
