@@ -57,7 +57,7 @@ def last_word(
     selection, confirms = nominated(selection, bank, declared, rows, lambda stage: refit(stage, ()))
     if not selection.found:
         return LastWord(selection, declared)
-    contest = contested(selection, bank, rows, lambda stage: refit(stage, ()))
+    contest = contested(selection, bank, rows, refit)
     kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit)
     unexplained, warning = refusals(kept)
     said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []), *_not_shown(kept))
@@ -119,7 +119,7 @@ def confirmed(
         worst = harmful[0] if len(harmful) == 1 else _to_blame(harmful, without, declared, rows)
         if len(found) <= FEW and len(said) < len(selection.found):
             effects, turn = tuple(f.effect for f in found), found.index(worst)
-            arena = Arena(selection, bank, rows, lambda stage: refit(stage, ()), stage, effects, turn, without(worst))
+            arena = Arena(selection, bank, rows, refit, stage, effects, turn, without(worst))
             other = stand_in(arena, declared, found)
             if other is not None:
                 found, stage, why = other

@@ -15,9 +15,10 @@ from ..effect import Effect
 from .acceptance import FEW, Found
 from .bank import Bank
 from .change import inverse_squares, squared_errors
+from .evidence import acts_on
 from .foretelling import Foretelling
 from .precision import settled
-from .search import Hit
+from .search import Hit, Judged
 from .selection import Selection, labelled
 from .stage import Stage, with_effects
 
@@ -52,14 +53,18 @@ class Contest:
     said: tuple[str, ...]
 
 
-def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[Stage], Estimate]) -> Contest:
-    """Every finding against its rivals on held-out data (without rows near reversals)."""
-    found, stage, after = list(selection.found), selection.final, refit(selection.final)
-    said: list[str] = []
+def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[Stage, tuple[str, ...]], Estimate]) -> Contest:
+    """Every finding against its rivals on held-out data (without rows near reversals). `refit`: the estimate of a stage's model on all
+    rows but those near reversals of some joints."""
+    found, stage, said = list(selection.found), selection.final, list[str]()
     for i in range(len(found) if len(found) <= FEW else 0):
-        one = found[i]
-        arena = Arena(selection, bank, held, refit, stage, tuple(f.effect for f in found), i, after)
-        entries = [arena.entry(0, one.judged.hit), *(arena.entry(k + 1, one.rivals[k].hit) for k in contenders(one))]
+        one, others = found[i], contenders(found[i])
+        if not others:
+            continue
+        # At the values that they have where they were found: what the law of either says of reversals may hold no better than the other's.
+        turning = turning_points(selection, [one.judged, *(one.rivals[k] for k in others)])
+        arena = Arena(selection, bank, held, refit, stage, tuple(f.effect for f in found), i, refit(stage, turning), turning)
+        entries = [arena.entry(0, one.judged.hit), *(arena.entry(k + 1, one.rivals[k].hit) for k in others)]
         winner, logs, lines = _decided(one, entries)
         said += lines
         weights = np.exp(logs - logs.max())
@@ -68,13 +73,19 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
             found[i] = replace(one, weights=weights)
             continue
         stage, own = settled_with(selection, winner.effects, stage, bank)
-        after = refit(stage)
         found, new = standing_in(found, i, winner.place, weights, own, stage)
         said.append(
             f"{new.judged.hit.candidate} takes the place of {one.judged.hit.candidate}: the data fitted hardly tell them apart, those"
             " held out do. So the error on these is that of the better of two, not of one chosen without them."
         )
-    return Contest(replace(selection, final=stage, found=tuple(found)), after, tuple(said))
+    return Contest(replace(selection, final=stage, found=tuple(found)), refit(stage, ()), tuple(said))
+
+
+def turning_points(selection: Selection, judged: Sequence[Judged]) -> tuple[str, ...]:
+    """Joints on which any of these acts and whose rows near reversals had no part in the selection."""
+    at = np.any([acts_on(j) for j in judged], axis=0)
+    names = np.array(selection.final.problem.model.robot.joint_names)[at].tolist()
+    return tuple(name for name in names if name not in selection.final.turning)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,16 +100,17 @@ class Entry:
 @dataclass(frozen=True, eq=False)
 class Arena:
     """Where rivals stand in for one another: the `turn`th of the `effects` of a `stage`; `after`: the estimate of its model, or of that
-    without this one."""
+    without this one. All are refitted on all rows but those near reversals of the joints `turning`."""
 
     selection: Selection
     bank: Bank
     held: Signals
-    refit: Callable[[Stage], Estimate]
+    refit: Callable[[Stage, tuple[str, ...]], Estimate]
     stage: Stage
     effects: tuple[Effect, ...]
     turn: int
     after: Estimate
+    turning: tuple[str, ...] = ()
 
     def entry(self, place: int, hit: Hit) -> Entry:
         """A hit in this place, at that of its likely shapes which foretells the held-out data best."""
@@ -115,7 +127,7 @@ class Arena:
         own = labelled(effect, self.selection.declared.problem.model, others)
         effects = (*others[: self.turn], own, *others[self.turn :])
         there = with_effects(self.selection.declared, effects, self.stage, self.bank, self.stage.search.candidates)
-        return Entry(place, effects, Foretelling(self.refit(there), self.held))
+        return Entry(place, effects, Foretelling(self.refit(there, self.turning), self.held))
 
     def _as_likely(self, hit: Hit) -> list[Effect]:
         """Other shapes of a hit's grid that do as well, where the data fitted hardly tell its shape: held-out data may."""

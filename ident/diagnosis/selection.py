@@ -13,7 +13,8 @@ from ..effect import Effect
 from ..model import Model
 from .acceptance import FEW, Found, chosen, undecoyed
 from .bank import Bank
-from .evidence import acts_on, surplus, threshold
+from .consistent import own_loss
+from .evidence import acts_on, occam, surplus, threshold
 from .grouped import groups
 from .plausible import driven_out_on, implausible
 from .precision import kept, settled, support, unbound
@@ -212,13 +213,28 @@ def _re_examined(
             say(f"dropped: {one.judged.hit}")
             found, stage, changed = others, without, True
             continue
-        if new.judged.hit.candidate.name != one.judged.hit.candidate.name or new.effect.joints != one.effect.joints:
+        other = new.judged.hit.candidate.name != one.judged.hit.candidate.name or new.effect.joints != one.effect.joints
+        new = relabelled(new, without.problem.model)
+        with_new = [new if f is one else f for f in found]
+        there = with_effects(first, [f.effect for f in with_new], stage, bank)
+        if other and _outlasts(one, stage, new, there):
+            say(f"kept: {one.judged.hit}: consistent with the prediction that it makes, it fits better than {new.judged.hit}")
+            continue
+        if other:
             say(f"replaced: {one.judged.hit} by {new.judged.hit}")
             changed = True
-        new = relabelled(new, without.problem.model)
-        found = [new if f is one else f for f in found]
-        stage = with_effects(first, [f.effect for f in found], stage, bank)
+        found, stage = with_new, there
     return stage, found
+
+
+def _outlasts(one: Found, stage: Stage, new: Found, there: Stage) -> bool:
+    """Whether a finding of a `stage`, made of the model's prediction, fits better there than what would replace it does in its own stage
+    (`there`). Beside a fit that lacks it, its columns are made of another prediction, and fit as they may: two of which either seems to be
+    better where the other is would replace each other for ever."""
+    if not one.judged.hit.candidate.dependent:
+        return False
+    mine, others = (own_loss(s.problem, s.frame) + occam(f.judged.hit, s.number) for f, s in ((one, stage), (new, there)))
+    return mine < others
 
 
 def settled_together(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Callable[[str], None]) -> tuple[Stage, list[Found]]:

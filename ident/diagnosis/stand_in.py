@@ -33,7 +33,7 @@ def stand_in(arena: Arena, declared: Estimate, found: Sequence[Found]) -> tuple[
         own_stage, own = settled_with(arena.selection, entry.effects, arena.stage, arena.bank)
         weights = np.where(np.arange(len(one.weights)) == 0, 0.0, one.weights)
         own_found, _ = standing_in(found, arena.turn, k + 1, weights / max(float(weights.sum()), 1e-300), own, own_stage)
-        estimate = arena.refit(own_stage)
+        estimate = arena.refit(own_stage, arena.turning)
         grown, error = Change.of(without, estimate, rows).on(np.ones(rows.robot.n, bool))
         if Change.of(declared, estimate, rows).harms(own_found) or -grown <= max(SURELY * error, best[0] if best else 0.0):
             continue

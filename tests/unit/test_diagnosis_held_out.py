@@ -170,7 +170,7 @@ def test_a_rival_that_helps_stands_in_for_what_does_harm() -> None:
     def tried(rows: Signals) -> Any:
         bank = Bank()
         own = with_effects(selection.declared, [mistaken.effect], selection.final, bank)
-        arena = Arena(selection, bank, rows, lambda s: WeightedLeastSquares().solve(s.problem), own, (mistaken.effect,), 0, before)
+        arena = Arena(selection, bank, rows, lambda s, _: WeightedLeastSquares().solve(s.problem), own, (mistaken.effect,), 0, before)
         return stand_in(arena, before, [mistaken])
 
     (other,), stage, said = tried(held)
