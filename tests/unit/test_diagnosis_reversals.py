@@ -7,9 +7,13 @@ import pytest
 from effect_robots import ROBOTS, declared
 
 from ident.diagnosis import diagnose
-from ident.diagnosis.analysis import without_reversals
+from ident.diagnosis.analysis import without_reversals, without_turning
+from ident.diagnosis.bank import Bank
+from ident.diagnosis.contest import contenders, contested
 from ident.diagnosis.low_speed import near_reversals
+from ident.diagnosis.stage import Stage
 from ident.effect import Effect, make_effect
+from ident.estimate import Estimate
 from ident.estimators import WeightedLeastSquares
 from ident.logs import Log, LogSet
 from ident.motion import Motion
@@ -169,3 +173,25 @@ def test_rows_are_left_out_for_as_long_as_a_reversal_is_in_them() -> None:
         behind = fit.valid[:, j] & ~rows[0.0][:, j]
         near = [behind[max(0, i - 3) : i].any() if seconds > 0 else behind[i + 1 : i + 4].any() for i in np.flatnonzero(gone)]
         assert np.mean(near) > 0.95
+
+
+def test_rivals_are_compared_without_rows_near_reversals_of_their_joints() -> None:
+    """Where a contact holds neither one's law says what happens there, and both would come out at wrong values."""
+    fit, held = slow_motion(2, [], [], hold=0.03, noise=0.02, late=0.016)
+    model, _ = declared(fit.robot)
+    estimator = WeightedLeastSquares()
+    found = diagnose(estimator.solve(Problem(model, fit)), held)
+    (one,) = found.selection.found
+    assert contenders(one)
+    asked = []
+
+    def refit(stage: Stage, turning: tuple[str, ...]) -> Estimate:
+        asked.append(turning)
+        return estimator.solve(Problem(stage.problem.model, without_turning(fit, turning), reference=stage.problem.reference))
+
+    contested(found.selection, Bank(), without_reversals(held), refit)
+    joint = fit.robot.joint_names[JOINT]
+    assert all(joint in turning for turning in asked[:-1])
+    assert len(asked) > 2
+    # What is found in the end is of all rows.
+    assert asked[-1] == ()

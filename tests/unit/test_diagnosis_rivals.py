@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -12,7 +13,7 @@ from effect_robots import ROBOTS
 from scipy.signal import lfilter
 from test_diagnosis_parts import stage_of
 
-from ident.diagnosis.acceptance import chosen, share_on_rows
+from ident.diagnosis.acceptance import Found, chosen, share_on_rows
 from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.evidence import acts_on, by_chance, occam
 from ident.diagnosis.frame import Frame, raw_columns
@@ -20,11 +21,12 @@ from ident.diagnosis.motions import Motions
 from ident.diagnosis.null import Null
 from ident.diagnosis.saturation import Pool, saturated
 from ident.diagnosis.search import Hit, Judged, Search
-from ident.diagnosis.selection import ranked
+from ident.diagnosis.selection import _outlasts, ranked
 from ident.diagnosis.signatures import line
 from ident.diagnosis.spectral import evenly_drawn
+from ident.diagnosis.stage import Stage
 from ident.diagnosis.whitening import whitener
-from ident.effect import make_effect
+from ident.effect import Effect, make_effect
 from ident.effects.orders import slowest_order
 from ident.motion import Motion
 from ident.transmission import Side
@@ -224,3 +226,25 @@ def test_logs_made_of_the_model_hold_the_noise_that_its_whitener_tells_of() -> N
         powers = [np.sum(s.frame.residual**2) / s.frame.problem.signals.valid.sum() for s in null.searches]
         assert len(powers) == 3
         assert 0.9 < np.mean(powers) < 1.2
+
+
+def test_what_is_made_of_the_prediction_outlasts_what_fits_worse_than_it_does_in_its_own_model() -> None:
+    soft = make_effect("joint_elasticity", joints="j2", stiffness=300.0, rotor=1e-3, damping=0.5)
+    other = make_effect("asymmetric_viscous", joints="j2")
+
+    def beside(true: Effect, size: float) -> Callable[[Effect, Effect], bool]:
+        """Whether one outlasts another on data that hold one of them."""
+        stages, found = dict[Effect, Stage](), dict[Effect, Found]()
+        for effect in (soft, other):
+            stage, _ = stage_of(35, [effect], [true], [size])
+            candidate = Candidate(effect.name, ("j2",), (effect,))
+            stages[effect] = replace(stage, search=Search(stage.frame, stage.motions, (candidate,)))
+            hit = Hit(candidate, effect, 0.0, stage.search.whitened(effect))
+            found[effect] = cast(Found, SimpleNamespace(judged=SimpleNamespace(hit=hit)))
+        return lambda one, new: _outlasts(found[one], stages[one], found[new], stages[new])
+
+    assert beside(soft, 1.0)(soft, other)
+    viscous = beside(other, 3.0)
+    assert not viscous(soft, other)
+    # What depends on nothing but the motion is judged beside the others as it is.
+    assert not viscous(other, soft)
