@@ -14,7 +14,7 @@ from .analysis import without_reversals
 from .bank import Bank
 from .change import SURELY, Change
 from .contest import Arena, contested
-from .evidence import WEAK, acts_on
+from .evidence import WEAK, acts_on, threshold
 from .findings import Unexplained
 from .nominated import nominated
 from .selection import Selection
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
+#: Evidence of less than so many times the threshold is none where held-out data do not show it either: the noise need only be half as
+#: strong again there as it was taken for.
+BARELY = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +115,7 @@ def confirmed(
             change = Change.of(declared, after, rows)
         harmful, unseen, faint = change.harms(found), list[Found](), list[Found]()
         if not harmful:
-            harmful, unseen, faint = _borne_out(found, change.doubtful(found), without, after, rows)
+            harmful, unseen, faint = _borne_out(found, change.doubtful(found), stage.number, without, after, rows)
         if not harmful:
             left = replace(selection, final=stage, found=tuple(found))
             return Confirmed(left, after, tuple(refused), tuple(unseen), tuple(faint), tuple(said))
@@ -132,11 +135,11 @@ def confirmed(
 
 
 def _borne_out(
-    found: Sequence[Found], doubtful: Sequence[Found], without: Callable[[Found], Estimate], after: Estimate, rows: Signals
+    found: Sequence[Found], doubtful: Sequence[Found], number: int, without: Callable[[Found], Estimate], after: Estimate, rows: Signals
 ) -> tuple[list[Found], list[Found], list[Found]]:
-    """Of findings that harm no joint one that does harm on the whole, if any does; those that gain nothing; and those that gain no more
-    than chance might. What is gained elsewhere, by parameters that are free of a bias now, counts as well: each is compared with the model
-    without it. `without`: the estimate of that one; `after`: that of all."""
+    """Of findings that harm no joint one that does harm on the whole, or is barely there at all, if any is; those that gain nothing; and
+    those that gain no more than chance might. What is gained elsewhere, by parameters that are free of a bias now, counts as well: each is
+    compared with the model without it. `number`: of candidates; `without`: the estimate of that model; `after`: that of all."""
     unseen, faint = list[Found](), list[Found]()
     for f in sorted(found, key=lambda f: f.judged.evidence):
         change = Change.of(without(f), after, rows)
@@ -146,6 +149,8 @@ def _borne_out(
                 return [f], [], []
             unseen.append(f)
         elif not change.shown:
+            if f.judged.evidence < BARELY * threshold(f.judged.hit, number):
+                return [f], [], []
             faint.append(f)
     return [], unseen, faint
 
@@ -175,7 +180,7 @@ def refusals(confirmed: Confirmed) -> tuple[tuple[Unexplained, ...], str]:
         return (), ""
     names = ", ".join(f"{f.effect.name}{on(place_of(f.effect, f.judged.hit.candidate.joints))}" for f in refused)
     if sum(f.judged.evidence for f in refused) < WEAK:
-        return (), f"a weak sign of {names} was dropped: it does not lower the error on held-out data."
+        return (), f"a weak sign of {names} was dropped: it lowers the error on held-out data no more than chance might, or not at all."
     return (
         tuple(_not_borne_out(f, joints) for f in refused),
         f"taken back, because the error on held-out data is no lower with it: {names}.",

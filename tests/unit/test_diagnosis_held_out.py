@@ -371,3 +371,17 @@ def test_of_several_the_one_without_which_least_harm_is_left_is_to_blame(monkeyp
     monkeypatch.setattr(confirmed_module.Change, "of", lambda before, after, rows: SimpleNamespace(shares=left[after]))
     anything = cast(Any, None)
     assert confirmed_module._to_blame([first, second, third], lambda one: cast(Any, one.effect), anything, anything) is second
+
+
+@pytest.mark.parametrize(("evidence", "shown", "kept"), [(29.0, False, False), (31.0, False, True), (29.0, True, True)])
+def test_what_is_barely_over_the_threshold_is_there_only_if_held_out_data_show_it(
+    evidence: float, shown: bool, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, anything = a_finding(0, evidence), cast(Any, SimpleNamespace(robot=SimpleNamespace(n=1)))
+    change = SimpleNamespace(on=lambda joints: (-5.0, 4.0), shown=shown)
+    monkeypatch.setattr(confirmed_module.Change, "of", lambda before, after, rows: change)
+    monkeypatch.setattr(confirmed_module, "threshold", lambda hit, number: 20.0)
+    refused, unseen, faint = confirmed_module._borne_out([one], [one], 300, lambda one: anything, anything, anything)
+    assert refused == ([] if kept else [one])
+    assert unseen == []
+    assert faint == ([one] if kept and not shown else [])
