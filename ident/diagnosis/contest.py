@@ -37,9 +37,10 @@ _UTMOST = 24
 #: A shape is hardly told where one drawn evenly from its range fits as well but for so much (twice a log-likelihood); so many are tried.
 _LOOSE = 4.0
 _SHAPES = 3
-#: What decides: a difference of so many standard errors over blocks of time, and of this share of the squared error.
-_SURELY = 2.0
+#: No law is so exact that this share of the squared error says which of two it is.
 _SHARE = 0.01
+#: One is said to be clearly better from odds of twenty to one on (logarithm).
+_CLEARLY = 3.0
 #: Odds move by no more than this (logarithm).
 _FARTHEST = 30.0
 
@@ -153,12 +154,12 @@ def _decided(one: Found, entries: Sequence[Entry]) -> tuple[Entry, Array, list[s
     best, ahead = entries[0], 0.0
     for entry in entries[1:]:
         better = _odds(best.foretelling, entry.foretelling)
-        if better != 0.0 and likely[entry.place] + better > likely[best.place]:
+        if better > 0.0 and likely[entry.place] + better > likely[best.place]:
             best, ahead = entry, ahead + better
     for entry in entries:
         better = _odds(best.foretelling, entry.foretelling) if entry is not best else 0.0
-        logs[entry.place] = (likely if better != 0.0 or entry is best else logs)[entry.place] + ahead + better
-        if better < 0.0:
+        logs[entry.place] = (likely if better > 0.0 or entry is best else logs)[entry.place] + ahead + better
+        if better < -_CLEARLY:
             lines.append(f"{_named(one, best)} foretells the held-out data clearly better than {_named(one, entry)}")
     return best, logs, lines
 
@@ -205,17 +206,22 @@ def standing_in(
 
 
 def _odds(one: Foretelling, other: Foretelling) -> float:
-    """Logarithm of the odds for the other that held-out data give; 0 where they do not decide. By how much blocks of time differ says what
-    the noise's colour leaves of them; they are never more than they are under white noise, however evenly a little is spread over time."""
+    """Logarithm of the odds for the other that held-out data give: half the gain, under white noise, less what no law is exact to. What
+    the noise's colour leaves of them is told by how much the gain differs from block to block of time. If this one is there and not the
+    other, a gain is to be expected somewhere from zero to as far below it as it is above: one of z standard errors over n blocks is less
+    likely then by a factor from (1 + z²/(n − 1))^(n/2) (Student) to the same with 4 z²; taken are 2 z²."""
     scale = np.fmin(one.estimate.fit_error.rms, other.estimate.fit_error.rms)
     weight = inverse_squares(scale)
     (left, price), (others, others_price) = (f.allowing(weight) for f in (one, other))
     first, second = (blocks * weight for blocks in squared_errors(left, others, one.signals))
     better = (first - second).sum(axis=1)
-    error, gain = float(np.sqrt(np.sum((better - better.mean()) ** 2))), float(better.sum() + price - others_price)
+    gain, n = float(better.sum() + price - others_price), len(better)
     # A share of what is left on those joints where the two differ.
     apart = np.abs((first - second).sum(axis=0))
     there = float(np.minimum(first, second).sum(axis=0) @ apart / max(float(apart.sum()), 1e-300))
-    if abs(gain) < max(_SURELY * error, _SHARE * there) or error == 0.0:
+    beyond = max(abs(gain) - _SHARE * there, 0.0)
+    variance = n * float(np.var(better, ddof=1)) if n > 1 else 0.0
+    if variance == 0.0:
         return 0.0
-    return float(np.sign(gain) * min(0.5 * (gain / error) ** 2, 0.5 * abs(gain), _FARTHEST))
+    coloured = 0.5 * n * np.log1p(2.0 * beyond**2 / ((n - 1) * variance))
+    return float(np.sign(gain) * min(coloured, 0.5 * beyond, _FARTHEST))

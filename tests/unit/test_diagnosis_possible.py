@@ -271,7 +271,8 @@ def test_what_held_out_data_say_is_told_of_the_winner() -> None:
 
 
 def test_a_little_that_is_even_over_time_decides_no_more_than_its_likelihood() -> None:
-    """A rival that leaves 1.2 % less, everywhere: far beyond the scatter of blocks of time, and worth next to nothing."""
+    """A rival that leaves 1.2 % less, everywhere: far beyond the scatter of blocks of time, and worth next to nothing, the less as no law
+    is exact to 1 %."""
     one = found(make_effect("delay", joints="j1"), 100.0, (found(make_effect("filter_lag", joints="j1"), 95.0),))
     cast(SimpleNamespace, one).weights = np.array([0.9, 0.1])
     noise = np.random.default_rng(0).choice([-1.0, 1.0], size=(100, 1)) * np.linspace(0.95, 1.05, 100)[:, None]
@@ -283,7 +284,34 @@ def test_a_little_that_is_even_over_time_decides_no_more_than_its_likelihood() -
 
     winner, logs, _ = _decided(one, [entry(0, noise), entry(1, np.sqrt(0.988) * noise)])
     assert winner.place == 0
-    assert logs[0] - logs[1] == pytest.approx(np.log(9.0) - 0.5 * 0.012 * np.sum(noise**2), rel=1e-6)
+    assert logs[0] - logs[1] == pytest.approx(np.log(9.0) - 0.5 * (0.012 - 0.01 * 0.988) * np.sum(noise**2), rel=1e-6)
+
+
+def test_what_differs_from_block_to_block_decides_as_far_as_its_scatter_lets_it() -> None:
+    """The same gain, in all blocks of time alike, in some, and in one alone: never nothing, and never more than under white noise."""
+    one = found(make_effect("delay", joints="j1"), 100.0, (found(make_effect("filter_lag", joints="j1"), 95.0),))
+    cast(SimpleNamespace, one).weights = np.array([0.5, 0.5])
+
+    def odds(gains: Array) -> float:
+        """Of a rival with these gains (20,) in 20 blocks of 50 rows."""
+
+        def entry(place: int, squares: Array) -> Entry:
+            residual = np.sqrt(np.repeat(squares / 50.0, 50))[:, None]
+            fake = SimpleNamespace(estimate=SimpleNamespace(fit_error=SimpleNamespace(rms=np.ones(1))), residual=residual)
+            fake.signals, fake.allowing = SimpleNamespace(row_runs=(slice(0, 1000),)), lambda _: (residual, 0.0)
+            return Entry(place, (), cast(Foretelling, fake))
+
+        _, logs, _ = _decided(one, [entry(0, 50.0 + 0.0 * gains), entry(1, 50.0 - gains)])
+        return float(logs[1] - logs[0])
+
+    even, some, single = np.full(20, 2.0), np.tile([5.0, -1.0], 10), np.r_[40.0, np.zeros(19)]
+    assert odds(even + np.tile([1e-6, -1e-6], 10)) == pytest.approx(0.5 * (40.0 - 0.01 * 960.0), rel=1e-3)
+    for gains in (some, single):
+        beyond = 40.0 - 0.01 * np.minimum(50.0, 50.0 - gains).sum()
+        z = beyond / (np.sqrt(20.0) * np.std(gains, ddof=1))
+        assert odds(gains) == pytest.approx(10.0 * np.log(1.0 + 2.0 * z**2 / 19.0), rel=1e-9)
+        assert odds(-gains) < 0.0
+    assert 0.0 < odds(single) < odds(some) < odds(even + np.tile([1e-6, -1e-6], 10))
 
 
 def test_as_many_rivals_are_looked_at_as_weigh_anything() -> None:
