@@ -23,11 +23,12 @@ _BLOCKS = 20
 #: found elsewhere moves is the price of refitting all parameters with it.
 SURELY = 2.0
 _SHARE = 0.4
-#: What falls beyond chance: by more than this, which chance reaches once in a thousand for one parameter; and so that blocks which fall or
-#: grow alike would reach it with no more than this probability, or by ten times as much, which no colour of the noise explains.
+#: What falls beyond chance: by more than this, which chance reaches once in a thousand for one parameter; and so that blocks which fall
+#: or grow alike would reach it with no more than this probability, or by fifteen times as much, which no colour of the noise explains.
+#: Stricter than asking whether a fault could be seen at all: refitted otherwise, what is claimed should still be seen.
 _CLEAR = 10.8
-_CHANCE = 0.005
-_SURE = 10.0 * _CLEAR
+_CHANCE = 0.0025
+_SURE = 15.0 * _CLEAR
 #: Signs are tried all, or so many.
 _ALL = 12
 _MANY = 20_000
