@@ -155,7 +155,7 @@ def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str,
             return found
     try:
         with open_binary(path) as stream:
-            if _quotes_stay_open(stream) and _over_lines(path, header, names):
+            if quotes_stay_open(stream) and over_lines(rows_of_text(path, header), header, names):
                 raise bad_text(path, header, names, "quotes are open at the end of a line")
         with open_binary(path) as stream:
             return pandas_columns(stream, header, names, header.line)
@@ -228,7 +228,7 @@ def arrow_values(column: Any) -> Array:
     return arrays[0] if len(arrays) == 1 else np.concatenate(arrays) if arrays else np.zeros(0)
 
 
-def _quotes_stay_open(stream: IO[bytes]) -> bool:
+def quotes_stay_open(stream: IO[bytes]) -> bool:
     """Whether a line opens quotes that it does not close. (Lines are counted only where there are quotes at all.)"""
     while chunk := stream.read(1 << 20):
         if b'"' in chunk:
@@ -237,10 +237,11 @@ def _quotes_stay_open(stream: IO[bytes]) -> bool:
     return False
 
 
-def _over_lines(path: Path, header: Header, names: Sequence[str]) -> bool:
-    """Whether a number of these columns, within quotes, goes on over the end of its line: some readers take it, others do not."""
+def over_lines(rows: Iterable[tuple[int, list[str]]], header: Header, names: Sequence[str]) -> bool:
+    """Whether in rows (line, fields) a number of these columns, within quotes, goes on over the end of its line: some readers, and some
+    versions of them, take it, others do not."""
     index = [header.names.index(n) for n in names]
-    return any(i < len(fields) and _goes_on(fields[i]) for _, fields in rows_of_text(path, header) for i in index)
+    return any(i < len(fields) and _goes_on(fields[i]) for _, fields in rows for i in index)
 
 
 def _goes_on(field: str) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import DataError
 from ..log_columns import ColumnPlan
-from ..log_files import Header, arrow_columns, bad_text, numbered_rows, open_binary, pandas_columns
+from ..log_files import Header, arrow_columns, bad_text, numbered_rows, open_binary, over_lines, pandas_columns, quotes_stay_open
 
 Array = np.ndarray
 _COUNTED = 1 << 20
@@ -98,6 +98,8 @@ class TextParser:
                 return arrow_columns(source, self.header, names, 0, block=len(text) + 1, threads=False, pool=pool)
             except (pa.ArrowException, ValueError):
                 pass  # the slower reader says why, or is more lenient
+        if quotes_stay_open(io.BytesIO(text)) and over_lines(numbered_rows(_decoded(text), self.header), self.header, names):
+            raise ValueError("quotes are open at the end of a line")
         try:
             return pandas_columns(io.BytesIO(text), self.header, names, 0)
         except OverflowError as error:
@@ -114,5 +116,8 @@ class TextParser:
             while left and (block := stream.read(min(left, _COUNTED))):
                 lines += block.count(b"\n")
                 left -= len(block)
-        decoded = io.StringIO(bytes(text).decode("utf-8", errors="replace"), newline="")
-        return bad_text(self.path, self.header, self.plan.sources, reason, numbered_rows(decoded, self.header, lines), rows + 1)
+        return bad_text(self.path, self.header, self.plan.sources, reason, numbered_rows(_decoded(text), self.header, lines), rows + 1)
+
+
+def _decoded(text: memoryview) -> io.StringIO:
+    return io.StringIO(bytes(text).decode("utf-8", errors="replace"), newline="")
