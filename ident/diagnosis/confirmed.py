@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Evidence of less than so many times the threshold is none where held-out data do not show it either: the noise need only be half as
 #: strong again there as it was taken for.
-BARELY = 1.5
+_BARELY = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,7 @@ def _borne_out(
                 return [f], [], []
             unseen.append(f)
         elif not change.shown:
-            if f.judged.evidence < BARELY * threshold(f.judged.hit, number):
+            if f.judged.evidence < _BARELY * threshold(f.judged.hit, number):
                 return [f], [], []
             faint.append(f)
     return [], unseen, faint

@@ -63,7 +63,7 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
         if not others:
             continue
         # At the values that they have where they were found: what the law of either says of reversals may hold no better than the other's.
-        turning = turning_points(selection, [one.judged, *(one.rivals[k] for k in others)])
+        turning = _turning_joints(selection, [one.judged, *(one.rivals[k] for k in others)])
         arena = Arena(selection, bank, held, refit, stage, tuple(f.effect for f in found), i, refit(stage, turning), turning)
         entries = [arena.entry(0, one.judged.hit), *(arena.entry(k + 1, one.rivals[k].hit) for k in others)]
         winner, logs, lines = _decided(one, entries)
@@ -82,7 +82,7 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
     return Contest(replace(selection, final=stage, found=tuple(found)), refit(stage, ()), tuple(said))
 
 
-def turning_points(selection: Selection, judged: Sequence[Judged]) -> tuple[str, ...]:
+def _turning_joints(selection: Selection, judged: Sequence[Judged]) -> tuple[str, ...]:
     """Joints on which any of these acts and whose rows near reversals had no part in the selection."""
     at = np.any([acts_on(j) for j in judged], axis=0)
     names = np.array(selection.final.problem.model.robot.joint_names)[at].tolist()
