@@ -103,6 +103,8 @@ class Effect(ABC):
     form_of: ClassVar[str] = ""
     #: Whether it acts now and then, but hard (knocks): a plain fit of a model without it is bent by that.
     abrupt: ClassVar[bool] = False
+    #: Share by which a response that must have one value may seem to be another, for what is left out of the law.
+    tolerance: ClassVar[float] = 0.4
 
     joints: tuple[str, ...] | None = None
     side: Side = Side.MOTOR
@@ -197,14 +199,14 @@ class Effect(ABC):
 
     def implausible(self, robot: Robot, values: Array, std: Array) -> str:
         """Why fitted values (k,) with these standard deviations cannot be those of such an effect: a response that is not within
-        40 % (and 3 standard deviations) of what it must be; "" if nothing speaks against them. Bounds of parameters are looked
+        `tolerance` (and 3 standard deviations) of what it must be; "" if nothing speaks against them. Bounds of parameters are looked
         at elsewhere."""
         right = self.response(robot)
         if right is None:
             return ""
         values, size = np.asarray(values), np.abs(right)
         # Where it must be nothing (a delay of zero: the slope alone) it is what fits in first order, and that may be anything.
-        off = (size > 0.0) & (np.abs(values - right) > 0.4 * size + 3.0 * np.asarray(std))
+        off = (size > 0.0) & (np.abs(values - right) > self.tolerance * size + 3.0 * np.asarray(std))
         if not off.any():
             return ""
         first = int(np.argmax(off))

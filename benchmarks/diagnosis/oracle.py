@@ -58,25 +58,22 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class Oracle:
-    """Refits on the signals `fitted` of a diagnosis, judged on held-out rows over the generator's own noise `floor` (n,)."""
+    """Refits on the signals of a diagnosis, judged on held-out rows over the generator's own noise `floor` (n,).
+
+    Each model is refitted on all rows and on those not near reversals, as the diagnosis itself refits (there the sign of the speed is
+    wrong by its own error in time, and contacts hold), and counts at the better of the two: the truth, and what is set against it."""
 
     found: Any
-    fitted: Signals
     held: Signals
     floor: Array
 
-    @classmethod
-    def of(cls, found: Any, held: Signals, floor: Array, parts: Sequence[dict[str, Any]]) -> Oracle:
-        """Refits on all rows of the analysis; where the truth does harm like that, without those near reversals, as the diagnosis itself
-        refits: there the sign of the speed is wrong by its own error in time, and contacts hold."""
-        whole = cls(found, found.signals, held, floor)
-        if all(told["gain"] >= 0.0 for told in whole.parts(parts)[1]):
-            return whole
-        return cls(found, without_reversals(found.signals), held, floor)
+    @cached_property
+    def _fitted(self) -> tuple[Signals, ...]:
+        return self.found.signals, without_reversals(self.found.signals)
 
     @cached_property
     def _kept(self) -> dict[tuple[Effect, ...], Array]:
-        return {(): self.scaled(self.found.before)} if self.fitted is self.found.signals else {}
+        return {}
 
     def scaled(self, estimate: Any) -> Array:
         """Residual (M, n) of an estimate on held-out rows over the noise; NaN where not used."""
@@ -90,8 +87,8 @@ class Oracle:
             for effect in effects:
                 model = model + effect
                 reference = np.append(reference, np.zeros(len(effect.parameters(model.robot))))
-            estimate = es.WeightedLeastSquares().solve(Problem(model, self.fitted, reference=reference))
-            self._kept[key] = self.scaled(estimate)
+            estimates = [es.WeightedLeastSquares().solve(Problem(model, s, reference=reference)) for s in self._fitted]
+            self._kept[key] = min((self.scaled(e) for e in estimates), key=lambda r: float(np.nansum(r**2)))
         return self._kept[key]
 
     def gain(self, fewer: Sequence[Effect], more: Sequence[Effect]) -> Gain:

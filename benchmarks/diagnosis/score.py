@@ -105,7 +105,7 @@ def run(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
         "trail": list(found.trail),
     }
     if record["kind"] in ("single", "pair"):
-        oracle = Oracle.of(found, held, floor, record["parts"])
+        oracle = Oracle(found, held, floor)
         true, out["oracle"] = oracle.parts(record["parts"])
         out["named"] = [_named(oracle, found.findings, part, i, true) for i, part in enumerate(record["parts"])]
     out["coverage"] = _coverage(found, record["parts"])

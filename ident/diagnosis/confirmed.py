@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
-#: Evidence of less than so many times the threshold is none where held-out data do not show it either: the noise need only be half as
-#: strong again there as it was taken for.
-_BARELY = 1.5
+#: Evidence of less than so many times the threshold is none where held-out data do not show it either: the noise need only be twice as
+#: strong there as it was taken for.
+_BARELY = 2.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,6 +72,11 @@ def contested(selection: Selection, bank: Bank, held: Signals, refit: Callable[[
         weights /= weights.sum()
         if not winner.place:
             found[i] = replace(one, weights=weights)
+            if winner.effects != arena.effects:
+                stage = with_effects(selection.declared, winner.effects, stage, bank, stage.search.candidates)
+                found, new = standing_in(found, i, 0, weights, winner.effects, stage)
+                name = new.judged.hit.candidate
+                said.append(f"{name}: the data fitted hardly tell its shape; taken is the one that foretells those held out best")
             continue
         stage, own = settled_with(selection, winner.effects, stage, bank)
         found, new = standing_in(found, i, winner.place, weights, own, stage)

@@ -90,6 +90,9 @@ class Saturation(JointEffect):
     axis: ClassVar[Axis] = Axis.TORQUE
     nature: ClassVar[Nature] = Nature.SENSOR
     needs: ClassVar[frozenset[Need]] = frozenset({Need.TORQUE, Need.REFERENCE})
+    # No approximation of first order: what is above the limit is above it one to one. Anything that drives the torque up for a while (a
+    # brake that drags) goes with the reading's excess over some level, too, but not by just as much.
+    tolerance: ClassVar[float] = 0.05
     symbols = (("sat", "1", 0.0),)
 
     limit: float = 1.0

@@ -10,15 +10,12 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-import numpy as np
-
 from ..effect import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
-from ..fixed_point import MOST, Repetition
+from .own_prediction import standing
 from .turning import without_sticking
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from ..estimate import Estimate
@@ -26,10 +23,6 @@ if TYPE_CHECKING:
     from ..problem import Problem
     from ..robot import Robot
     from .recursive import RecursiveState
-
-Array = np.ndarray
-#: Values that move by less than this share of their standard deviation from one repetition to the next stand, for all that matters.
-_STANDS = 0.2
 
 
 class Capability(StrEnum):
@@ -76,20 +69,8 @@ class Estimator(ABC):
         estimate = replace(self._solve(problem), sticking=sticking, problem=asked)
         if not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
             return estimate
-        repetition: Repetition | None = None
-        tried: list[tuple[Problem, Estimate]] = []
-        for _ in range(MOST):
-            values = estimate.all_values
-            if problem.reference is not None:
-                repetition = repetition or Repetition(_weights(estimate))
-                values = repetition.next(problem.reference, values)
-            problem = problem.with_reference(values)
-            estimate = replace(self._solve(problem), reference=values, sticking=sticking, problem=asked)
-            tried.append((problem, estimate))
-            change = np.abs(estimate.values - problem.base.base_values(values)) if len(estimate.values) == problem.base.count else np.inf
-            if np.all(change <= 1e-6 * estimate.std + 1e-9 * np.abs(estimate.values)):
-                return estimate
-        return _most_consistent(tried)
+        found = standing(problem, estimate, self._solve)
+        return replace(found, sticking=sticking, problem=asked)
 
     def start(self, model: Model) -> RecursiveState:
         """Begin a recursion that takes samples as they come. Raises UnsupportedError unless the estimator is RECURSIVE."""
@@ -150,37 +131,6 @@ def estimator_types() -> dict[str, type[Estimator]]:
     for module in pkgutil.iter_modules(package.__path__):
         importlib.import_module(f"ident.estimators.{module.name}")
     return dict(sorted(_REGISTRY.items()))
-
-
-def _most_consistent(tried: Sequence[tuple[Problem, Estimate]]) -> Estimate:
-    """Of fits none of which stands, the one whose columns were made of the values that predict best; with a warning that tells by how much
-    others come out, where that matters."""
-    last = tried[-1][1]
-    noise = last.fit_error.rms
-    weight = np.where(noise > 0.0, 1.0 / np.where(noise > 0.0, noise, 1.0), 0.0)
-
-    def error(problem: Problem) -> float:
-        assert problem.reference is not None
-        return float(np.nansum((weight * problem.residual(problem.base.base_values(problem.reference))) ** 2))
-
-    problem, estimate = min(tried, key=lambda one: error(one[0]))
-    if problem.reference is None or len(estimate.values) != problem.base.count:
-        return estimate
-    off = np.abs(estimate.values - problem.base.base_values(problem.reference)) / np.maximum(estimate.std, 1e-300)
-    if not (off > _STANDS).any():
-        return estimate
-    worst = int(np.argmax(off))
-    said = (
-        f"after {len(tried)} repetitions the fit is not consistent with its own prediction: {estimate.names[worst]} still moves by"
-        f" {off[worst]:.2g} of its standard deviations, so its interval is too narrow by as much."
-    )
-    return replace(estimate, warnings=(*estimate.warnings, said))
-
-
-def _weights(estimate: Estimate) -> Array:
-    """1 over the standard deviation of each of the model's parameters (k,); 0 for what is not estimated."""
-    std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
-    return np.array([1.0 / std[name] if std.get(name, 0.0) > 0.0 else 0.0 for name in estimate.model.names])
 
 
 def _able(capability: Capability) -> str:

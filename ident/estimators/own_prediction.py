@@ -1,0 +1,148 @@
+"""Fits whose columns depend on the model's own prediction (its load, its gravity): repeated with that of the last fit until they stand.
+
+Repetition takes the columns for given. Where a large correction acts on parameters that hardly anything else shows (a tilted base under an
+arm whose joints stand upright), it creeps or swings without end; then Gauss-Newton steps, which also heed how the columns move with the
+values, end it in a few."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..fixed_point import MOST, Repetition
+from ..problem import Problem, Rows
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+
+Array = np.ndarray
+Solve = Callable[[Problem], "Estimate"]
+#: Values that move by less than this share of their standard deviation from one repetition to the next stand, for all that matters.
+_STANDS = 0.2
+#: Gauss-Newton steps, halvings of one that gains nothing, and the share of a standard deviation at which they end.
+_STEPS = 20
+_HALVINGS = 8
+_SETTLED = 1e-2
+#: Slopes of every row over every parameter are held in memory: no more numbers than this.
+_MOST_NUMBERS = 20_000_000
+
+
+def standing(problem: Problem, first: Estimate, solve: Solve) -> Estimate:
+    """The fit that is consistent with its own prediction. `first`: of the `problem` as it is; `solve`: fits one of known reference."""
+    repetition: Repetition | None = None
+    tried: list[tuple[Problem, Estimate]] = []
+    estimate = first
+    for _ in range(MOST):
+        values = estimate.all_values
+        if problem.reference is not None:
+            repetition = repetition or Repetition(_weights(estimate))
+            values = repetition.next(problem.reference, values)
+        problem = problem.with_reference(values)
+        estimate = replace(solve(problem), reference=values)
+        tried.append((problem, estimate))
+        change = np.abs(estimate.values - problem.base.base_values(values)) if len(estimate.values) == problem.base.count else np.inf
+        if np.all(change <= 1e-6 * estimate.std + 1e-9 * np.abs(estimate.values)):
+            return estimate
+    weight = _inverse(estimate.fit_error.rms)
+    problem, estimate = min(tried, key=lambda one: _own_error(one[0], weight))
+    off = _off(problem, estimate)
+    if not (off > _STANDS).any():
+        return estimate
+    found = _by_newton(problem, estimate, solve)
+    if found is not None:
+        return found
+    worst = int(np.argmax(off))
+    said = (
+        f"after {len(tried)} repetitions the fit is not consistent with its own prediction: {estimate.names[worst]} still moves by"
+        f" {off[worst]:.2g} of its standard deviations, so its interval is too narrow by as much."
+    )
+    return replace(estimate, warnings=(*estimate.warnings, said))
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised(Problem):
+    """A problem whose prediction depends on the values in every way, linearised about some (b,): `slopes` (M, n, b) over all base
+    parameters, `left` (M, n) the torque that they are to account for."""
+
+    slopes: Array = field(default_factory=lambda: np.zeros((0, 0, 0)), repr=False)
+    left: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+
+    @classmethod
+    def of(cls, problem: Problem, values: Array, steps: Array) -> Linearised:
+        """About values (b,); `steps` (b,): of the difference quotients."""
+        here = _at(problem, values)
+        predicted = here.predict(values)
+        slopes = np.empty((*predicted.shape, len(values)))
+        for i, step in enumerate(steps):
+            moved = values.copy()
+            moved[i] += step
+            slopes[:, :, i] = (_at(problem, moved).predict(moved) - predicted) / step
+        left = here.tau - predicted + slopes @ values
+        return cls(here.model, here.signals, here.reference, here.progress, slopes, left)
+
+    @cached_property
+    def tau(self) -> Array:  # type: ignore[override]
+        """Left side of the rows, (M, n)."""
+        return self.left
+
+    def rows(self) -> Iterator[Rows]:
+        for run, at in enumerate(self.row_runs):
+            yield Rows(self.slopes[at], self.left[at], self.valid[at], at, run)
+
+
+def _by_newton(problem: Problem, estimate: Estimate, solve: Solve) -> Estimate | None:
+    """The fit by Gauss-Newton steps from one that does not stand; None where they do not settle, or would need too much memory."""
+    count = problem.base.count
+    if type(problem) is not Problem or problem.signals.tau.size * count > _MOST_NUMBERS:
+        return None
+    values = problem.base.base_values(problem.reference)
+    for _ in range(_STEPS):
+        linear = Linearised.of(problem, values, np.where(estimate.std > 0.0, estimate.std, 1e-6 * (1.0 + np.abs(values))))
+        estimate = solve(linear)
+        if len(estimate.values) != count:
+            return None
+        move = estimate.values - values
+        if np.all(np.abs(move) <= _SETTLED * estimate.std):
+            reference = problem.base.expand(estimate.values)
+            there = problem.with_reference(reference)
+            return replace(estimate, reference=reference, fit_error=there.torque_error(estimate.values))
+        # By the weights of this step: an estimator may weigh by what the last fit left.
+        weight = _inverse(estimate.fit_error.rms)
+        error = _own_error(_at(problem, values), weight)
+        steps = (values + 0.5**halving * move for halving in range(_HALVINGS))
+        better = next((tried for tried in steps if _own_error(_at(problem, tried), weight) < error), None)
+        if better is None:
+            return None
+        values = better
+    return None
+
+
+def _at(problem: Problem, values: Array) -> Problem:
+    return problem.with_reference(problem.base.expand(values))
+
+
+def _own_error(problem: Problem, weight: Array) -> float:
+    """Squared error, each joint's times its weight, of the values that the columns were made with."""
+    assert problem.reference is not None
+    return float(np.nansum((weight * problem.residual(problem.base.base_values(problem.reference))) ** 2))
+
+
+def _off(problem: Problem, estimate: Estimate) -> Array:
+    """By how many standard deviations (b,) a fit's values are off those that its columns were made with."""
+    if problem.reference is None or len(estimate.values) != problem.base.count:
+        return np.zeros(0)
+    return np.asarray(np.abs(estimate.values - problem.base.base_values(problem.reference)) / np.maximum(estimate.std, 1e-300))
+
+
+def _inverse(x: Array) -> Array:
+    return np.where(x > 0.0, 1.0 / np.where(x > 0.0, x, 1.0), 0.0)
+
+
+def _weights(estimate: Estimate) -> Array:
+    """1 over the standard deviation of each of the model's parameters (k,); 0 for what is not estimated."""
+    std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
+    return np.array([1.0 / std[name] if std.get(name, 0.0) > 0.0 else 0.0 for name in estimate.model.names])
