@@ -44,7 +44,7 @@ def standing(problem: Problem, first: Estimate, solve: Solve) -> Estimate:
         problem = problem.with_reference(values)
         estimate = replace(solve(problem), reference=values)
         tried.append((problem, estimate))
-        change = np.abs(estimate.values - problem.base.base_values(values)) if len(estimate.values) == problem.base.count else np.inf
+        change = np.abs(estimate.values - estimate.base.base_values(values))
         if np.all(change <= 1e-6 * estimate.std + 1e-9 * np.abs(estimate.values)):
             return estimate
     weight = _inverse(estimate.fit_error.rms)
@@ -96,25 +96,24 @@ class Linearised(Problem):
 
 def _by_newton(problem: Problem, estimate: Estimate, solve: Solve) -> Estimate | None:
     """The fit by Gauss-Newton steps from one that does not stand; None where they do not settle, or would need too much memory."""
-    count = problem.base.count
-    if type(problem) is not Problem or problem.signals.tau.size * count > _MOST_NUMBERS:
+    base = problem.base
+    assert problem.reference is not None
+    if type(problem) is not Problem or problem.signals.tau.size * base.count > _MOST_NUMBERS:
         return None
-    values = problem.base.base_values(problem.reference)
+    values = base.base_values(problem.reference)
     for _ in range(_STEPS):
-        linear = Linearised.of(problem, values, np.where(estimate.std > 0.0, estimate.std, 1e-6 * (1.0 + np.abs(values))))
-        estimate = solve(linear)
-        if len(estimate.values) != count:
-            return None
-        move = estimate.values - values
-        if np.all(np.abs(move) <= _SETTLED * estimate.std):
-            reference = problem.base.expand(estimate.values)
-            there = problem.with_reference(reference)
-            return replace(estimate, reference=reference, fit_error=there.torque_error(estimate.values))
+        known = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
+        steps = np.array([known.get(name, 0.0) or 1e-6 * (1.0 + abs(v)) for name, v in zip(base.names, values.tolist(), strict=True)])
+        estimate = solve(Linearised.of(problem, values, steps))
+        reference = estimate.all_values
+        if np.all(np.abs(estimate.values - estimate.base.base_values(base.expand(values))) <= _SETTLED * estimate.std):
+            error = problem.with_reference(reference).torque_error(base.base_values(reference))
+            return replace(estimate, reference=reference, fit_error=error)
         # By the weights of this step: an estimator may weigh by what the last fit left.
-        weight = _inverse(estimate.fit_error.rms)
-        error = _own_error(_at(problem, values), weight)
-        steps = (values + 0.5**halving * move for halving in range(_HALVINGS))
-        better = next((tried for tried in steps if _own_error(_at(problem, tried), weight) < error), None)
+        weight, move = _inverse(estimate.fit_error.rms), base.base_values(reference) - values
+        error_here = _own_error(_at(problem, values), weight)
+        ways = (values + 0.5**halving * move for halving in range(_HALVINGS))
+        better = next((tried for tried in ways if _own_error(_at(problem, tried), weight) < error_here), None)
         if better is None:
             return None
         values = better
@@ -133,9 +132,8 @@ def _own_error(problem: Problem, weight: Array) -> float:
 
 def _off(problem: Problem, estimate: Estimate) -> Array:
     """By how many standard deviations (b,) a fit's values are off those that its columns were made with."""
-    if problem.reference is None or len(estimate.values) != problem.base.count:
-        return np.zeros(0)
-    return np.asarray(np.abs(estimate.values - problem.base.base_values(problem.reference)) / np.maximum(estimate.std, 1e-300))
+    assert problem.reference is not None
+    return np.asarray(np.abs(estimate.values - estimate.base.base_values(problem.reference)) / np.maximum(estimate.std, 1e-300))
 
 
 def _inverse(x: Array) -> Array:

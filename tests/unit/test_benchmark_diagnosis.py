@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 run = pytest.importorskip("benchmarks.diagnosis.run")
+from benchmarks.diagnosis import oracle as oracle_module  # noqa: E402
 from benchmarks.diagnosis.counts import Rate, Requirement, confusion, named_as, requirements  # noqa: E402
 from benchmarks.diagnosis.generate import Case, faults, suite  # noqa: E402
-from benchmarks.diagnosis.oracle import Gain  # noqa: E402
+from benchmarks.diagnosis.oracle import Gain, Oracle  # noqa: E402
 from benchmarks.diagnosis.score import is_part, part_is_named, right  # noqa: E402
 
 
@@ -163,3 +165,40 @@ def test_short_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stamp = (out / "results.jsonl").stat().st_mtime_ns
     assert run.main(True, tmp_path) == 0
     assert (out / "results.jsonl").stat().st_mtime_ns == stamp
+
+
+def test_truth_and_rival_count_at_their_better_refit_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One law may be right near reversals and the other not; each is refitted with those rows and without."""
+    left = {("all", "truth"): 1.0, ("few", "truth"): 1.2, ("all", "rival"): 3.0, ("few", "rival"): 1.0}
+    refits = []
+
+    class Solver:
+        def solve(self, problem: tuple[str, str]) -> tuple[str, str]:
+            refits.append(problem)
+            return problem
+
+    monkeypatch.setattr(oracle_module.es, "WeightedLeastSquares", Solver)
+    monkeypatch.setattr(oracle_module, "without_reversals", lambda signals: "few")
+    monkeypatch.setattr(oracle_module, "Problem", lambda model, signals, reference: (signals, model.effect))
+    monkeypatch.setattr(oracle_module, "residual", lambda estimate, held: np.full((120, 1), left[estimate]))
+
+    class Law:
+        def __init__(self, name: str) -> None:
+            self.joints = (name,)
+
+        def parameters(self, robot: Any) -> tuple[Any, ...]:
+            return ()
+
+    class Declared:
+        robot = None
+
+        def __add__(self, effect: Any) -> Any:
+            return SimpleNamespace(robot=None, effect=effect.joints[0])
+
+    found = SimpleNamespace(signals="all", before=SimpleNamespace(model=Declared(), all_values=np.zeros(2)))
+    held: Any = SimpleNamespace(row_runs=(slice(0, 120),))
+    judge: Any = Oracle(found, held, np.ones(1))
+    told = judge.as_good(Law("rival"), Law("truth"))
+    assert told["as_good"]
+    assert told["gain"] == 0.0
+    assert sorted(refits) == [("all", "rival"), ("all", "truth"), ("few", "rival"), ("few", "truth")]

@@ -101,6 +101,17 @@ def test_an_exponent_next_to_one_is_viscous_friction() -> None:
     assert implausible(make_effect("nonlinear_viscous", joints="j1", a=0.7), one, one, robot) == ""
 
 
+def test_what_exceeds_a_limit_does_so_one_to_one() -> None:
+    """What drives the torque up for a while goes with the reading's excess over some level, too, but not by just as much."""
+    robot, std = ROBOTS["scara"](), np.full(1, 0.005)
+    limit, late = make_effect("saturation", joints="j2", limit=2.0), make_effect("delay", joints="j2", late=-0.003)
+    assert "the response is 1.12" in implausible(limit, np.array([1.12]), std, robot)
+    assert implausible(limit, np.array([1.12]), 10.0 * std, robot) == ""
+    assert implausible(limit, np.array([1.04]), std, robot) == ""
+    # Of first order in what it depends on: there a value need not be met as well.
+    assert implausible(late, np.array([-0.003 * 1.12]), 1e-3 * std, robot) == ""
+
+
 def test_one_delay_on_all_joints_need_not_suit_each() -> None:
     robot = ROBOTS["scara"]()
     late = make_effect("delay", joints=tuple(robot.joint_names), late=-0.003)

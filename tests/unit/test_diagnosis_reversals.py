@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.diagnosis import diagnose
+from ident.diagnosis import contest, diagnose
 from ident.diagnosis.analysis import without_reversals, without_turning
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.contest import contenders, contested
@@ -195,3 +195,24 @@ def test_rivals_are_compared_without_rows_near_reversals_of_their_joints() -> No
     assert len(asked) > 2
     # What is found in the end is of all rows.
     assert asked[-1] == ()
+
+
+def test_a_shape_that_only_held_out_data_tell_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit, held = slow_motion(2, [], [], hold=0.0, noise=0.02, late=0.016)
+    model, _ = declared(fit.robot)
+    estimator = WeightedLeastSquares()
+    found = diagnose(estimator.solve(Problem(model, fit)), held)
+    (one,) = found.selection.found
+    (shape, *_) = one.effect.shape()
+    other = one.effect.with_shape(**{shape.name: 1.1 * getattr(one.effect, shape.name)})
+
+    def refit(stage: Stage, turning: tuple[str, ...]) -> Estimate:
+        return estimator.solve(Problem(stage.problem.model, fit, reference=stage.problem.reference))
+
+    # As if any shape of its grid did as well in the data fitted, and this one better in those held out.
+    monkeypatch.setattr(contest.Arena, "_as_likely", lambda self, hit: [other])
+    monkeypatch.setattr(contest.Arena, "_error", lambda self, entry: 0.0 if other in entry.effects else 1.0)
+    contested_ = contested(found.selection, Bank(), without_reversals(held), refit)
+    assert contested_.selection.found[0].effect == other
+    assert other in contested_.after.model.effects
+    assert any("hardly tell its shape" in line for line in contested_.said)
