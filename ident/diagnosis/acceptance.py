@@ -38,7 +38,7 @@ FEW = 3
 #: So many of the best candidates are compared with what they gain for nothing.
 _TRIES = 4
 #: A candidate is near the best if it has this share of its evidence.
-_NEAR = 0.8
+NEAR = 0.8
 #: So many of those are made consistent, in so many passes.
 _LOOKED_AT = 2
 _PASSES = 4
@@ -67,7 +67,7 @@ def chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Fo
     often = [j for j in plausible if _often(j)]
     best_evidence = max((j.evidence for j in often if j.evidence > threshold(j.hit, stage.number)), default=np.inf)
     # One that asks for more, since chance has more ways to it, and has as much: a rival all the same.
-    rivals = [j for j in often if j.evidence > min(threshold(j.hit, stage.number), _NEAR * best_evidence)]
+    rivals = [j for j in often if j.evidence > min(threshold(j.hit, stage.number), NEAR * best_evidence)]
     # Beside others on the same rows: what is explained there is never quite so. What falls short of that is not accepted, but a rival
     # all the same.
     taken = np.any([acts_on(f.judged) for f in beside], axis=0) if beside else np.zeros(stage.problem.model.robot.n, bool)
@@ -96,7 +96,7 @@ def _once_consistent(judged: Sequence[Judged], stage: Stage) -> Array:
     if len(judged) < 2:
         return out
     best = max(j.evidence for j in judged)
-    near = [i for i, j in enumerate(judged) if j.hit.candidate.dependent and j.evidence > _NEAR * best]
+    near = [i for i, j in enumerate(judged) if j.hit.candidate.dependent and j.evidence > NEAR * best]
     for i in sorted(near, key=lambda i: -judged[i].evidence)[:_LOOKED_AT]:
         hit = judged[i].hit
         there = with_effects(stage, [hit.effect], stage, stage.search.bank, stage.search.candidates, _PASSES)

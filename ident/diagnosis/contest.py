@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effect import Effect
-from .acceptance import FEW, Found
+from .acceptance import FEW, NEAR, Found
 from .bank import Bank
 from .change import inverse_squares, squared_errors
 from .evidence import acts_on
@@ -27,10 +27,9 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
-#: Rivals that are looked at: of at least this weight, or this share of the finding's evidence; so many of one finding, and more where
-#: those left out would weigh more than this together.
+#: Rivals that are looked at: of at least this weight, or near in evidence; so many of one finding, and more where those left out would
+#: weigh more than this together.
 _LIKELY = 1e-3
-_NEAR = 0.8
 _MOST = 6
 _LEFT_OUT = 0.02
 _UTMOST = 24
@@ -177,7 +176,7 @@ def contenders(one: Found) -> list[int]:
     """Indices of the rivals worth looking at, the likeliest first; each thing at each place once."""
     seen, out = {one.judged.hit.place}, list[int]()
     for k, (rival, weight) in enumerate(zip(one.rivals, one.weights[1:], strict=True)):
-        if rival.hit.place not in seen and (weight >= _LIKELY or rival.evidence >= _NEAR * one.judged.evidence):
+        if rival.hit.place not in seen and (weight >= _LIKELY or rival.evidence >= NEAR * one.judged.evidence):
             seen.add(rival.hit.place)
             out.append(k)
     beyond = np.cumsum(one.weights[1:][out][::-1])[::-1]

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..effect import Effect
 from ..model import Model
-from .acceptance import FEW, Found, chosen, undecoyed
+from .acceptance import FEW, NEAR, Found, chosen, undecoyed
 from .bank import Bank
 from .consistent import own_loss
 from .evidence import acts_on, occam, surplus, threshold
@@ -206,8 +206,9 @@ def _re_examined(
         others = [f for f in found if f is not one]
         without = at_least(with_effects(first, [f.effect for f in others], stage, bank))
         own = _hit_in(without, one)
-        # What sits on other joints cannot stand in its place.
-        at = frozenset(np.array(stage.problem.model.robot.joint_names)[acts_on(one.judged)].tolist())
+        # What sits on other joints cannot stand in its place, unless it came near to it before.
+        near = [one.judged, *(j for j in one.rivals if j.evidence > NEAR * one.judged.evidence)]
+        at = frozenset(np.array(stage.problem.model.robot.joint_names)[np.any([acts_on(j) for j in near], axis=0)].tolist())
         new = chosen(without, undecoyed(ranked(without, () if own is None else (own,), joints=at)), others)
         if new is None:
             say(f"dropped: {one.judged.hit}")

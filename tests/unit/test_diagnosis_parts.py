@@ -203,6 +203,26 @@ def two_found() -> tuple[Stage, list[Judged]]:
     return stage, [stage.search.judge(stage.search.hit(c, c.variants[0])) for c in listed]
 
 
+@pytest.mark.parametrize("near", [True, False])
+def test_what_came_near_is_looked_at_again_on_its_own_joints(monkeypatch: pytest.MonkeyPatch, near: bool) -> None:
+    """An offset of either of two coupled joints, one of which carries a weight, is the same torque."""
+    stage, (one, other) = two_found()
+    share = 0.9 if near else 0.5
+    rival = replace(other, held=share * one.evidence)
+    assert rival.evidence == share * one.evidence
+    looked_at = []
+
+    def ranked(stage: Stage, more: object = (), joints: frozenset[str] | None = None) -> list[Judged]:
+        looked_at.append(joints)
+        return []
+
+    monkeypatch.setattr(selection, "ranked", ranked)
+    monkeypatch.setattr(selection, "chosen", lambda stage, plausible, beside: None)
+    found = [Found(one, (rival,), np.array([0.6, 0.4]))]
+    selection._re_examined(stage, stage, [*found, Found(other, (), np.ones(1))], found, Bank(), lambda text: None)
+    assert looked_at == [frozenset({"j1", "j2"} if near else {"j1"})]
+
+
 @pytest.mark.parametrize("holds", [True, False])
 def test_what_is_dropped_in_the_end_makes_room_for_what_came_near(monkeypatch: pytest.MonkeyPatch, holds: bool) -> None:
     """The search goes on without it; where nothing else holds, both are still what came nearest, for other data to confirm."""
