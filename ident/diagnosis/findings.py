@@ -164,22 +164,30 @@ def _strength(final: Stage, finding: Finding) -> float:
     return lost if np.isfinite(lost) else finding.evidence
 
 
-def _beside(one: Found, found: Sequence[Found]) -> list[Found]:
-    """What was found at the same place, itself included; what is of the whole robot has no place."""
-    return [f for f in found if f is one or (f.effect.joints is not None and f.effect.joints == one.effect.joints)]
-
-
 def _drawn(found: Sequence[Found], robot: Robot) -> tuple[Unexplained, ...]:
     """Places where several effects were found that together draw what is there, so that none of their names says what it is."""
     out: dict[str, Unexplained] = {}
-    for one in found:
-        here = _beside(one, found)
-        if one.effect.joints and (_many(here) or _inexact(one, here, robot)):
-            joint = one.effect.joints[0]
-            names = ", ".join(f.effect.name for f in here)
-            said = f"{joint}: {names} together draw what is there, as others could; none of these names is to be trusted"
-            out[joint] = Unexplained(joint, "several effects together", said, float(sum(f.judged.evidence for f in here)))
+    for here in _heaps(found, robot):
+        joint = (here[0].effect.joints or ("",))[0]
+        names = ", ".join(f.effect.name for f in here)
+        said = f"{joint}: {names} together draw what is there, as others could; none of these names is to be trusted"
+        out[joint] = Unexplained(joint, "several effects together", said, float(sum(f.judged.evidence for f in here)))
     return tuple(out.values())
+
+
+def _heaps(found: Sequence[Found], robot: Robot) -> list[list[Found]]:
+    """What was found at each place where several effects draw together what is there, whatever it is."""
+    places = dict.fromkeys(f.effect.joints for f in found if f.effect.joints)
+    every = [[f for f in found if f.effect.joints == place] for place in places]
+    return [here for here in every if _many(here) or any(_inexact(f, here, robot) for f in here)]
+
+
+def _overshadows(heap: Sequence[Found], one: Found) -> bool:
+    """Whether a finding is one of a heap, or acts on the rows of one that is larger: what nothing explains there may show as this."""
+    if any(f is one for f in heap):
+        return True
+    rows = np.any([acts_on(f.judged) for f in heap], axis=0)
+    return bool((rows & acts_on(one.judged)).any()) and sum(f.judged.evidence for f in heap) > one.judged.evidence
 
 
 def _many(here: Sequence[Found]) -> bool:
@@ -212,8 +220,7 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
     # What nothing explains on one joint shows on others, through all that they share: what is smaller than it is not to be trusted.
     if any(x.weight >= 1.0 and x.evidence > found.judged.evidence for x in left):
         trust *= _OVERSHADOWED
-    here = _beside(found, selection.found)
-    if _many(here) or any(_inexact(f, here, selection.final.problem.model.robot) for f in here):
+    if any(_overshadows(heap, found) for heap in _heaps(selection.found, selection.final.problem.model.robot)):
         trust *= _OVERSHADOWED
 
     own = found.judged.hit.place

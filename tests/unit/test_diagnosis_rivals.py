@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from effect_robots import ROBOTS
 from scipy.signal import lfilter
 from test_diagnosis_parts import stage_of
 
+from ident.diagnosis import findings
 from ident.diagnosis.acceptance import Found, chosen, share_on_rows
 from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.evidence import acts_on, by_chance, occam
@@ -248,3 +249,17 @@ def test_what_is_made_of_the_prediction_outlasts_what_fits_worse_than_it_does_in
     assert not viscous(soft, other)
     # What depends on nothing but the motion is judged beside the others as it is.
     assert not viscous(other, soft)
+
+
+def test_what_acts_on_the_rows_of_a_larger_heap_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Several effects that draw together what nothing explains on one joint of a coupled wrist: the next joint has its part of it."""
+
+    def one(evidence: float, *rows: int) -> Any:
+        return SimpleNamespace(judged=SimpleNamespace(evidence=evidence, rows=np.isin(np.arange(3), rows)))
+
+    monkeypatch.setattr(findings, "acts_on", lambda judged: judged.rows)
+    heap = [one(50.0, 0), one(40.0, 0, 1)]
+    assert findings._overshadows(heap, heap[0])
+    assert findings._overshadows(heap, one(80.0, 1, 2))
+    assert not findings._overshadows(heap, one(100.0, 1))
+    assert not findings._overshadows(heap, one(10.0, 2))
