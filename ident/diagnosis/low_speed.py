@@ -21,6 +21,7 @@ from .evidence import surplus, threshold
 from .floor import noise_floor
 from .frame import Frame, raw_columns
 from .motions import Motions
+from .precision import found_parameters
 from .search import Hit, Search
 from .selection import Selection, ranked, settled_together, writing
 from .signatures import signatures
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: An effect is one of low speed if this share of what it adds lies on rows near reversals.
 _THERE = 0.5
+#: A shape is another one from so many of its standard deviations and this share of itself on.
+_FAR = 3.0
+_FAR_SHARE = 0.2
 #: What follows the motion through memory, or the model's own prediction, is what a contact that holds looks like.
 _THROUGH_MEMORY = {Need.HISTORY, Need.REFERENCE, Need.TORQUE}
 
@@ -57,7 +61,9 @@ def with_low_speed(selection: Selection, rows: Signals, bank: Bank, note: Callab
         say(f"accepted near reversals: {new.judged.hit}: evidence {new.judged.evidence:.1f}, weight {new.weight:.3f}")
         found = [*selection.found, new]
         stage, found = settled_together(first, with_effects(first, [f.effect for f in found], stage, bank), found, bank, say)
-        if any(f.effect.name == new.effect.name and f.effect.joints == new.effect.joints for f in found):
+        if (moved := _moved(selection, found, joint)) is not None:
+            say(f"taken back: with it {moved.judged.hit} comes out at another shape: what is near reversals is no friction of this kind")
+        elif any(f.effect.name == new.effect.name and f.effect.joints == new.effect.joints for f in found):
             selection = Selection(first, stage, tuple(found))
     return replace(selection, trail=tuple(trail))
 
@@ -114,6 +120,23 @@ def _asked_for(stage: Stage, joint: str, near: Array, beside: Collection[Found])
     if new is None or not _of_low_speed(new.effect) or not _is_there(new.judged.hit, j, near):
         return None
     return new
+
+
+def _moved(selection: Selection, found: Collection[Found], joint: str) -> Found | None:
+    """A finding on a joint, through memory, that rows near reversals would have at other shapes than all the others have: a lag that a
+    contact undoes there. `found`: the findings settled with those rows."""
+    parameters = found_parameters(selection.final, [f.effect for f in selection.found])
+    after = {f.judged.hit.place: f.effect for f in found}
+    for one, own in zip(selection.found, parameters, strict=True):
+        there = after.get(one.judged.hit.place)
+        if there is None or one.judged.hit.candidate.joints != (joint,) or not one.effect.needs & _THROUGH_MEMORY:
+            continue
+        std = {p.name: p.std for p in own}
+        for shape in one.effect.shape():
+            value, new = float(getattr(one.effect, shape.name)), float(getattr(there, shape.name))
+            if abs(new - value) > max(_FAR * std[shape.name], _FAR_SHARE * abs(value)):
+                return one
+    return None
 
 
 def _of_low_speed(effect: Effect) -> bool:

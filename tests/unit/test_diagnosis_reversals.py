@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.diagnosis import contest, diagnose
+from ident.diagnosis import contest, diagnose, low_speed
+from ident.diagnosis.acceptance import Found
 from ident.diagnosis.analysis import without_reversals, without_turning
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.contest import contenders, contested
@@ -195,6 +198,24 @@ def test_rivals_are_compared_without_rows_near_reversals_of_their_joints() -> No
     assert len(asked) > 2
     # What is found in the end is of all rows.
     assert asked[-1] == ()
+
+
+def test_rows_near_reversals_do_not_move_what_a_delay_is_elsewhere() -> None:
+    fit, held = slow_motion(2, [], [], hold=0.0, noise=0.02, late=0.016)
+    model, _ = declared(fit.robot)
+    found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
+    (one,) = found.selection.found
+    (shape,) = one.effect.shape()
+    at, joint = getattr(one.effect, shape.name), fit.robot.joint_names[JOINT]
+
+    def there(share: float) -> Found:
+        effect = one.effect.with_shape(**{shape.name: share * at})
+        return replace(one, judged=replace(one.judged, hit=replace(one.judged.hit, effect=effect)))
+
+    assert low_speed._moved(found.selection, [there(1.1)], joint) is None
+    assert low_speed._moved(found.selection, [there(0.4)], joint) is one
+    # What sits on another joint says nothing of this one.
+    assert low_speed._moved(found.selection, [there(0.4)], fit.robot.joint_names[JOINT - 1]) is None
 
 
 def test_a_shape_that_only_held_out_data_tell_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
