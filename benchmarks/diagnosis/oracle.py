@@ -16,7 +16,7 @@ import numpy as np
 import ident
 from ident import estimators as es
 from ident.diagnosis.analysis import without_reversals
-from ident.diagnosis.candidates import candidates
+from ident.diagnosis.candidates import Candidate, candidates
 from ident.effect import Effect
 from ident.problem import Problem
 from ident.signals import Signals
@@ -98,11 +98,15 @@ class Oracle:
         return Gain.of(np.array([np.nansum(before[rows] ** 2) - np.nansum(after[rows] ** 2) for rows in blocks]))
 
     def truth(self, part: dict[str, Any]) -> Effect | None:
-        """The true effect of a part, in the configuration that gains most; None where no candidate of it can be fitted."""
-        robot = self.found.before.model.robot
+        """The true effect of a part, in the configuration that gains most; None where no candidate of it can be fitted.
+
+        Shapes of which the truth tells no value (the rotor's inertia behind a spring) are the best of the grid, or what the fitted part
+        has them at if they are all sought there."""
+        robot, search = self.found.before.model.robot, self.found.selection.declared.search
         tried = []
-        for name, joints, variants in self._candidates:
-            if name != part["effect"] or not same_place(joints, part["joints"]):
+        for candidate in self._candidates:
+            variants = candidate.variants
+            if candidate.name != part["effect"] or not same_place(candidate.joints, part["joints"]):
                 continue
             motors = getattr(variants[0], "motors", None)
             if motors is not None and "motor" in part["truth"] and motors != (robot.joint_names[int(part["truth"]["motor"])],):
@@ -114,6 +118,8 @@ class Oracle:
                     tried.append(variant.with_shape(**shapes) if shapes else variant)
                 except ident.IdentError:
                     continue
+            if len(shapes) < len(names):
+                tried.append(search.refined(search.first(candidate)).effect)
         return self._best(tried)
 
     def rival(self, name: str, joints: Sequence[str]) -> Effect | None:
@@ -122,7 +128,7 @@ class Oracle:
             for judged in one.rivals:
                 if judged.hit.candidate.name == name and tuple(judged.hit.candidate.joints) == tuple(joints):
                     return judged.hit.effect
-        return self._best([v for n, at, variants in self._candidates if n == name and tuple(at) == tuple(joints) for v in variants])
+        return self._best([v for c in self._candidates if c.name == name and tuple(c.joints) == tuple(joints) for v in c.variants])
 
     def as_good(self, one: Effect, other: Effect, beside: Sequence[Effect] = ()) -> dict[str, Any]:
         """Whether `one` foretells held-out data as well as `other` does."""
@@ -155,9 +161,9 @@ class Oracle:
         return max(gains, key=lambda g: g[0])[1] if gains else None
 
     @cached_property
-    def _candidates(self) -> list[tuple[str, tuple[str, ...], tuple[Effect, ...]]]:
+    def _candidates(self) -> tuple[Candidate, ...]:
         stage = self.found.selection.declared
-        return [(c.name, tuple(c.joints), c.variants) for c in candidates(stage.problem.model, stage.motions)]
+        return candidates(stage.problem.model, stage.motions)
 
 
 def residual(estimate: Any, held: Signals) -> Array:

@@ -73,7 +73,7 @@ def chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Fo
     taken = np.any([acts_on(f.judged) for f in beside], axis=0) if beside else np.zeros(stage.problem.model.robot.n, bool)
     times = [1.0 + (_BESIDE - 1.0) * float(share_on_rows(j)[taken].sum()) for j in rivals]
     worth = [j.evidence > x * threshold(j.hit, stage.number) and _worth(j, beside, stage) for j, x in zip(rivals, times, strict=True)]
-    more = _once_consistent(rivals, stage) if any(worth) else np.zeros(len(rivals))
+    more = once_consistent(rivals, stage) if any(worth) else np.zeros(len(rivals))
     for _ in range(_TRIES):
         if not any(worth):
             break
@@ -87,7 +87,7 @@ def chosen(stage: Stage, plausible: list[Judged], beside: Sequence[Found]) -> Fo
     return None
 
 
-def _once_consistent(judged: Sequence[Judged], stage: Stage) -> Array:
+def once_consistent(judged: Sequence[Judged], stage: Stage) -> Array:
     """What each candidate (m,) gains beyond what it seems to gain beside the present fit, when the fit is made consistent with it.
 
     Columns that depend on the prediction were made of one that lacks the candidate; with it in the model they are others. Looked at

@@ -12,16 +12,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .acceptance import once_consistent
 from .analysis import without_reversals
 from .bank import Bank
+from .evidence import occam
 from .selection import Selection, settled_together, writing
-from .stage import on_rows
+from .stage import on_rows, with_effects
+from .weights import weights
 
 if TYPE_CHECKING:
     from ..effect import Effect
     from ..robot import Robot
+    from .acceptance import Found
+    from .stage import Stage
 
 Array = np.ndarray
+#: Rivals are weighed again from this weight on.
+_LIKELY = 1e-3
 
 
 def without_carried(selection: Selection, bank: Bank, note: Callable[[str], None] | None = None) -> Selection:
@@ -41,7 +48,25 @@ def without_carried(selection: Selection, bank: Bank, note: Callable[[str], None
     stage, found = settled_together(first, stage, list(selection.found), bank, say)
     if len(found) < len(selection.found):
         return selection
+    found = [_weighed_again(f, [o for o in found if o is not f], first, stage, bank) for f in found]
     return replace(selection, declared=first, final=stage, found=tuple(found), trail=tuple(trail))
+
+
+def _weighed_again(one: Found, others: Sequence[Found], first: Stage, stage: Stage, bank: Bank) -> Found:
+    """A finding with a memory and those of its rivals that are made of the prediction, too, weighed by a stage's rows: a filter's lag and
+    a delay carry a reversal on differently, and so does the contact that holds there, which neither of them is."""
+    if not _memory([one.effect], stage.problem.model.robot).any():
+        return one
+    own = [k for k, j in enumerate((one.judged, *one.rivals)) if j.hit.candidate.dependent and one.weights[k] >= _LIKELY]
+    if len(own) < 2 or own[0] != 0:
+        return one
+    without = with_effects(first, [f.effect for f in others], stage, bank, stage.search.candidates)
+    hits = [(one.judged, *one.rivals)[k].hit for k in own]
+    judged = [without.search.judge(without.search.refined(without.search.hit(h.candidate, h.effect))) for h in hits]
+    again = weights(judged, [occam(j.hit, without.number) for j in judged], once_consistent(judged, without))
+    new = one.weights.copy()
+    new[own] = new[own].sum() * again
+    return replace(one, weights=new)
 
 
 def _memory(effects: Sequence[Effect], robot: Robot) -> Array:
