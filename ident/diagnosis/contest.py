@@ -36,6 +36,8 @@ _UTMOST = 24
 #: A shape is hardly told where one drawn evenly from its range fits as well but for so much (twice a log-likelihood); so many are tried.
 _LOOSE = 4.0
 _SHAPES = 3
+#: Grids of no more points are looked through for shapes that do as well in a part of their range.
+_COARSE = 24
 #: No law is so exact that this share of the squared error says which of two it is.
 _SHARE = 0.01
 #: One is said to be clearly better from odds of twenty to one on (logarithm).
@@ -136,11 +138,14 @@ class Arena:
 
     def _as_likely(self, hit: Hit) -> list[Effect]:
         """Other shapes of a hit's grid that do as well, where the data fitted hardly tell its shape: held-out data may."""
-        if not hit.effect.shape() or hit.fit_gain - 2.0 * hit.evenly > _LOOSE:
+        loose = hit.fit_gain - 2.0 * hit.evenly <= _LOOSE
+        if not hit.effect.shape() or (len(hit.candidate.variants) > _COARSE and not loose):
             return []
         beside = with_effects(self.selection.declared, self._others, self.stage, self.bank, self.stage.search.candidates)
         own = [h for h in (beside.search.hit(hit.candidate, e) for e in hit.candidate.variants) if h.fit_gain > hit.fit_gain - _LOOSE]
-        return [own[i].effect for i in np.unique(np.linspace(0, len(own) - 1, _SHAPES).astype(int)) if own]
+        # One point of a coarse grid lies next to the best shape; of several that do as well the data fitted do not tell which it is.
+        some: list[int] = np.linspace(0, len(own) - 1, min(_SHAPES, len(own))).astype(int).tolist() if len(own) > (not loose) else []
+        return [own[i].effect for i in some]
 
     def _error(self, one: Entry) -> float:
         """Squared error on held-out data, each joint's over its noise."""

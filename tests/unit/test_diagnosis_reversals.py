@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.diagnosis import contest, diagnose, low_speed
+from ident.diagnosis import carried, contest, diagnose, low_speed
 from ident.diagnosis.acceptance import Found
 from ident.diagnosis.analysis import without_reversals, without_turning
 from ident.diagnosis.bank import Bank
@@ -198,6 +198,26 @@ def test_rivals_are_compared_without_rows_near_reversals_of_their_joints() -> No
     assert len(asked) > 2
     # What is found in the end is of all rows.
     assert asked[-1] == ()
+
+
+def test_a_lag_and_a_delay_are_weighed_by_rows_that_hold_no_reversal() -> None:
+    fit, held = slow_motion(2, [], [], hold=0.03, noise=0.02, late=0.016)
+    model, _ = declared(fit.robot)
+    selection = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held).selection
+    (one,) = selection.found
+    names = [j.hit.candidate.name for j in (one.judged, *one.rivals)]
+    assert {"delay", "filter_lag"} <= set(names[:2])
+
+    def again(first: float) -> Array:
+        weights = np.zeros(len(names))
+        weights[:2] = first, 1.0 - first
+        return carried._weighed_again(replace(one, weights=weights), [], selection.declared, selection.final, Bank()).weights
+
+    # Whatever they were on rows that reversals reach.
+    assert again(0.99) == pytest.approx(again(0.05))
+    assert again(0.5).sum() == pytest.approx(1.0)
+    kept = again(1.0)
+    assert kept[:2].tolist() == [1.0, 0.0]
 
 
 def test_rows_near_reversals_do_not_move_what_a_delay_is_elsewhere() -> None:

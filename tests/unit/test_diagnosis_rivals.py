@@ -13,9 +13,10 @@ from effect_robots import ROBOTS
 from scipy.signal import lfilter
 from test_diagnosis_parts import stage_of
 
-from ident.diagnosis import findings
+from ident.diagnosis import contest, findings
 from ident.diagnosis.acceptance import Found, chosen, share_on_rows
-from ident.diagnosis.candidates import Candidate
+from ident.diagnosis.bank import Bank
+from ident.diagnosis.candidates import Candidate, candidates
 from ident.diagnosis.evidence import acts_on, by_chance, occam
 from ident.diagnosis.frame import Frame, raw_columns
 from ident.diagnosis.motions import Motions
@@ -263,3 +264,20 @@ def test_what_acts_on_the_rows_of_a_larger_heap_is_not_trusted(monkeypatch: pyte
     assert findings._overshadows(heap, one(80.0, 1, 2))
     assert not findings._overshadows(heap, one(100.0, 1))
     assert not findings._overshadows(heap, one(10.0, 2))
+
+
+@pytest.mark.parametrize(("constant", "told"), [(4.0, True), (400.0, False)])
+def test_shapes_that_do_as_well_in_a_part_of_their_range_are_left_to_held_out_data(constant: float, told: bool) -> None:
+    """Friction that drifts by far more slowly than the log lasts drifts in proportion to time, however slowly it is."""
+    true = make_effect("temperature_drift_coulomb", joints="j1", T=constant)
+    stage, _ = stage_of(12, [], [true], [2.0 if told else 5.0])
+    (candidate,) = (c for c in candidates(stage.problem.model, stage.motions) if c.name == true.name and c.joints == ("j1",))
+    hit = stage.search.refined(stage.search.first(candidate))
+    arena = contest.Arena(
+        cast(Any, SimpleNamespace(declared=stage)), Bank(), *cast(Any, (None, None)), stage, (hit.effect,), 0, cast(Any, None)
+    )
+    others = [e.T for e in arena._as_likely(hit)]
+    if told:
+        assert not others
+    else:
+        assert max(others) > 2.0 * min(others)
