@@ -218,8 +218,8 @@ def _re_examined(
         new = relabelled(new, without.problem.model)
         with_new = [new if f is one else f for f in found]
         there = with_effects(first, [f.effect for f in with_new], stage, bank)
-        if other and _outlasts(one, stage, new, there):
-            say(f"kept: {one.judged.hit}: consistent with the prediction that it makes, it fits better than {new.judged.hit}")
+        if other and (why := _outlasts(one, stage, new, there, without)):
+            say(f"kept: {one.judged.hit}: {why} {new.judged.hit}")
             continue
         if other:
             say(f"replaced: {one.judged.hit} by {new.judged.hit}")
@@ -228,14 +228,19 @@ def _re_examined(
     return stage, found
 
 
-def _outlasts(one: Found, stage: Stage, new: Found, there: Stage) -> bool:
-    """Whether a finding of a `stage`, made of the model's prediction, fits better there than what would replace it does in its own stage
-    (`there`). Beside a fit that lacks it, its columns are made of another prediction, and fit as they may: two of which either seems to be
-    better where the other is would replace each other for ever."""
-    if not one.judged.hit.candidate.dependent:
-        return False
+def _outlasts(one: Found, stage: Stage, new: Found, there: Stage, without: Stage) -> str:
+    """Why a finding of a `stage` is not to be replaced by another in its own stage (`there`; `without` either); "" if it is.
+
+    What is made of the model's prediction: beside a fit that lacks it, its columns are made of another prediction, and fit as they may; two
+    of which either seems to be better where the other is would replace each other for ever. And what was borne out by blocks held out
+    beside others, and alone explains clearly more: without those others it may be told so badly by some blocks that they do not bear
+    it out any more (two frictions of a joint that turns once)."""
     mine, others = (own_loss(s.problem, s.frame) + occam(f.judged.hit, s.number) for f, s in ((one, stage), (new, there)))
-    return mine < others
+    if one.judged.hit.candidate.dependent and mine < others:
+        return "consistent with the prediction that it makes, it fits better than"
+    if others - mine > (1.0 - NEAR) * (without.frame.loss - mine) > 0.0:
+        return "it accounts for clearly more than"
+    return ""
 
 
 def settled_together(first: Stage, stage: Stage, found: list[Found], bank: Bank, say: Callable[[str], None]) -> tuple[Stage, list[Found]]:

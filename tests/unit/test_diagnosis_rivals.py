@@ -234,8 +234,9 @@ def test_what_is_made_of_the_prediction_outlasts_what_fits_worse_than_it_does_in
     soft = make_effect("joint_elasticity", joints="j2", stiffness=300.0, rotor=1e-3, damping=0.5)
     other = make_effect("asymmetric_viscous", joints="j2")
 
-    def beside(true: Effect, size: float) -> Callable[[Effect, Effect], bool]:
-        """Whether one outlasts another on data that hold one of them."""
+    def beside(true: Effect, size: float) -> Callable[[Effect, Effect], str]:
+        """Why one outlasts another on data that hold one of them."""
+        without, _ = stage_of(35, [], [true], [size])
         stages, found = dict[Effect, Stage](), dict[Effect, Found]()
         for effect in (soft, other):
             stage, _ = stage_of(35, [effect], [true], [size])
@@ -243,13 +244,14 @@ def test_what_is_made_of_the_prediction_outlasts_what_fits_worse_than_it_does_in
             stages[effect] = replace(stage, search=Search(stage.frame, stage.motions, (candidate,)))
             hit = Hit(candidate, effect, 0.0, stage.search.whitened(effect))
             found[effect] = cast(Found, SimpleNamespace(judged=SimpleNamespace(hit=hit)))
-        return lambda one, new: _outlasts(found[one], stages[one], found[new], stages[new])
+        return lambda one, new: _outlasts(found[one], stages[one], found[new], stages[new], without)
 
-    assert beside(soft, 1.0)(soft, other)
+    assert "consistent with the prediction" in beside(soft, 1.0)(soft, other)
     viscous = beside(other, 3.0)
     assert not viscous(soft, other)
-    # What depends on nothing but the motion is judged beside the others as it is.
-    assert not viscous(other, soft)
+    # What depends on nothing but the motion is judged beside the others as it is, unless it explains clearly more.
+    assert "clearly more" in viscous(other, soft)
+    assert not viscous(other, other)
 
 
 def test_what_acts_on_the_rows_of_a_larger_heap_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
