@@ -28,6 +28,7 @@ _SHARE = 0.4
 #: Stricter than asking whether a fault could be seen at all: refitted otherwise, what is claimed should still be seen.
 _CLEAR = 10.8
 _CHANCE = 0.0025
+_SOME_CHANCE = 0.02
 _SURE = 15.0 * _CLEAR
 #: Signs are tried all, or so many.
 _ALL = 12
@@ -65,10 +66,21 @@ class Change:
     @property
     def shown(self) -> bool:
         """Whether the sum over all joints falls beyond chance."""
+        gain, chance = self._fall
+        return gain > _SURE or (gain > _CLEAR and chance <= _CHANCE)
+
+    @property
+    def hinted(self) -> bool:
+        """Whether it falls by more than chance mostly gives: enough not to drop what there is some evidence for besides."""
+        gain, chance = self._fall
+        return gain > _CLEAR and chance <= _SOME_CHANCE
+
+    @property
+    def _fall(self) -> tuple[float, float]:
+        """By how much the sum falls, and the probability that chance gives as much."""
         # Of two neighbours each, which are the less alike, however the noise is coloured.
         falls = -np.add.reduceat(self.grows @ inverse_squares(self.noise), np.arange(0, len(self.grows), 2))
-        gain = float(falls.sum())
-        return gain > _SURE or (gain > _CLEAR and by_signs(falls) <= _CHANCE)
+        return float(falls.sum()), by_signs(falls)
 
     @property
     def shares(self) -> float:

@@ -149,7 +149,7 @@ def _borne_out(
                 return [f], [], []
             unseen.append(f)
         elif not change.shown:
-            if f.judged.evidence < _BARELY * threshold(f.judged.hit, number):
+            if not change.hinted and f.judged.evidence < _BARELY * threshold(f.judged.hit, number):
                 return [f], [], []
             faint.append(f)
     return [], unseen, faint

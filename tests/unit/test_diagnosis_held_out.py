@@ -351,6 +351,18 @@ def test_a_fall_of_the_error_is_shown_only_beyond_chance() -> None:
     assert shown(np.full(18, -8.0))
 
 
+def test_a_hint_is_less_than_what_is_shown_and_more_than_chance_mostly_gives() -> None:
+    rng = np.random.default_rng(12)
+
+    def hinted(blocks: np.ndarray) -> bool:
+        return Change(blocks[:, None], np.array([1e4]), np.ones(1)).hinted
+
+    assert 0.0 < np.mean([hinted(rng.normal(scale=5.0, size=20)) for _ in range(2000)]) < 0.03
+    assert hinted(np.full(16, -8.0))
+    assert not hinted(np.full(8, -8.0))
+    assert not hinted(np.full(16, -0.5))
+
+
 def test_signs_are_tried_exactly_where_they_are_few() -> None:
     assert by_signs(np.ones(10)) == 2.0**-10
     assert by_signs(np.array([3.0, 1.0, 1.0])) == 0.125
@@ -376,12 +388,15 @@ def test_of_several_the_one_without_which_least_harm_is_left_is_to_blame(monkeyp
     assert confirmed_module._to_blame([first, second, third], lambda one: cast(Any, one.effect), anything, anything) is second
 
 
-@pytest.mark.parametrize(("evidence", "shown", "kept"), [(39.0, False, False), (41.0, False, True), (39.0, True, True)])
-def test_what_is_barely_over_the_threshold_is_there_only_if_held_out_data_show_it(
-    evidence: float, shown: bool, kept: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("evidence", "shown", "hinted", "kept"),
+    [(39.0, False, False, False), (41.0, False, False, True), (39.0, True, True, True), (39.0, False, True, True)],
+)
+def test_what_is_barely_over_the_threshold_is_there_only_if_held_out_data_hint_at_it(
+    evidence: float, shown: bool, hinted: bool, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one, anything = a_finding(0, evidence), cast(Any, SimpleNamespace(robot=SimpleNamespace(n=1)))
-    change = SimpleNamespace(on=lambda joints: (-5.0, 4.0), shown=shown)
+    change = SimpleNamespace(on=lambda joints: (-5.0, 4.0), shown=shown, hinted=hinted)
     monkeypatch.setattr(confirmed_module.Change, "of", lambda before, after, rows: change)
     monkeypatch.setattr(confirmed_module, "threshold", lambda hit, number: 20.0)
     refused, unseen, faint = confirmed_module._borne_out([one], [one], 300, lambda one: anything, anything, anything)
