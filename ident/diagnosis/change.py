@@ -28,8 +28,10 @@ _SHARE = 0.4
 #: Stricter than asking whether a fault could be seen at all: refitted otherwise, what is claimed should still be seen.
 _CLEAR = 10.8
 _CHANCE = 0.0025
-_SOME_CHANCE = 0.02
 _SURE = 15.0 * _CLEAR
+#: What is hinted at: less surely, but by so much that no small inexactness of the model does it alone.
+_HINT = 5.0 * _CLEAR
+_SOME_CHANCE = 0.02
 #: Signs are tried all, or so many.
 _ALL = 12
 _MANY = 20_000
@@ -73,7 +75,7 @@ class Change:
     def hinted(self) -> bool:
         """Whether it falls by more than chance mostly gives: enough not to drop what there is some evidence for besides."""
         gain, chance = self._fall
-        return gain > _CLEAR and chance <= _SOME_CHANCE
+        return gain > _HINT and chance <= _SOME_CHANCE
 
     @property
     def _fall(self) -> tuple[float, float]:
