@@ -30,7 +30,8 @@ class ShapeParameter:
     """One nonlinear parameter of an effect: the name of the effect's field that holds it, with bounds and prior.
 
     `typical` is where a search starts; `log` says that the natural scale is logarithmic; `points`: of a first grid over the search
-    range (0: as many as the search sees fit)."""
+    range (0: as many as the search sees fit). `idealised`: share of itself by which the value found may be off because the law is an ideal
+    one, however well it fits: part of its standard deviation."""
 
     name: str
     unit: str
@@ -39,3 +40,4 @@ class ShapeParameter:
     typical: float
     log: bool = False
     points: int = 0
+    idealised: float = 0.0

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effect import Effect, Need
+from ..parameters import ShapeParameter
 from .normal import Normal, Slopes
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ _DIFFERENCE = 1e-3
 #: Slopes over a shape that are smaller than this beside the noise (root sum of squares over the whole log), or of whose square less
 #: than this share is not in the model's own columns, tell nothing of it.
 _FELT = 1e-6
+#: A deviation on the logarithmic scale from which on a shape is as good as unknown.
+_UNKNOWN = 20.0
 #: A moment is moved so much farther at a time, up to so many seconds.
 _WIDER = 1.3
 _LONGEST = 10.0
@@ -101,15 +104,22 @@ def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[Foun
             linear.append(FoundParameter(p.name, float(values[k]), float(np.hypot(std.get(p.name, np.nan), apart)), p.unit))
         shapes = []
         for shape in effect.shape():
-            value, s = float(getattr(effect, shape.name)), shape_std.get((i, shape.name), np.nan)
-            if shape.log:
-                s *= value
+            value = float(getattr(effect, shape.name))
+            s = _on_its_own_scale(shape, value, shape_std.get((i, shape.name), np.nan))
             if shape.unit == "s" and Need.TIME in effect.needs:
                 own = np.array([p.value for p in linear])
                 s = max(s, 0.5 * _anywhere_within(stage, effect, own, shape.name))
             shapes.append(FoundParameter(shape.name, value, s, shape.unit))
         out.append((*linear, *shapes))
     return out
+
+
+def _on_its_own_scale(shape: ShapeParameter, value: float, deviation: float) -> float:
+    """Standard deviation of a shape of this value from that on its natural scale. Of an interval that is even on a logarithmic scale the
+    longer side: the truth is as likely there as on the shorter."""
+    if shape.log and not np.isnan(deviation):
+        deviation = value * float(np.expm1(deviation)) if deviation < _UNKNOWN else float("inf")
+    return float(np.hypot(deviation, shape.idealised * value))
 
 
 def kept(stage: Stage, effect: Effect, effects: Sequence[Effect]) -> float:

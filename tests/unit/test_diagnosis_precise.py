@@ -9,7 +9,7 @@ import pytest
 from effect_robots import ROBOTS, declared
 from test_diagnosis_parts import rebuilt, recorded, stage_of
 
-from ident.diagnosis import diagnose
+from ident.diagnosis import diagnose, precision
 from ident.diagnosis import stage as stage_module
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.candidates import candidates
@@ -243,3 +243,16 @@ def test_a_log_without_noise_is_clean() -> None:
     signals = ZeroPhase(cutoff_hz=15.0)(LogSet((recorded(robot, model, values, 13, noise=0.0),), robot=robot))
     estimate = WeightedLeastSquares().solve(Problem(model, signals))
     assert diagnose(estimate, fit=signals).verdict == "clean"
+
+
+def test_intervals_of_shapes_reach_the_longer_side_and_count_what_is_idealised() -> None:
+    """A time constant that is known to a factor; a gap between flanks that are not as rigid as the law has them."""
+    drift, gear = make_effect("temperature_drift_viscous", joints="j1", T=8.0), make_effect("backlash", joints="j2", gap=0.01)
+    T, gap = (next(p for p in e.shape() if p.name == name) for e, name in ((drift, "T"), (gear, "gap")))
+    assert precision._on_its_own_scale(T, 8.0, 0.01) == pytest.approx(0.08, rel=0.01)
+    assert 8.0 + precision._on_its_own_scale(T, 8.0, 0.5) == pytest.approx(8.0 * np.exp(0.5))
+    assert precision._on_its_own_scale(T, 8.0, np.inf) == np.inf
+    assert np.isnan(precision._on_its_own_scale(T, 8.0, np.nan))
+    assert precision._on_its_own_scale(gap, 0.01, 1e-4) == pytest.approx(0.002, rel=0.01)
+    moment = make_effect("offset_step", joints="j1", t_0=3.0).shape()[0]
+    assert precision._on_its_own_scale(moment, 3.0, 0.25) == 0.25
