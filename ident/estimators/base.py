@@ -69,7 +69,8 @@ class Estimator(ABC):
         estimate = replace(self._solve(problem), sticking=sticking, problem=asked)
         if not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
             return estimate
-        found = standing(problem, estimate, self._solve)
+        by_rows = None if Capability.NOISY_REGRESSOR in self.capabilities else self._solve
+        found = standing(problem, estimate, self._solve, by_rows)
         return replace(found, sticking=sticking, problem=asked)
 
     def start(self, model: Model) -> RecursiveState:

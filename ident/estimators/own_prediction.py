@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,12 +26,15 @@ _STANDS = 0.2
 _STEPS = 20
 _HALVINGS = 8
 _SETTLED = 1e-2
+#: A method that weighs the noise's colour ends where plain squares are this much larger than at their least.
+_NO_WORSE = 1.05
 #: Slopes of every row over every parameter are held in memory: no more numbers than this.
 _MOST_NUMBERS = 20_000_000
 
 
-def standing(problem: Problem, first: Estimate, solve: Solve) -> Estimate:
-    """The fit that is consistent with its own prediction. `first`: of the `problem` as it is; `solve`: fits one of known reference."""
+def standing(problem: Problem, first: Estimate, solve: Solve, by_rows: Solve | None) -> Estimate:
+    """The fit that is consistent with its own prediction. `first`: of the `problem` as it is; `solve`: fits one of known reference;
+    `by_rows`: the same, if it goes by rows alone and so may be given others (None where it makes instruments or columns of its own)."""
     repetition: Repetition | None = None
     tried: list[tuple[Problem, Estimate]] = []
     estimate = first
@@ -52,7 +54,7 @@ def standing(problem: Problem, first: Estimate, solve: Solve) -> Estimate:
     off = _off(problem, estimate)
     if not (off > _STANDS).any():
         return estimate
-    found = _by_newton(problem, estimate, solve)
+    found = None if by_rows is None else _by_newton(problem, estimate, by_rows)
     if found is not None:
         return found
     worst = int(np.argmax(off))
@@ -84,8 +86,8 @@ class Linearised(Problem):
         left = here.tau - predicted + slopes @ values
         return cls(here.model, here.signals, here.reference, here.progress, slopes, left)
 
-    @cached_property
-    def tau(self) -> Array:  # type: ignore[override]
+    @property
+    def tau(self) -> Array:
         """Left side of the rows, (M, n)."""
         return self.left
 
@@ -113,7 +115,7 @@ def _by_newton(problem: Problem, estimate: Estimate, solve: Solve) -> Estimate |
         weight, move = _inverse(estimate.fit_error.rms), base.base_values(reference) - values
         error_here = _own_error(_at(problem, values), weight)
         ways = (values + 0.5**halving * move for halving in range(_HALVINGS))
-        better = next((tried for tried in ways if _own_error(_at(problem, tried), weight) < error_here), None)
+        better = next((tried for tried in ways if _own_error(_at(problem, tried), weight) < _NO_WORSE * error_here), None)
         if better is None:
             return None
         values = better

@@ -8,8 +8,10 @@ from effect_robots import ROBOTS, declared
 from test_diagnosis_parts import recorded
 
 from ident.effect import make_effect
+from ident.errors import ConfigurationError, UnsupportedError
 from ident.estimate import Estimate
 from ident.estimators import WeightedLeastSquares, own_prediction
+from ident.estimators.base import Capability, estimator_types, make_estimator
 from ident.estimators.own_prediction import Linearised
 from ident.logs import LogSet
 from ident.problem import Problem
@@ -82,3 +84,19 @@ def test_slopes_that_would_fill_the_memory_are_not_taken(monkeypatch: pytest.Mon
     monkeypatch.setattr(own_prediction, "_MOST_NUMBERS", 1000)
     estimate = WeightedLeastSquares().solve(tilted(3))
     assert unsettled(estimate)
+
+
+@pytest.mark.parametrize("name", [n for n, e in estimator_types().items() if not e.files and not e.whole_logs])
+def test_every_method_ends_well_where_repetition_does_not_settle(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(own_prediction, "MOST", 2)
+    estimator, problem = make_estimator(name), tilted(4)
+    try:
+        estimate = estimator.solve(problem)
+    except (ConfigurationError, UnsupportedError):
+        return  # it needs more than rows, or takes no such effect: and says so
+    assert np.isfinite(estimate.values).all()
+    if Capability.NOISY_REGRESSOR not in estimator.capabilities:
+        assert not unsettled(estimate)
+    if not estimator.capabilities & {Capability.NOISY_REGRESSOR, Capability.PRIOR}:  # a prior pulls
+        for angle, truth in zip(("tiltx", "tilty"), TILT, strict=True):
+            assert estimate.value(angle) == pytest.approx(truth, abs=0.02)
