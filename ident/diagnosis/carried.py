@@ -12,19 +12,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .acceptance import once_consistent
+from .acceptance import Found, once_consistent
 from .analysis import without_reversals
 from .bank import Bank
 from .evidence import occam
 from .selection import Selection, settled_together, writing
-from .stage import on_rows, with_effects
+from .stage import Stage, on_rows, with_effects
 from .weights import weights
 
 if TYPE_CHECKING:
     from ..effect import Effect
     from ..robot import Robot
-    from .acceptance import Found
-    from .stage import Stage
 
 Array = np.ndarray
 #: Rivals are weighed again from this weight on.
@@ -57,11 +55,12 @@ def _weighed_again(one: Found, others: Sequence[Found], first: Stage, stage: Sta
     a delay carry a reversal on differently, and so does the contact that holds there, which neither of them is."""
     if not _memory([one.effect], stage.problem.model.robot).any():
         return one
-    own = [k for k, j in enumerate((one.judged, *one.rivals)) if j.hit.candidate.dependent and one.weights[k] >= _LIKELY]
+    every = (one.judged, *one.rivals)
+    own = [k for k, j in enumerate(every) if j.hit.candidate.dependent and one.weights[k] >= _LIKELY]
     if len(own) < 2 or own[0] != 0:
         return one
     without = with_effects(first, [f.effect for f in others], stage, bank, stage.search.candidates)
-    hits = [(one.judged, *one.rivals)[k].hit for k in own]
+    hits = [every[k].hit for k in own]
     judged = [without.search.judge(without.search.refined(without.search.hit(h.candidate, h.effect))) for h in hits]
     again = weights(judged, [occam(j.hit, without.number) for j in judged], once_consistent(judged, without))
     new = one.weights.copy()

@@ -144,8 +144,9 @@ class Arena:
         beside = with_effects(self.selection.declared, self._others, self.stage, self.bank, self.stage.search.candidates)
         own = [h for h in (beside.search.hit(hit.candidate, e) for e in hit.candidate.variants) if h.fit_gain > hit.fit_gain - _LOOSE]
         # One point of a coarse grid lies next to the best shape; of several that do as well the data fitted do not tell which it is.
-        some: list[int] = np.linspace(0, len(own) - 1, min(_SHAPES, len(own))).astype(int).tolist() if len(own) > (not loose) else []
-        return [own[i].effect for i in some]
+        if len(own) < 2 and not loose:
+            return []
+        return [own[i].effect for i in np.linspace(0, len(own) - 1, min(_SHAPES, len(own))).astype(int).tolist()]
 
     def _error(self, one: Entry) -> float:
         """Squared error on held-out data, each joint's over its noise."""

@@ -2,7 +2,7 @@
 
 Repetition takes the columns for given. Where a large correction acts on parameters that hardly anything else shows (a tilted base under an
 arm whose joints stand upright), it creeps or swings without end; then Gauss-Newton steps, which also heed how the columns move with the
-values, end it in a few."""
+values, end it in a few. (`diagnosis.total` does the same on whitened frames, with columns that it keeps.)"""
 
 from __future__ import annotations
 

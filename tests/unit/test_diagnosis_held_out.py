@@ -331,11 +331,16 @@ def test_only_growth_beyond_chance_is_harm() -> None:
     assert change.on(np.array([True, False, False])) == pytest.approx((-2000.0, np.sqrt(20.0) * 100.0))
 
 
+def of_blocks(grows: np.ndarray) -> Change:
+    """A change of one joint's error by so much in each block of time."""
+    return Change(grows[:, None], np.array([1e4]), np.ones(1))
+
+
 def test_a_fall_of_the_error_is_shown_only_beyond_chance() -> None:
     rng = np.random.default_rng(11)
 
     def shown(blocks: np.ndarray) -> bool:
-        return Change(blocks[:, None], np.array([1e4]), np.ones(1)).shown
+        return of_blocks(blocks).shown
 
     # Gains of either sign alike, as where nothing is.
     assert 0.0 < np.mean([shown(rng.normal(scale=5.0, size=20)) for _ in range(4000)]) < 0.005
@@ -354,13 +359,11 @@ def test_a_fall_of_the_error_is_shown_only_beyond_chance() -> None:
 def test_a_hint_is_less_than_what_is_shown_and_more_than_chance_mostly_gives() -> None:
     rng = np.random.default_rng(12)
 
-    def hinted(blocks: np.ndarray) -> bool:
-        return Change(blocks[:, None], np.array([1e4]), np.ones(1)).hinted
-
-    assert 0.0 < np.mean([hinted(rng.normal(scale=5.0, size=20)) for _ in range(2000)]) < 0.03
-    assert hinted(np.full(16, -8.0))
-    assert not hinted(np.full(8, -8.0))
-    assert not hinted(np.full(16, -0.5))
+    noise = [of_blocks(rng.normal(scale=5.0, size=20)) for _ in range(2000)]
+    assert 0.0 < np.mean([change.hinted for change in noise]) < 0.03
+    assert of_blocks(np.full(16, -8.0)).hinted
+    assert not of_blocks(np.full(8, -8.0)).hinted
+    assert not of_blocks(np.full(16, -0.5)).hinted
 
 
 def test_signs_are_tried_exactly_where_they_are_few() -> None:
