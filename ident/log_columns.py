@@ -256,10 +256,12 @@ def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | N
     positions = sides[0] if len(sides[0]) >= len(sides[1]) else sides[1]
     others = sorted({j for quantity, j in found if quantity != "t"})
     if not positions:
+        names = joints.names if joints else ()
+        asked = question(lookalikes(unknown, "q", range(len(names) or len(unknown)), names), "q")
         raise DataError(
             f"{where}: no joint position found (q1, q2, … or q_m1, … or <joint>.position)."
-            f" Columns not understood: {_listed(unknown) or 'none'}. Name them under [columns], for example q1 ="
-            f" {unknown[0] if unknown else 'angle'!r}."
+            f" Columns not understood: {_listed(unknown) or 'none'}."
+            f" {asked[:1].upper() + asked[1:] if asked else 'Name them under [columns], for example q1 = angle.'}"
         )
     count = len(joints.names) if joints else positions[-1] + 1
     missing = [j for j in range(count) if j not in positions]

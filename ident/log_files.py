@@ -10,6 +10,7 @@ import lzma
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -289,8 +290,19 @@ def bad_text(
                 remedy = "Correct or remove the row; write a missing value as an empty field."
                 if _is_number(text.replace(",", ".", 1)):
                     remedy = "It has a decimal comma: write the file with decimal points."
+                elif _is_moment(text):
+                    remedy = "It is a date with a time: write times as seconds (since any moment), in every row."
                 return DataError(f"log {path}: column {name!r}, line {line} (data row {row}): {shown!r} is not a number. {remedy}")
     return DataError(f"log {path}: cannot be read as a table of numbers: {reason}.")
+
+
+def _is_moment(text: str) -> bool:
+    """Whether a text is a date with a time, as ISO 8601 writes them."""
+    try:
+        datetime.fromisoformat(text)
+    except ValueError:
+        return False
+    return ":" in text
 
 
 def numeric(values: Array, path: Path, name: str, first: int = 1) -> Array:

@@ -187,6 +187,27 @@ def test_old_matlab_only(tmp_path: Path) -> None:
         read_logs(tmp_path / "a.mat")
 
 
+def test_dates_with_times_are_told_as_such(tmp_path):
+    path = tmp_path / "dates.csv"
+    path.write_text("t,q1,tau1\n2026-03-01T08:00:00.000,0.1,1.5\n2026-03-01T08:00:00.010,0.2,1.6\n")
+    with pytest.raises(DataError, match=r"line 2 .*is not a number\. It is a date with a time: write times as seconds"):
+        read_logs([path])
+    path.write_text("t,q1,tau1\n2026-03,0.1,1.5\n2026-03,0.2,1.6\n")
+    with pytest.raises(DataError, match=r"is not a number\. Correct or remove the row"):
+        read_logs([path])
+
+
+@pytest.mark.parametrize(
+    ("columns", "remedy"),
+    [("stamp,pos_1_deg,pos_2_deg,force", 'Did you mean .*: q1 = "pos_1_deg", q2 = "pos_2_deg"'), ("stamp,force", "for example q1 = angle")],
+)
+def test_columns_that_look_like_positions_are_asked_about(tmp_path, columns, remedy):
+    path = tmp_path / "unknown.csv"
+    path.write_text(f"{columns}\n" + "".join(",".join("0" for _ in columns.split(",")) + "\n" for _ in range(3)))
+    with pytest.raises(DataError, match=remedy):
+        read_logs([path])
+
+
 def test_a_decimal_comma_is_told_as_one(tmp_path):
     path = tmp_path / "comma.csv"
     path.write_text("t;q1;tau1\n0,00;0,1;1,5\n0,01;0,2;1,6\n")
