@@ -107,6 +107,5 @@ def _strongest(correlation: Array, names: tuple[str, ...], count: int) -> list[s
 def _sticking(joints: tuple[str, ...]) -> list[str]:
     if not joints:
         return []
-    return [
-        f"rows near reversals of {', '.join(joints)} are left out: they scatter more than three times as much, as of a joint that sticks."
-    ]
+    names = ", ".join(joints)
+    return [f"rows near reversals of {names} are left out: they scatter at least twice as much as the others, as of a joint that sticks."]

@@ -24,7 +24,7 @@ from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
 from .stage import Stage, start
-from .turning import agreeing
+from .turning import agreeing, sticking
 from .withdrawn import withdrawn
 
 if TYPE_CHECKING:
@@ -155,16 +155,24 @@ def diagnose(
     tell(0.9)
     selection = without_carried(with_low_speed(looked, stretches(thinned(wide)), bank, note), bank, note)
 
+    def fitted(model: Model, reference: Array | None, left_out: tuple[str, ...]) -> Estimate:
+        """The estimate of a model; `left_out`: joints whose rows near reversals are."""
+        rows = without_turning(wide, left_out) if left_out else wide
+        estimate = _fitted(estimator, model, rows, before, reference)
+        return replace(estimate, sticking=tuple(dict.fromkeys((*estimate.sticking, *left_out))))
+
+    def fits(stage: Stage) -> Callable[[tuple[str, ...]], Estimate]:
+        return lambda left_out: fitted(stage.problem.model, stage.problem.reference, left_out)
+
+    # Once, for all that are compared: two estimates of different rows differ by more than their models.
+    stuck = sticking(selection.final, wide, fits(selection.final))
+    if stuck:
+        declared = fitted(before.model, declared.all_values, stuck)
+
     def refit(stage: Stage, turning: tuple[str, ...]) -> Estimate:
         """The estimate of a stage's model; `turning`: joints whose rows near reversals are left out."""
-        model = stage.problem.model
-
-        def fitted(left_out: tuple[str, ...]) -> Estimate:
-            rows = without_turning(wide, left_out) if left_out else wide
-            estimate = _fitted(estimator, model, rows, before, stage.problem.reference)
-            return replace(estimate, sticking=tuple(dict.fromkeys((*estimate.sticking, *left_out))))
-
-        return agreeing(stage, model.effects[len(before.model.effects) :], wide, turning, fitted)
+        effects = stage.problem.model.effects[len(before.model.effects) :]
+        return agreeing(stage, effects, wide, tuple(dict.fromkeys((*turning, *stuck))), fits(stage))
 
     last = last_word(selection, bank, declared, held, refit)
     selection, after = last.selection, last.after

@@ -20,12 +20,14 @@ _NOTHING = 1e-250
 class Refit:
     """`values` (k,) of a candidate's parameters with `std` (k,), for white noise of unit variance: inf for one that the model's own
     can take up (the ideal part of a counterbalance, which looks like the link's gravity). `model` (b,): coefficients of the frame's
-    columns beside them. `covariance` (b+k, b+k) of both."""
+    columns beside them. `covariance` (b+k, b+k) of both. `rank`: directions
+    of the candidate's parameters that are known beside the model's."""
 
     values: Array
     std: Array
     model: Array
     covariance: Array
+    rank: int
 
     @classmethod
     def of(cls, frame: Frame, columns: Array) -> Refit:
@@ -44,4 +46,4 @@ class Refit:
         std[np.any(np.abs(axes[:, ~shown]) > _TOUCHED, axis=1)] = np.inf
         both = -along @ inverse
         covariance = np.block([[frame.inverse_gram - both @ along.T, both], [both.T, inverse]])
-        return cls(values, std, frame.coefficients - along @ values, covariance)
+        return cls(values, std, frame.coefficients - along @ values, covariance, int(shown.sum()))

@@ -216,6 +216,11 @@ class Search:
             return None
         return self.refined(replace(able[0], also=tuple(h.effect for h in able[1:_FEW])), self._possible_gain)
 
+    def holds(self, candidate: Candidate) -> bool:
+        """Whether the model's columns hold all of a candidate's, and it has no shape: a payload beside a link whose parameters are free."""
+        effect = candidate.variants[0]
+        return not effect.shape() and Refit.of(self.frame, self.whitened(effect)).rank == 0
+
     def _possible_gain(self, hit: Hit) -> float:
         return -np.inf if self._against(hit) else hit.fit_gain
 

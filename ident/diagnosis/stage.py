@@ -107,7 +107,9 @@ def at_least(stage: Stage) -> Stage:
     least = totalled(stage)
     if least is stage:
         return stage
-    return replace(least, search=Search(least.frame, least.motions, stage.search.candidates, stage.search.bank))
+    # Total derivatives are no columns of the model: what these hold would seem new beside them.
+    among = tuple(c for c in stage.search.candidates if not stage.search.holds(c))
+    return replace(least, search=Search(least.frame, least.motions, among, stage.search.bank))
 
 
 def with_effects(

@@ -1,15 +1,18 @@
 """Rows near reversals in the refit: they were not looked at when the findings were chosen, and may contradict them.
 
 What a delay, an elastic gear or play does at a reversal depends on how the contact holds there; columns that follow the motion as it
-would be without a contact say something else, and a fit of all rows then finds a fraction of what the other rows tell."""
+would be without a contact say something else, and a fit of all rows then finds a fraction of what the other rows tell. A fit that has
+them bends to them, and hides how little they agree with the rest; so they are judged by one that has none."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .analysis import without_turning
 from .evidence import touched
 
 if TYPE_CHECKING:
@@ -18,6 +21,11 @@ if TYPE_CHECKING:
     from ..signals import Signals
     from .stage import Stage
 
+Array = np.ndarray
+
+#: Mean square of what a fit of the other rows leaves on rows near a joint's reversals, over that on its others, beyond which they are left
+#: out: at their full weight they cost more than they tell, however few they are.
+_STICKS = 4.0
 #: A parameter differs if it does so by this many of its standard deviations without those rows, and by this share of itself.
 _SURELY = 4.0
 _SHARE = 0.1
@@ -25,6 +33,22 @@ _SHARE = 0.1
 _KEPT = 0.6
 #: And where no standard deviation of what was found grows more than this many times.
 _VAGUER = 2.0
+
+
+def sticking(stage: Stage, rows: Signals, fitted: Callable[[tuple[str, ...]], Estimate]) -> tuple[str, ...]:
+    """Joints whose rows near reversals hold much more than noise beside a stage's model, and no friction at low speed was found in them.
+    `rows`: that are fitted; `fitted`: the estimate without those near reversals of some joints."""
+    names = np.array(rows.robot.joint_names)
+    kept = _kept(rows, without_turning(rows, names.tolist())) & np.array([name not in stage.turning for name in names])
+    if not kept.any():
+        return ()
+    left_out = tuple(names[kept].tolist())
+    less = without_turning(rows, left_out)
+    estimate = replace(fitted(left_out), sticking=())
+    squares = np.nan_to_num(estimate.residual(rows)) ** 2
+    near = rows.valid & ~less.valid
+    there, elsewhere = (np.where(at, squares, 0.0).sum(axis=0) / np.maximum(at.sum(axis=0), 1) for at in (near, less.valid))
+    return tuple(names[there > _STICKS * elsewhere].tolist())
 
 
 def agreeing(
@@ -57,6 +81,10 @@ def contradicted(estimate: Estimate, stage: Stage, effects: Sequence[Effect], ro
         off = np.abs(np.array([found[name] for name in names]) - values)
         if np.any((off > _SURELY * std) & (off > _SHARE * np.abs(values))):
             at |= touched(stage.search.whitened(effect))
-    turning = np.zeros_like(rows.valid) if rows.turning is None else rows.turning
-    at &= (rows.valid & ~turning).sum(axis=0) >= _KEPT * rows.valid.sum(axis=0)
+    at &= _kept(rows, without_turning(rows, robot.joint_names))
     return tuple(np.array(robot.joint_names)[at].tolist())
+
+
+def _kept(rows: Signals, less: Signals) -> Array:
+    """Joints (n,) bool that keep enough of their rows in `less`."""
+    return np.asarray(less.valid.sum(axis=0) >= _KEPT * rows.valid.sum(axis=0))

@@ -104,6 +104,21 @@ def test_a_stage_gets_to_the_least_of_its_loss_where_repetition_gets_nowhere(mon
         assert stage.search.frame is stage.frame
 
 
+def test_what_the_model_holds_is_no_candidate_beside_its_total_derivative() -> None:
+    """A payload is its link's own parameters: their columns it has, and their total derivatives it has not."""
+    bare = tilted(3)
+    stage = replace(bare, search=Search(bare.frame, bare.motions, candidates(bare.problem.model, bare.motions)))
+    total = at_least(stage)
+    assert total is not stage
+    of = {c.name: c for c in stage.search.candidates if not c.variants[0].shape()}
+    assert stage.search.holds(of["payload"])
+    assert not Search(total.frame, total.motions, ()).holds(of["payload"])
+    left = {(c.name, c.joints) for c in total.search.candidates}
+    assert of["payload"].name not in {name for name, _ in left}
+    assert ("linear_spring", ("j2",)) in left
+    assert all(stage.search.holds(c) for c in stage.search.candidates if (c.name, c.joints) not in left)
+
+
 def test_a_stage_without_corrections_stays_as_it_is() -> None:
     spring = make_effect("linear_spring", joints="j2")
     stage, _ = stage_of(5, [spring], [spring], [2.0] * len(spring.parameters(ROBOTS["scara"]())))
