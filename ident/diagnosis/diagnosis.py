@@ -12,9 +12,10 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..results import result
 from ..torque_error import number
-from .advice import advice_for, advice_to_confirm
+from .advice import advice_for, advice_to_confirm, advice_unconfirmed
 from .analysis import analysis_signals, stretches, thinned, without_reversals, without_turning
 from .bank import Bank
+from .both_parts import SAID, together
 from .carried import without_carried
 from .confirmed import LastWord, last_word
 from .findings import Finding, Unexplained, assess
@@ -45,7 +46,9 @@ class Diagnosis:
     """The answer. `verdict`: "clean", "explained", "ambiguous" or "unexplained" (DESIGN.md 3.4).
 
     `before`: the declared model fitted to the analysis signals; `after`: the same with the findings; `signals`, `held`: those
-    signals. `trail`: the steps of the selection; `selection`: everything that was looked at."""
+    signals. `trail`: the steps of the selection; `selection`: everything that was looked at.
+    `held` is None too where something sat in the data held out alone, and both parts were searched together; `apart`: where nothing was
+    found in the data fitted, what those held out hold beyond them."""
 
     verdict: str
     findings: tuple[Finding, ...]
@@ -56,6 +59,7 @@ class Diagnosis:
     held: Signals | None
     selection: Selection = field(repr=False)
     warnings: tuple[str, ...] = ()
+    apart: tuple[Unexplained, ...] = ()
 
     @property
     def model(self) -> Model:
@@ -141,10 +145,32 @@ def diagnose(
         raise ConfigurationError(
             "a saved estimate does not hold the signals it was fitted to; give them: diagnose(estimate, held, fit=signals)."
         )
+    estimator = estimator or estimator_of(before)
     tell = progress or (lambda _: None)
     tell(0.0)
-    estimator = estimator or estimator_of(before)
     wide, held = analysis_signals(signals, held)
+    found = _diagnosed(before, wide, held, estimator, tell, note)
+    both = together(wide, held) if held is not None and found.apart else None
+    if both is None or held is None:
+        return found
+    if note is not None:
+        note("something is in the data held out alone: both parts are searched together")
+    again = _diagnosed(before, both, None, estimator, tell, note)
+    if not again.findings or again.verdict == "unexplained" or apart(again.after, wide, held):
+        return found
+    findings = tuple(f if f.ambiguous else replace(f, advice=advice_unconfirmed(f)) for f in again.findings)
+    return replace(again, verdict="ambiguous", findings=findings, warnings=(*again.warnings, SAID))
+
+
+def _diagnosed(
+    before: Estimate,
+    wide: Signals,
+    held: Signals | None,
+    estimator: Estimator,
+    tell: Callable[[float], None],
+    note: Callable[[str], None] | None,
+) -> Diagnosis:
+    """`diagnose` on analysis signals."""
     declared = _fitted(estimator, before.model, wide, before)
     tell(0.05)
     bank = Bank()
@@ -185,7 +211,8 @@ def diagnose(
         selection, after = replace(selection, final=selection.declared, found=()), declared
         _, findings, unexplained = assess(selection, leftovers(looked.declared, ()))
         unexplained = (*unexplained, *last.unexplained, nothing)
-    if plain := (*jumps(wide), *(apart(after, wide, held) if held is not None else ())):
+    elsewhere = apart(after, wide, held) if held is not None else ()
+    if plain := (*jumps(wide), *elsewhere):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
     if verdict == "explained" and (last.unseen or last.faint or last.owed):  # the name may be right; no other data say so
         verdict = "ambiguous"
@@ -206,7 +233,7 @@ def diagnose(
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
     warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said)))
-    return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings)
+    return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, () if looked.found else elsewhere)
 
 
 def _advice(finding: Finding, last: LastWord, robot: Robot, verdict: str) -> str:

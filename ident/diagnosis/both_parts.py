@@ -1,0 +1,63 @@
+"""Fitted and held-out data looked at as one, where something sits in those held out alone.
+
+A fault that began late, a motor that meets its limit in one stretch: no fit of the other part knows of it. Both parts together may tell
+what it is. Then nothing is left that could confirm it, and that is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..prepared import Signals
+
+if TYPE_CHECKING:
+    from ..prepared import JointReport
+
+#: What is said of a diagnosis of both parts.
+SAID = (
+    "the data held out hold something that those fitted do not, so both were searched together: findings, fit and errors are those of all"
+    " rows, and no data are left that could confirm them. Log more of the motion of the part held out."
+)
+
+
+def together(fit: Signals, held: Signals) -> Signals | None:
+    """Runs of both parts as one; None where they were not prepared alike, or do not lie in memory."""
+    if type(fit) is not Signals or type(held) is not Signals or fit.rate != held.rate or not _same_rows(fit, held):
+        return None
+    after = len(fit.t)
+    samples: dict[str, Any] = {
+        key: np.concatenate([getattr(fit, key), getattr(held, key)]) for key in ("t", "q", "dq", "ddq", "torque", "tau", "valid")
+    }
+    turning = None if fit.turning is None or held.turning is None else np.concatenate([fit.turning, held.turning])
+    return replace(
+        fit,
+        **samples,
+        runs=(*fit.runs, *(slice(r.start + after, r.stop + after) for r in held.runs)),
+        run_names=(*fit.run_names, *held.run_names),
+        origins=(*fit.origins, *held.origins),
+        report=replace(
+            fit.report,
+            samples_read=fit.report.samples_read + held.report.samples_read,
+            samples=fit.report.samples + held.report.samples,
+            rows=fit.report.rows + held.report.rows,
+            joints=tuple(_of_both(*pair) for pair in zip(fit.report.joints, held.report.joints, strict=True)),
+            warnings=tuple(dict.fromkeys((*fit.report.warnings, *held.report.warnings))),
+        ),
+        source=None,
+        turning=turning,
+    )
+
+
+def _same_rows(fit: Signals, held: Signals) -> bool:
+    one, other = fit.row_filter, held.row_filter
+    if one is None or other is None:
+        return one is other
+    return one.factor == other.factor and np.array_equal(one.taps, other.taps)
+
+
+def _of_both(one: JointReport, other: JointReport) -> JointReport:
+    lost = {reason: one.lost.get(reason, 0) + other.lost.get(reason, 0) for reason in (*one.lost, *other.lost)}
+    top = max(one.top_speed, other.top_speed)
+    return replace(one, rows=one.rows + other.rows, lost=lost, top_speed=top, repeats=one.repeats + other.repeats)

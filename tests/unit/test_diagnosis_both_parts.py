@@ -1,0 +1,70 @@
+"""Faults in the part of the data that was held out, and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_robots import declared
+from test_diagnosis_held_out import prepared
+
+from ident.diagnosis import diagnose
+from ident.diagnosis.both_parts import SAID, together
+from ident.effect import make_effect
+from ident.estimators import WeightedLeastSquares
+from ident.problem import Problem
+from ident.signals import Signals
+
+
+def parts(seed: int, late: float) -> tuple[Signals, Signals]:
+    """Both parts of one log, in which an offset of joint 2 begins in the second part."""
+    step = make_effect("offset_step", joints="j2", t_0=late)
+    return prepared(seed, [step], [2.0]).split(by="fraction", held=0.25)
+
+
+def test_rows_of_both_parts_are_those_of_either() -> None:
+    fit, held = parts(41, 33.0)
+    both = together(fit, held)
+    assert both is not None
+    estimate = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit))
+    apart = np.concatenate([estimate.residual(fit), estimate.residual(held)])
+    np.testing.assert_array_equal(estimate.residual(both), apart)
+    assert both.run_names == (*fit.run_names, *held.run_names)
+    assert both.origins == (*fit.origins, *held.origins)
+    assert [j.rows for j in both.report.joints] == [a.rows + b.rows for a, b in zip(fit.report.joints, held.report.joints, strict=True)]
+
+
+def test_parts_that_were_not_prepared_alike_are_not_joined() -> None:
+    fit, held = parts(41, 33.0)
+    assert together(fit, replace(held, rate=0.5 * held.rate)) is None
+    assert fit.row_filter is not None
+    taps = fit.row_filter.taps
+    other = replace(fit.row_filter, taps=np.ones_like(taps) / len(taps))
+    assert together(fit, replace(held, row_filter=other)) is None
+
+
+def test_what_began_in_the_data_held_out_is_named_and_said_to_be_unconfirmed() -> None:
+    fit, held = parts(41, 33.0)
+    found = diagnose(WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit)), held)
+    assert found.verdict == "ambiguous"
+    (finding,) = found.findings
+    assert (finding.name, finding.joints) == ("offset_step", ("j2",))
+    values = {p.name: p.value for p in finding.parameters}
+    assert values["t_0"] == pytest.approx(33.0, abs=0.05)
+    assert "no data are left" in finding.advice
+    assert SAID in found.warnings
+    # No error is called held out that is of rows which were fitted.
+    assert found.held is None
+    assert found.to_dict()["heldout_gain"] is None
+
+
+def test_what_nothing_accounts_for_stays_unexplained() -> None:
+    fit, held = parts(42, 1e3)
+    noise = np.random.default_rng(0).normal(size=len(held.tau)) * 20.0 * np.nanstd(held.tau[:, 0])
+    bad = replace(held, tau=held.tau + noise[:, None] * (np.arange(held.robot.n) == 0))
+    found = diagnose(WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit)), bad)
+    assert found.verdict == "unexplained"
+    assert "j1" in {u.joint for u in found.apart}
+    assert found.findings == ()
+    assert found.held is not None
