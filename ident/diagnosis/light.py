@@ -46,6 +46,9 @@ def too_light(stage: Stage, judged: Judged) -> str:
     inertia = with_it @ np.append(refit.model, refit.values)
     std = np.sqrt(np.maximum(np.einsum("Nji,ik,Njk->Nj", with_it, refit.covariance, with_it), 0.0))
     before = own @ frame.coefficients
+    # What else the model lacks bends inertia as well: deviations are as large as what is left on a joint's rows, not as its noise.
+    left = frame.torque - frame.columns @ refit.model - judged.hit.columns @ refit.values
+    std = std * np.maximum(np.sqrt(np.sum(left**2, axis=1) / np.maximum(stage.problem.signals.valid.sum(axis=0), 1)), 1.0)
     lost = (inertia < -_SURELY * std) & (before > 0.0)
     if lost.any():
         return f"with it the inertia about {robot.joint_names[int(np.argmax(lost.sum(axis=0)))]} would be negative"

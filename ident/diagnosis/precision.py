@@ -2,9 +2,9 @@
 
 The search finds each shape beside what was known then, to a few steps of a grid. Here the shapes of all findings are moved together
 with every linear parameter by Gauss-Newton steps until nothing is gained. Standard deviations are those of the same linearised
-problem; where the residual is not what the noise floor promises (structure that nothing explains, a law that is not quite exact),
-the scatter of its blocks of time is larger than that, and counts instead: the jackknife over them (J. MacKinnon, H. White, Journal of
-Econometrics 29 (1985), by blocks)."""
+problem, each joint's noise being as strong as what is left there, but no less than the noise floor. Where the residual is not what
+that promises (structure that nothing explains, a law that is not quite exact), the scatter of its blocks of time is larger, and counts
+instead: the jackknife over them (J. MacKinnon, H. White, Journal of Econometrics 29 (1985), by blocks)."""
 
 from __future__ import annotations
 
@@ -235,9 +235,10 @@ def _deviations(stage: Stage, effects: Sequence[Effect], slopes: Slopes) -> tupl
     base, width = frame.transform.shape
     shapes = len(slopes.place)
     outputs = np.block([[frame.transform, np.zeros((base, shapes))], [np.zeros((shapes, width)), np.eye(shapes)]])
-    plain = np.einsum("ij,jk,ik->i", outputs, whole, outputs)
-    scatter = np.zeros(len(plain))
     D = np.concatenate([frame.columns, slopes.columns], axis=2)
+    level = whole @ _at_what_is_left(D, residual, stage.problem.signals.valid.sum(axis=0), whole) @ whole
+    plain = np.einsum("ij,jk,ik->i", outputs, level, outputs)
+    scatter = np.zeros(len(plain))
     root = _root(whole)
     for rows in frame.block_rows:
         own_columns = D[:, rows].reshape(-1, D.shape[2]) @ root
@@ -253,6 +254,17 @@ def _deviations(stage: Stage, effects: Sequence[Effect], slopes: Slopes) -> tupl
     shown = (known > 0.0) & (1.0 > _SHOWN * size**2 * known)
     std[base:][~shown | (size < _FELT)] = np.inf
     return dict(zip(stage.problem.base.names, std[:base].tolist(), strict=True)), dict(zip(slopes.place, std[base:].tolist(), strict=True))
+
+
+def _at_what_is_left(columns: Array, residual: Array, rows: Array, covariance: Array) -> Array:
+    """Cross-products (c, c) of columns (n, M, c), those of each joint as many times as the square of what is left on its `rows` (n,) is
+    more than noise: structure that nothing explains pulls as noise does, and blocks of time that all hold it alike do not tell."""
+    out = np.zeros_like(covariance)
+    for own, left, count in zip(columns, residual, rows, strict=True):
+        products = own.T @ own
+        free = max(float(count) - float(np.sum(covariance * products)), 1.0)
+        out += max(1.0, float(left @ left) / free) * products
+    return out
 
 
 def _root(A: Array) -> Array:

@@ -171,6 +171,19 @@ def test_no_payload_leaves_a_robot_without_inertia() -> None:
     assert too_light(off, off.search.judge(off.search.hit(Candidate("offset_drift", ("j1",), (drift,)), drift))) == ""
 
 
+def test_inertia_that_something_else_bends_is_held_against_nothing() -> None:
+    """A thousand times the noise on all rows moves light links' inertia below zero, by many of the deviations that the noise alone would give."""
+    stage = links_alone(6, [0.0] * 10)
+    speaks_against = 0
+    for seed in range(12):
+        loud = 1e3 * np.random.default_rng(seed).normal(size=stage.frame.torque.shape)
+        torque = stage.frame.torque + np.where(stage.problem.signals.valid.T, loud, 0.0)
+        frame = replace(stage.frame, torque=torque)
+        bent = replace(stage, frame=frame, search=Search(frame, stage.motions, (), stage.search.bank))
+        speaks_against += too_light(bent, bent.search.judge(payload_step(bent, 19.0))) != ""
+    assert speaks_against == 0
+
+
 def found(effect: Effect, evidence: float, rivals: tuple[Found, ...] = (), weights: tuple[float, ...] = (1.0,)) -> Found:
     """A finding, as far as its confidence looks at it. On joints that the robot does not have it has one column."""
     robot = ROBOTS["scara"]()

@@ -104,6 +104,20 @@ def test_a_stage_gets_to_the_least_of_its_loss_where_repetition_gets_nowhere(mon
         assert stage.search.frame is stage.frame
 
 
+def test_what_is_left_counts_as_noise_on_the_rows_of_its_joint() -> None:
+    """Three times the noise on one joint: its cross-products count nine times; where less is left than noise, they count once."""
+    rng = np.random.default_rng(3)
+    n, M, k = 3, 4000, 5
+    columns = rng.normal(size=(n, M, k))
+    products = np.einsum("nmi,nmj->nij", columns, columns)
+    residual = np.array([1.0, 3.0, 0.4])[:, None] * rng.normal(size=(n, M))
+    found = precision._at_what_is_left(columns, residual, np.full(n, M), np.linalg.inv(products.sum(axis=0)))
+    np.testing.assert_allclose(found, products[0] + 9.0 * products[1] + products[2], rtol=0.1, atol=0.1 * M)
+    # Rows that a fit has as many of as it has parameters tell nothing of the noise.
+    few = precision._at_what_is_left(columns[:1, :k], residual[:1, :k], np.array([k]), np.linalg.inv(columns[0, :k].T @ columns[0, :k]))
+    assert np.all(np.isfinite(few))
+
+
 def test_what_the_model_holds_is_no_candidate_beside_its_total_derivative() -> None:
     """A payload is its link's own parameters: their columns it has, and their total derivatives it has not."""
     bare = tilted(3)
