@@ -232,6 +232,11 @@ def _diagnosed(
     if seen is not every:
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
+    if stuck:
+        said.append(
+            f"rows near reversals of {', '.join(stuck)} have no part in the fits and the errors, before and after: they scatter at least"
+            " twice as much as the others, as of a joint that sticks."
+        )
     warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said)))
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, () if looked.found else elsewhere)
 

@@ -172,7 +172,7 @@ def test_no_payload_leaves_a_robot_without_inertia() -> None:
 
 
 def test_inertia_that_something_else_bends_is_held_against_nothing() -> None:
-    """A thousand times the noise on all rows moves light links' inertia below zero, by many of the deviations that the noise alone would give."""
+    """A thousand times the noise on all rows moves light links' inertia below zero, by many deviations of the noise."""
     stage = links_alone(6, [0.0] * 10)
     speaks_against = 0
     for seed in range(12):
