@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effect import Need
 from ..fixed_point import MOST, Repetition
+from ..model import Model
 from ..problem import Problem, Rows
 
 if TYPE_CHECKING:
@@ -28,8 +30,13 @@ _HALVINGS = 8
 _SETTLED = 1e-2
 #: A method that weighs the noise's colour ends where plain squares are this much larger than at their least.
 _NO_WORSE = 1.05
-#: Slopes of every row over every parameter are held in memory: no more numbers than this.
-_MOST_NUMBERS = 20_000_000
+#: Samples whose columns are made at a time.
+_SAMPLES = 16384
+#: How columns bend is looked at so often, and again where a step is not this much shorter than the last.
+_MOST_LOOKS = 4
+_SHRINKS = 0.5
+#: Every sample's torque is predicted once for each parameter, and held in memory: no more numbers than this.
+_MOST_NUMBERS = 10_000_000
 
 
 def standing(problem: Problem, first: Estimate, solve: Solve, by_rows: Solve | None) -> Estimate:
@@ -74,17 +81,15 @@ class Linearised(Problem):
     left: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     @classmethod
-    def of(cls, problem: Problem, values: Array, steps: Array) -> Linearised:
-        """About values (b,); `steps` (b,): of the difference quotients."""
+    def of(cls, problem: Problem, values: Array, bending: Array) -> Linearised:
+        """About values (b,); `bending` (M, n, b): see `_bending`, there or not far away."""
         here = _at(problem, values)
-        predicted = here.predict(values)
-        slopes = np.empty((*predicted.shape, len(values)))
-        for i, step in enumerate(steps):
-            moved = values.copy()
-            moved[i] += step
-            slopes[:, :, i] = (_at(problem, moved).predict(moved) - predicted) / step
-        left = here.tau - predicted + slopes @ values
-        return cls(here.model, here.signals, here.reference, here.progress, slopes, left)
+        slopes = bending.copy()
+        predicted = np.empty(here.tau.shape)
+        for rows in here.rows():
+            predicted[rows.place] = rows.columns @ values
+            slopes[rows.place] += rows.columns
+        return cls(here.model, here.signals, here.reference, here.progress, slopes, here.tau - predicted + slopes @ values)
 
     @property
     def tau(self) -> Array:
@@ -97,20 +102,29 @@ class Linearised(Problem):
 
 
 def _by_newton(problem: Problem, estimate: Estimate, solve: Solve) -> Estimate | None:
-    """The fit by Gauss-Newton steps from one that does not stand; None where they do not settle, or would need too much memory."""
+    """The fit by Gauss-Newton steps from one that does not stand; None where they do not settle, or would take too long.
+
+    How columns bend takes as long as all the rest for each parameter; so it is taken anew only where steps do not shrink with it."""
     base = problem.base
     assert problem.reference is not None
-    if type(problem) is not Problem or problem.signals.tau.size * base.count > _MOST_NUMBERS:
+    if type(problem) is not Problem or problem.signals.q.size * base.count > _MOST_NUMBERS:
         return None
     values = base.base_values(problem.reference)
+    bending, looked, before = None, 0, np.inf
     for _ in range(_STEPS):
-        known = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
-        steps = np.array([known.get(name, 0.0) or 1e-6 * (1.0 + abs(v)) for name, v in zip(base.names, values.tolist(), strict=True)])
-        estimate = solve(Linearised.of(problem, values, steps))
+        if bending is None:
+            if looked == _MOST_LOOKS:
+                return None
+            bending, looked, before = _bending(problem, values, _differences(problem, estimate, values)), looked + 1, np.inf
+        estimate = solve(Linearised.of(problem, values, bending))
         reference = estimate.all_values
-        if np.all(np.abs(estimate.values - estimate.base.base_values(base.expand(values))) <= _SETTLED * estimate.std):
+        off = float(np.max(np.abs(estimate.values - estimate.base.base_values(base.expand(values))) / np.maximum(estimate.std, 1e-300)))
+        if off <= _SETTLED:
             error = problem.with_reference(reference).torque_error(base.base_values(reference))
             return replace(estimate, reference=reference, fit_error=error)
+        if off > _SHRINKS * before:
+            bending = None
+        before = off
         # By the weights of this step: an estimator may weigh by what the last fit left.
         weight, move = _inverse(estimate.fit_error.rms), base.base_values(reference) - values
         error_here = _own_error(_at(problem, values), weight)
@@ -122,8 +136,38 @@ def _by_newton(problem: Problem, estimate: Estimate, solve: Solve) -> Estimate |
     return None
 
 
+def _differences(problem: Problem, estimate: Estimate, values: Array) -> Array:
+    """Steps (b,) of difference quotients at values (b,): standard deviations, where they are known."""
+    known = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
+    return np.array([known.get(n, 0.0) or 1e-6 * (1.0 + abs(v)) for n, v in zip(problem.base.names, values.tolist(), strict=True)])
+
+
+def _bending(problem: Problem, values: Array, steps: Array) -> Array:
+    """What each base parameter changes of the prediction (M, n, b) through the columns that depend on it, at values (b,); by difference
+    quotients of `steps` (b,)."""
+    here = _dependent(_at(problem, values), values)
+    out = np.empty((*here.shape, len(values)))
+    for i, step in enumerate(steps):
+        moved = values.copy()
+        moved[i] += step
+        out[:, :, i] = (_dependent(_at(problem, moved), values) - here) / step
+    return out
+
+
 def _at(problem: Problem, values: Array) -> Problem:
     return problem.with_reference(problem.base.expand(values))
+
+
+def _dependent(problem: Problem, values: Array) -> Array:
+    """Torque (M, n) of the effects that are made of the model's own prediction, their columns at the problem's reference, for base values
+    (b,)."""
+    model, full = problem.model, problem.base.expand(values)
+    chosen = [(e, part) for e, part in zip(model.effects, model.slices, strict=True) if e.needs & {Need.LOAD, Need.REFERENCE}]
+    own, sizes = Model(model.robot, tuple(e for e, _ in chosen)), np.concatenate([full[part] for _, part in chosen])
+    out = np.empty(problem.tau.shape)
+    for block in problem.signals.blocks(None if Need.HISTORY in model.needs else _SAMPLES):
+        out[block.rows] = block.reduce(own.columns(problem.motion(block.samples)) @ sizes)
+    return out
 
 
 def _own_error(problem: Problem, weight: Array) -> float:

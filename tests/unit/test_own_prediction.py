@@ -41,7 +41,7 @@ def test_slopes_are_those_of_the_prediction_through_columns_and_values() -> None
     estimate = WeightedLeastSquares().solve(problem)
     values = problem.base.base_values(estimate.all_values)
     size = np.where(values == 0.0, 1e-3, 0.01 * np.abs(values))
-    linear = Linearised.of(problem, values, size)
+    linear = Linearised.of(problem, values, own_prediction._bending(problem, values, size))
     rng = np.random.default_rng(2)
 
     def predicted(base: np.ndarray) -> np.ndarray:
