@@ -25,7 +25,7 @@ from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
 from .stage import Stage, start
-from .turning import agreeing, sticking
+from .turning import agreeing, left_out, sticking
 from .withdrawn import withdrawn
 
 if TYPE_CHECKING:
@@ -181,14 +181,14 @@ def _diagnosed(
     tell(0.9)
     selection = without_carried(with_low_speed(looked, stretches(thinned(wide)), bank, note), bank, note)
 
-    def fitted(model: Model, reference: Array | None, left_out: tuple[str, ...]) -> Estimate:
-        """The estimate of a model; `left_out`: joints whose rows near reversals are."""
-        rows = without_turning(wide, left_out) if left_out else wide
+    def fitted(model: Model, reference: Array | None, joints: tuple[str, ...]) -> Estimate:
+        """The estimate of a model without the rows near reversals of some joints."""
+        rows = without_turning(wide, joints) if joints else wide
         estimate = _fitted(estimator, model, rows, before, reference)
-        return replace(estimate, sticking=tuple(dict.fromkeys((*estimate.sticking, *left_out))))
+        return replace(estimate, sticking=tuple(dict.fromkeys((*estimate.sticking, *joints))))
 
     def fits(stage: Stage) -> Callable[[tuple[str, ...]], Estimate]:
-        return lambda left_out: fitted(stage.problem.model, stage.problem.reference, left_out)
+        return lambda joints: fitted(stage.problem.model, stage.problem.reference, joints)
 
     # Once, for all that are compared: two estimates of different rows differ by more than their models.
     stuck = sticking(selection.final, wide, fits(selection.final))
@@ -233,10 +233,7 @@ def _diagnosed(
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
     if stuck:
-        said.append(
-            f"rows near reversals of {', '.join(stuck)} have no part in the fits and the errors, before and after: they scatter at least"
-            " twice as much as the others, as of a joint that sticks."
-        )
+        said.append(left_out(stuck, wide))
     warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said)))
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, () if looked.found else elsewhere)
 

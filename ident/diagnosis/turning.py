@@ -42,13 +42,23 @@ def sticking(stage: Stage, rows: Signals, fitted: Callable[[tuple[str, ...]], Es
     kept = _kept(rows, without_turning(rows, names.tolist())) & np.array([name not in stage.turning for name in names])
     if not kept.any():
         return ()
-    left_out = tuple(names[kept].tolist())
-    less = without_turning(rows, left_out)
-    estimate = replace(fitted(left_out), sticking=())
+    all_of_them = tuple(names[kept].tolist())
+    less = without_turning(rows, all_of_them)
+    estimate = replace(fitted(all_of_them), sticking=())
     squares = np.nan_to_num(estimate.residual(rows)) ** 2
     near = rows.valid & ~less.valid
     there, elsewhere = (np.where(at, squares, 0.0).sum(axis=0) / np.maximum(at.sum(axis=0), 1) for at in (near, less.valid))
     return tuple(names[there > _STICKS * elsewhere].tolist())
+
+
+def left_out(joints: tuple[str, ...], rows: Signals) -> str:
+    """What is to be said of joints whose rows near reversals are left out of the fits of `rows`."""
+    before, after = (x.valid.sum(axis=0) for x in (rows, without_turning(rows, joints)))
+    shares = [f"{name} ({100.0 * (1.0 - after[j] / before[j]):.2g} %)" for name, j in ((n, rows.robot.joint_index(n)) for n in joints)]
+    return (
+        f"rows near reversals of {', '.join(shares)} have no part in the fits and the errors, before and after: they scatter at least twice"
+        " as much as the others, as of a joint that sticks."
+    )
 
 
 def agreeing(

@@ -25,7 +25,7 @@ from ident.diagnosis.refit import Refit
 from ident.diagnosis.search import Hit, Search
 from ident.diagnosis.selection import Selection
 from ident.diagnosis.stage import Stage
-from ident.diagnosis.turning import contradicted, sticking
+from ident.diagnosis.turning import contradicted, left_out, sticking
 from ident.diagnosis.whitening import plain_whitener
 from ident.effect import Effect, make_effect
 from ident.estimate import Estimate
@@ -278,19 +278,21 @@ def test_rows_near_reversals_that_scatter_are_seen_by_a_fit_without_them() -> No
     off = np.where(turning[:, 1], 12.0 * noise, 0.0)
     tau = signals.tau + off[:, None] * (np.arange(n) == 1)
 
-    def left_out(rows: Signals, at: Stage = stage) -> tuple[str, ...]:
+    def stuck(rows: Signals, at: Stage = stage) -> tuple[str, ...]:
         def fitted(joints: tuple[str, ...]) -> Estimate:
             return WeightedLeastSquares().solve(replace(at.problem, signals=without_turning(rows, joints)))
 
         return sticking(at, rows, fitted)
 
     disturbed = replace(signals, tau=tau, turning=turning)
-    assert left_out(disturbed) == ("j2",)
-    assert left_out(replace(signals, turning=turning)) == ()
+    assert stuck(disturbed) == ("j2",)
+    share = (turning & signals.valid)[:, 1].sum() / signals.valid[:, 1].sum()
+    assert f"j2 ({100 * share:.2g} %)" in left_out(("j2",), disturbed)
+    assert stuck(replace(signals, turning=turning)) == ()
     # Friction at low speed was found in them: then they are not what is left over.
-    assert left_out(disturbed, replace(stage, turning=("j2",))) == ()
+    assert stuck(disturbed, replace(stage, turning=("j2",))) == ()
     # A joint that hardly does anything else than turn keeps its rows.
-    assert left_out(replace(disturbed, turning=np.ones_like(turning))) == ()
+    assert stuck(replace(disturbed, turning=np.ones_like(turning))) == ()
 
 
 def test_what_held_out_data_say_is_told_of_the_winner() -> None:
