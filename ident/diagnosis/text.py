@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..places import on
+from ..summary import wrapped
 from .hidden import by_effect
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ def diagnosis_text(d: Diagnosis) -> str:
     ]
     data = "held out" if d.held is not None else "fitted"
     lines += ["", f"error on {data} data, noise floor {_numbers(d.noise_floor)}:", str(d.comparison)]
+    lines += [wrapped(f"warning: {w}") for w in d.warnings if not w.startswith("audit: ")]  # the audit speaks for itself, and first
     return "\n".join(lines)
 
 

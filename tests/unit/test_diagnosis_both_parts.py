@@ -54,6 +54,7 @@ def test_what_began_in_the_data_held_out_is_named_and_said_to_be_unconfirmed() -
     assert values["t_0"] == pytest.approx(33.0, abs=0.05)
     assert "no data are left" in finding.advice
     assert SAID in found.warnings
+    assert "\nwarning: the data held out hold" in str(found)
     # No error is called held out that is of rows which were fitted.
     assert found.held is None
     assert found.to_dict()["heldout_gain"] is None
