@@ -198,9 +198,13 @@ def _many(here: Sequence[Found]) -> bool:
 
 def _inexact(one: Found, here: Sequence[Found], robot: Robot) -> bool:
     """Whether something much smaller that follows the position, too, stands at the same place: it makes up for a law that is not the right
-    one. Friction is different: what grows with speed and what does not are two things."""
+    one. Or something of any size, if both have shapes that were sought: two such curves draw any other (a bumper at the end of the range).
+    Friction is different: what grows with speed and what does not are two things."""
     return _of_position(one.effect, robot) and any(
-        _of_position(other.effect, robot) and other.judged.evidence < _SMALL * one.judged.evidence for other in here if other is not one
+        _of_position(other.effect, robot)
+        and (other.judged.evidence < _SMALL * one.judged.evidence or bool(one.effect.shape() and other.effect.shape()))
+        for other in here
+        if other is not one
     )
 
 

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 Array = np.ndarray
+#: A gear that loses more than this share of the torque it transmits next to locks itself; what a diagnosis finds so is something else
+#: that grows with load (a drive that lets small torque fall under the table).
+_LOCKS = 0.5
 
 
 @register
@@ -49,6 +52,11 @@ class LoadDependentFriction(JointEffect):
         moved = np.sum(ddq**2, axis=0)
         room = np.divide(np.abs(np.sum(load * ddq, axis=0)), moved, out=np.zeros_like(moved), where=moved > 0)
         return self.bounded(rotor=(0.0, float(room.max(initial=0.0))))
+
+    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
+        """Why it cannot be: friction next to as large as the load itself."""
+        off = np.flatnonzero(np.asarray(values) > _LOCKS + 3.0 * np.asarray(std))
+        return f"a gear that loses {float(np.asarray(values)[off[0]]):.3g} of its load next to locks" if len(off) else ""
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         return super().columns(motion.behind(robot.transmission), robot)
