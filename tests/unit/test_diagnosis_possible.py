@@ -103,6 +103,13 @@ def test_an_exponent_next_to_one_is_viscous_friction() -> None:
     assert implausible(make_effect("nonlinear_viscous", joints="j1", a=0.7), one, one, robot) == ""
 
 
+def test_a_gear_does_not_lose_most_of_its_load() -> None:
+    robot, gear = ROBOTS["scara"](), make_effect("load_dependent_friction", joints="j1")
+    assert "next to locks" in implausible(gear, np.array([0.98]), np.array([0.03]), robot)
+    assert implausible(gear, np.array([0.98]), np.array([0.2]), robot) == ""
+    assert implausible(gear, np.array([0.3]), np.array([0.01]), robot) == ""
+
+
 def test_what_exceeds_a_limit_does_so_one_to_one() -> None:
     """What drives the torque up for a while goes with the reading's excess over some level, too, but not by just as much."""
     robot, std = ROBOTS["scara"](), np.full(1, 0.005)
@@ -204,6 +211,8 @@ def found(effect: Effect, evidence: float, rivals: tuple[Found, ...] = (), weigh
         (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", angle="joint", order=1.0), 800.0, True),
         (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", angle="joint", order=1.0), 8000.0, False),
         (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", angle="joint", order=60.0), 800.0, False),
+        # Two curves that were sought draw any other, whatever each explains.
+        (make_effect("counterbalance", joints="j1"), make_effect("cogging", joints="j1", angle="joint", order=1.0), 80_000.0, True),
         # Once a turn of a motor behind a gear.
         (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 800.0, False),
         (make_effect("coulomb", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 800.0, False),
