@@ -13,19 +13,19 @@ from ..errors import ConfigurationError
 from ..results import result
 from ..torque_error import number
 from .advice import advice_for, advice_to_confirm, advice_unconfirmed
-from .analysis import analysis_signals, stretches, thinned, without_reversals, without_turning
+from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .bank import Bank
 from .both_parts import SAID, together
 from .carried import without_carried
 from .confirmed import LastWord, last_word
+from .estimates import Estimates
 from .findings import Finding, Unexplained, assess
 from .hidden import Hidden, hidden
 from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
-from .stage import Stage, start
-from .turning import agreeing, left_out, sticking
+from .stage import start
 from .withdrawn import withdrawn
 
 if TYPE_CHECKING:
@@ -171,7 +171,8 @@ def _diagnosed(
     note: Callable[[str], None] | None,
 ) -> Diagnosis:
     """`diagnose` on analysis signals."""
-    declared = _fitted(estimator, before.model, wide, before)
+    estimates = Estimates(before, wide, estimator)
+    declared = estimates.declared
     tell(0.05)
     bank = Bank()
     every = thinned(without_reversals(wide))
@@ -181,26 +182,9 @@ def _diagnosed(
     tell(0.9)
     selection = without_carried(with_low_speed(looked, stretches(thinned(wide)), bank, note), bank, note)
 
-    def fitted(model: Model, reference: Array | None, joints: tuple[str, ...]) -> Estimate:
-        """The estimate of a model without the rows near reversals of some joints."""
-        rows = without_turning(wide, joints) if joints else wide
-        estimate = _fitted(estimator, model, rows, before, reference)
-        return replace(estimate, sticking=tuple(dict.fromkeys((*estimate.sticking, *joints))))
-
-    def fits(stage: Stage) -> Callable[[tuple[str, ...]], Estimate]:
-        return lambda joints: fitted(stage.problem.model, stage.problem.reference, joints)
-
-    # Once, for all that are compared: two estimates of different rows differ by more than their models.
-    stuck = sticking(selection.final, wide, fits(selection.final))
-    if stuck:
-        declared = fitted(before.model, declared.all_values, stuck)
-
-    def refit(stage: Stage, turning: tuple[str, ...]) -> Estimate:
-        """The estimate of a stage's model; `turning`: joints whose rows near reversals are left out."""
-        effects = stage.problem.model.effects[len(before.model.effects) :]
-        return agreeing(stage, effects, wide, tuple(dict.fromkeys((*turning, *stuck))), fits(stage))
-
-    last = last_word(selection, bank, declared, held, refit)
+    estimates = estimates.without_stuck(selection.final)
+    declared = estimates.declared if estimates.stuck else declared
+    last = last_word(selection, bank, declared, held, estimates.of)
     selection, after = last.selection, last.after
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
@@ -232,9 +216,7 @@ def _diagnosed(
     if seen is not every:
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
-    if stuck:
-        said.append(left_out(stuck, wide))
-    warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said)))
+    warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said, *estimates.said)))
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, () if looked.found else elsewhere)
 
 
@@ -248,11 +230,3 @@ def estimator_of(estimate: Estimate) -> Estimator:
     from ..estimators import estimator_types, make_estimator
 
     return make_estimator(estimate.method if estimate.method in estimator_types() else "wls")
-
-
-def _fitted(estimator: Estimator, model: Model, signals: Signals, like: Estimate, reference: Array | None = None) -> Estimate:
-    from ..problem import Problem
-
-    return replace(
-        estimator.solve(Problem(model, signals, reference=reference)), inputs=like.inputs, signals_config=signals.report.to_dict()
-    )

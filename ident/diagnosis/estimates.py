@@ -1,0 +1,63 @@
+"""Estimates of the models that a diagnosis compares, all on the same rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..problem import Problem
+from .analysis import without_turning
+from .turning import agreeing, left_out, sticking
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+    from ..estimators import Estimator
+    from ..model import Model
+    from ..signals import Signals
+    from .stage import Stage
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Fits of the declared model of `before`, and of others that hold it, to `signals` by an `estimator`. `stuck`: joints whose rows near
+    reversals no fit has: two estimates of different rows differ by more than their models."""
+
+    before: Estimate
+    signals: Signals = field(repr=False)
+    estimator: Estimator
+    stuck: tuple[str, ...] = ()
+
+    def without_stuck(self, final: Stage) -> Estimates:
+        """The same without rows near reversals that hold much more than noise beside the model of a selection's `final` stage."""
+        return replace(self, stuck=sticking(final, self.signals, self._of(final)))
+
+    @cached_property
+    def declared(self) -> Estimate:
+        """That of the declared model."""
+        return self._fitted(self.before.model, None, self.stuck)
+
+    def of(self, stage: Stage, turning: tuple[str, ...]) -> Estimate:
+        """That of a stage's model; `turning`: joints whose rows near reversals are left out as well."""
+        effects = stage.problem.model.effects[len(self.before.model.effects) :]
+        return agreeing(stage, effects, self.signals, tuple(dict.fromkeys((*turning, *self.stuck))), self._of(stage))
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """What is to be said of rows that are left out."""
+        return (left_out(self.stuck, self.signals),) if self.stuck else ()
+
+    def _of(self, stage: Stage) -> Callable[[tuple[str, ...]], Estimate]:
+        return lambda joints: self._fitted(stage.problem.model, stage.problem.reference, joints)
+
+    def _fitted(self, model: Model, reference: Array | None, joints: tuple[str, ...]) -> Estimate:
+        """The estimate of a model without the rows near reversals of some joints."""
+        rows = without_turning(self.signals, joints) if joints else self.signals
+        estimate = self.estimator.solve(Problem(model, rows, reference=reference))
+        left = tuple(dict.fromkeys((*estimate.sticking, *joints)))
+        return replace(estimate, sticking=left, inputs=self.before.inputs, signals_config=rows.report.to_dict())
