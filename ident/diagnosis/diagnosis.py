@@ -83,6 +83,13 @@ class Diagnosis:
         return compare(self.before, self.after, self.signals if self.held is None else self.held)
 
     @cached_property
+    def every_row(self) -> tuple[float, float]:
+        """Relative torque error over all joints, before and after, on rows near reversals as well, which the comparison may leave out."""
+        data = self.signals if self.held is None else self.held
+        before, after = (replace(e, sticking=()).torque_error(data).relative_all for e in (self.before, self.after))
+        return before, after
+
+    @cached_property
     def hidden(self) -> tuple[Hidden, ...]:
         """What could be there beside the findings without being seen, because this motion does not tell it from what the model has."""
         return hidden(self.selection.final)
@@ -97,6 +104,8 @@ class Diagnosis:
         if self.held is None:
             nothing = {"rms": None, "relative": None, "relative_all": None}
             sides["before"]["heldout"] = sides["after"]["heldout"] = nothing
+        for side, error in zip(("before", "after"), self.every_row, strict=True):
+            sides[side]["relative_every_row"] = number(error)
         body = {
             "verdict": self.verdict,
             "findings": [f.to_dict() for f in self.findings],

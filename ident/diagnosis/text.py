@@ -56,6 +56,9 @@ def diagnosis_text(d: Diagnosis) -> str:
     ]
     data = "held out" if d.held is not None else "fitted"
     lines += ["", f"error on {data} data, noise floor {_numbers(d.noise_floor)}:", str(d.comparison)]
+    if d.before.sticking or d.after.sticking:
+        before, after = (100.0 * x for x in d.every_row)
+        lines.append(f"with rows near reversals, which the table leaves out where joints stick: {before:.2f} -> {after:.2f} %")
     lines += [wrapped(f"warning: {w}") for w in d.warnings if not w.startswith("audit: ")]  # the audit speaks for itself, and first
     return "\n".join(lines)
 

@@ -55,6 +55,11 @@ def test_what_began_in_the_data_held_out_is_named_and_said_to_be_unconfirmed() -
     assert "no data are left" in finding.advice
     assert SAID in found.warnings
     assert "\nwarning: the data held out hold" in str(found)
+    told, (before, after) = found.to_dict(), found.every_row
+    assert (told["before"]["relative_every_row"], told["after"]["relative_every_row"]) == (before, after)
+    # Rows near reversals that no fit had: the text says what the errors are with them.
+    assert after < before
+    assert ("with rows near reversals" in str(found)) == bool(found.after.sticking)
     # No error is called held out that is of rows which were fitted.
     assert found.held is None
     assert found.to_dict()["heldout_gain"] is None
