@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import codecs
 import csv
 import gzip
 import io
@@ -129,7 +130,9 @@ def _text_header(path: Path) -> Header:
                 raise DataError(f"log {path}: the file holds no header row.")
             more = any(rest.strip() for rest in text)
     except (UnicodeDecodeError, EOFError, OSError) as error:
-        raise DataError(f"log {path}: is not a text table ({error}).") from None
+        wide = isinstance(error, UnicodeDecodeError) and error.object[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        remedy = " It begins as UTF-16 does: save it as UTF-8." if wide else ""
+        raise DataError(f"log {path}: is not a text table ({error}).{remedy}") from None
     delimiter = next((d for d in (",", ";", "\t") if d in line), ",")
     names = tuple(n.strip() for n in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter)))
     if all(_is_number(n) for n in names):

@@ -68,7 +68,8 @@ def _rest(column: str, words: frozenset[str], quantity: str) -> frozenset[str] |
             return None
         stem = column
     parts = _parts(stem)
-    if not parts & words or parts & _OTHER:
+    # An angle or a length under a joint's name needs no word for what it is.
+    if not (parts & words or (words is _POSITION and stem != column)) or parts & _OTHER:
         return None
     return parts - words - _BESIDE
 

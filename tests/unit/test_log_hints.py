@@ -39,6 +39,7 @@ FROM_ZERO = tuple(f"arm_{j}" for j in range(4))
         ("effort2_A", "tau_current", PANDA, 1),
         ("pos_3", "q", PLAIN, 2),
         ("elbow_angle_deg", "q", UR, 2),
+        ("elbow_deg", "q", UR, 2),  # its unit says what it is
     ],
 )
 def test_a_column_is_taken_for_its_joint(column: str, quantity: str, names: tuple[str, ...], joint: int) -> None:
@@ -60,6 +61,8 @@ def test_a_column_is_taken_for_its_joint(column: str, quantity: str, names: tupl
         ("gripper_torque", "tau_joint"),
         ("current_3", "tau_motor"),
         ("statement_3", "tau_joint"),
+        ("elbow", "q"),
+        ("elbow_Nm", "q"),
     ],
 )
 def test_what_does_not_look_like_it_is_left_alone(column: str, quantity: str) -> None:

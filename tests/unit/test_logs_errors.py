@@ -187,6 +187,16 @@ def test_old_matlab_only(tmp_path: Path) -> None:
         read_logs(tmp_path / "a.mat")
 
 
+def test_a_table_in_utf_16_is_told_as_such(tmp_path):
+    path = tmp_path / "wide.csv"
+    path.write_text("t,q1,tau1\n0,0.1,1.5\n", encoding="utf-16")
+    with pytest.raises(DataError, match=r"is not a text table .* It begins as UTF-16 does: save it as UTF-8\."):
+        read_logs([path])
+    path.write_bytes(b"t,q1,tau1\n0,0.1,\x80\n")
+    with pytest.raises(DataError, match=r"is not a text table .*\)\.$"):
+        read_logs([path])
+
+
 def test_dates_with_times_are_told_as_such(tmp_path):
     path = tmp_path / "dates.csv"
     path.write_text("t,q1,tau1\n2026-03-01T08:00:00.000,0.1,1.5\n2026-03-01T08:00:00.010,0.2,1.6\n")
