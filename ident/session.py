@@ -139,4 +139,7 @@ def like(report: Mapping[str, Any]) -> Preparation:
     """The preparation that a report (`PreparationReport.to_dict`) tells of, with the cut-offs that it chose."""
     from .signals import make_preparation
 
-    return make_preparation(**{**report["config"], "cutoff_hz": report["cutoff_hz"], "row_cutoff_hz": report["row_cutoff_hz"]})
+    chosen = {"cutoff_hz": report["cutoff_hz"]}
+    if report["cutoff_hz"] is None:  # nothing that the row filter's would follow from
+        chosen["row_cutoff_hz"] = report["row_cutoff_hz"]
+    return make_preparation(**{**report["config"], **chosen})

@@ -51,11 +51,15 @@ def motion_for(effect: Effect, joint: str) -> str:
 
 def advice_to_confirm(finding: Finding, where: str) -> str:
     """What to do before a finding is relied on that the data `where` ("fitted" or "held out") do not show beyond chance."""
-    motion = motion_for(finding.effect, finding.joints[0] if finding.joints else "every joint")
-    return f"{finding.effect.title}: the data {where} do not show it beyond chance; {motion}, and validate on that."
+    return _first(finding, f"the data {where} do not show it beyond chance")
 
 
 def advice_unconfirmed(finding: Finding) -> str:
     """What to do before a finding is relied on to which no data are left that had no part in it."""
+    return _first(finding, "no data are left that could confirm it")
+
+
+def _first(finding: Finding, why: str) -> str:
+    """The motion that is to be logged before a finding is relied on."""
     motion = motion_for(finding.effect, finding.joints[0] if finding.joints else "every joint")
-    return f"{finding.effect.title}: no data are left that could confirm it; {motion}, and validate on that."
+    return f"{finding.effect.title}: {why}; {motion}, and validate on that."

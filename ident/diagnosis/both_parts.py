@@ -21,10 +21,14 @@ SAID = (
     " rows, and no data are left that could confirm them. Log more of the motion of the part held out."
 )
 
+#: Relative difference of sampling rates, each the median of a part's own steps, that is one of rounding.
+_AS_FAST = 1e-6
+
 
 def together(fit: Signals, held: Signals) -> Signals | None:
     """Runs of both parts as one; None where they were not prepared alike, or do not lie in memory."""
-    if type(fit) is not Signals or type(held) is not Signals or fit.rate != held.rate or not _same_rows(fit, held):
+    alike = type(fit) is Signals and type(held) is Signals and np.isclose(fit.rate, held.rate, rtol=_AS_FAST) and _same_rows(fit, held)
+    if not alike:
         return None
     after = len(fit.t)
     samples: dict[str, Any] = {
@@ -37,6 +41,7 @@ def together(fit: Signals, held: Signals) -> Signals | None:
         runs=(*fit.runs, *(slice(r.start + after, r.stop + after) for r in held.runs)),
         run_names=(*fit.run_names, *held.run_names),
         origins=(*fit.origins, *held.origins),
+        inputs=(*fit.inputs, *(x for x in held.inputs if x not in fit.inputs)),
         report=replace(
             fit.report,
             samples_read=fit.report.samples_read + held.report.samples_read,
@@ -54,7 +59,11 @@ def _same_rows(fit: Signals, held: Signals) -> bool:
     one, other = fit.row_filter, held.row_filter
     if one is None or other is None:
         return one is other
-    return one.factor == other.factor and np.array_equal(one.taps, other.taps)
+    return (
+        one.factor == other.factor
+        and len(one.taps) == len(other.taps)
+        and np.allclose(one.taps, other.taps, rtol=0.0, atol=_AS_FAST * np.abs(one.taps).max())
+    )
 
 
 def _of_both(one: JointReport, other: JointReport) -> JointReport:

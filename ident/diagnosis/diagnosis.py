@@ -47,7 +47,7 @@ class Diagnosis:
 
     `before`: the declared model fitted to the analysis signals; `after`: the same with the findings; `signals`, `held`: those
     signals. `trail`: the steps of the selection; `selection`: everything that was looked at.
-    `held` is None too where something sat in the data held out alone, and both parts were searched together; `apart`: where nothing was
+    `held` is None too where something sat in the data held out alone, and both parts were searched together; `beyond`: where nothing was
     found in the data fitted, what those held out hold beyond them."""
 
     verdict: str
@@ -59,7 +59,7 @@ class Diagnosis:
     held: Signals | None
     selection: Selection = field(repr=False)
     warnings: tuple[str, ...] = ()
-    apart: tuple[Unexplained, ...] = ()
+    beyond: tuple[Unexplained, ...] = ()
 
     @property
     def model(self) -> Model:
@@ -159,7 +159,7 @@ def diagnose(
     tell(0.0)
     wide, held = analysis_signals(signals, held)
     found = _diagnosed(before, wide, held, estimator, tell, note)
-    both = together(wide, held) if held is not None and found.apart else None
+    both = together(wide, held) if held is not None and found.beyond else None
     if both is None or held is None:
         return found
     if note is not None:
@@ -192,7 +192,7 @@ def _diagnosed(
     selection = without_carried(with_low_speed(looked, stretches(thinned(wide)), bank, note), bank, note)
 
     estimates = estimates.without_stuck(selection.final)
-    declared = estimates.declared if estimates.stuck else declared
+    declared = estimates.declared
     last = last_word(selection, bank, declared, held, estimates.of)
     selection, after = last.selection, last.after
     if held is not None:
@@ -225,7 +225,7 @@ def _diagnosed(
     if seen is not every:
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
-    warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said, *estimates.said)))
+    warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said, *estimates.said(after))))
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, () if looked.found else elsewhere)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..problem import Problem
 from .analysis import without_turning
-from .turning import agreeing, left_out, sticking
+from .turning import agreeing, left_out, left_out_with_findings, sticking
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimates:
     """Fits of the declared model of `before`, and of others that hold it, to `signals` by an `estimator`. `stuck`: joints whose rows near
     reversals no fit has: two estimates of different rows differ by more than their models."""
@@ -35,7 +35,8 @@ class Estimates:
 
     def without_stuck(self, final: Stage) -> Estimates:
         """The same without rows near reversals that hold much more than noise beside the model of a selection's `final` stage."""
-        return replace(self, stuck=sticking(final, self.signals, self._of(final)))
+        stuck = sticking(final, self.signals, self._of(final))
+        return replace(self, stuck=stuck) if stuck else self
 
     @cached_property
     def declared(self) -> Estimate:
@@ -47,10 +48,11 @@ class Estimates:
         effects = stage.problem.model.effects[len(self.before.model.effects) :]
         return agreeing(stage, effects, self.signals, tuple(dict.fromkeys((*turning, *self.stuck))), self._of(stage))
 
-    @property
-    def said(self) -> tuple[str, ...]:
-        """What is to be said of rows that are left out."""
-        return (left_out(self.stuck, self.signals),) if self.stuck else ()
+    def said(self, after: Estimate) -> tuple[str, ...]:
+        """What is to be said of rows that no fit has, or only the fit with the findings has not (`after`)."""
+        of_all = tuple(dict.fromkeys((*self.stuck, *self.declared.sticking)))
+        more = tuple(name for name in after.sticking if name not in of_all)
+        return (*([left_out(of_all, self.signals)] if of_all else []), *([left_out_with_findings(more, self.signals)] if more else []))
 
     def _of(self, stage: Stage) -> Callable[[tuple[str, ...]], Estimate]:
         return lambda joints: self._fitted(stage.problem.model, stage.problem.reference, joints)

@@ -22,6 +22,7 @@ from .bank import Bank
 from .change import Change
 from .evidence import FALSE_ALARM, WEAK, occam, surplus
 from .foretelling import Foretelling
+from .in_plain_sight import apart
 from .selection import Selection, relabelled
 from .stage import Stage, with_effects
 from .weights import weights
@@ -61,6 +62,9 @@ def nominated(
         grown, error = Change.of(declared, estimate, rows).on(np.ones(rows.robot.n, bool))
         told = without - Foretelling(estimate, rows).surprise(white)
         # What shows in one stretch alone has as large a standard error as it is itself: there, the evidence must not be weak.
+        # Where held-out data hold what neither model knows of, the noise is not what the evidence is counted in.
+        if apart(estimate, selection.final.problem.signals, rows):
+            continue
         lasting = -grown > _SURELY * error or told > WEAK
         if lasting and -grown > lacking and told > max(lacking, best[0] if best else _CLEARLY):
             said = (

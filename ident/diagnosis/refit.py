@@ -20,8 +20,8 @@ _NOTHING = 1e-250
 class Refit:
     """`values` (k,) of a candidate's parameters with `std` (k,), for white noise of unit variance: inf for one that the model's own
     can take up (the ideal part of a counterbalance, which looks like the link's gravity). `model` (b,): coefficients of the frame's
-    columns beside them. `covariance` (b+k, b+k) of both. `rank`: directions
-    of the candidate's parameters that are known beside the model's."""
+    columns beside them. `covariance` (b+k, b+k) of both. `rank`: directions of the candidate's parameters that are known beside the
+    model's."""
 
     values: Array
     std: Array

@@ -51,14 +51,27 @@ def sticking(stage: Stage, rows: Signals, fitted: Callable[[tuple[str, ...]], Es
     return tuple(names[there > _STICKS * elsewhere].tolist())
 
 
-def left_out(joints: tuple[str, ...], rows: Signals) -> str:
+def left_out(joints: Sequence[str], rows: Signals) -> str:
     """What is to be said of joints whose rows near reversals are left out of the fits of `rows`."""
-    before, after = (x.valid.sum(axis=0) for x in (rows, without_turning(rows, joints)))
-    shares = [f"{name} ({100.0 * (1.0 - after[j] / before[j]):.2g} %)" for name, j in ((n, rows.robot.joint_index(n)) for n in joints)]
     return (
-        f"rows near reversals of {', '.join(shares)} have no part in the fits and the errors, before and after: they scatter at least twice"
-        " as much as the others, as of a joint that sticks."
+        f"rows near reversals of {_with_shares(joints, rows)} have no part in the fits and the errors, before and after: they scatter at"
+        " least twice as much as the others, as of a joint that sticks."
     )
+
+
+def left_out_with_findings(joints: Sequence[str], rows: Signals) -> str:
+    """What is to be said of joints whose rows near reversals only the fit with the findings leaves out."""
+    return (
+        f"rows near reversals of {_with_shares(joints, rows)} have no part in the fit with the findings, nor in the errors: they tell"
+        " something else of these than all other rows do, as where a contact decides what happens."
+    )
+
+
+def _with_shares(joints: Sequence[str], rows: Signals) -> str:
+    """Joints with the shares of their rows that are near reversals."""
+    before, after = (x.valid.sum(axis=0) for x in (rows, without_turning(rows, joints)))
+    at = [rows.robot.joint_index(name) for name in joints]
+    return ", ".join(f"{name} ({100.0 * (1.0 - after[j] / before[j]):.2g} %)" for name, j in zip(joints, at, strict=True))
 
 
 def agreeing(

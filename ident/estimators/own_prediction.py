@@ -118,7 +118,7 @@ def _by_newton(problem: Problem, estimate: Estimate, solve: Solve) -> Estimate |
             bending, looked, before = _bending(problem, values, _differences(problem, estimate, values)), looked + 1, np.inf
         estimate = solve(Linearised.of(problem, values, bending))
         reference = estimate.all_values
-        off = float(np.max(np.abs(estimate.values - estimate.base.base_values(base.expand(values))) / np.maximum(estimate.std, 1e-300)))
+        off = float(np.max(_off(_at(problem, values), estimate)))
         if off <= _SETTLED:
             error = problem.with_reference(reference).torque_error(base.base_values(reference))
             return replace(estimate, reference=reference, fit_error=error)

@@ -32,11 +32,17 @@ def test_rows_of_both_parts_are_those_of_either() -> None:
     np.testing.assert_array_equal(estimate.residual(both), apart)
     assert both.run_names == (*fit.run_names, *held.run_names)
     assert both.origins == (*fit.origins, *held.origins)
+    named = {"path": "a.csv", "sha256": "0"}
+    again = together(replace(fit, inputs=(named,)), replace(held, inputs=(named, {**named, "path": "b.csv"})))
+    assert again is not None
+    assert [x["path"] for x in again.inputs] == ["a.csv", "b.csv"]
     assert [j.rows for j in both.report.joints] == [a.rows + b.rows for a, b in zip(fit.report.joints, held.report.joints, strict=True)]
 
 
 def test_parts_that_were_not_prepared_alike_are_not_joined() -> None:
     fit, held = parts(41, 33.0)
+    # The same rate, but for rounding: each part's is the median of its own steps.
+    assert together(fit, replace(held, rate=held.rate * (1.0 - 1e-15))) is not None
     assert together(fit, replace(held, rate=0.5 * held.rate)) is None
     assert fit.row_filter is not None
     taps = fit.row_filter.taps
@@ -71,6 +77,6 @@ def test_what_nothing_accounts_for_stays_unexplained() -> None:
     bad = replace(held, tau=held.tau + noise[:, None] * (np.arange(held.robot.n) == 0))
     found = diagnose(WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit)), bad)
     assert found.verdict == "unexplained"
-    assert "j1" in {u.joint for u in found.apart}
+    assert "j1" in {u.joint for u in found.beyond}
     assert found.findings == ()
     assert found.held is not None

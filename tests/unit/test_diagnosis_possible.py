@@ -304,6 +304,25 @@ def test_rows_near_reversals_that_scatter_are_seen_by_a_fit_without_them() -> No
     assert stuck(replace(disturbed, turning=np.ones_like(turning))) == ()
 
 
+def test_rows_that_bend_a_fit_of_all_hide_in_it_and_not_in_one_without_them() -> None:
+    """A third of the rows, off along the model's own columns: a fit of all of them is as far off elsewhere as there."""
+    stage, _ = stage_of(8, [], [], [])
+    signals, n = stage.problem.signals, stage.problem.model.robot.n
+    estimate = WeightedLeastSquares().solve(stage.problem)
+    predicted = signals.tau - np.nan_to_num(estimate.residual(signals))
+    near = np.zeros_like(signals.valid)
+    near[:, 1] = np.abs(predicted[:, 1]) > np.quantile(np.abs(predicted[:, 1]), 0.65)
+    off = np.where(near, 0.5 * predicted, 0.0)
+    disturbed = replace(signals, tau=signals.tau + off, turning=near)
+
+    def fitted(joints: tuple[str, ...]) -> Estimate:
+        return WeightedLeastSquares().solve(replace(stage.problem, signals=without_turning(disturbed, joints)))
+
+    whole = np.nan_to_num(fitted(()).residual(disturbed))[:, 1] ** 2
+    assert whole[near[:, 1]].mean() < 4.0 * whole[~near[:, 1] & signals.valid[:, 1]].mean()
+    assert sticking(stage, disturbed, fitted) == ("j2",)
+
+
 def test_what_held_out_data_say_is_told_of_the_winner() -> None:
     """The finding, a rival that is far better, one a little better, one that did not enter: each against the best."""
     one = found(
