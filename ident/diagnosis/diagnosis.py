@@ -26,7 +26,7 @@ from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
 from .stage import start
-from .withdrawn import withdrawn
+from .withdrawn import told, withdrawn, without_guesses
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
@@ -195,15 +195,17 @@ def _diagnosed(
     declared = estimates.declared
     last = last_word(selection, bank, declared, held, estimates.of)
     selection, after = last.selection, last.after
-    if held is not None:
-        declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     verdict, findings, unexplained = assess(selection, leftovers(away_from_reversals(selection, looked, bank), selection.found))
     if last.unexplained:
         verdict, unexplained = "unexplained", (*unexplained, *last.unexplained)
-    if (nothing := withdrawn(verdict, findings, last.shown)) is not None:
-        selection, after = replace(selection, final=selection.declared, found=()), declared
-        _, findings, unexplained = assess(selection, leftovers(looked.declared, ()))
+    if withdrawn(verdict, findings, last.shown):
+        selection, after = without_guesses(selection, bank, declared, held, lambda final: estimates.of(final, ()))
+        nothing = told(findings, selection)
+        stage = away_from_reversals(selection, looked, bank) if selection.found else looked.declared
+        _, findings, unexplained = assess(selection, leftovers(stage, selection.found))
         unexplained = (*unexplained, *last.unexplained, nothing)
+    if held is not None:
+        declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     elsewhere = apart(after, wide, held) if held is not None else ()
     if plain := (*jumps(wide), *elsewhere):
         verdict, unexplained = "unexplained", (*unexplained, *plain)

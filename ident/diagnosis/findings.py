@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..effect import Axis, Effect
+from ..effect import Axis, Effect, Need
 from ..places import motors_of, place_of, place_of_joints
 from ..transmission import Side
 from .acceptance import Found
+from .cross_terms import cross_terms
 from .evidence import WEAK, acts_on
 from .leftover import Leftover
 from .precision import FoundParameter, found_parameters, support
@@ -199,13 +200,21 @@ def _many(here: Sequence[Found]) -> bool:
 def _inexact(one: Found, here: Sequence[Found], robot: Robot) -> bool:
     """Whether something much smaller that follows the position, too, stands at the same place: it makes up for a law that is not the right
     one. Or something of any size, if both have shapes that were sought: two such curves draw any other (a bumper at the end of the range).
-    Friction is different: what grows with speed and what does not are two things."""
+    Or a second law of how the torque is read: a share of it and a power draw others (a dead zone). Friction is different: what grows with
+    speed and what does not are two things."""
+    others = [other for other in here if other is not one]
+    if _of_reading(one.effect) and any(_of_reading(other.effect) for other in others):
+        return True
     return _of_position(one.effect, robot) and any(
         _of_position(other.effect, robot)
         and (other.judged.evidence < _SMALL * one.judged.evidence or bool(one.effect.shape() and other.effect.shape()))
-        for other in here
-        if other is not one
+        for other in others
     )
+
+
+def _of_reading(effect: Effect) -> bool:
+    """Whether an effect is a law of how the torque is read; a limit that cuts it off is another thing."""
+    return effect.axis == Axis.TORQUE and Need.TORQUE not in effect.needs
 
 
 def _of_position(effect: Effect, robot: Robot) -> bool:
@@ -227,7 +236,7 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
     if any(_overshadows(heap, found) for heap in _heaps(selection.found, selection.final.problem.model.robot)):
         trust *= _OVERSHADOWED
 
-    own = found.judged.hit.place
+    own, robot = found.judged.hit.place, selection.final.problem.model.robot
     # What is there as well, in each other's company, is no rival.
     beside = {f.judged.hit.place for f in selection.found if f is not found}
     total = {own: found.weight}
@@ -236,7 +245,10 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
             total[rival.hit.place] = total.get(rival.hit.place, 0.0) + float(probability)
     every = max(sum(total.values()), 1e-300)
     total = {key: probability / every for key, probability in total.items()}
-    imitators = _imitators(found, {key: p for key, p in total.items() if key != own}, trust, selection.final.problem.model.robot)
+    beyond = cross_terms(found, selection)
+    trust_in_catalogue = 1.0 / (1.0 + sum(beyond.values()))
+    imitators = _imitators(found, {key: p for key, p in total.items() if key != own}, trust * trust_in_catalogue, robot)
+    imitators = (*_beyond(beyond, trust * trust_in_catalogue), *imitators)
     loss = float(selection.declared.frame.heldout_loss.sum())
     return Finding(
         found.effect,
@@ -244,9 +256,15 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
         parameters,
         float(np.clip(found.judged.score.heldout / max(loss, 1e-300), 0.0, 1.0)),
         found.judged.evidence,
-        trust * total[own],
+        trust * trust_in_catalogue * total[own],
         imitators,
     )
+
+
+def _beyond(odds: Mapping[tuple[str, str, str], float], trust: float) -> tuple[Imitator, ...]:
+    """Rivals of a coupling that are not of the catalogue, from the odds of each; `trust`: probability of the catalogue's own."""
+    told = sorted(((odd * trust, *key) for key, odd in odds.items() if odd * trust >= _NAMED), reverse=True)
+    return tuple(Imitator(f"a share of {other}'s {what}", (joint,), probability) for probability, what, joint, other in told)
 
 
 def _imitators(found: Found, rivals: Mapping[Place, float], trust: float, robot: Robot) -> tuple[Imitator, ...]:

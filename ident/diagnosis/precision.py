@@ -41,6 +41,8 @@ _NOTHING = 1e-250
 #: Least share of what is known of any direction that the blocks other than one are taken to hold.
 _OTHERS = 0.2
 _SHOWN = 1e-9
+#: Part (squared) that a parameter may have in a direction of which nothing is known.
+_TOUCHED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -129,12 +131,16 @@ def kept(stage: Stage, effect: Effect, effects: Sequence[Effect]) -> float:
 
 
 def unbound(stage: Stage, effects: Sequence[Effect]) -> list[tuple[Array, Array]]:
-    """Of each effect of a stage the values (k,) of its parameters, and their standard deviations, if its shapes bind none of them."""
+    """Of each effect of a stage the values (k,) of its parameters, and their standard deviations, if its shapes bind none of them: inf for
+    those that the data tell nothing of, or only together with others."""
     robot, names = stage.problem.model.robot, list(stage.problem.model.names)
-    values = stage.problem.base.expand(stage.frame.base_values)
+    base = stage.problem.base
+    values = base.expand(stage.frame.base_values)
     std, _ = _deviations(stage, (), _slopes(stage, effects))
+    alone = dict(zip(base.names, np.count_nonzero(base.regroup, axis=1) == 1, strict=True))
     own = [[p.name for p in effect.parameters(robot)] for effect in effects]
-    return [(values[[names.index(name) for name in every]], np.array([std.get(name, np.nan) for name in every])) for every in own]
+    known = [np.array([std[name] if alone.get(name, False) else np.inf for name in every]) for every in own]
+    return [(values[[names.index(name) for name in every]], s) for every, s in zip(own, known, strict=True)]
 
 
 def _anywhere_within(stage: Stage, effect: Effect, values: Array, name: str) -> float:
@@ -248,12 +254,23 @@ def _deviations(stage: Stage, effects: Sequence[Effect], slopes: Slopes) -> tupl
         scatter += (outputs @ (root @ pulled)) ** 2
     variance = np.maximum(plain, scatter)
     std = np.sqrt(np.maximum(variance, 0.0))
+    std[:base][~_shown(frame.transform)] = np.inf
     # A shape that makes no difference, or none that linear parameters do not make as well, is not known at all.
     size = np.sqrt(np.maximum(np.diag(normal.matrix)[width:], 1e-300))
     known = np.diag(whole)[width:]
     shown = (known > 0.0) & (1.0 > _SHOWN * size**2 * known)
     std[base:][~shown | (size < _FELT)] = np.inf
     return dict(zip(stage.problem.base.names, std[:base].tolist(), strict=True)), dict(zip(slopes.place, std[base:].tolist(), strict=True))
+
+
+def _shown(transform: Array) -> Array:
+    """Which base parameters (k,) the columns of a frame tell of, each by itself: one that has a part in no direction that they lack."""
+    size = np.linalg.norm(transform, axis=1)
+    there = size > 0.0
+    axes = np.linalg.qr(transform[there] / size[there, None])[0]
+    out = np.zeros(len(size), bool)
+    out[there] = np.sum(axes**2, axis=1) > 1.0 - _TOUCHED
+    return out
 
 
 def _at_what_is_left(columns: Array, residual: Array, rows: Array, covariance: Array) -> Array:

@@ -254,11 +254,11 @@ def settled_together(first: Stage, stage: Stage, found: list[Found], bank: Bank,
         best, effects = settled(stage, [f.effect for f in found], rebuilt)
         worst: tuple[float, int, str] | None = None
         for i, (f, (values, std)) in enumerate(zip(found, unbound(best, effects), strict=True)):
-            why = implausible(effects[i], values, np.nan_to_num(std), robot, kept(best, effects[i], effects))
+            why = implausible(effects[i], values, std, robot, kept(best, effects[i], effects))
             why = why or driven_out_on(first.frame, best.frame, effects[i].joints or ())
             if not why and support(best, effects[i]) < threshold(f.judged.hit, best.number):
                 why = "in this company nothing is gained by it"
-            if not why and not effects[i].shape() and len(values) == 1 and abs(values[0]) < _TOLD * std[0]:
+            if not why and not effects[i].shape() and len(values) == 1 and abs(values[0]) < _TOLD * std[0] < np.inf:
                 why = f"{values[0]:.3g} ± {std[0]:.2g} is not told from nothing"
             if why and (worst is None or f.judged.evidence < worst[0]):
                 worst = (f.judged.evidence, i, why)

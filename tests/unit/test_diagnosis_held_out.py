@@ -13,9 +13,10 @@ from effect_robots import ROBOTS, declared
 from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
-from ident.diagnosis import Finding, Unexplained, diagnose
+from ident.diagnosis import Finding, diagnose
 from ident.diagnosis import confirmed as confirmed_module
 from ident.diagnosis import diagnosis as diagnosis_module
+from ident.diagnosis import withdrawn as withdrawn_module
 from ident.diagnosis.acceptance import Found
 from ident.diagnosis.analysis import without_reversals
 from ident.diagnosis.bank import Bank
@@ -28,12 +29,14 @@ from ident.diagnosis.motions import Motions
 from ident.diagnosis.nominated import _found
 from ident.diagnosis.precision import found_parameters
 from ident.diagnosis.search import Search
+from ident.diagnosis.selection import Selection
 from ident.diagnosis.stage import Stage, with_effects
 from ident.diagnosis.stand_in import stand_in
 from ident.diagnosis.whitening import plain_whitener, whitener
-from ident.diagnosis.withdrawn import withdrawn
+from ident.diagnosis.withdrawn import told, withdrawn, without_guesses
 from ident.effect import Effect, make_effect
 from ident.effects.springs import Counterbalance
+from ident.estimate import Estimate
 from ident.estimators import WeightedLeastSquares
 from ident.logs import Log, LogSet
 from ident.motion import Motion
@@ -216,40 +219,63 @@ def a_guess(confidence: float) -> Finding:
 def test_guesses_that_held_out_data_do_not_bear_out_are_withdrawn() -> None:
     """Only where something else is there that nothing explains, and none of them is likely."""
     guesses = [a_guess(0.2), a_guess(0.05)]
-    nothing = withdrawn("unexplained", guesses, shown=False)
-    assert nothing is not None
-    assert nothing.joint == "j2"
-    assert nothing.gain == 600.0
+    assert withdrawn("unexplained", guesses, shown=False)
+    assert not withdrawn("unexplained", guesses, shown=True)
+    assert not withdrawn("unexplained", [*guesses, a_guess(0.9)], shown=False)
+    assert not withdrawn("ambiguous", guesses, shown=False)
+    assert not withdrawn("unexplained", guesses[:1], shown=False), "what stands alone is no drawing"
+    assert not withdrawn("unexplained", [], shown=False)
+    nothing = told(guesses, cast(Selection, SimpleNamespace(found=())))
+    assert (nothing.joint, nothing.gain) == ("j2", 600.0)
     assert "torque_ripple on j2" in nothing.evidence
-    assert withdrawn("unexplained", guesses, shown=True) is None
-    assert withdrawn("unexplained", [*guesses, a_guess(0.9)], shown=False) is None
-    assert withdrawn("ambiguous", guesses, shown=False) is None
-    assert withdrawn("unexplained", guesses[:1], shown=False) is None, "what stands alone is no drawing"
-    assert withdrawn("unexplained", [], shown=False) is None
+    assert "so none is taken" in nothing.evidence
 
 
-def test_what_is_withdrawn_leaves_the_declared_model(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("almost_all", [0.8, 1.0])
+def test_what_is_withdrawn_leaves_nearly_all_of_it_or_nothing(monkeypatch: pytest.MonkeyPatch, almost_all: float) -> None:
     late = make_effect("asymmetric_viscous", joints="j1")
     fit, held = prepared(31, [late], [3.0]), prepared(32, [late], [3.0])
     before = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit))
-    words = Unexplained("j1", "held-out data", "nothing is taken", 10.0)
     shown = list[bool]()
 
-    def withdraw(verdict: str, findings: Sequence[Finding], is_shown: bool) -> Unexplained:
-        assert findings
+    def withdraw(verdict: str, findings: Sequence[Finding], is_shown: bool) -> bool:
+        assert len(findings) == 1
         shown.append(is_shown)
-        return words
+        return True
 
     monkeypatch.setattr(diagnosis_module, "withdrawn", withdraw)
+    monkeypatch.setattr(withdrawn_module, "_ALMOST_ALL", almost_all)
     found = diagnose(before, held)
     assert shown == [True]
-    assert found.findings == ()
     assert found.verdict == "unexplained"
-    assert words in found.unexplained
+    (nothing,) = (u for u in found.unexplained if u.signature == "held-out data")
+    if almost_all < 1.0:
+        assert [f.name for f in found.findings] == ["asymmetric_viscous"]
+        assert found.comparison.gain > 0.5
+        assert "so only asymmetric_viscous, which is nearly all of it, is taken" in nothing.evidence
+        return
+    assert found.findings == ()
     assert any(u.signature != "held-out data" and u.joint == "j1" for u in found.unexplained)
     assert found.model.names == before.model.names
     assert found.comparison.gain == 0.0
     assert found.to_dict()["findings"] == []
+
+
+def test_one_that_is_nearly_all_of_it_goes_as_well_where_the_error_held_out_grows() -> None:
+    late = make_effect("asymmetric_viscous", joints="j1")
+    fit, held = prepared(31, [late], [3.0]), prepared(32, [late], [-3.0])
+    declared_fit = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit))
+    selection = diagnose(declared_fit).selection
+    assert len(selection.found) == 1
+
+    def refit(stage: Stage) -> Estimate:
+        return WeightedLeastSquares().solve(Problem(stage.problem.model, fit))
+
+    bank = selection.final.search.bank
+    assert without_guesses(selection, bank, declared_fit, None, refit)[0].found == selection.found
+    left, after = without_guesses(selection, bank, declared_fit, held, refit)
+    assert left.found == ()
+    assert after is declared_fit
 
 
 @pytest.mark.parametrize("name", ["linear_spring", "nonlinear_spring"])

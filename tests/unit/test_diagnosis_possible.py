@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from effect_robots import ROBOTS, declared
 from test_diagnosis_parts import NOISE, rebuilt, recorded, stage_of
@@ -21,6 +22,7 @@ from ident.diagnosis.foretelling import Foretelling
 from ident.diagnosis.irregular import _bursts
 from ident.diagnosis.light import too_light
 from ident.diagnosis.plausible import driven_out, driven_out_on, implausible
+from ident.diagnosis.precision import unbound
 from ident.diagnosis.refit import Refit
 from ident.diagnosis.search import Hit, Search
 from ident.diagnosis.selection import Selection
@@ -108,6 +110,43 @@ def test_a_gear_does_not_lose_most_of_its_load() -> None:
     assert "next to locks" in implausible(gear, np.array([0.98]), np.array([0.03]), robot)
     assert implausible(gear, np.array([0.98]), np.array([0.2]), robot) == ""
     assert implausible(gear, np.array([0.3]), np.array([0.01]), robot) == ""
+
+
+def test_a_payload_is_one_that_a_body_can_be() -> None:
+    robot, step, rng = ROBOTS["seven"](), make_effect("payload_step"), np.random.default_rng(61)
+    exact, refused, impossible = np.zeros(10), 0, 0
+    for _ in range(200):
+        # Masses at points: as far from a sphere as a body can be.
+        masses, points = rng.uniform(0.01, 2.0, 3), rng.normal(size=(3, 3))
+        body = sum((pin.Inertia(m, p, np.zeros((3, 3))).toDynamicParameters() for m, p in zip(masses, points, strict=True)), exact)
+        assert implausible(step, body, exact + 1e-12, robot) == ""
+        assert implausible(step, -body, exact + 1e-12, robot) == "", "put down"
+        lever = body * np.where((np.arange(10) > 0) & (np.arange(10) < 4), 3.0, 1.0)
+        beyond = sum(lever[1:4] ** 2) > body[0] * 0.5 * (body[4] + body[6] + body[9])
+        refused += bool(implausible(step, lever, exact + 1e-12, robot))
+        impossible += bool(beyond)
+        assert not beyond or implausible(step, lever, exact + 1e-12, robot)
+    assert refused >= impossible > 50
+    # What a dead zone of a SCARA's last drive was taken for: next to no mass, and a long lever.
+    values = np.array([-0.013, -0.0647, -0.0219, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.0071])
+    std = np.array([0.038, 0.0012, 0.0025, *np.full(6, np.inf), 0.0007])
+    assert "mx and my are beyond" in implausible(step, values, std, robot)
+    assert implausible(step, values, np.where(np.arange(10) == 0, np.inf, std), robot) == ""
+    assert implausible(step, values, 100.0 * std, robot) == ""
+    opposite = np.array([1.0, *np.zeros(8), -0.2])
+    assert "is that of no body" in implausible(step, opposite, np.full(10, 0.01), robot)
+
+
+def test_parameters_that_the_motion_tells_nothing_of_are_not_known_at_all() -> None:
+    """A SCARA turns about vertical axes alone."""
+    step = make_effect("payload_step", t_0=19.0)
+    body = pin.Inertia(1.0, np.array([0.1, 0.05, 0.1]), 0.01 * np.eye(3)).toDynamicParameters()
+    stage, _ = stage_of(9, [step], [step], [*body])
+    ((values, std),) = unbound(stage, [step])
+    known = np.isfinite(std)
+    assert known.tolist() == [True, True, True, *[False] * 6, True]
+    assert np.all(np.abs(values - body)[known] < 5.0 * std[known])
+    assert implausible(step, values, std, stage.search.robot) == ""
 
 
 def test_what_exceeds_a_limit_does_so_one_to_one() -> None:
@@ -217,6 +256,9 @@ def found(effect: Effect, evidence: float, rivals: tuple[Found, ...] = (), weigh
         (make_effect("nonlinear_spring", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 800.0, False),
         (make_effect("coulomb", joints="j1"), make_effect("cogging", joints="j1", order=1.0), 800.0, False),
         (make_effect("coulomb", joints="j1"), make_effect("viscous", joints="j1"), 800.0, False),
+        # A share and a power draw a dead zone; a limit is something else.
+        (make_effect("torque_constant", joints="j1"), make_effect("torque_nonlinearity", joints="j1"), 80_000.0, True),
+        (make_effect("torque_constant", joints="j1"), make_effect("saturation", joints="j1"), 80_000.0, False),
     ],
 )
 def test_something_small_that_follows_the_position_too_is_part_of_the_law(
@@ -307,7 +349,7 @@ def test_rows_near_reversals_that_scatter_are_seen_by_a_fit_without_them() -> No
 def test_rows_that_bend_a_fit_of_all_hide_in_it_and_not_in_one_without_them() -> None:
     """A third of the rows, off along the model's own columns: a fit of all of them is as far off elsewhere as there."""
     stage, _ = stage_of(8, [], [], [])
-    signals, n = stage.problem.signals, stage.problem.model.robot.n
+    signals = stage.problem.signals
     estimate = WeightedLeastSquares().solve(stage.problem)
     predicted = signals.tau - np.nan_to_num(estimate.residual(signals))
     near = np.zeros_like(signals.valid)
