@@ -24,12 +24,13 @@ _BLOCKS = 20
 SURELY = 2.0
 _SHARE = 0.4
 #: What falls beyond chance: by more than this, which chance reaches once in a thousand for one parameter; and so that blocks which fall
-#: or grow alike would reach it with no more than this probability, or by fifteen times as much, which no colour of the noise explains.
-#: Stricter than asking whether a fault could be seen at all: refitted otherwise, what is claimed should still be seen.
+#: or grow alike would reach it with no more than that probability either, or by fifteen times as much, which no colour of the noise
+#: explains. Stricter than asking whether a fault could be seen at all: refitted otherwise, what is claimed should still be seen.
 _CLEAR = 10.8
-_CHANCE = 0.0025
+_CHANCE = 0.001
 _SURE = 15.0 * _CLEAR
-#: What is hinted at: less surely, but by so much that no small inexactness of the model does it alone.
+#: What is hinted at: less surely, or by much less surely still, but so much that no small inexactness of the model does it alone.
+_LIKELY = 0.0025
 _HINT = 5.0 * _CLEAR
 _SOME_CHANCE = 0.02
 #: Signs are tried all, or so many.
@@ -75,7 +76,7 @@ class Change:
     def hinted(self) -> bool:
         """Whether it falls by more than chance mostly gives: enough not to drop what there is some evidence for besides."""
         gain, chance = self._fall
-        return gain > _HINT and chance <= _SOME_CHANCE
+        return (gain > _CLEAR and chance <= _LIKELY) or (gain > _HINT and chance <= _SOME_CHANCE)
 
     @property
     def _fall(self) -> tuple[float, float]:

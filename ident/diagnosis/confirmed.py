@@ -15,7 +15,8 @@ from .bank import Bank
 from .change import SURELY, Change
 from .contest import Arena, contested
 from .evidence import WEAK, acts_on, threshold
-from .findings import Unexplained
+from .findings import HELD_OUT, Unexplained
+from .leftover import Leftover
 from .nominated import nominated
 from .selection import Selection
 from .stage import Stage, with_effects
@@ -30,6 +31,9 @@ Array = np.ndarray
 #: Evidence of less than so many times the threshold is none where held-out data do not show it either: the noise need only be twice as
 #: strong there as it was taken for.
 _BARELY = 2.0
+#: What is left is slight up to so many times the noise (rms), and if what was taken back drew at least this share of it.
+_SLIGHT = 1.5
+_DRAWN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,10 +191,18 @@ def refusals(confirmed: Confirmed) -> tuple[tuple[Unexplained, ...], str]:
     )
 
 
+def undecided(taken_back: Sequence[Unexplained], left: Sequence[Leftover]) -> bool:
+    """Whether nobody can say that what was taken back is not there, where nothing else was found: what is left is slight, and it drew most
+    of that on the data fitted. The data held out may be too few to bear it out."""
+    strong = [x for x in left if x.counts]
+    drawn = sum(u.gain for u in taken_back)
+    return bool(taken_back) and all(x.rms <= _SLIGHT for x in strong) and drawn >= _DRAWN * sum(x.evidence for x in strong)
+
+
 def _not_borne_out(one: Found, names: Sequence[str]) -> Unexplained:
     joints = [names[j] for j in acts_on(one.judged).nonzero()[0].tolist()]
     said = (
         f"{', '.join(joints)}: {one.effect.name} lowers the error on the data fitted (evidence {one.judged.evidence:.0f}), but not on"
         " held-out data, and was taken back: what is there is something else, or does not last; a longer log would tell"
     )
-    return Unexplained(joints[0], "held-out data", said, one.judged.evidence)
+    return Unexplained(joints[0], HELD_OUT, said, one.judged.evidence)

@@ -6,7 +6,7 @@ joint's position, speed, acceleration, sense or torque does by itself."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,28 +37,25 @@ def cross_terms(found: Found, selection: Selection) -> dict[tuple[str, str, str]
     without, own = _beside(found, selection)
     robot = without.problem.model.robot
     at, n = np.flatnonzero(acts_on(own)).tolist(), robot.n
-    pairs = [(j, k) for j in at for k in range(n) if k != j]
     odds = {}
-    for j, k in pairs:
+    for k in range(n):
         raw = _quantities(without, k)
-        for what, x in zip(_QUANTITIES, raw.T, strict=True):
+        for j, (what, x) in itertools.product((j for j in at if j != k), zip(_QUANTITIES, raw.T, strict=True)):
             columns = np.zeros((len(raw), n, 1))
             columns[:, j, 0] = x
             score = without.frame.score(without.frame.whitened(columns))
             better = 0.5 * (min(score.heldout, score.fit_gain) - own.evidence)
-            share = float(np.exp(min(better, _FARTHEST))) / (len(pairs) * len(_QUANTITIES))
-            odds[what, robot.joint_names[j], robot.joint_names[k]] = share
-    return odds
+            odds[what, robot.joint_names[j], robot.joint_names[k]] = float(np.exp(min(better, _FARTHEST)))
+    return {key: odd / len(odds) for key, odd in odds.items()}
 
 
 def _beside(found: Found, selection: Selection) -> tuple[Stage, Judged]:
     """The model of all other findings, and the coupling judged beside it."""
-    final, hit = selection.final, found.judged.hit
+    final = selection.final
     others = [f.effect for f in selection.found if f is not found]
     like = final.search.candidates
     without = with_effects(selection.declared, others, final, final.search.bank, like) if others else selection.declared
-    again = replace(without.search.hit(hit.candidate, hit.effect), evenly=hit.evenly, tried=hit.tried)
-    return without, without.search.judge(again)
+    return without, without.search.judge_again(found.judged.hit)
 
 
 def _quantities(stage: Stage, k: int) -> Array:

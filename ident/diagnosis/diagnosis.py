@@ -17,7 +17,7 @@ from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .bank import Bank
 from .both_parts import SAID, together
 from .carried import without_carried
-from .confirmed import LastWord, last_word
+from .confirmed import LastWord, last_word, undecided
 from .estimates import Estimates
 from .findings import Finding, Unexplained, assess
 from .hidden import Hidden, hidden
@@ -26,7 +26,7 @@ from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
 from .stage import start
-from .withdrawn import told, withdrawn, without_guesses
+from .withdrawn import withdrawal, withdrawn, without_guesses
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
@@ -195,12 +195,14 @@ def _diagnosed(
     declared = estimates.declared
     last = last_word(selection, bank, declared, held, estimates.of)
     selection, after = last.selection, last.after
-    verdict, findings, unexplained = assess(selection, leftovers(away_from_reversals(selection, looked, bank), selection.found))
+    left = leftovers(away_from_reversals(selection, looked, bank), selection.found)
+    verdict, findings, unexplained = assess(selection, left)
     if last.unexplained:
-        verdict, unexplained = "unexplained", (*unexplained, *last.unexplained)
+        verdict = "ambiguous" if not findings and undecided(last.unexplained, left) else "unexplained"
+        unexplained = (*unexplained, *last.unexplained)
     if withdrawn(verdict, findings, last.shown):
         selection, after = without_guesses(selection, bank, declared, held, lambda final: estimates.of(final, ()))
-        nothing = told(findings, selection)
+        nothing = withdrawal(findings, selection)
         stage = away_from_reversals(selection, looked, bank) if selection.found else looked.declared
         _, findings, unexplained = assess(selection, leftovers(stage, selection.found))
         unexplained = (*unexplained, *last.unexplained, nothing)

@@ -14,7 +14,7 @@ from ..places import motors_of, place_of, place_of_joints
 from ..transmission import Side
 from .acceptance import Found
 from .cross_terms import cross_terms
-from .evidence import WEAK, acts_on
+from .evidence import acts_on
 from .leftover import Leftover
 from .precision import FoundParameter, found_parameters, support
 from .search import Judged
@@ -45,6 +45,8 @@ _OVERSHADOWED = 0.3
 _TOGETHER = 2
 _SMALL = 0.05
 _RIPPLE = 20.0
+#: Signature of what was found in the data fitted and is not borne out by those held out.
+HELD_OUT = "held-out data"
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,7 @@ class Unexplained:
 def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[Finding, ...], tuple[Unexplained, ...]]:
     """Verdict, findings (the strongest first) and what stays unexplained."""
     robot = selection.final.problem.model.robot
-    counted = [x for x in left if x.weight >= 1.0 and x.evidence >= WEAK]
+    counted = [x for x in left if x.counts]
     parameters = found_parameters(selection.final, [f.effect for f in selection.found])
     each = [_finding(f, own, selection, left) for f, own in zip(selection.found, parameters, strict=True)]
     findings = sorted(each, key=lambda f: -_strength(selection.final, f))

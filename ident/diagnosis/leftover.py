@@ -40,6 +40,11 @@ class Leftover:
         """From 1 on, something is left that counts."""
         return max(self.share / COMPANION, self.rms / LARGE)
 
+    @property
+    def counts(self) -> bool:
+        """Whether it is too much for the model to be called whole."""
+        return self.weight >= 1.0 and self.evidence >= WEAK
+
     def text(self, joint_name: str) -> str:
         """For people."""
         return (

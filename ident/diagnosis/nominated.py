@@ -62,11 +62,10 @@ def nominated(
         grown, error = Change.of(declared, estimate, rows).on(np.ones(rows.robot.n, bool))
         told = without - Foretelling(estimate, rows).surprise(white)
         # What shows in one stretch alone has as large a standard error as it is itself: there, the evidence must not be weak.
-        # Where held-out data hold what neither model knows of, the noise is not what the evidence is counted in.
-        if apart(estimate, selection.final.problem.signals, rows):
-            continue
         lasting = -grown > _SURELY * error or told > WEAK
-        if lasting and -grown > lacking and told > max(lacking, best[0] if best else _CLEARLY):
+        confirmed = lasting and -grown > lacking and told > max(lacking, best[0] if best else _CLEARLY)
+        # Where held-out data hold what neither model knows of, the noise is not what the evidence is counted in.
+        if confirmed and not apart(estimate, selection.final.problem.signals, rows):
             said = (
                 f"{judged.hit.candidate} is what the data fitted suggest, with too little evidence to name it ({judged.evidence:.0f};"
                 f" {judged.evidence + lacking:.0f} is asked for); the data held out confirm it (the squared error over the noise falls by"

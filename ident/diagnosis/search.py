@@ -295,6 +295,10 @@ class Search:
                 d = a + ratio * (b - a)
         return max(found.values(), key=worth)
 
+    def judge_again(self, hit: Hit) -> Judged:
+        """A hit of another stage, judged in this one."""
+        return self.judge(replace(self.hit(hit.candidate, hit.effect), evenly=hit.evenly, tried=hit.tried))
+
     def judge(self, hit: Hit) -> Judged:
         """Cross-validated score of a hit, and why it is not plausible, if so."""
         score = self.frame.score(hit.columns)

@@ -287,10 +287,8 @@ def _judged_in(stage: Stage, found: Found) -> Found:
     """A finding and its rivals judged once more under the noise of a stage: what others gain there is compared with it."""
 
     def again(judged: Judged) -> Judged:
-        hit = judged.hit
-        if hit.effect.abrupt:
-            return judged  # its columns are not to be had without the search that found them
-        return stage.search.judge(replace(stage.search.hit(hit.candidate, hit.effect), evenly=hit.evenly, tried=hit.tried))
+        # The columns of what is abrupt are not to be had without the search that found them.
+        return judged if judged.hit.effect.abrupt else stage.search.judge_again(judged.hit)
 
     return replace(found, judged=again(found.judged), rivals=tuple(again(r) for r in found.rivals))
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..places import on
 from ..summary import wrapped
+from .findings import HELD_OUT
 from .hidden import by_effect
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ def undecided(d: Diagnosis) -> str:
         return "something is there, and two or more effects account for it equally well"
     if d.findings:
         return "something is there, and only a part of the data bears out the name it has here"
+    if any(u.signature == HELD_OUT for u in d.unexplained):
+        return "something slight is there, and what it looks like on the data fitted is not borne out by those held out"
     return f"nothing can be said about {', '.join(dict.fromkeys(u.joint for u in d.unexplained))}"
 
 

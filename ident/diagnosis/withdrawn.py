@@ -17,7 +17,7 @@ from ..places import on
 from .analysis import without_reversals
 from .bank import Bank
 from .change import Change
-from .findings import LIKELY, Finding, Unexplained
+from .findings import HELD_OUT, LIKELY, Finding, Unexplained
 from .selection import Selection
 from .stage import Stage, with_effects
 
@@ -50,7 +50,7 @@ def without_guesses(
     return replace(selection, final=selection.declared, found=()), declared
 
 
-def told(findings: Sequence[Finding], kept: Selection) -> Unexplained:
+def withdrawal(findings: Sequence[Finding], kept: Selection) -> Unexplained:
     """What is to be said of findings that were withdrawn, but for those `kept`."""
     names = ", ".join(f"{f.name}{on(f.place)}" for f in findings)
     joint = next((j for f in findings for j in f.joints), "")
@@ -60,4 +60,4 @@ def told(findings: Sequence[Finding], kept: Selection) -> Unexplained:
         f" them no more than chance might; so {f'only {taken}, which is nearly all of it,' if taken else 'none'} is taken. Log more of the"
         " same motion, or mend what the log's audit says"
     )
-    return Unexplained(joint, "held-out data", said, float(sum(f.evidence for f in findings)))
+    return Unexplained(joint, HELD_OUT, said, float(sum(f.evidence for f in findings)))

@@ -119,8 +119,7 @@ class PayloadStep(Payload):
     def implausible(self, robot: Robot, values: Array, std: Array) -> str:
         """Why there is no body that added, or taken away, would change the ten parameters by so much; "" if one might."""
         blocks = zip(np.reshape(values, (-1, 10)), np.reshape(std, (-1, 10)), strict=True)
-        reasons = ["" if any(not (why := _no_body(sign * v, s)) for sign in (1.0, -1.0)) else why for v, s in blocks]
-        return next(filter(None, reasons), "")
+        return next(filter(None, (_no_body(v, s) and _no_body(-v, s) and _no_body(v if v[0] >= 0.0 else -v, s) for v, s in blocks)), "")
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         return self.bounded(t_0=inside(motion))
@@ -131,13 +130,13 @@ def _no_body(values: Array, std: Array) -> str:
     every body meets: no mass nor moment of inertia below zero, and no first moment beyond what both allow (Cauchy and Schwarz, of the
     distances of its masses from each axis). A parameter of infinite deviation may be anything."""
     reach = 3.0 * np.asarray(std)
-    most, moment = values + reach, np.maximum(np.abs(values) - reach, 0.0)
+    most, moment = (values + reach).tolist(), np.maximum(np.abs(values) - reach, 0.0).tolist()
     for k in (0, 4, 6, 9):
         if most[k] < 0.0:
             return f"{LINK_SYMBOLS[k]} = {values[k]:.3g} {LINK_UNITS[k]} is that of no body"
     for inertia, across in ((4, (2, 3)), (6, (1, 3)), (9, (1, 2))):
-        first = np.hypot(*(moment[k] for k in across))
-        if np.isfinite(first) and first > 0.0 and first / most[inertia] > most[0] / first:
+        # Nothing times what may be anything is not known, and so not beyond it.
+        if sum(moment[k] ** 2 for k in across) > most[0] * most[inertia]:
             at = " and ".join(LINK_SYMBOLS[k] for k in across)
             return f"{at} are beyond what a body of such mass and such {LINK_SYMBOLS[inertia]} can have"
     return ""
