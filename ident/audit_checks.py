@@ -20,6 +20,8 @@ _DEG = math.pi / 180
 #: A revolute joint seldom turns further than this (rad) from zero, nor does a slide go further (m).
 _FAR_ANGLE, _FAR_LENGTH = 3 * math.pi, 20.0
 _FAST = 60.0
+#: Percentiles of positions between which nearly all of them lie.
+_NEARLY_ALL = (0.5, 99.5)
 
 
 def joint_names(log: Log, robot: Robot | None) -> tuple[str, ...]:
@@ -146,16 +148,18 @@ def position_jumps(t: Array, x: Array) -> Array:
 
 def _unit(add: Add, robot: Robot | None, j: int, name: str, x: Array, prismatic: bool, step: float) -> bool:
     """Degrees for radians, millimetres for metres: by joint limits where there are any, else by what is usual. True if suspected."""
-    reach = float(np.abs(x).max())
+    # A wrong sample here and there says nothing about the unit.
+    low, high = (float(v) for v in np.percentile(x, _NEARLY_ALL))
+    reach = max(-low, high)
     speed = float(np.percentile(np.abs(np.diff(x)), 99)) / step
     factor, wrong, right = (1e-3, "mm", "m") if prismatic else (_DEG, "degrees", "rad")
     why = ""
     if robot is not None and np.isfinite([robot.joints[j].lower, robot.joints[j].upper]).all():
         joint = robot.joints[j]
         room = joint.upper - joint.lower
-        outside = max(joint.lower - float(x.min()), float(x.max()) - joint.upper)
+        outside = max(joint.lower - low, high - joint.upper)
         margin = 0.1 * room
-        fits = joint.lower - margin <= factor * x.min() and factor * x.max() <= joint.upper + margin
+        fits = joint.lower - margin <= factor * low and factor * high <= joint.upper + margin
         if outside > 0.5 * room and fits:
             room_text = f"{joint.lower:.3g} to {joint.upper:.3g} {right}"
             why = f"positions reach {reach:.4g}, far outside the limits of {room_text}, and taken as {wrong} they fit"

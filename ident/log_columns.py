@@ -14,7 +14,7 @@ import numpy as np
 
 from .errors import ConfigurationError, DataError, unknown_name
 from .log_hints import lookalikes, question, torque_question
-from .log_units import Unit, expected_units, is_unit, split_unit, unit_of
+from .log_units import Unit, bracketed, expected_units, is_unit, split_unit, unit_of
 
 Array = np.ndarray
 
@@ -238,7 +238,9 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
     if guessed is not None and unit_of(guessed).dimension in expected_units(target.quantity):
         suffix = guessed
     elif guessed is not None:
-        notes.append(f"{where}: the ending _{guessed} of {source!r} is not a unit of {_TEXT[target.quantity]}; SI is assumed.")
+        notes.append(f"{where}: {guessed}, on which {source!r} ends, is not a unit of {_TEXT[target.quantity]}; SI is assumed.")
+    elif suffix is None and bracketed(source)[1]:
+        notes.append(f"{where}: what stands in the brackets of {source!r} is no unit that is known; SI is assumed.")
     unit = Unit("", "", 1.0)
     if suffix is not None:
         checked = _with_unit(source, target.quantity, target.joint, suffix, where, strict=True)

@@ -1,8 +1,9 @@
-"""Units a log's columns may carry as a suffix, and their conversion to SI."""
+"""Units a log's columns may carry, as a suffix or in brackets, and their conversion to SI."""
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 
@@ -64,8 +65,28 @@ def unit_of(name: str) -> Unit:
     return next(u for u in _TABLE if u.name.lower() == name.lower())
 
 
+_BRACKETED = re.compile(r"(?P<stem>.*\S)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
+#: How units are written in brackets → how they are in a suffix.
+_WRITTEN = (("µ", "u"), ("μ", "u"), ("°", "deg"), ("²", "2"), ("^", ""), ("/", "_"), ("·", ""), ("*", ""), (" ", ""))
+
+
+def bracketed(name: str) -> tuple[str, str]:
+    """A column's name without the brackets that it ends on, and what they hold as a suffix would have it: "speed [deg/s]" → speed, deg_s;
+    (name, "") where it ends on none."""
+    found = _BRACKETED.fullmatch(name.strip())
+    if found is None:
+        return name, ""
+    unit = found["unit"]
+    for written, suffix in _WRITTEN:
+        unit = unit.replace(written, suffix)
+    return found["stem"], unit
+
+
 def split_unit(name: str) -> tuple[str, str | None]:
-    """A column's name without its unit suffix, and the suffix if there is one."""
+    """A column's name without its unit (a suffix, or in brackets at the end), and the unit's suffix if there is one."""
+    stem, unit = bracketed(name)
+    if is_unit(unit):
+        return stem, unit_of(unit).name
     for suffix in _BY_LENGTH:
         if name.endswith("_" + suffix) and len(name) > len(suffix) + 1:
             return name[: -len(suffix) - 1], suffix

@@ -335,6 +335,15 @@ def test_millimetres() -> None:
     assert '_mm = "' in found.text
 
 
+def test_one_wrong_sample_says_nothing_about_the_unit(robot: Robot) -> None:
+    log = good(robot)
+    q = log.q.copy()
+    q[5000, 1] = 400.0
+    audit = look(replace(log, q=q, dq=None), robot)
+    assert audit.of("spike")
+    assert not audit.of("unit")
+
+
 def test_notes_of_reading_are_findings(robot: Robot) -> None:
     log = replace(good(robot), notes=("log x: 3 rows repeat the time stamp.",))
     assert "3 rows repeat" in look(log, robot).of("repaired")[0].text

@@ -23,8 +23,10 @@ from ident.diagnosis.bank import Bank
 from ident.diagnosis.change import Change, by_signs
 from ident.diagnosis.consistent import consistent
 from ident.diagnosis.contest import Arena
+from ident.diagnosis.findings import HELD_OUT, Unexplained
 from ident.diagnosis.foretelling import Foretelling
 from ident.diagnosis.in_plain_sight import apart
+from ident.diagnosis.leftover import Leftover
 from ident.diagnosis.motions import Motions
 from ident.diagnosis.nominated import _found
 from ident.diagnosis.precision import found_parameters
@@ -78,7 +80,7 @@ def test_what_does_harm_on_held_out_data_is_taken_back_and_said() -> None:
     found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
     assert found.verdict == "unexplained"
     assert not [f for f in found.findings if f.name == "offset_step"]
-    (said,) = [u for u in found.unexplained if u.signature == "held-out data"]
+    (said,) = [u for u in found.unexplained if u.signature == HELD_OUT]
     assert said.joint == "j2"
     assert "offset_step" in said.evidence
     assert any("taken back" in w and "offset_step on j2" in w for w in found.warnings)
@@ -87,6 +89,39 @@ def test_what_does_harm_on_held_out_data_is_taken_back_and_said() -> None:
     kept = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), prepared(2, [step], [1.0]))
     assert [(f.name, f.joints) for f in kept.findings] == [("offset_step", ("j2",))]
     assert kept.verdict == "explained"
+
+
+def test_what_is_taken_back_and_leaves_little_is_not_decided() -> None:
+    """The same step, no larger than the noise."""
+    step = make_effect("offset_step", joints="j2", t_0=17.0)
+    fit, held = prepared(1, [step], [0.3]), prepared(2, [], [])
+    found = diagnose(WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit)), held)
+    assert (found.verdict, found.findings) == ("ambiguous", ())
+    assert any(u.signature == HELD_OUT and "offset_step lowers" in u.evidence for u in found.unexplained)
+    assert str(found).startswith("verdict: ambiguous: something slight is there")
+    assert found.comparison.gain == 0.0
+
+
+def left(rms: float, evidence: float) -> Leftover:
+    return Leftover(0, "time", evidence, 1.0, np.inf, rms)
+
+
+@pytest.mark.parametrize(
+    ("taken_back", "leftovers", "is_open"),
+    [
+        ([300.0], [], True),
+        ([300.0], [left(1.2, 500.0)], True),
+        ([300.0], [left(1.2, 350.0), left(1.1, 350.0)], False),  # most of what is left was drawn by nothing
+        ([300.0, 100.0], [left(1.2, 350.0), left(1.1, 350.0)], True),
+        ([3000.0], [left(1.8, 500.0)], False),  # more than slight
+        ([300.0], [left(1.2, 500.0), left(0.3, 90.0)], True),  # the second is too little to count
+        ([], [left(1.2, 500.0)], False),  # nothing was found, and something is there
+        ([], [], False),
+    ],
+)
+def test_what_may_be_there_after_all(taken_back: list[float], leftovers: list[Leftover], is_open: bool) -> None:
+    refused = [Unexplained("j1", HELD_OUT, "a step", gain) for gain in taken_back]
+    assert confirmed_module.undecided(refused, leftovers) is is_open
 
 
 def test_what_an_estimate_foretells_as_far_as_its_parameters_are_known() -> None:
@@ -248,14 +283,14 @@ def test_what_is_withdrawn_leaves_nearly_all_of_it_or_nothing(monkeypatch: pytes
     found = diagnose(before, held)
     assert shown == [True]
     assert found.verdict == "unexplained"
-    (nothing,) = (u for u in found.unexplained if u.signature == "held-out data")
+    (nothing,) = (u for u in found.unexplained if u.signature == HELD_OUT)
     if almost_all < 1.0:
         assert [f.name for f in found.findings] == ["asymmetric_viscous"]
         assert found.comparison.gain > 0.5
         assert "so only asymmetric_viscous, which is nearly all of it, is taken" in nothing.evidence
         return
     assert found.findings == ()
-    assert any(u.signature != "held-out data" and u.joint == "j1" for u in found.unexplained)
+    assert any(u.signature != HELD_OUT and u.joint == "j1" for u in found.unexplained)
     assert found.model.names == before.model.names
     assert found.comparison.gain == 0.0
     assert found.to_dict()["findings"] == []

@@ -40,6 +40,8 @@ FROM_ZERO = tuple(f"arm_{j}" for j in range(4))
         ("pos_3", "q", PLAIN, 2),
         ("elbow_angle_deg", "q", UR, 2),
         ("elbow_deg", "q", UR, 2),  # its unit says what it is
+        ("elbow pos [deg]", "q", UR, 2),
+        ("shoulder torque (N m)", "tau_joint", ARM, 1),
     ],
 )
 def test_a_column_is_taken_for_its_joint(column: str, quantity: str, names: tuple[str, ...], joint: int) -> None:

@@ -75,6 +75,14 @@ def test_units_are_converted(tmp_path: Path) -> None:
         ("q_m1_m", "q_m1", "m"),
         ("q1_ref_m", "q1_ref", "m"),
         ("time_s", "time", "s"),
+        ("boom angle [deg]", "boom angle", "deg"),
+        ("q1 (rad/s)", "q1", "rad_s"),
+        ("speed [m/s²]", "speed", "m_s2"),
+        ("tau1[N·m]", "tau1", "Nm"),
+        ("q1 [°]", "q1", "deg"),
+        ("torque [%]", "torque [%]", None),
+        ("angle (left)", "angle (left)", None),
+        ("[deg]", "[deg]", None),
     ],
 )
 def test_split_unit(name: str, stem: str, unit: str | None) -> None:
@@ -123,6 +131,18 @@ def test_mapping_with_the_unit_on_either_side(tmp_path: Path, robot: Robot) -> N
     assert log.t[:2] == pytest.approx([0.0, 0.01])
     assert log.q[0] == pytest.approx([math.pi / 2, 0.1])
     assert log.tau["joint"][0] == pytest.approx([2.0, 3.0])
+
+
+def test_units_in_brackets(tmp_path: Path, robot: Robot) -> None:
+    """As spreadsheets and drives write them: read as they are, and where a study maps a name without saying the unit again."""
+    rows = [[k * 10.0, 90.0, 100.0, 2000.0, 3.0] for k in range(40)]
+    path = write(tmp_path / "a.csv", "Time [ms],q1 [deg],boom [mm],tau1 [mN m],boom force [counts]", rows)
+    log = read_logs(path, robot, {"q2": "boom [mm]", "tau2": "boom force [counts]"})[0]
+    assert log.t[:2] == pytest.approx([0.0, 0.01])
+    assert log.q[0] == pytest.approx([math.pi / 2, 0.1])
+    assert log.tau["joint"][0] == pytest.approx([2.0, 3.0])
+    assert [note for note in log.notes if "SI is assumed" in note and "'boom force [counts]'" in note]
+    assert len([note for note in log.notes if "SI is assumed" in note]) == 1
 
 
 def test_mapping_that_renumbers_switches_numbers_off(tmp_path: Path, robot: Robot) -> None:
