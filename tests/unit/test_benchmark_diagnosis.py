@@ -67,6 +67,19 @@ def test_single_faults():
     assert named_as(record("single", "unexplained", [])) == "unexplained"
 
 
+def test_an_ambiguous_verdict_without_a_rival_is_counted_apart():
+    one = [finding("stribeck", "joint1")]
+    found = by_title(
+        [
+            record("single", "explained", one, [{"how": "found", "finding": 0, "as_good": None}]),
+            record("single", "ambiguous", one, [{"how": "found", "finding": 0, "as_good": None}]),
+            record("single", "ambiguous", one, [{"how": "found, ambiguous", "finding": 0, "as_good": True}]),
+            record("single", "ambiguous", one, [{"how": "found, ambiguous", "finding": 0, "as_good": False}]),
+        ]
+    )
+    assert (found["single: top finding right"].hits, found["… ambiguous verdicts only with a rival"].hits) == (3, 2)
+
+
 def test_clean_outside_and_pairs():
     both = [{"how": "found", "finding": k, "as_good": None} for k in (1, 0)]
     same = [{"how": "found", "finding": 0, "as_good": None}, {"how": "rival", "finding": 0, "as_good": True}]
