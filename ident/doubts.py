@@ -10,19 +10,25 @@ import numpy as np
 if TYPE_CHECKING:
     from .estimate import Estimate
 
+Array = np.ndarray
+
 #: A value is beyond its bound by more than scatter where it is so by so many of its standard deviations.
 _SURELY = 5.0
 #: A joint's error on data held out that is so many times that on the fitted ones, and this share of its torque, is no scatter.
 _TIMES = 4.0
 _SHARE = 0.1
 _FEW_ROWS = 30
+#: So many rows of a joint must be left to tell its noise: of five, 95 % lie within 2.6 deviations, not 2.
+_LEFT = 5.0
+#: Coefficients of a sum below this are rounding.
+_ROUNDING = 1e-9
 #: So many names are listed.
 _LISTED = 6
 
 
 def doubts(estimate: Estimate) -> tuple[str, ...]:
     """Sentences for an estimate's warnings; none where nothing is to be said."""
-    return tuple(said for said in (_impossible(estimate), _apart(estimate)) if said)
+    return tuple(said for said in (_impossible(estimate), _few(estimate), _apart(estimate)) if said)
 
 
 def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[str, Any]]) -> str:
@@ -35,15 +41,11 @@ def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[s
 
 
 def _impossible(estimate: Estimate) -> str:
-    """Parameters of their own (not grouped with others) that lie beyond their bounds by more than scatter."""
-    place = {p.name: i for i, p in enumerate(estimate.base.parameters)}
-    alone = np.count_nonzero(estimate.base.regroup, axis=1) == 1
-    found = []
-    for name, value, std, single in zip(estimate.names, estimate.values, estimate.std, alone, strict=True):
-        p = estimate.base.parameters[place[name]]
-        margin = _SURELY * std if np.isfinite(std) else np.inf
-        if single and (value < p.lower - margin or value > p.upper + margin):
-            found.append(f"{name} = {value:.3g} ± {std:.2g}")
+    """Parameters, and sums of them, that lie beyond their bounds by more than scatter."""
+    margin = np.where(np.isfinite(estimate.std), _SURELY * estimate.std, np.inf)
+    low, high = _bounds(estimate)
+    beyond = (estimate.values < low - margin) | (estimate.values > high + margin)
+    found = [f"{estimate.names[i]} = {estimate.values[i]:.3g} ± {estimate.std[i]:.2g}" for i in np.flatnonzero(beyond)]
     if not found:
         return ""
     listed = ", ".join(found[:_LISTED]) + (f" and {len(found) - _LISTED} more" if len(found) > _LISTED else "")
@@ -51,6 +53,47 @@ def _impossible(estimate: Estimate) -> str:
         f"{listed}: no such thing has that sign, and noise does not explain it. A torque recorded with the opposite sign does that, a wrong"
         " side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
     )
+
+
+def _bounds(estimate: Estimate) -> tuple[Array, Array]:
+    """Least and largest value (b,) of each base parameter, from the bounds of all that are grouped in it."""
+    share = np.where(np.abs(estimate.base.regroup) > _ROUNDING, estimate.base.regroup, 0.0)
+    lower, upper = (np.array([getattr(p, side) for p in estimate.base.parameters]) for side in ("lower", "upper"))
+    with np.errstate(invalid="ignore"):  # nothing of what has no bound
+        ends = [np.where(share == 0.0, 0.0, share * side) for side in (lower, upper)]
+    return np.minimum(*ends).sum(axis=1), np.maximum(*ends).sum(axis=1)
+
+
+def _few(estimate: Estimate) -> str:
+    """Joints of which the fit takes up nearly all the rows that there are: next to none is left that could tell their noise."""
+    if estimate.information is None:
+        return ""
+    counts, taken = estimate.information.counts, _taken_up(estimate)
+    few = [
+        f"{joint} ({int(counts[j])}; the fit takes up {taken[j]:.2g} of them)"
+        for j, joint in enumerate(estimate.model.robot.joint_names)
+        if counts[j] > 0 and taken[j] >= 1.0 and counts[j] - taken[j] < _LEFT
+    ]
+    if not few:
+        return ""
+    return (
+        f"few rows can be used of {', '.join(few)}: how much they scatter is hardly known, and what they tell may be off by far more than"
+        " the standard deviations say. Log more motion there (`ident check` says why rows were left out)."
+    )
+
+
+def _taken_up(estimate: Estimate) -> Array:
+    """How many of each joint's rows (n,) the fit takes up: the trace of its part of the hat matrix."""
+    from scipy.linalg import solve_triangular
+
+    assert estimate.information is not None
+    names = list(estimate.information.names)
+    information = estimate.information.selected(np.array([names.index(name) for name in estimate.names], int))
+    root = information.combined(estimate.weights)[0]
+    if not np.all(np.abs(np.diag(root)) > 0.0):
+        return np.zeros(information.n)
+    leverage = [solve_triangular(root, own[:-1, :-1].T, trans="T") for own in information.factors]
+    return np.asarray(estimate.weights * [np.sum(own**2) for own in leverage])
 
 
 def _apart(estimate: Estimate) -> str:

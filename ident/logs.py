@@ -120,6 +120,16 @@ class Log:
 
 def unwrapped(positions: Array) -> Array:
     """Angles (N, n) without jumps of a full turn; columns that do not jump are left as they are."""
+    columns = wrapping(positions)
+    if not columns:
+        return positions
+    out = positions.copy()
+    out[:, columns] = np.unwrap(positions[:, columns], axis=0)
+    return out
+
+
+def wrapping(positions: Array) -> list[int]:
+    """Columns of angles (N, n) that jump by a full turn."""
     step = np.diff(positions, axis=0)
     wraps = np.abs(step) > np.pi
     columns = []
@@ -129,11 +139,7 @@ def unwrapped(positions: Array) -> Array:
         whole = np.abs(np.abs(step[wraps[:, j], j]) - 2 * np.pi) <= max(0.3, 1.5 * usual)
         if usual < 2.5 and np.ptp(positions[:, j]) <= 2 * np.pi * 1.001 and whole.all():
             columns.append(int(j))
-    if not columns:
-        return positions
-    out = positions.copy()
-    out[:, columns] = np.unwrap(positions[:, columns], axis=0)
-    return out
+    return columns
 
 
 def _largest(x: Array) -> float:

@@ -134,8 +134,9 @@ def finish(
     dropped = tuple(names[i] for i in range(base.count) if i not in kept)
     error = problem.torque_error(full, residual)
     status = _status(code, details, dropped, solution, covariance, noise, problem, reduced)
-    if status.code == StatusCode.OK:
-        status = _explained(problem, error.relative if unexplained is None else unexplained)
+    poor = _explained(problem, error.relative if unexplained is None else unexplained)
+    # Whatever else is wrong: that next to nothing is explained is never left unsaid.
+    status = poor if status.code == StatusCode.OK else replace(status, details=(*status.details, *poor.details))
     return Estimate(
         method=method,
         model=problem.model,

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..robot import Robot
+from ..uniform import motor_turn_notes
 from .disk import DiskArray, DiskWriter
 from .stored import StoredLog
 
@@ -17,11 +18,13 @@ Array = np.ndarray
 def joined_positions(log: StoredLog, robot: Robot, path: Path) -> StoredLog:
     """A run of which only motor positions were logged, with joint positions beside them."""
     drive = robot.transmission
-    joined = unwrapped(log.arrays["q_motor"], np.flatnonzero(log.survey(drive).wrapped), path.with_suffix(".motor"))
+    wrapping = np.flatnonzero(log.survey(drive).wrapped)
+    joined = unwrapped(log.arrays["q_motor"], wrapping, path.with_suffix(".motor"))
     writer = DiskWriter(path.with_suffix(".f64"), log.n)
     for piece in joined.pieces():
         writer.append(drive.joint_position(piece))
-    return replace(log, arrays={**log.arrays, "q": writer.close()}, blocks=())
+    notes = (*log.notes, *motor_turn_notes(log.name, robot, wrapping.tolist()))
+    return replace(log, arrays={**log.arrays, "q": writer.close()}, blocks=(), notes=notes)
 
 
 def unwrapped(positions: DiskArray, columns: Array, path: Path) -> DiskArray:
