@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.doubts import doubts, fitted_as_well
+from ident.doubts import _bounds, doubts, fitted_as_well
 from ident.estimate import Estimate
 from ident.estimators import WeightedLeastSquares
 from ident.logs import Log
@@ -71,3 +71,17 @@ def test_logs_that_are_fitted_and_held_out_are_named(sha: str, again: bool) -> N
     said = fitted_as_well([{"path": "one.csv", "sha256": "a"}], [{"path": "copy.csv", "sha256": sha}])
     assert said.startswith("copy.csv is fitted as well") == again
     assert bool(said) == again
+
+
+def test_the_bounds_of_a_sum_are_those_of_its_parts() -> None:
+    good = fitted(prepared(1))
+    low, high = _bounds(good)
+    own = np.abs(good.base.regroup) > 1e-9
+    lower = np.array([p.lower for p in good.base.parameters])
+    told = 0
+    for i, share in enumerate(good.base.regroup):
+        if np.all((share[own[i]] > 0.0) & np.isfinite(lower[own[i]])):
+            assert low[i] == pytest.approx(share[own[i]] @ lower[own[i]])
+            told += 1
+        assert high[i] >= low[i]
+    assert told
