@@ -192,6 +192,11 @@ class Effect(ABC):
         lag); None: they are free."""
         return None
 
+    def denied_by(self) -> Effect | None:
+        """What would not be there if this is what happens: if its columns gain anything beside this effect's, something else is. None: no
+        such thing is known."""
+        return None
+
     def memory(self, robot: Robot) -> Array:
         """Seconds (n,) for which what the prediction was at a moment is in the effect's torque on each joint's row, on the effect's side;
         negative where it is there before."""

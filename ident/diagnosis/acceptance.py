@@ -20,8 +20,10 @@ Array = np.ndarray
 COMPANION = 0.02
 #: What follows the model's prediction through time (an elastic joint, a filter) is no more exact than that: there, this share.
 FOLLOWING = 0.3
-#: Or be as large as this beside the noise (rms).
+#: What is left counts if it is as large as this beside the noise (rms), and so does an effect of the catalogue, which has a law of its own
+#: that is borne out block by block.
 LARGE = 1.0
+_LARGE_BY_LAW = 0.6
 #: A companion on the same rows must reach the threshold so many times over.
 _BESIDE = 2.0
 #: A finding must lower the loss of the rows it is on by this share: what it adds must matter, not only be there.
@@ -128,7 +130,7 @@ def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     share = share_on_rows(judged)
     explained = sum(float(share[acts_on(f.judged)].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
     # As much as the noise itself is no inexactness, however much was explained before.
-    inexact = min(explained, LARGE**2 * float(stage.problem.signals.valid[:, rows].sum()))
+    inexact = min(explained, _LARGE_BY_LAW**2 * float(stage.problem.signals.valid[:, rows].sum()))
     loss = float(share @ np.sum(stage.frame.residual**2, axis=1))
     return judged.evidence > max(inexact, _MATTERS * loss)
 

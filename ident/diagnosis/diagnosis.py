@@ -18,10 +18,11 @@ from .bank import Bank
 from .both_parts import SAID, together
 from .carried import without_carried
 from .confirmed import LastWord, last_word, undecided
+from .denied import denied
 from .estimates import Estimates
 from .findings import Finding, Unexplained, assess
 from .hidden import Hidden, hidden
-from .in_plain_sight import apart, jumps, lost
+from .in_plain_sight import above_floor, apart, jumps, lost
 from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
@@ -206,10 +207,13 @@ def _diagnosed(
         stage = away_from_reversals(selection, looked, bank) if selection.found else looked.declared
         _, findings, unexplained = assess(selection, leftovers(stage, selection.found))
         unexplained = (*unexplained, *last.unexplained, nothing)
+    elif verdict == "unexplained" and findings and not last.shown and not last.unexplained:
+        verdict = "ambiguous"  # the data fitted have a name for what is there, those held out do not bear it out
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     elsewhere = apart(after, wide, held) if held is not None else ()
-    if plain := (*jumps(wide), *elsewhere):
+    above = above_floor(after, held, selection.final.white.std) if held is not None and verdict == "explained" else ()
+    if plain := (*jumps(wide), *elsewhere, *denied(selection), *above):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
     if verdict == "explained" and (last.unseen or last.faint or last.owed):  # the name may be right; no other data say so
         verdict = "ambiguous"

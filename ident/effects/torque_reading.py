@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..correction import SignalCorrection
-from ..effect import Axis, JointEffect, Nature, Need, choice, register
+from ..effect import Axis, Effect, JointEffect, Nature, Need, choice, register
 from ..motion import Coordinates, Motion
 from ..parameters import ShapeParameter
 
@@ -138,6 +138,10 @@ class Saturation(JointEffect):
         """Beyond the limit the reading exceeds the torque one to one."""
         return np.ones(len(self.at(robot)))
 
+    def denied_by(self) -> Effect:
+        """Beyond the limit the torque is the limit, whatever the motion asks for."""
+        return _NotAtTheLimit(joints=self.joints, side=self.side, of=self)
+
     def applied(self, robot: Robot, values: Array) -> SignalCorrection | None:
         """What the drive delivered, from what the log shows. A reading that was cut off cannot be restored."""
         if self.clipped == Clipping.LOG:
@@ -149,6 +153,27 @@ class Saturation(JointEffect):
     def _excess(self, torque: Array) -> Array:
         # A missing reading (NaN) makes no excess; its rows are masked anyway.
         return np.nan_to_num(np.sign(torque) * np.maximum(np.abs(torque) - self.limit, 0.0), nan=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _NotAtTheLimit(JointEffect):
+    """What differs where a torque is cut off: in proportion to the model's prediction, or by as much throughout."""
+
+    name: ClassVar[str] = "not_at_the_limit"
+    title: ClassVar[str] = "torque that is not the limit where it is cut off"
+    axis: ClassVar[Axis] = Axis.TORQUE
+    nature: ClassVar[Nature] = Nature.SENSOR
+    needs: ClassVar[frozenset[Need]] = Saturation.needs
+    symbols = (("slope", "1", -np.inf), ("shift", "{tau}", -np.inf))
+
+    of: Saturation
+
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        predicted = motion.predicted_on(self.side)[:, at]
+        cut = motion.measured_on(self.side)[:, at] if self.of.clipped == Clipping.DRIVE else predicted
+        beyond = np.nan_to_num(np.abs(cut), nan=0.0) > self.of.limit
+        yield np.where(beyond, predicted, 0.0)
+        yield np.where(beyond, np.sign(cut), 0.0)
 
 
 def _follows(measured: Array, predicted: Array, where: Array) -> bool:

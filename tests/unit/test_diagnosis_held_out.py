@@ -25,7 +25,7 @@ from ident.diagnosis.consistent import consistent
 from ident.diagnosis.contest import Arena
 from ident.diagnosis.findings import HELD_OUT, Unexplained
 from ident.diagnosis.foretelling import Foretelling
-from ident.diagnosis.in_plain_sight import apart
+from ident.diagnosis.in_plain_sight import above_floor, apart
 from ident.diagnosis.leftover import Leftover
 from ident.diagnosis.motions import Motions
 from ident.diagnosis.nominated import _found
@@ -230,6 +230,38 @@ def test_what_a_short_narrow_motion_tells_little_of_is_no_change_in_a_wide_one(s
     # What no parameters account for is one.
     shaken = held.tau + 5.0 * inside * np.outer(np.sin(9.0 * held.row_time), [1.0, 0.0, 0.0, 0.0])
     assert [u.joint for u in apart(estimate, fit, replace(held, tau=shaken))] == ["j1"]
+
+
+def test_nothing_is_explained_where_the_error_on_held_out_data_stays_far_above_the_noise() -> None:
+    fit, held = prepared(91, [], []), prepared(92, [], [])
+    model, _ = declared(fit.robot)
+    estimate = WeightedLeastSquares().solve(Problem(model, fit))
+    floor = estimate.fit_error.rms
+    assert above_floor(estimate, held, floor) == ()
+    # On one joint alone it may be high, as long as it is not so on the whole.
+    shape = np.sin(9.0 * held.row_time)
+    shaken = replace(held, tau=held.tau + 1.2 * np.outer(shape, floor * [1.0, 0.0, 0.0, 0.0]))
+    assert above_floor(estimate, shaken, floor) == ()
+    shaken = replace(held, tau=held.tau + 6.0 * np.outer(shape, floor * [1.0, 0.0, 0.0, 0.0]))
+    (left,) = above_floor(estimate, shaken, floor)
+    assert left.joint == "j1"
+    assert "4." in left.evidence.split("times")[0]
+
+
+def test_a_name_that_held_out_data_do_not_bear_out_is_ambiguous(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a step that is in one log alone nobody can tell whether its name is right."""
+    step = make_effect("offset_step", joints="j2", t_0=17.0)
+    fit, held = prepared(1, [step], [1.0]), prepared(2, [step], [1.0])
+    model, _ = declared(fit.robot)
+    before = WeightedLeastSquares().solve(Problem(model, fit))
+    left = [Leftover(1, "position of j2", 5000.0, 10.0, 1.0, 2.0)]
+    monkeypatch.setattr(diagnosis_module, "leftovers", lambda stage, found: left)
+    assert diagnose(before, held).verdict == "unexplained"
+    asked = diagnosis_module.last_word
+    monkeypatch.setattr(diagnosis_module, "last_word", lambda *args: replace(asked(*args), shown=False))
+    found = diagnose(before, held)
+    assert (found.verdict, [f.name for f in found.findings]) == ("ambiguous", ["offset_step"])
+    assert "only a part of the data bears out the name" in str(found)
 
 
 def test_what_held_out_data_are_too_few_to_show_is_ambiguous_and_said() -> None:

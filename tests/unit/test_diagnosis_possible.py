@@ -17,10 +17,13 @@ from ident.diagnosis.acceptance import Found
 from ident.diagnosis.analysis import without_turning
 from ident.diagnosis.candidates import Candidate
 from ident.diagnosis.contest import Entry, _decided, contenders
-from ident.diagnosis.findings import _finding, _inexact
+from ident.diagnosis.denied import denied
+from ident.diagnosis.findings import Unexplained, _finding, _inexact
 from ident.diagnosis.foretelling import Foretelling
+from ident.diagnosis.frame import Frame
 from ident.diagnosis.irregular import _bursts
 from ident.diagnosis.light import too_light
+from ident.diagnosis.motions import Motions
 from ident.diagnosis.plausible import driven_out, driven_out_on, implausible
 from ident.diagnosis.precision import unbound
 from ident.diagnosis.refit import Refit
@@ -471,3 +474,34 @@ def test_a_few_rows_far_beyond_the_noise_are_bursts() -> None:
     assert _bursts(1e-6 * noise) is None
     swelling = noise * np.where(np.arange(900) < 100, 6.0, 1.0)
     assert _bursts(swelling) is not None
+
+
+@pytest.mark.parametrize("clipped", ["drive", "log"])
+def test_a_limit_beyond_which_the_torque_goes_on_changing_is_none(clipped: str) -> None:
+    stage, _ = stage_of(5, [], [], [])
+    model, reference = stage.problem.model, stage.problem.base.expand(stage.frame.base_values)
+    torque = np.abs(stage.problem.signals.torque[:, 1])
+    limit = make_effect("saturation", joints="j2", limit=float(np.quantile(torque, 0.9)), clipped=clipped)
+    problem = Problem(model + limit, stage.problem.signals).with_reference(np.append(reference, 1.0))
+    frame = Frame.build(problem, stage.white)
+    search = Search(frame, Motions(problem), (), stage.search.bank)
+    rng = np.random.default_rng(3)
+    noise = np.where(problem.signals.valid.T, rng.normal(size=frame.torque.shape), 0.0)
+    exact = frame.columns @ frame.coefficients + noise
+    other = limit.denied_by()
+    assert other is not None
+    shift = search.whitened(other)[:, :, 1]
+
+    def said(torque: Array, evidence: float) -> tuple[Unexplained, ...]:
+        final = SimpleNamespace(frame=replace(frame, torque=torque), search=search)
+        return denied(cast(Selection, SimpleNamespace(final=final, found=(found(limit, evidence),))))
+
+    assert said(exact, 1000.0) == ()
+    more = exact + 40.0 * shift / np.linalg.norm(shift)
+    (told,) = said(more, 1000.0)
+    assert told.joint == "j2"
+    assert 100.0 < told.gain < 1600.0
+    assert "saturation on j2" in told.evidence
+    # Beside what the limit explains it is the inexactness of any law.
+    assert said(more, 1e6) == ()
+    assert said(exact, 0.0) == ()
