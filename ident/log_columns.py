@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .errors import ConfigurationError, DataError, unknown_name
+from .log_files import seconds
 from .log_hints import lookalikes, question, torque_question
 from .log_units import Unit, bracketed, expected_units, is_unit, split_unit, unit_of
 
@@ -54,7 +55,7 @@ class Column:
 @dataclass(frozen=True)
 class ColumnPlan:
     """The resolved columns of a log. `joints`: names, where the header gives them; `extra`: columns that are nothing of ours; `hint`:
-    where there is no torque, which of those look like it, as a question."""
+    where there is no torque, which of those look like it, as a question; `where`: the file, for messages."""
 
     columns: tuple[Column, ...]
     n: int
@@ -62,6 +63,7 @@ class ColumnPlan:
     extra: tuple[str, ...] = ()
     notes: tuple[str, ...] = field(default=())
     hint: str = ""
+    where: str = "log"
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -82,7 +84,14 @@ class ColumnPlan:
             rows = len(table[columns[0].source])
             array = np.full((rows, self.n), np.nan) if quantity != "t" else np.empty((rows, 1))
             for c in columns:
-                values = np.asarray(table[c.source], float)
+                values = np.asarray(table[c.source])
+                if values.dtype.kind in "mM":
+                    if quantity != "t":
+                        raise DataError(f"{self.where}: column {c.source!r} holds times, not numbers; it cannot be {_TEXT[quantity]}.")
+                    # What is a time in the file has its unit there, whatever the column's name says.
+                    array[:, c.joint] = seconds(values)
+                    continue
+                values = values.astype(float, copy=False)
                 array[:, c.joint] = values if c.scale == 1.0 else values * c.scale
                 if c.offset:
                     array[:, c.joint] += c.offset
@@ -142,7 +151,7 @@ def resolve_columns(
     known = joints.names if joints else tuple(names)
     known = known if len(known) == n else ()
     hint = "" if any(c.quantity.startswith("tau") for c in columns) else torque_question(unknown, range(n), known)
-    return ColumnPlan(columns, n, known, tuple(h for h in header if h not in used), tuple(notes), hint)
+    return ColumnPlan(columns, n, known, tuple(h for h in header if h not in used), tuple(notes), hint, where)
 
 
 def _parse(source: str, joints: JointNames | None, where: str, *, strict: bool, names: list[str] | None = None) -> Column | None:
@@ -241,6 +250,9 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
         notes.append(f"{where}: {guessed}, on which {source!r} ends, is not a unit of {_TEXT[target.quantity]}; SI is assumed.")
     elif suffix is None and bracketed(source)[1]:
         notes.append(f"{where}: what stands in the brackets of {source!r} is no unit that is known; SI is assumed.")
+    own = split_unit(source)[1]
+    if suffix is not None and own is not None and unit_of(own).dimension == unit_of(suffix).dimension and own != unit_of(suffix).name:
+        notes.append(f"{where}: column {source!r} says {own}, but [columns] {key} says {unit_of(suffix).name}, which is what counts.")
     unit = Unit("", "", 1.0)
     if suffix is not None:
         checked = _with_unit(source, target.quantity, target.joint, suffix, where, strict=True)

@@ -78,7 +78,7 @@ def read_columns(path: Path, header: Header, names: Sequence[str], optional: Seq
         out = {name: numeric(columns[name], path, name) for name in names}
         for name in optional:
             with suppress(DataError):
-                out[name] = numeric(columns[name], path, name)
+                out[name] = seconds(numeric(columns[name], path, name))
         return out
     first = [fields for _, fields in islice(rows_of_text(path, header), 5)]
     place = {name: header.names.index(name) for name in optional}
@@ -309,15 +309,27 @@ def _is_moment(text: str) -> bool:
 
 
 def numeric(values: Array, path: Path, name: str, first: int = 1) -> Array:
-    """A column as float64, time stamps in seconds. `first`: data row (from 1) of its first value, for messages. Raises DataError."""
+    """A column as float64, but for time stamps and durations, which know their own unit. `first`: data row (from 1) of its first value, for
+    messages. Raises DataError."""
     if values.dtype.kind in "fiub":
         return values.astype(float)
-    if values.dtype.kind == "M":  # time stamps: seconds
-        return values.astype("datetime64[ns]").astype(np.int64) * 1e-9
+    if values.dtype.kind in "mM":
+        return values
     for row, value in enumerate(values.tolist(), first):
         if value is not None and not isinstance(value, (int, float)) and not (isinstance(value, str) and _is_number(value)):
             raise DataError(f"log {path}: column {name!r}, data row {row}: {value!r} is not a number.")
     return np.array([np.nan if v is None else float(v) for v in values.tolist()])
+
+
+def seconds(values: Array) -> Array:
+    """Time stamps (since 1970) and durations in seconds, NaN where there is none; numbers as they are."""
+    kind = values.dtype.kind
+    if kind not in "mM":
+        return values
+    # All dtypes of numpy's time count from the same moment; in seconds and what is beyond them no digit is lost that a float could hold.
+    whole = values.astype(f"{kind}8[s]")
+    rest = (values - whole).astype("m8[ns]").astype(np.int64)
+    return np.where(np.isnat(values), np.nan, whole.astype(np.int64) + 1e-9 * rest)
 
 
 def parquet_file(path: Path) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +13,8 @@ Array = np.ndarray
 #: Missing positions are bridged like a gap in time if no more rows than this follow each other, and few do overall.
 _ISOLATED = 10
 _SHARE = 0.01
+#: Where more rows than this share repeat the stamp before them, and not the positions, the stamps are rounded too coarsely.
+_ROUNDED = 0.05
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,11 @@ def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing
         holes[name].add(hole)
         present &= ~hole
     notes = missing_rows(unstamped, holes, len(t), where, missing=missing)
-    return rising_runs(t, np.flatnonzero(present), where, notes)
+
+    def moved(rows: Array) -> Array:
+        return np.any([values[rows] != values[rows - 1] for values in positions.values()], axis=0)
+
+    return rising_runs(t, np.flatnonzero(present), where, notes, moved)
 
 
 def missing_rows(unstamped: Holes, holes: Mapping[str, Holes], rows: int, where: str, *, missing: str) -> list[str]:
@@ -99,8 +105,9 @@ def missing_rows(unstamped: Holes, holes: Mapping[str, Holes], rows: int, where:
     return notes
 
 
-def rising_runs(t: Array, index: Array, where: str, notes: list[str]) -> Pieces:
-    """The rows `index` of stamps `t` (N,) as runs of rising time. Raises DataError naming the rows."""
+def rising_runs(t: Array, index: Array, where: str, notes: list[str], moved: Callable[[Array], Array]) -> Pieces:
+    """The rows `index` of stamps `t` (N,) as runs of rising time. `moved`: which of some rows hold another position than the row before
+    them. Raises DataError naming the rows."""
     if len(index) < 2:
         raise DataError(f"{where}: {len(index)} usable rows; at least a few hundred are needed.")
     step = np.diff(t[index])
@@ -113,6 +120,13 @@ def rising_runs(t: Array, index: Array, where: str, notes: list[str]) -> Pieces:
         if not keep.all():
             dropped = np.zeros(len(t), bool)
             dropped[piece[~keep]] = True
+            again = np.flatnonzero(dropped)
+            if len(again) > _ROUNDED * len(piece) and np.mean(moved(again)) > 0.5:
+                raise DataError(
+                    f"{where}: {len(again)} of {len(piece)} rows repeat the time stamp before them ({ranges(dropped)}), but not its"
+                    " positions: the stamps are rounded to more than the time between samples, and no speed can be had from them."
+                    " Write them with more digits; or, if the samples are evenly spaced, give the time as row number / rate."
+                )
             notes.append(
                 f"{where}: {int((~keep).sum())} rows repeat the time stamp before them ({ranges(dropped)}); the first of each is used."
             )
@@ -133,6 +147,9 @@ def _runs(t: Array, index: Array, back: Array, where: str, notes: list[str]) -> 
     restart = np.abs(t[index[starts]] - first) <= max(0.02 * span, 10 * typical)
     # Each goes on at once from where it starts: a stray stamp does not.
     goes_on = t[index[np.minimum(starts + 1, len(index) - 1)]] - t[index[starts]] <= 5 * typical
+    # And it takes back nearly all of the run before: two rows that changed places do not.
+    before = t[index[back]]
+    restart[1:] &= before - t[index[back + 1]] >= 0.5 * (before - t[index[starts[:-1]]])
     if restart.all() and goes_on.all() and lengths.min() >= 20:
         at = ", ".join(str(int(index[s]) + 1) for s in starts[1:6])
         notes.append(f"{where}: time starts again at data row {at}: taken as {len(starts)} runs.")

@@ -19,10 +19,10 @@ class Unit:
 _DEG = math.pi / 180
 _TABLE = (
     Unit("s", "time", 1.0), Unit("ms", "time", 1e-3), Unit("us", "time", 1e-6), Unit("ns", "time", 1e-9),
-    Unit("rad", "angle", 1.0), Unit("deg", "angle", _DEG),
+    Unit("rad", "angle", 1.0), Unit("mrad", "angle", 1e-3), Unit("deg", "angle", _DEG),
     Unit("m", "length", 1.0), Unit("mm", "length", 1e-3), Unit("cm", "length", 1e-2),
-    Unit("rad_s", "rate", 1.0), Unit("deg_s", "rate", _DEG), Unit("rpm", "rate", math.pi / 30),
-    Unit("m_s", "speed", 1.0), Unit("mm_s", "speed", 1e-3),
+    Unit("rad_s", "rate", 1.0), Unit("mrad_s", "rate", 1e-3), Unit("deg_s", "rate", _DEG), Unit("rpm", "rate", math.pi / 30),
+    Unit("m_s", "speed", 1.0), Unit("mm_s", "speed", 1e-3), Unit("cm_s", "speed", 1e-2),
     Unit("rad_s2", "acceleration", 1.0), Unit("deg_s2", "acceleration", _DEG),
     Unit("m_s2", "linear acceleration", 1.0), Unit("mm_s2", "linear acceleration", 1e-3),
     Unit("Nm", "torque", 1.0), Unit("mNm", "torque", 1e-3), Unit("kNm", "torque", 1e3),
@@ -65,28 +65,56 @@ def unit_of(name: str) -> Unit:
     return next(u for u in _TABLE if u.name.lower() == name.lower())
 
 
-_BRACKETED = re.compile(r"(?P<stem>.*\S)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
-#: How units are written in brackets → how they are in a suffix.
-_WRITTEN = (("µ", "u"), ("μ", "u"), ("°", "deg"), ("²", "2"), ("^", ""), ("/", "_"), ("·", ""), ("*", ""), (" ", ""))
+_BRACKETED = re.compile(r"[\[(]([^\[\]()]*)[\])]")
+#: What stands between the factors of a unit; powers, and what is divided by seconds, as they may be written.
+_BETWEEN = re.compile(r"[\s·⋅•∙*.\-]+")
+_PLAIN = (("µ", "u"), ("μ", "u"), ("²", "2"), ("⁻¹", "-1"), ("⁻", "-"), ("^", ""), ("°", "deg"), ("º", "deg"))
+_PER_SECOND = re.compile(r"[\s·⋅•∙*.]*\b(?:s|sec)-([12])$", re.IGNORECASE)
+#: Words, and abbreviations that are not this contract's.
+_WORDS = {
+    "degree": "deg", "degrees": "deg", "degs": "deg", "radian": "rad", "radians": "rad", "rads": "rad",
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms",
+    "usec": "us", "microsecond": "us", "microseconds": "us", "nsec": "ns", "nanosecond": "ns", "nanoseconds": "ns",
+    "sec2": "s2", "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
+    "newton": "N", "newtons": "N", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "volt": "V", "volts": "V",
+}  # fmt: skip
+
+
+def as_suffix(written: str) -> str:
+    """A unit as it may be written in brackets, as a suffix has it ("deg/s²" → deg_s2, "N·m" → Nm); whether there is such a unit is not
+    looked at."""
+    for sign, plain in _PLAIN:
+        written = written.replace(sign, plain)
+    written = _PER_SECOND.sub(lambda found: "/s" if found[1] == "1" else "/s2", written.strip())
+    parts = []
+    for part in written.split("/"):
+        factors = [_WORDS.get(factor.lower(), factor) for factor in _BETWEEN.split(part.strip()) if factor]
+        # A metre times a newton is no millinewton.
+        parts.append("".join(factors[::-1] if len(factors) == 2 and factors[0] == "m" else factors))
+    return "_".join(parts)
 
 
 def bracketed(name: str) -> tuple[str, str]:
-    """A column's name without the brackets that it ends on, and what they hold as a suffix would have it: "speed [deg/s]" → speed, deg_s;
-    (name, "") where it ends on none."""
-    found = _BRACKETED.fullmatch(name.strip())
-    if found is None:
-        return name, ""
-    unit = found["unit"]
-    for written, suffix in _WRITTEN:
-        unit = unit.replace(written, suffix)
-    return found["stem"], unit
+    """A column's name without the brackets in it that hold a unit, and that unit as a suffix would have it: "speed [deg/s]" → speed, deg_s.
+    Without such: without the last brackets, and what they hold; (name, "") where there are none."""
+    last = name, ""
+    for found in _BRACKETED.finditer(name):
+        stem = f"{name[: found.start()].strip()} {name[found.end() :].strip()}".strip()
+        if stem:
+            last = stem, as_suffix(found[1])
+            if is_unit(last[1]):
+                break
+    return last
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
-    """A column's name without its unit (a suffix, or in brackets at the end), and the unit's suffix if there is one."""
+    """A column's name without its unit (a suffix, or in brackets), and the unit's suffix if there is one."""
     stem, unit = bracketed(name)
     if is_unit(unit):
         return stem, unit_of(unit).name
+    stem, _, word = name.rpartition("_")
+    if stem and word.lower() in _WORDS and is_unit(_WORDS[word.lower()]):
+        return stem, _WORDS[word.lower()]
     for suffix in _BY_LENGTH:
         if name.endswith("_" + suffix) and len(name) > len(suffix) + 1:
             return name[: -len(suffix) - 1], suffix

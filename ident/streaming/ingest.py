@@ -204,9 +204,20 @@ def _runs(log: StoredLog, state: _State, where: str, notes: list[str]) -> list[S
     index = np.flatnonzero(~gone)
     t = np.full(state.place.rows, np.nan)
     t[index] = log.t[:]
-    found = rising_runs(t, index, where, notes)
     # Places among the rows that were stored.
     stored = np.cumsum(~gone) - 1
+    positions = log.arrays["q" if "q" in log.arrays else "q_motor"]
+
+    def moved(rows: Array) -> Array:
+        at, out = stored[rows], np.zeros(len(rows), bool)
+        for start in range(1, len(positions), _BLOCK):
+            here = positions[start - 1 : min(start + _BLOCK, len(positions))]
+            mine = slice(*np.searchsorted(at, (start, start + _BLOCK)))
+            place = at[mine] - start + 1
+            out[mine] = np.any(here[place] != here[place - 1], axis=1)
+        return out
+
+    found = rising_runs(t, index, where, notes, moved)
     out = []
     for i, rows in enumerate(found.rows):
         at = stored[rows]

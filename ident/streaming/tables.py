@@ -22,6 +22,7 @@ Array = np.ndarray
 TEXT_PIECE = 1 << 21
 #: Rows of Parquet that are read as one piece.
 _PARQUET_PIECE = 1 << 16
+_CARRIAGE = "log {path}: lines end with a carriage return alone, which cannot be streamed; read it whole (--no-stream)."
 #: Bytes in which the end of a piece's last line is looked for at a time.
 _TAIL = 1 << 12
 
@@ -133,7 +134,8 @@ def _whole_lines(
     position: Callable[[], int] = raw.tell
     try:
         for _ in range(header.line):
-            stream.readline()
+            if b"\r" in stream.readline().rstrip(b"\r\n"):
+                raise UnsupportedError(_CARRIAGE.format(path=path))
         if offset:
             stream.seek(offset, io.SEEK_CUR)
         at = stream.tell() if show is not None else 0
@@ -148,7 +150,7 @@ def _whole_lines(
             whole = end < len(text)
             cut = end if whole else _last_line_end(text)
             if not cut and not whole and b"\r" in bytes(text):
-                raise DataError(f"log {path}: lines end with a carriage return alone, which cannot be streamed. Convert the line ends.")
+                raise UnsupportedError(_CARRIAGE.format(path=path))
             if show is not None and cut:
                 show(at, text[:cut])
                 at += cut

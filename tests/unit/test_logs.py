@@ -80,6 +80,25 @@ def test_units_are_converted(tmp_path: Path) -> None:
         ("speed [m/s²]", "speed", "m_s2"),
         ("tau1[N·m]", "tau1", "Nm"),
         ("q1 [°]", "q1", "deg"),
+        ("tau1 [N.m]", "tau1", "Nm"),
+        ("tau1 (N-m)", "tau1", "Nm"),
+        ("tau1 [m N]", "tau1", "Nm"),
+        ("tau1 [mN m]", "tau1", "mNm"),
+        ("tau1 [N⋅m]", "tau1", "Nm"),
+        ("f1 [mN]", "f1", "mN"),
+        ("dq1 [rad s^-1]", "dq1", "rad_s"),
+        ("ddq1 [rad·s⁻²]", "ddq1", "rad_s2"),
+        ("dq1 [deg/sec]", "dq1", "deg_s"),
+        ("dq2 [cm/s]", "dq2", "cm_s"),
+        ("q1 [º]", "q1", "deg"),
+        ("q1 [degrees]", "q1", "deg"),
+        ("q1_degrees", "q1", "deg"),
+        ("time_seconds", "time", "s"),
+        ("Time [msec]", "Time", "ms"),
+        ("[deg] q1", "q1", "deg"),
+        ("q1 [deg] (filtered)", "q1 (filtered)", "deg"),
+        ("angle (left) [mrad]", "angle (left)", "mrad"),
+        ("degrees", "degrees", None),
         ("torque [%]", "torque [%]", None),
         ("angle (left)", "angle (left)", None),
         ("[deg]", "[deg]", None),
@@ -215,6 +234,52 @@ def test_mat(tmp_path: Path) -> None:
     savemat(tmp_path / "s.mat", {"data": {"time": t, "q1": q[:, 0], "i1_mA": 1000 * t}})
     log = read_logs(tmp_path / "s.mat")[0]
     np.testing.assert_allclose(log.tau["current"][:, 0], t)
+
+
+def stamped(path: Path, t: object, **columns: object) -> Path:
+    """A Parquet file of some columns."""
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    parquet.write_table(pa.table({"t": t, **columns}), path)
+    return path
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+@pytest.mark.parametrize("kind", ["M8", "m8"])
+def test_a_time_stamp_has_its_unit_whatever_its_column_is_called(tmp_path: Path, unit: str, kind: str) -> None:
+    pytest.importorskip("pyarrow")
+    per_second = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[unit]
+    step = max(1, per_second // 200)
+    ticks = step * np.arange(50) + (1_790_000_000 * per_second if kind == "M8" else 0)
+    path = stamped(tmp_path / "p.parquet", ticks.astype(f"{kind}[{unit}]"), q1=np.sin(np.arange(50.0)))
+    for columns in (None, {"t_ms": "t"}):
+        log = read_logs(path, columns=columns)[0]
+        np.testing.assert_allclose(np.diff(log.t), step / per_second, atol=1e-6)
+        assert log.t[0] == pytest.approx(1.79e9 if kind == "M8" else 0.0)
+
+
+def test_a_missing_time_stamp_is_none_and_a_time_is_no_position(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    t = np.datetime64("2026-05-01T12:00:00", "ms") + 5 * np.arange(2000).astype("m8[ms]")
+    t[7] = np.datetime64("NaT")
+    log = read_logs(stamped(tmp_path / "a.parquet", t, q1=np.sin(np.arange(2000.0))))[0]
+    assert len(log.t) == 1999
+    assert any("1 rows without a time stamp are left out (data row 8)" in note for note in log.notes)
+    with pytest.raises(DataError, match=r"b\.parquet: column 'q1' holds times, not numbers; it cannot be position"):
+        read_logs(stamped(tmp_path / "b.parquet", np.arange(2000.0), q1=t))
+
+
+def test_a_mapping_that_contradicts_a_name_is_said(tmp_path: Path) -> None:
+    rows = [[k * 0.01, 90.0] for k in range(40)]
+    path = write(tmp_path / "a.csv", "Time [ms],A [deg]", rows)
+    log = read_logs(path, columns={"t_s": "Time [ms]", "q1_rad": "A [deg]"})[0]
+    assert log.t[1] == 0.01
+    assert log.q[0, 0] == 90.0
+    assert any("'A [deg]' says deg, but [columns] q1_rad says rad" in note for note in log.notes)
+    assert any("'Time [ms]' says ms, but [columns] t_s says s" in note for note in log.notes)
+    same = read_logs(path, columns={"t_ms": "Time [ms]", "q1_deg": "A [deg]"})[0]
+    assert not any("says" in note for note in same.notes)
 
 
 def test_parquet(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import lzma
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -168,6 +169,9 @@ ODD: dict[str, Callable[[list[list[str]]], Any]] = {
     "time starts again": lambda rows: [row.__setitem__(0, repr(i % 60 / 100)) for i, row in enumerate(rows)],
     "time runs backwards": lambda rows: rows.insert(90, rows.pop(30)),
     "repeated stamp": lambda rows: rows[50].__setitem__(0, rows[49][0]),
+    "stamps too coarse": lambda rows: [row.__setitem__(0, f"{i // 2 * 0.02:.2f}") for i, row in enumerate(rows)],
+    "every row twice": lambda rows: rows.__setitem__(slice(None), [list(row) for row in rows for _ in range(2)]),
+    "neighbours that changed places": lambda rows: rows.insert(25, rows.pop(26)),
     "gap": lambda rows: rows.__delitem__(slice(40, 70)),
 }
 
@@ -178,6 +182,29 @@ def test_odd_tables(kind: str, robot: Robot, tmp_path: Path) -> None:
     ODD[kind](rows)
     for missing in ("refuse", "gap") if "position" in kind else ("refuse",):
         alike(written(tmp_path / "log.csv", rows), robot, tmp_path / missing, missing=missing)
+
+
+@pytest.mark.parametrize(
+    ("kind", "what"),
+    [
+        ("stamps too coarse", r"rows repeat the time stamp before them \(data rows 2, 4, 6, 8 …\), but not its positions"),
+        ("neighbours that changed places", r"time runs backwards at data row 27"),
+    ],
+)
+def test_stamps_that_tell_no_time_are_refused(kind: str, what: str, robot: Robot, tmp_path: Path) -> None:
+    rows = numbers()
+    ODD[kind](rows)
+    found = alike(written(tmp_path / "log.csv", rows), robot, tmp_path / "scratch")
+    assert isinstance(found, str)
+    assert re.search(what, found)
+
+
+def test_rows_written_twice_are_the_same_sample(robot: Robot, tmp_path: Path) -> None:
+    once, twice = numbers(), numbers()
+    ODD["every row twice"](twice)
+    read = [alike(written(tmp_path / f"{i}.csv", rows), robot, tmp_path / f"{i}") for i, rows in enumerate((once, twice))]
+    assert not isinstance(read[0], str)
+    assert not isinstance(read[1], str)
 
 
 @pytest.mark.parametrize(
