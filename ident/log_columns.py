@@ -5,9 +5,8 @@ tables or pieces of tables that have these columns."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,41 +14,10 @@ import numpy as np
 from .errors import ConfigurationError, DataError, unknown_name
 from .log_files import seconds
 from .log_hints import lookalikes, question, torque_question
+from .log_names import KEYS, QUANTITIES, TEXT, Column, JointNames, known_units, parse_name
 from .log_units import Unit, bracketed, expected_units, is_unit, split_unit, unit_of
 
 Array = np.ndarray
-
-#: Quantities a log may hold. Torque is kept by what was logged: on the joint side, on the motor side, or as a motor current.
-QUANTITIES = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau_joint", "tau_motor", "tau_current")
-_SYMBOL = re.compile(r"^(?P<symbol>ddq|dq|q|tau|i)(?P<motor>_?m)?_?(?P<joint>[0-9]+)$", re.IGNORECASE)
-_BY_NAME = re.compile(r"^(?P<joint>.+)[./](?P<word>position|velocity|acceleration|effort|torque|current)$", re.IGNORECASE)
-_WORDS = {
-    "position": "q", "velocity": "dq", "acceleration": "ddq", "effort": "tau_joint", "torque": "tau_joint", "current": "tau_current",
-}  # fmt: skip
-_TEXT = {
-    "t": "time", "q": "position", "dq": "velocity", "ddq": "acceleration", "q_motor": "motor position", "dq_motor": "motor velocity",
-    "ddq_motor": "motor acceleration", "tau_joint": "torque", "tau_motor": "motor torque", "tau_current": "current",
-}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class JointNames:
-    """What a log's columns are matched against: joint names in order, and which joints are prismatic."""
-
-    names: tuple[str, ...]
-    prismatic: tuple[bool, ...]
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of a file as one quantity: SI value = scale * value + offset. `joint` counts from 0 (0 for time)."""
-
-    source: str
-    quantity: str
-    joint: int
-    scale: float = 1.0
-    offset: float = 0.0
-    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -123,25 +91,34 @@ def resolve_columns(
         column = _mapped(key, value, header, joints, where, notes)
         found[column.quantity, column.joint] = column
         taken.add(column.source)
-        own = _parse(column.source, joints, where, strict=False)
+        own = parse_name(column.source, joints)
         if own is not None and own.quantity == column.quantity != "t" and own.joint != column.joint:
             automatic = False  # the mapping renumbers joints: unmapped numbered columns keep a numbering that is not the robot's
     if not automatic:
         notes.append(f"{where}: [columns] renumbers joints, so only mapped columns are used (besides time).")
     mapped = set(taken)
     names: list[str] = []
+    zero: dict[str, str] = {}
+    numbered: dict[str, list[Column]] = {}
     for source in header:
         if source in taken:
             continue
-        parsed = _parse(source, joints, where, strict=True, names=names)
-        if parsed is None or (not automatic and parsed.quantity != "t"):
+        named = parse_name(source, joints, names)
+        if named is None or (not automatic and named.quantity != "t"):
             continue
+        if named.joint < 0:
+            zero.setdefault(named.quantity, source)
+            continue
+        parsed = named.column(source, where)
+        if named.numbered:
+            numbered.setdefault(named.quantity, []).append(parsed)
         present = found.get((parsed.quantity, parsed.joint))
         if present is None:
             found[parsed.quantity, parsed.joint] = parsed
             taken.add(source)
         elif present.source not in mapped:
             notes.append(f"{where}: columns {present.source!r} and {source!r} hold the same quantity; the first is used.")
+    notes += _from_zero(zero, found, numbered, joints, where)
     unknown = [h for h in header if h not in taken]
     n = _joint_count(found, joints, where, unknown)
     _check_units(found, joints, where, notes)
@@ -154,76 +131,41 @@ def resolve_columns(
     return ColumnPlan(columns, n, known, tuple(h for h in header if h not in used), tuple(notes), hint, where)
 
 
-def _parse(source: str, joints: JointNames | None, where: str, *, strict: bool, names: list[str] | None = None) -> Column | None:
-    """What the contract says about a column's name, or None. `names` collects joint names when the robot is not known."""
-    name = source.strip().strip('"')
-    stem, unit = split_unit(name)
-    for candidate, suffix in ((name, None), (stem, unit)):
-        if candidate.lower() in ("t", "time", "%time", "timestamp"):
-            return _with_unit(source, "t", 0, suffix or ("ns" if candidate == "%time" else None), where, strict)
-        match = _SYMBOL.match(candidate)
-        if match:
-            quantity = match["symbol"].lower()
-            if quantity == "i":
-                if match["motor"]:
-                    continue
-                quantity = "tau_current"
-            elif quantity == "tau":
-                quantity = "tau_motor" if match["motor"] else "tau_joint"
-            elif match["motor"]:
-                quantity += "_motor"
-            joint = int(match["joint"]) - 1
-            if joint < 0:
-                raise DataError(f"{where}: column {source!r}: joints are counted from 1.")
-            return _with_unit(source, quantity, joint, suffix, where, strict)
-        match = _BY_NAME.match(candidate)
-        if match:
-            quantity = _WORDS[match["word"].lower()]
-            if quantity == "tau_joint" and suffix and unit_of(suffix).dimension == "current":
-                quantity = "tau_current"
-            index = _joint_of(match["joint"], joints, names)
-            return None if index is None else _with_unit(source, quantity, index, suffix, where, strict)
-    return None
-
-
-def _joint_of(name: str, joints: JointNames | None, names: list[str] | None) -> int | None:
-    """Index of a joint given by name, which may be the end of a path (`/joint_states/elbow`)."""
-    last = re.split(r"[./]", name)[-1]
-    if joints is not None:
-        for candidate in (name, last):
-            if candidate in joints.names:
-                return joints.names.index(candidate)
-        return None
-    if names is None:
-        return None
-    if name not in names:
-        names.append(name)
-    return names.index(name)
-
-
-def _with_unit(source: str, quantity: str, joint: int, suffix: str | None, where: str, strict: bool) -> Column | None:
-    if suffix is None:
-        return Column(source, quantity, joint)
-    unit = unit_of(suffix)
-    if unit.dimension not in expected_units(quantity):
-        if not strict:
-            return None
-        raise ConfigurationError(
-            f"{where}: column {source!r}: {suffix} is not a unit of {_TEXT[quantity]} ({', '.join(_known_suffixes(quantity))})."
-            " Rename the column, or name the quantity it holds under [columns]."
+def _from_zero(
+    zero: Mapping[str, str],
+    found: Mapping[tuple[str, int], Column],
+    numbered: Mapping[str, Sequence[Column]],
+    joints: JointNames | None,
+    where: str,
+) -> list[str]:
+    """Notes on columns of a joint 0, by quantity, which are not used. Raises DataError where the joints may be counted from there: the
+    numbers must never be taken for those of the joints before."""
+    positions = {j for quantity, j in found if quantity in ("q", "q_motor")}
+    notes = []
+    for quantity, source in zero.items():
+        others = sorted(numbered.get(quantity, ()), key=lambda c: c.joint)
+        if quantity in ("q", "q_motor"):
+            # Without a robot, nothing tells q0 … q2 of three joints from those of two and a column more.
+            shifted = not positions if not others else joints is None or others[-1].joint + 1 < len(joints.names)
+        else:
+            shifted = bool(others) and others[-1].joint < max(positions, default=0)
+        if not shifted:
+            notes.append(f"{where}: column {source!r} is not used: joints are counted from 1.")
+            continue
+        columns = [source, *(c.source for c in others)]
+        said = ", ".join(f'{KEYS[quantity]}{j + 1} = "{column}"' for j, column in enumerate(columns))
+        raise DataError(
+            f"{where}: columns {_listed([repr(c) for c in columns])} seem to count the joints from 0, but joints are counted from 1."
+            f" Say which is which under [columns], for every column that is to be used: {said}."
         )
-    return Column(source, quantity, joint, unit.scale, 0.0, suffix)
-
-
-def _known_suffixes(quantity: str) -> list[str]:
-    from .log_units import UNITS
-
-    return [u.name for u in UNITS.values() if u.dimension in expected_units(quantity)]
+    return notes
 
 
 def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | None, where: str, notes: list[str]) -> Column:
     """One entry of the [columns] table."""
-    target = _parse(key, joints, where, strict=True, names=None)
+    target = parse_name(key, joints)
+    if target is not None and target.joint < 0:
+        raise ConfigurationError(f"[columns] {key}: joints are counted from 1.")
     if target is None:
         known = ["t", *(f"{s}1" for s in ("q", "dq", "ddq", "tau", "tau_m", "i", "q_m", "dq_m")), *(joints.names if joints else ())]
         raise unknown_name("quantity in [columns]", key, known)
@@ -242,12 +184,12 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
         raise unknown_name(f"column of {where} in [columns] {key} =", source, header)
     suffix = options.get("unit") or target.unit or None
     if suffix is not None and not is_unit(suffix):
-        raise unknown_name(f"unit in [columns] {key}", suffix, _known_suffixes(target.quantity))
+        raise unknown_name(f"unit in [columns] {key}", suffix, known_units(target.quantity))
     guessed = split_unit(source)[1] if suffix is None else None
     if guessed is not None and unit_of(guessed).dimension in expected_units(target.quantity):
         suffix = guessed
     elif guessed is not None:
-        notes.append(f"{where}: {guessed}, on which {source!r} ends, is not a unit of {_TEXT[target.quantity]}; SI is assumed.")
+        notes.append(f"{where}: {guessed}, on which {source!r} ends, is not a unit of {TEXT[target.quantity]}; SI is assumed.")
     elif suffix is None and bracketed(source)[1]:
         notes.append(f"{where}: what stands in the brackets of {source!r} is no unit that is known; SI is assumed.")
     own = split_unit(source)[1]
@@ -255,8 +197,7 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
         notes.append(f"{where}: column {source!r} says {own}, but [columns] {key} says {unit_of(suffix).name}, which is what counts.")
     unit = Unit("", "", 1.0)
     if suffix is not None:
-        checked = _with_unit(source, target.quantity, target.joint, suffix, where, strict=True)
-        assert checked is not None
+        replace(target, unit=suffix).column(source, where)  # refuses a unit of something else
         unit = unit_of(suffix)
     try:
         scale, offset = float(options.get("scale", 1.0)), float(options.get("offset", 0.0))
@@ -339,9 +280,9 @@ def _complete(
         missing = _listed([joints.names[j] if joints else f"joint {j + 1}" for j in lacking])
         if quantity.startswith("tau"):
             asked = question(lookalikes(unknown, quantity, lacking, joints.names if joints else ()), quantity)
-            notes.append(f"{where}: no {_TEXT[quantity]} logged for {missing}{f'; {asked}' if asked else '.'}")
+            notes.append(f"{where}: no {TEXT[quantity]} logged for {missing}{f'; {asked}' if asked else '.'}")
         else:
-            notes.append(f"{where}: {_TEXT[quantity]} is not logged for {missing}, so no {_TEXT[quantity]} is taken from the log.")
+            notes.append(f"{where}: {TEXT[quantity]} is not logged for {missing}, so no {TEXT[quantity]} is taken from the log.")
             out = {k: v for k, v in out.items() if k[0] != quantity}
     return out
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
+from .log_names import KEYS
 from .log_units import expected_units, split_unit, unit_of
 
 #: Words by which people name a quantity.
@@ -14,8 +15,6 @@ _POSITION = frozenset({"position", "positions", "pos", "angle", "angles", "theta
 _WORDS = {
     "q": _POSITION, "q_motor": _POSITION, "tau_joint": _TORQUE, "tau_motor": _TORQUE, "tau_current": _CURRENT | {"effort", "efforts"},
 }  # fmt: skip
-#: The name that a quantity has under [columns], before the joint's number.
-_KEYS = {"q": "q", "q_motor": "q_m", "tau_joint": "tau", "tau_motor": "tau_m", "tau_current": "i"}
 #: Words that say nothing of which joint it is.
 _BESIDE = frozenset({"joint", "j", "axis", "ax", "link", "motor", "mot", "m", "drive", "measured", "meas", "actual", "act", "sensor", "of"})
 #: Words that make something else of it.
@@ -45,7 +44,7 @@ def question(found: Mapping[int, str], quantity: str, beside: str = "") -> str:
         return ""
     pairs = sorted(found.items())[:_MOST]
     more = " …" if len(found) > _MOST else ""
-    said = ", ".join(f'{_KEYS[quantity]}{j + 1} = "{column}"' for j, column in pairs)
+    said = ", ".join(f'{KEYS[quantity]}{j + 1} = "{column}"' for j, column in pairs)
     return f"did you mean {_listed([column for _, column in pairs])}{more}? If so, say so under [columns]: {said}{more}{beside}."
 
 

@@ -13,8 +13,9 @@ import numpy as np
 
 from .errors import ConfigurationError, DataError, unknown_name
 from .files import sha256
-from .log_columns import JointNames, resolve_columns
+from .log_columns import resolve_columns
 from .log_files import read_columns, read_header
+from .log_names import JointNames
 from .log_repair import usable_rows
 from .measured import MeasuredTorque, measured
 from .transmission import Transmission

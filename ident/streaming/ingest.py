@@ -15,8 +15,9 @@ import numpy as np
 
 from ..errors import DataError, UnsupportedError
 from ..files import write_atomic
-from ..log_columns import ColumnPlan, JointNames, resolve_columns
+from ..log_columns import ColumnPlan, resolve_columns
 from ..log_files import read_header
+from ..log_names import JointNames
 from ..log_repair import Holes, missing_rows, rising_runs
 from ..log_ros import joint_state_columns
 from ..robot import Robot

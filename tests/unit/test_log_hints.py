@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from ident.errors import DataError
-from ident.log_columns import JointNames, resolve_columns
+from ident.log_columns import resolve_columns
 from ident.log_hints import lookalikes
+from ident.log_names import JointNames
 from ident.logs import LogSet, read_logs
 from ident.measured import measured
 from ident.robot import Robot

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from ident.errors import ConfigurationError, DataError
-from ident.log_columns import JointNames, resolve_columns
+from ident.log_columns import resolve_columns
+from ident.log_names import JointNames
 from ident.log_units import split_unit
 from ident.logs import Log, LogSet, measured, read_logs, unwrapped
 from ident.robot import Robot

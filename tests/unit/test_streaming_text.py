@@ -15,8 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ident.errors import DataError
-from ident.log_columns import JointNames, resolve_columns
+from ident.log_columns import resolve_columns
 from ident.log_files import read_header
+from ident.log_names import JointNames
 from ident.logs import Log, read_logs
 from ident.robot import Robot
 from ident.streaming.ingest import Reading, store_logs

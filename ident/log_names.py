@@ -1,0 +1,120 @@
+"""What the name of a log's column says: which quantity of which joint it holds, and in what unit (DESIGN.md 3.1)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from .errors import ConfigurationError
+from .log_units import UNITS, expected_units, split_unit, unit_of
+
+#: Quantities a log may hold. Torque is kept by what was logged: on the joint side, on the motor side, or as a motor current.
+QUANTITIES = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau_joint", "tau_motor", "tau_current")
+#: The name that a quantity has under [columns], before the joint's number.
+KEYS = {
+    "t": "t", "q": "q", "dq": "dq", "ddq": "ddq", "q_motor": "q_m", "dq_motor": "dq_m", "ddq_motor": "ddq_m", "tau_joint": "tau",
+    "tau_motor": "tau_m", "tau_current": "i",
+}  # fmt: skip
+#: What messages call a quantity.
+TEXT = {
+    "t": "time", "q": "position", "dq": "velocity", "ddq": "acceleration", "q_motor": "motor position", "dq_motor": "motor velocity",
+    "ddq_motor": "motor acceleration", "tau_joint": "torque", "tau_motor": "motor torque", "tau_current": "current",
+}  # fmt: skip
+_SYMBOL = re.compile(r"^(?P<symbol>ddq|dq|q|tau|i)(?P<motor>_?m)?_?(?P<joint>[0-9]+)$", re.IGNORECASE)
+_BY_NAME = re.compile(r"^(?P<joint>.+)[./](?P<word>position|velocity|acceleration|effort|torque|current)$", re.IGNORECASE)
+_WORDS = {
+    "position": "q", "velocity": "dq", "acceleration": "ddq", "effort": "tau_joint", "torque": "tau_joint", "current": "tau_current",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class JointNames:
+    """What a log's columns are matched against: joint names in order, and which joints are prismatic."""
+
+    names: tuple[str, ...]
+    prismatic: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a file as one quantity: SI value = scale * value + offset. `joint` counts from 0 (0 for time)."""
+
+    source: str
+    quantity: str
+    joint: int
+    scale: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Named:
+    """What a name says. `joint` counts from 0 (0 for time; -1 where the name's number is 0); `numbered`: it is told by a number.
+    `unit`: the suffix, or "" without one; `unread`: what stands in brackets where a unit may, but is none that is known."""
+
+    quantity: str
+    joint: int
+    numbered: bool = False
+    unit: str = ""
+    unread: str | None = None
+
+    def column(self, source: str, where: str) -> Column:
+        """`source` as this quantity. Raises ConfigurationError for a unit that the quantity cannot have."""
+        if not self.unit:
+            return Column(source, self.quantity, self.joint)
+        unit = unit_of(self.unit)
+        if unit.dimension not in expected_units(self.quantity):
+            raise ConfigurationError(
+                f"{where}: column {source!r}: {self.unit} is not a unit of {TEXT[self.quantity]} ({', '.join(known_units(self.quantity))})."
+                " Rename the column, or name the quantity it holds under [columns]."
+            )
+        return Column(source, self.quantity, self.joint, unit.scale, 0.0, self.unit)
+
+
+def known_units(quantity: str) -> list[str]:
+    """Suffixes of the units that a quantity may have."""
+    return [u.name for u in UNITS.values() if u.dimension in expected_units(quantity)]
+
+
+def parse_name(source: str, joints: JointNames | None = None, names: list[str] | None = None) -> Named | None:
+    """What the contract says about a column's name, or None. `names` collects joint names when the robot is not known."""
+    name = source.strip().strip('"')
+    stem, unit = split_unit(name)
+    for candidate, suffix in ((name, None), (stem, unit)):
+        if candidate.lower() in ("t", "time", "%time", "timestamp"):
+            return Named("t", 0, unit=suffix or ("ns" if candidate == "%time" else ""))
+        match = _SYMBOL.match(candidate)
+        if match:
+            quantity = match["symbol"].lower()
+            if quantity == "i":
+                if match["motor"]:
+                    continue
+                quantity = "tau_current"
+            elif quantity == "tau":
+                quantity = "tau_motor" if match["motor"] else "tau_joint"
+            elif match["motor"]:
+                quantity += "_motor"
+            return Named(quantity, int(match["joint"]) - 1, True, suffix or "")
+        match = _BY_NAME.match(candidate)
+        if match:
+            quantity = _WORDS[match["word"].lower()]
+            if quantity == "tau_joint" and suffix and unit_of(suffix).dimension == "current":
+                quantity = "tau_current"
+            index = _joint_of(match["joint"], joints, names)
+            return None if index is None else Named(quantity, index, unit=suffix or "")
+    return None
+
+
+def _joint_of(name: str, joints: JointNames | None, names: list[str] | None) -> int | None:
+    """Index of a joint given by name, which may be the end of a path (`/joint_states/elbow`)."""
+    last = re.split(r"[./]", name)[-1]
+    if joints is not None:
+        for candidate in (name, last):
+            if candidate in joints.names:
+                return joints.names.index(candidate)
+        return None
+    if names is None:
+        return None
+    if name not in names:
+        names.append(name)
+    return names.index(name)
