@@ -55,7 +55,7 @@ class ColumnPlan:
                 values = np.asarray(table[c.source])
                 if values.dtype.kind in "mM":
                     if quantity != "t":
-                        raise DataError(f"{self.where}: column {c.source!r} holds times, not numbers; it cannot be {_TEXT[quantity]}.")
+                        raise DataError(f"{self.where}: column {c.source!r} holds times, not numbers; it cannot be {TEXT[quantity]}.")
                     # What is a time in the file has its unit there, whatever the column's name says.
                     array[:, c.joint] = seconds(values)
                     continue

@@ -121,7 +121,7 @@ def rising_runs(t: Array, index: Array, where: str, notes: list[str], moved: Cal
             dropped = np.zeros(len(t), bool)
             dropped[piece[~keep]] = True
             again = np.flatnonzero(dropped)
-            if len(again) > _ROUNDED * len(piece) and np.mean(moved(again)) > 0.5:
+            if keep.sum() > 1 and len(again) > _ROUNDED * len(piece) and np.mean(moved(again)) > 0.5:
                 raise DataError(
                     f"{where}: {len(again)} of {len(piece)} rows repeat the time stamp before them ({ranges(dropped)}), but not its"
                     " positions: the stamps are rounded to more than the time between samples, and no speed can be had from them."

@@ -212,7 +212,7 @@ def _diagnosed(
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     elsewhere = apart(after, wide, held) if held is not None else ()
-    above = above_floor(after, held, selection.final.white.std) if held is not None and verdict == "explained" else ()
+    above = above_floor(after, held, selection.declared.white.std) if held is not None and verdict == "explained" else ()
     if plain := (*jumps(wide), *elsewhere, *denied(selection), *above):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
     if verdict == "explained" and (last.unseen or last.faint or last.owed):  # the name may be right; no other data say so
