@@ -22,7 +22,7 @@ from .denied import denied
 from .estimates import Estimates
 from .findings import Finding, Unexplained, assess
 from .hidden import Hidden, hidden
-from .in_plain_sight import above_floor, apart, jumps, lost
+from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
@@ -212,8 +212,7 @@ def _diagnosed(
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     elsewhere = apart(after, wide, held) if held is not None else ()
-    above = above_floor(after, held, selection.declared.white.std) if held is not None and verdict == "explained" else ()
-    if plain := (*jumps(wide), *elsewhere, *denied(selection), *above):
+    if plain := (*jumps(wide), *elsewhere, *denied(selection)):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
     if verdict == "explained" and (last.unseen or last.faint or last.owed):  # the name may be right; no other data say so
         verdict = "ambiguous"

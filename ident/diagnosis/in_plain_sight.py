@@ -23,9 +23,6 @@ Array = np.ndarray
 #: bed no joint came above 1.5).
 _APART = 2.2
 _FEW = 100
-#: What was found explains what is there if the error of all joints on held-out data, each over its noise, is at most so many times it (in
-#: 308 right answers of the test bed it was never above 1.3).
-_ABOVE = 1.5
 #: A joint of fewer usable rows than this share is lost, if it moved for so much of the time, by more than so many deviations of its
 #: position's noise.
 _LOST = 0.02
@@ -96,23 +93,6 @@ def apart(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained,
                 " the fitted part does not hold (a change, a slip, motion outside the range); nothing here can say what"
             )
             found.append(Unexplained(joint, "the part of the logs held out", said, float(held.valid[:, j].sum() * (ratio**2 - 1.0))))
-    return tuple(found)
-
-
-def above_floor(after: Estimate, held: Signals, floor: Array) -> tuple[Unexplained, ...]:
-    """Joints on which the error on held-out data is far above the noise `floor` (n,), if it is so on all together: then nothing is
-    explained, however much was gained."""
-    rows = without_reversals(held)
-    left = Foretelling(after, rows).allowing(inverse_squares(floor))[0]
-    used = np.isfinite(left)
-    squares, count = np.nansum(left**2, axis=0) * inverse_squares(floor), used.sum(axis=0)
-    if squares.sum() <= _ABOVE**2 * count.sum():
-        return ()
-    found = []
-    for j in np.flatnonzero(squares > _ABOVE**2 * count).tolist():
-        joint, ratio = after.model.robot.joint_names[j], float(np.sqrt(squares[j] / count[j]))
-        said = f"{joint}: with all that was found, the error on held-out data is still {ratio:.3g} times the noise; nothing says what it is"
-        found.append(Unexplained(joint, "the error that is left", said, float(squares[j] - count[j])))
     return tuple(found)
 
 
