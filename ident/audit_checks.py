@@ -11,8 +11,9 @@ from .audit import Finding, Severity
 from .audit_jumps import find_jumps
 from .audit_torque import check_saturation, check_torque, grid_step
 from .errors import IdentError
-from .logs import Log, measured, unwrapped
+from .logs import Log, measured
 from .robot import Robot
+from .turns import unwrapped
 
 Array = np.ndarray
 Add = Callable[..., None]

@@ -13,10 +13,11 @@ from .audit_checks import joint_names, positions, torque_of
 from .cutoff import HIGHEST, CutoffChoice, choose_cutoff
 from .errors import IdentError
 from .filters import butterworth_transient, central_differences, zero_phase_lowpass
-from .logs import Log, unwrapped
+from .logs import Log
 from .resample import Clock, bridge
 from .robot import Robot
 from .transmission import Side
+from .turns import unwrapped
 from .uniform import Recording, UniformRun, uniform_runs
 
 Array = np.ndarray

@@ -19,6 +19,7 @@ from .log_names import JointNames
 from .log_repair import usable_rows
 from .measured import MeasuredTorque, measured
 from .transmission import Transmission
+from .turns import motor_turn_notes, unwrapped, wrapping
 
 if TYPE_CHECKING:
     from .audit import Audit
@@ -117,35 +118,6 @@ class Log:
             extra={k: v[selection] for k, v in self.extra.items()},
             origin=self.began,
         )
-
-
-def unwrapped(positions: Array) -> Array:
-    """Angles (N, n) without jumps of a full turn; columns that do not jump are left as they are."""
-    columns = wrapping(positions)
-    if not columns:
-        return positions
-    out = positions.copy()
-    out[:, columns] = np.unwrap(positions[:, columns], axis=0)
-    return out
-
-
-def wrapping(positions: Array) -> list[int]:
-    """Columns of angles (N, n) that jump by a full turn."""
-    step = np.diff(positions, axis=0)
-    wraps = np.abs(step) > np.pi
-    columns = []
-    for j in np.flatnonzero(wraps.any(axis=0)):
-        # A wrapped angle stays within one turn, and all its jumps are a turn but for what is moved within one sample.
-        usual = _largest(step[~wraps[:, j], j])
-        whole = np.abs(np.abs(step[wraps[:, j], j]) - 2 * np.pi) <= max(0.3, 1.5 * usual)
-        if usual < 2.5 and np.ptp(positions[:, j]) <= 2 * np.pi * 1.001 and whole.all():
-            columns.append(int(j))
-    return columns
-
-
-def _largest(x: Array) -> float:
-    finite = x[np.isfinite(x)]
-    return float(np.abs(finite).max()) if finite.size else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +269,7 @@ def read_logs(
         if names[log.name] > 1:
             logs[i] = replace(log, name=f"{log.name} ({names[log.name]})")
     if robot is not None:
-        logs = [log if log.q is not None else replace(log, q=log.position(robot.transmission)) for log in logs]
+        logs = [log if log.q is not None else _joined(log, robot) for log in logs]
     return LogSet(tuple(logs), robot)
 
 
@@ -315,6 +287,13 @@ def _files(paths: str | Path | Sequence[str | Path]) -> list[Path]:
     if not out:
         raise DataError("no log file was given.")
     return out
+
+
+def _joined(log: Log, robot: Robot) -> Log:
+    """A log of which only motor positions were recorded, with joint positions beside them."""
+    assert log.q_motor is not None
+    notes = (*log.notes, *motor_turn_notes(log.name, robot, wrapping(log.q_motor)))
+    return replace(log, q=log.position(robot.transmission), notes=notes)
 
 
 def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | None, missing: str, extra: bool) -> list[Log]:
@@ -367,4 +346,4 @@ def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | No
     return logs
 
 
-__all__ = ["Log", "LogSet", "MeasuredTorque", "measured", "read_logs", "spread", "unwrapped"]
+__all__ = ["Log", "LogSet", "MeasuredTorque", "measured", "read_logs", "spread"]

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .errors import ConfigurationError, DataError
-from .logs import Log, measured, unwrapped, wrapping
+from .logs import Log, measured
 from .resample import Clock, common_rate, flag_at, grid, interpolate, is_even, slow_clock, stretches, thin
 from .robot import Robot
+from .turns import motor_turn_notes, unwrapped, wrapping
 
 Array = np.ndarray
 
@@ -65,25 +66,6 @@ class Recording:
             tuple(dict.fromkeys(notes)),
             log.began,
         )
-
-
-def motor_turn_notes(name: str, robot: Robot, wrapping: Sequence[int]) -> list[str]:
-    """What to say of a log without joint positions, of which some motors' (columns `wrapping`) jump by a full turn."""
-    if not len(wrapping):
-        return []
-    turns = 2.0 * np.pi * np.abs(robot.transmission.K[:, wrapping]).max(axis=1)
-    where = ", ".join(
-        f"{joint.name} ({turn:.3g} {'m' if joint.prismatic else 'rad'} a turn)"
-        for joint, turn in zip(robot.joints, turns, strict=True)
-        if turn
-    )
-    motors = ", ".join(robot.joint_names[k] for k in wrapping)
-    said = (
-        f"log {name}: the motor positions of {motors} jump by a full turn; they are taken as continuous from the first sample on. In which"
-        f" turn that lies is not known: the zero of {where} may be off by whole turns, and with it the direction of gravity. Log joint"
-        " positions, or give [drive] zero."
-    )
-    return [said]
 
 
 def torque_notes(name: str, robot: Robot, missing: Array, samples: int) -> list[str]:

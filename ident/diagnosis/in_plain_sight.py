@@ -35,7 +35,7 @@ _STRETCHES = 10
 def jumps(signals: Signals) -> tuple[Unexplained, ...]:
     """Joints whose recorded position jumps (an encoder that slips, a wrong sample): what is around a jump is lost to any fit."""
     from ..audit_checks import position_jumps, positions
-    from ..logs import unwrapped
+    from ..turns import unwrapped
 
     found: dict[str, Unexplained] = {}
     for log in () if signals.source is None else signals.source:

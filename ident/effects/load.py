@@ -119,7 +119,11 @@ class PayloadStep(Payload):
     def implausible(self, robot: Robot, values: Array, std: Array) -> str:
         """Why there is no body that added, or taken away, would change the ten parameters by so much; "" if one might."""
         blocks = zip(np.reshape(values, (-1, 10)), np.reshape(std, (-1, 10)), strict=True)
-        return next(filter(None, (_no_body(v, s) and _no_body(-v, s) and _no_body(v if v[0] >= 0.0 else -v, s) for v, s in blocks)), "")
+        for own, deviation in blocks:
+            added, taken_away = _no_body(own, deviation), _no_body(-own, deviation)
+            if added and taken_away:
+                return added if own[0] >= 0.0 else taken_away
+        return ""
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         return self.bounded(t_0=inside(motion))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..robot import Robot
-from ..uniform import motor_turn_notes
+from ..turns import motor_turn_notes
 from .disk import DiskArray, DiskWriter
 from .stored import StoredLog
 

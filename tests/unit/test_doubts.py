@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.doubts import _bounds, doubts, fitted_as_well
+from ident.doubts import _bounds, _taken_up, doubts, fitted_as_well
 from ident.estimate import Estimate
 from ident.estimators import WeightedLeastSquares
 from ident.logs import Log
@@ -71,6 +71,26 @@ def test_logs_that_are_fitted_and_held_out_are_named(sha: str, again: bool) -> N
     said = fitted_as_well([{"path": "one.csv", "sha256": "a"}], [{"path": "copy.csv", "sha256": sha}])
     assert said.startswith("copy.csv is fitted as well") == again
     assert bool(said) == again
+
+
+def test_a_joint_with_hardly_a_row_is_named() -> None:
+    """Of few rows the fit takes up nearly all: what is left tells nothing of the noise."""
+    whole = prepared(1)
+    valid = whole.valid.copy()
+    valid[np.flatnonzero(valid[:, 1])[6:], 1] = False
+    estimate = fitted(replace(whole, valid=valid))
+    (said,) = [one for one in doubts(estimate) if one.startswith("few rows")]
+    assert "j2 (6; the fit takes up" in said
+    assert "j1" not in said
+    assert estimate.problem is not None
+    own = estimate.model.base.regroup[:, list(estimate.base.independent)]
+    columns = np.zeros((*valid.shape, len(estimate.names)))
+    for rows in estimate.problem.rows():
+        columns[rows.place] = rows.columns @ own * rows.valid[:, :, None]
+    inverse = np.linalg.inv(np.einsum("mjk,j,mjl->kl", columns, estimate.weights, columns))
+    leverage = np.einsum("mjk,kl,mjl,j->j", columns, inverse, columns, estimate.weights)
+    np.testing.assert_allclose(_taken_up(estimate), leverage, rtol=1e-6)
+    assert leverage.sum() == pytest.approx(len(estimate.names))
 
 
 def test_the_bounds_of_a_sum_are_those_of_its_parts() -> None:

@@ -8,14 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from effect_robots import ROBOTS
 
 from ident.errors import ConfigurationError, DataError
 from ident.log_columns import resolve_columns
 from ident.log_names import JointNames
 from ident.log_units import split_unit
-from ident.logs import Log, LogSet, measured, read_logs, unwrapped
+from ident.logs import Log, LogSet, measured, read_logs
 from ident.robot import Robot
+from ident.signals import ZeroPhase
+from ident.streaming.ingest import Reading, store_logs
 from ident.transmission import Side, Transmission
+from ident.turns import unwrapped
 
 SCARA = """<robot name="slide_arm"><link name="base"/><link name="a"/><link name="b"/>
 <joint name="shoulder" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
@@ -418,6 +422,25 @@ class TestSets:
         logs = read_logs(str(tmp_path / "*" / "run.csv"))
         assert logs.names == ("run", "run (2)")
         assert len(logs.inputs) == 2
+
+
+def test_motors_that_jump_by_a_turn_leave_the_zero_of_their_joints_open(tmp_path: Path) -> None:
+    """In memory and streamed."""
+    robot = ROBOTS["scara"]()
+    t = np.arange(4000) / 400.0
+    motors = np.outer(np.sin(1.3 * t), [12.0, 2.0, 1.0, 9.0])
+    wrapped = (motors + np.pi) % (2.0 * np.pi) - np.pi
+    header = "t," + ",".join(f"q_m{j + 1}" for j in range(4)) + "," + ",".join(f"tau_m{j + 1}" for j in range(4))
+    path = write(tmp_path / "turns.csv", header, np.column_stack([t, wrapped, motors]).tolist())
+    signals = ZeroPhase(cutoff_hz=20.0)(read_logs(path, robot))
+    (run,) = store_logs(path, tmp_path / "stored", Reading(robot))
+    for notes in (signals.report.warnings, run.notes):
+        (said,) = [note for note in notes if "jump by a full turn" in note]
+        assert "motor positions of j1, j4 jump" in said
+        assert "the zero of j1 (0.126 rad a turn)" in said
+        assert "j2 (" not in said
+    joints = robot.transmission.joint_position(motors)
+    np.testing.assert_allclose(run.read(0, len(t)).q, joints, atol=1e-9)
 
 
 def test_unwrapping_only_full_turns() -> None:
