@@ -8,6 +8,7 @@ import csv
 import gzip
 import io
 import lzma
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -24,6 +25,10 @@ from .log_mat import mat_columns
 
 Array = np.ndarray
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-nan", "+nan", "#n/a", "<na>"}
+#: A first line by which spreadsheets are told what separates fields; what else may, and of how many columns at least.
+_SEPARATOR = re.compile(r'"?sep=([,;\t])"?', re.IGNORECASE)
+_OTHER = re.compile(r"\s*\|\s*|\s+")
+_COLUMNS = 2
 #: Characters of a field that messages show.
 _SHOWN = 40
 _OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ", lzma.open))
@@ -121,10 +126,12 @@ def open_binary(path: Path) -> IO[bytes]:
 def _text_header(path: Path) -> Header:
     try:
         with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", newline="") as text:
-            number = 0
+            number, told = 0, ""
             for line in text:
                 number += 1
-                if line.strip() and not line.startswith("#"):
+                if found := _SEPARATOR.fullmatch(line.strip(" \r\n")):
+                    told = found[1]
+                elif line.strip() and not line.startswith("#"):
                     break
             else:
                 raise DataError(f"log {path}: the file holds no header row.")
@@ -133,7 +140,10 @@ def _text_header(path: Path) -> Header:
         wide = isinstance(error, UnicodeDecodeError) and error.object[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
         remedy = " It begins as UTF-16 does: save it as UTF-8." if wide else ""
         raise DataError(f"log {path}: is not a text table ({error}).{remedy}") from None
-    delimiter = next((d for d in (",", ";", "\t") if d in line), ",")
+    delimiter = told or next((d for d in (",", ";", "\t") if d in line), ",")
+    if delimiter not in line and len(_OTHER.split(line.strip())) > _COLUMNS:
+        mark = "'|'" if "|" in line else "spaces"
+        raise DataError(f"log {path}: its columns are separated by {mark} (line {number}); write it with commas, semicolons or tabs.")
     names = tuple(n.strip() for n in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter)))
     if all(_is_number(n) for n in names):
         raise DataError(

@@ -170,6 +170,23 @@ def test_time_backwards(tmp_path: Path) -> None:
     raises(path, "time runs backwards at data row 31")
 
 
+@pytest.mark.parametrize(("mark", "said"), [(" ", "separated by spaces"), ("   ", "separated by spaces"), ("|", "separated by '|'")])
+def test_other_separators_are_named(tmp_path: Path, mark: str, said: str) -> None:
+    path = csv(tmp_path / "a.csv", "t,q1,tau1")
+    path.write_text(path.read_text().replace(",", mark))
+    raises(path, "a.csv", said, "write it with commas")
+
+
+@pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;", "sep=\t"])
+def test_a_first_line_may_tell_what_separates_fields(tmp_path: Path, first: str) -> None:
+    path = csv(tmp_path / "a.csv", "t,q1,tau1")
+    plain = read_logs(path)[0]
+    path.write_text(first + "\n" + path.read_text().replace(",", first.strip('"')[-1]))
+    log = read_logs(path)[0]
+    assert np.array_equal(log.q, plain.q)
+    assert np.array_equal(log.t, plain.t)
+
+
 def test_time_stands(tmp_path: Path) -> None:
     path = csv(tmp_path / "a.csv", "t,q1,tau1", replace={(k, 0): "1.0" for k in range(50)})
     raises(path, "time stamp is the same")
