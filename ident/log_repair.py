@@ -13,8 +13,9 @@ Array = np.ndarray
 #: Missing positions are bridged like a gap in time if no more rows than this follow each other, and few do overall.
 _ISOLATED = 10
 _SHARE = 0.01
-#: Where more rows than this share repeat the stamp before them, and not the positions, the stamps are rounded too coarsely.
-_ROUNDED = 0.05
+#: Where more rows than this share repeat the stamp before them, and this share of those not its positions, stamps are rounded too coarsely.
+_ROUNDED = 0.2
+_MOVED = 0.1
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def rising_runs(t: Array, index: Array, where: str, notes: list[str], moved: Cal
             dropped = np.zeros(len(t), bool)
             dropped[piece[~keep]] = True
             again = np.flatnonzero(dropped)
-            if keep.sum() > 1 and len(again) > _ROUNDED * len(piece) and np.mean(moved(again)) > 0.5:
+            if keep.sum() > 1 and len(again) > _ROUNDED * len(piece) and np.mean(moved(again)) > _MOVED:
                 raise DataError(
                     f"{where}: {len(again)} of {len(piece)} rows repeat the time stamp before them ({ranges(dropped)}), but not its"
                     " positions: the stamps are rounded to more than the time between samples, and no speed can be had from them."
