@@ -35,8 +35,8 @@ Array = np.ndarray
 HELD = 0.25
 #: Cut-off (Hz) that every held-out part is long enough for.
 _SHORTEST = 5.0
-#: A finding is ambiguous if its rivals together are at least this probable; a rival is named from `_NAMED` on.
-AMBIGUOUS, _NAMED = 0.2, 0.05
+#: A rival of an ambiguous finding is named from this probability on.
+_NAMED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,12 +152,12 @@ def _named(oracle: Oracle, findings: Sequence[Any], part: dict[str, Any], i: int
 
     for place, f in enumerate(findings):
         if is_part(f.name, f.joints, getattr(f.effect, "motors", None), part, names):
-            if sum(m.confidence for m in f.imitators) < AMBIGUOUS:
+            if not f.ambiguous:
                 return told("found", place, None)
             rival = max(f.imitators, key=lambda m: m.confidence)
             return told("found, ambiguous", place, oracle.rival(rival.effect, rival.joints))
     for place, f in enumerate(findings):
-        if sum(m.confidence for m in f.imitators) < AMBIGUOUS:
+        if not f.ambiguous:
             continue
         if any(m.confidence >= _NAMED and is_part(m.effect, m.joints, None, part, names) for m in f.imitators):
             return told("rival", place, f.effect)
