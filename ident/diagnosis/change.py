@@ -17,20 +17,22 @@ if TYPE_CHECKING:
     from .acceptance import Found
 
 Array = np.ndarray
-#: Blocks of time of a run.
-_BLOCKS = 20
+#: Blocks of time of a run; twelve pairs of neighbours have 4096 patterns of signs, which are tried all.
+_BLOCKS = 24
 #: A joint's squared error grows if it does so by so many standard errors over the blocks, and by this share: what little an effect that was
 #: found elsewhere moves is the price of refitting all parameters with it.
 SURELY = 2.0
 _SHARE = 0.4
-#: What falls beyond chance: by more than this, which chance reaches once in a thousand for one parameter; and so that blocks which fall
-#: or grow alike would reach it with no more than that probability either, or by fifteen times as much, which no colour of the noise
-#: explains. Stricter than asking whether a fault could be seen at all: refitted otherwise, what is claimed should still be seen.
+#: What falls beyond chance: by more than this, which chance reaches once in a thousand for one parameter, and so that blocks which fall or
+#: grow alike would reach it twice in 4096 at most; or by six times as much, and so that they would reach it five times in a thousand at
+#: most: what stands here has passed the test of the whole catalogue on the data fitted; or by fifteen times as much, which no colour of
+#: the noise explains.
 _CLEAR = 10.8
-_CHANCE = 0.001
+_CHANCE = 0.0005
+_LARGE = 6.0 * _CLEAR
+_LARGE_CHANCE = 0.005
 _SURE = 15.0 * _CLEAR
-#: What is hinted at: less surely, or by much less surely still, but so much that no small inexactness of the model does it alone.
-_LIKELY = 0.0025
+#: What is hinted at: much less surely, but so much that no small inexactness of the model does it alone.
 _HINT = 5.0 * _CLEAR
 _SOME_CHANCE = 0.02
 #: Signs are tried all, or so many.
@@ -70,13 +72,13 @@ class Change:
     def shown(self) -> bool:
         """Whether the sum over all joints falls beyond chance."""
         gain, chance = self._fall
-        return gain > _SURE or (gain > _CLEAR and chance <= _CHANCE)
+        return gain > _SURE or (gain > _LARGE and chance <= _LARGE_CHANCE) or (gain > _CLEAR and chance <= _CHANCE)
 
     @property
     def hinted(self) -> bool:
         """Whether it falls by more than chance mostly gives: enough not to drop what there is some evidence for besides."""
         gain, chance = self._fall
-        return (gain > _CLEAR and chance <= _LIKELY) or (gain > _HINT and chance <= _SOME_CHANCE)
+        return self.shown or (gain > _HINT and chance <= _SOME_CHANCE)
 
     @property
     def _fall(self) -> tuple[float, float]:

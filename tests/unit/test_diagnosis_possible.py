@@ -420,25 +420,25 @@ def test_what_differs_from_block_to_block_decides_as_far_as_its_scatter_lets_it(
     cast(SimpleNamespace, one).weights = np.array([0.5, 0.5])
 
     def odds(gains: Array) -> float:
-        """Of a rival with these gains (20,) in 20 blocks of 50 rows."""
+        """Of a rival with these gains (24,) in 24 blocks of 50 rows."""
 
         def entry(place: int, squares: Array) -> Entry:
             residual = np.sqrt(np.repeat(squares / 50.0, 50))[:, None]
             fake = SimpleNamespace(estimate=SimpleNamespace(fit_error=SimpleNamespace(rms=np.ones(1))), residual=residual)
-            fake.signals, fake.allowing = SimpleNamespace(row_runs=(slice(0, 1000),)), lambda _: (residual, 0.0)
+            fake.signals, fake.allowing = SimpleNamespace(row_runs=(slice(0, 1200),)), lambda _: (residual, 0.0)
             return Entry(place, (), cast(Foretelling, fake))
 
         _, logs, _ = _decided(one, [entry(0, 50.0 + 0.0 * gains), entry(1, 50.0 - gains)])
         return float(logs[1] - logs[0])
 
-    even, some, single = np.full(20, 2.0), np.tile([5.0, -1.0], 10), np.r_[40.0, np.zeros(19)]
-    assert odds(even + np.tile([1e-6, -1e-6], 10)) == pytest.approx(0.5 * (40.0 - 0.01 * 960.0), rel=1e-3)
+    even, some, single = np.full(24, 2.0), np.tile([5.0, -1.0], 12), np.r_[48.0, np.zeros(23)]
+    assert odds(even + np.tile([1e-6, -1e-6], 12)) == pytest.approx(0.5 * (48.0 - 0.01 * 24.0 * 48.0), rel=1e-3)
     for gains in (some, single):
-        beyond = 40.0 - 0.01 * np.minimum(50.0, 50.0 - gains).sum()
-        z = beyond / (np.sqrt(20.0) * np.std(gains, ddof=1))
-        assert odds(gains) == pytest.approx(10.0 * np.log(1.0 + 2.0 * z**2 / 19.0), rel=1e-9)
+        beyond = 48.0 - 0.01 * np.minimum(50.0, 50.0 - gains).sum()
+        z = beyond / (np.sqrt(24.0) * np.std(gains, ddof=1))
+        assert odds(gains) == pytest.approx(12.0 * np.log(1.0 + 2.0 * z**2 / 23.0), rel=1e-9)
         assert odds(-gains) < 0.0
-    assert 0.0 < odds(single) < odds(some) < odds(even + np.tile([1e-6, -1e-6], 10))
+    assert 0.0 < odds(single) < odds(some) < odds(even + np.tile([1e-6, -1e-6], 12))
 
 
 def test_as_many_rivals_are_looked_at_as_weigh_anything() -> None:
