@@ -63,7 +63,7 @@ def read_header(path: Path) -> Header:
     check_file(path)
     kind = path.suffix.lower()
     if kind in (".parquet", ".pq"):
-        return Header(tuple(parquet_file(path).schema.names))
+        return Header(tuple(name for name, _ in stored_names(parquet_file(path))))
     if kind == ".mat":
         return Header(tuple(mat_columns(path)))
     return _text_header(path)
@@ -78,8 +78,10 @@ def read_columns(path: Path, header: Header, names: Sequence[str], optional: Seq
         if kind == ".mat":
             columns = mat_columns(path)
         else:
-            table = parquet_file(path).read(columns=[*names, *optional])
-            columns = {name: arrow_values(table.column(name)) for name in (*names, *optional)}
+            file = parquet_file(path)
+            stored = {name: own for name, own in stored_names(file) if name in (*names, *optional)}
+            table = file.read(columns=list(stored.values()))
+            columns = {name: arrow_values(table.column(own)) for name, own in stored.items()}
         out = {name: numeric(columns[name], path, name) for name in names}
         for name in optional:
             with suppress(DataError):
@@ -155,11 +157,12 @@ def _text_header(path: Path) -> Header:
 
 
 def _is_number(text: str) -> bool:
+    """Whether the readers take a text for a number: `1_0` and digits of other scripts are numbers to Python alone."""
     try:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text and text.isascii()
 
 
 def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
@@ -353,3 +356,10 @@ def parquet_file(path: Path) -> Any:
         return parquet.ParquetFile(path)
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"log {path}: is not a Parquet file ({str(error).splitlines()[0]}).") from None
+
+
+def stored_names(file: Any) -> tuple[tuple[str, str], ...]:
+    """What the columns of a Parquet file are called here, without blanks around it as in a text, and what they are called there."""
+    stored = file.schema.names
+    bare = [name.strip() for name in stored]
+    return tuple((name if bare.count(name) == 1 else own, own) for name, own in zip(bare, stored, strict=True))

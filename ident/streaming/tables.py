@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import DataError, UnsupportedError
 from ..log_columns import ColumnPlan
-from ..log_files import Header, arrow_values, numeric, open_binary, parquet_file
+from ..log_files import Header, arrow_values, numeric, open_binary, parquet_file, stored_names
 from .text import TextParser
 
 Array = np.ndarray
@@ -72,7 +72,8 @@ def pieces(
 def _parquet_pieces(path: Path, plan: ColumnPlan, start: Place) -> Iterator[Piece]:
     import pyarrow as pa
 
-    file, names = parquet_file(path), plan.sources
+    file = parquet_file(path)
+    stored = {name: own for name, own in stored_names(file) if name in plan.sources}
     total = max(1, file.metadata.num_rows)
     group, before = 0, 0
     while group < file.num_row_groups and before + file.metadata.row_group(group).num_rows <= start.rows:
@@ -81,7 +82,7 @@ def _parquet_pieces(path: Path, plan: ColumnPlan, start: Place) -> Iterator[Piec
     row = before
     try:
         for batch in file.iter_batches(
-            _PARQUET_PIECE, row_groups=range(group, file.num_row_groups), columns=list(names), use_threads=False
+            _PARQUET_PIECE, row_groups=range(group, file.num_row_groups), columns=list(stored.values()), use_threads=False
         ):
             skip = min(max(0, start.rows - row), batch.num_rows)
             table = pa.Table.from_batches([batch.slice(skip)])
@@ -89,7 +90,7 @@ def _parquet_pieces(path: Path, plan: ColumnPlan, start: Place) -> Iterator[Piec
             if not table.num_rows:
                 continue
             first = row - table.num_rows + 1
-            columns = {name: numeric(arrow_values(table.column(name)), path, name, first) for name in names}
+            columns = {name: numeric(arrow_values(table.column(own)), path, name, first) for name, own in stored.items()}
             yield Piece(plan.arrays(columns), Place(0, row), row / total)
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"log {path}: the file is damaged after data row {row} ({str(error).splitlines()[0]}).") from None

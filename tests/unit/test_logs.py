@@ -12,6 +12,7 @@ from effect_robots import ROBOTS
 
 from ident.errors import ConfigurationError, DataError
 from ident.log_columns import resolve_columns
+from ident.log_files import read_header
 from ident.log_names import JointNames
 from ident.log_units import split_unit
 from ident.logs import Log, LogSet, measured, read_logs
@@ -297,6 +298,17 @@ def test_parquet(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.q[:, 0], np.sin(t))
     assert np.isnan(log.tau["joint"][0, 0])
     assert not log.extra
+
+
+def test_blanks_around_the_names_of_a_parquet_file_are_no_part_of_them(tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    t = np.arange(50) * 0.01
+    parquet.write_table(pa.table({"t ": t, " q1": np.sin(t), "tau1": t, "note ": t, "twice": t, "twice ": t}), tmp_path / "p.parquet")
+    log = read_logs(tmp_path / "p.parquet")[0]
+    np.testing.assert_array_equal(log.q[:, 0], np.sin(t))
+    assert read_header(tmp_path / "p.parquet").names == ("t", "q1", "tau1", "note", "twice", "twice ")
 
 
 def test_both_csv_readers_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

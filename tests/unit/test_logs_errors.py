@@ -150,9 +150,11 @@ def test_mapping_of_a_wrong_kind(tmp_path: Path) -> None:
     raises(path, "[columns] q1", "'degree'; did you mean 'deg'", columns={"q1": {"column": "a", "unit": "degree"}}, code=2)
 
 
-def test_text_in_a_number_names_the_place(tmp_path: Path) -> None:
-    path = csv(tmp_path / "a.csv", "t,q1,tau1", replace={(16, 1): "0.1x"})
-    raises(path, "a.csv", "column 'q1'", "line 18", "data row 17", "'0.1x' is not a number")
+@pytest.mark.parametrize("text", ["0.1x", "1_0.5", "１"])
+def test_text_in_a_number_names_the_place(text: str, tmp_path: Path) -> None:
+    """Python reads underscores and digits of other scripts; tables of numbers have none."""
+    path = csv(tmp_path / "a.csv", "t,q1,tau1", replace={(16, 1): text})
+    raises(path, "a.csv", "column 'q1'", "line 18", "data row 17", f"'{text}' is not a number")
 
 
 def test_too_many_fields_names_the_line(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ def test_gzip_and_parquet_equal_memory(tmp_path: Path, table: dict[str, Array]) 
     squeezed = tmp_path / "a" / "log.csv.gz"
     squeezed.parent.mkdir()
     squeezed.write_bytes(gzip.compress(plain.read_bytes()))
-    parquet.write_table(pa.table(table), tmp_path / "log.parquet", row_group_size=5000)
+    parquet.write_table(pa.table({f"{name} ": column for name, column in table.items()}), tmp_path / "log.parquet", row_group_size=5000)
     for path in (squeezed, tmp_path / "log.parquet"):
         memory, streamed = both(path.parent, path)
         assert np.array_equal(streamed.stored[0].t[:], memory.recorded[0].t)
