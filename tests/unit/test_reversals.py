@@ -28,6 +28,11 @@ def test_without_coupling_only_the_own_speed_counts(side: Side) -> None:
     assert np.array_equal(reversing(drive, dq, threshold), np.abs(on_side) <= threshold)
 
 
+def felt(torque: Array) -> Array:
+    """Which torques (n,) a friction is in; what the inverse of a coupling leaves of zero, on some processors alone, is rounding."""
+    return np.asarray(np.abs(torque) > 1e-9)
+
+
 @pytest.mark.parametrize("side", [Side.MOTOR, Side.JOINT])
 @pytest.mark.parametrize("seed", range(5))
 def test_a_row_turns_where_any_friction_in_it_does(side: Side, seed: int) -> None:
@@ -42,9 +47,9 @@ def test_a_row_turns_where_any_friction_in_it_does(side: Side, seed: int) -> Non
     at_motor = np.abs(np.linalg.inv(K)) @ threshold if side == Side.JOINT else threshold
     motors, joints = np.zeros((300, 4), bool), np.zeros((300, 4), bool)
     for i in range(4):
-        motors |= (np.abs(rate[:, i]) <= at_motor[i])[:, None] & (drive.torque(every[i], Side.MOTOR, side) != 0.0)
+        motors |= (np.abs(rate[:, i]) <= at_motor[i])[:, None] & felt(drive.torque(every[i], Side.MOTOR, side))
     for j in (1, 3):
-        joints |= (np.abs(dq[:, j]) <= at_joint[j])[:, None] & (drive.torque(every[j], Side.JOINT, side) != 0.0)
+        joints |= (np.abs(dq[:, j]) <= at_joint[j])[:, None] & felt(drive.torque(every[j], Side.JOINT, side))
     found = reversing(drive, dq, threshold)
     assert np.array_equal(found, motors | joints)
     assert found.any()
