@@ -70,8 +70,11 @@ def last_word(
     said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []), *_not_shown(kept))
     unseen, faint = (tuple(f.effect for f in some) for some in (kept.unseen, kept.faint))
     owed = tuple(f.effect for f in kept.selection.found if confirms)
-    grown, error = Change.of(declared, kept.after, rows).on(np.ones(rows.robot.n, bool))
-    return LastWord(kept.selection, kept.after, unexplained, unseen, faint, owed, said, -grown > SURELY * error)
+    change = Change.of(declared, kept.after, rows)
+    grown, error = change.on(np.ones(rows.robot.n, bool))
+    # What comes in knocks falls in every block, in few of them by most of it: its standard error is large, but chance is no explanation.
+    shown = change.shown or -grown > SURELY * error
+    return LastWord(kept.selection, kept.after, unexplained, unseen, faint, owed, said, shown)
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,8 +38,10 @@ if TYPE_CHECKING:
     from ..signals import Signals
 
 Array = np.ndarray
-#: Share of their confidence that findings keep which sit where the model does not hold, or that held-out data do not show.
+#: Share of their confidence that findings keep which sit where the model does not hold, or that held-out data do not show; and of those
+#: that held-out data show no more clearly than chance might.
 _UNHELPFUL = 0.3
+_FAINTLY = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,12 +222,7 @@ def _diagnosed(
         verdict = "ambiguous"
     unexplained = (*unexplained, *blind)
     bad = {u.joint for u in (*plain, *blind)}
-    findings = tuple(
-        replace(f, confidence=_UNHELPFUL * f.confidence)
-        if (bad and (not f.joints or bad & set(f.joints))) or f.effect in last.unseen
-        else f
-        for f in findings
-    )
+    findings = tuple(replace(f, confidence=_share(f, last, bad) * f.confidence) for f in findings)
     findings = tuple(replace(f, advice=_advice(f, last, before.model.robot, verdict)) for f in findings)
     tell(1.0)
     said = list(last.said)
@@ -234,6 +231,13 @@ def _diagnosed(
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
     warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said, *estimates.said(after))))
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, () if looked.found else elsewhere)
+
+
+def _share(finding: Finding, last: LastWord, bad: set[str]) -> float:
+    """Share of its confidence that a finding keeps. `bad`: joints on which the model does not hold whatever is found."""
+    if (bad and (not finding.joints or bad & set(finding.joints))) or finding.effect in last.unseen:
+        return _UNHELPFUL
+    return _FAINTLY if finding.effect in last.faint else 1.0
 
 
 def _advice(finding: Finding, last: LastWord, robot: Robot, verdict: str) -> str:

@@ -39,8 +39,10 @@ _SHARE = 0.2
 _AS_MUCH = 0.9
 #: A finding is trusted no further than this: the catalogue may lack the true one.
 _MOST = 0.99
-#: Share of its confidence that a finding keeps beside something larger that nothing explains.
+#: Share of its confidence that a finding keeps beside something larger that nothing explains; and that it keeps at least beside what is
+#: left of little evidence.
 _OVERSHADOWED = 0.3
+_BESIDE_LITTLE = 0.4
 #: So many at one place are taken by their names; one that makes up less than this share of another which follows the position as well is a
 #: part of that one's law, unless it is a ripple of so many radians a radian.
 _TOGETHER = 2
@@ -149,17 +151,21 @@ def assess(selection: Selection, left: Sequence[Leftover]) -> tuple[str, tuple[F
     parameters = found_parameters(selection.final, [f.effect for f in selection.found])
     each = [_finding(f, own, selection, left) for f, own in zip(selection.found, parameters, strict=True)]
     findings = sorted(each, key=lambda f: -_strength(selection.final, f))
-    unexplained = tuple(
-        Unexplained(robot.joint_names[x.joint], x.signature, x.text(robot.joint_names[x.joint]), x.evidence) for x in counted
-    )
-    unexplained += _drawn(selection.found, robot)
+    unexplained = (*_told(counted, robot), *_drawn(selection.found, robot))
     if unexplained:
         verdict = "unexplained"
     elif any(f.ambiguous or f.confidence < LIKELY for f in findings):
         verdict = "ambiguous"
+        # What took their confidence from them is told, little as it is.
+        unexplained = _told([x for x in left if x.weight >= 1.0], robot)
     else:
         verdict = "explained" if findings else "clean"
     return verdict, tuple(findings), unexplained
+
+
+def _told(left: Sequence[Leftover], robot: Robot) -> tuple[Unexplained, ...]:
+    names = robot.joint_names
+    return tuple(Unexplained(names[x.joint], x.signature, x.text(names[x.joint]), x.evidence) for x in left)
 
 
 def _strength(final: Stage, finding: Finding) -> float:
@@ -231,8 +237,7 @@ def _of_position(effect: Effect, robot: Robot) -> bool:
 
 def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Selection, left: Sequence[Leftover]) -> Finding:
     rows = acts_on(found.judged)
-    weight = max((x.weight for x in left if rows[x.joint]), default=0.0)
-    trust = min(_MOST, 1.0 / (1.0 + weight**2)) if weight >= 1.0 else _MOST
+    trust = min((_trust_beside(x) for x in left if rows[x.joint]), default=_MOST)
     # What nothing explains on one joint shows on others, through all that they share: what is smaller than it is not to be trusted.
     if any(x.weight >= 1.0 and x.evidence > found.judged.evidence for x in left):
         trust *= _OVERSHADOWED
@@ -262,6 +267,14 @@ def _finding(found: Found, parameters: tuple[FoundParameter, ...], selection: Se
         trust * trust_in_catalogue * total[own],
         imitators,
     )
+
+
+def _trust_beside(leftover: Leftover) -> float:
+    """How far a finding is trusted on whose rows something is left."""
+    if leftover.weight < 1.0:
+        return _MOST
+    least = 0.0 if leftover.counts else _BESIDE_LITTLE
+    return min(_MOST, max(least, 1.0 / (1.0 + leftover.weight**2)))
 
 
 def _beyond(odds: Mapping[tuple[str, str, str], float], trust: float) -> tuple[Imitator, ...]:

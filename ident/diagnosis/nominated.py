@@ -20,9 +20,12 @@ import numpy as np
 from .acceptance import Found
 from .bank import Bank
 from .change import Change
+from .contest import settled_with
 from .evidence import FALSE_ALARM, WEAK, occam, surplus
 from .foretelling import Foretelling
 from .in_plain_sight import apart
+from .plausible import off_at_its_best
+from .precision import support, unbound
 from .selection import Selection, relabelled
 from .stage import Stage, with_effects
 from .weights import weights
@@ -32,8 +35,9 @@ if TYPE_CHECKING:
     from ..signals import Signals
     from .search import Judged
 
-#: So many candidates are nominated, each of which lacks no more than this.
-_MOST = 3
+#: So many candidates are nominated, each of which lacks no more than this. (Where the fitted motion tells little of a joint's parameters,
+#: the true one may be the fourth: friction that depends on load, behind three that gain nothing on held-out data.)
+_MOST = 8
 _LACKING = 25.0
 #: The gain on held-out data over its standard error, and the least evidence there (twice the logarithm of the ratio of densities). Where
 #: nothing is, a ratio of k is reached with a probability of no more than 1 / k (Markov's inequality): the rate of false alarms over all
@@ -65,7 +69,7 @@ def nominated(
         lasting = -grown > _SURELY * error or told > WEAK
         confirmed = lasting and -grown > lacking and told > max(lacking, best[0] if best else _CLEARLY)
         # Where held-out data hold what neither model knows of, the noise is not what the evidence is counted in.
-        if confirmed and not apart(estimate, selection.final.problem.signals, rows):
+        if confirmed and not apart(estimate, selection.final.problem.signals, rows) and _can_be(selection, one, bank):
             said = (
                 f"{judged.hit.candidate} is what the data fitted suggest, with too little evidence to name it ({judged.evidence:.0f};"
                 f" {judged.evidence + lacking:.0f} is asked for); the data held out confirm it (the squared error over the noise falls by"
@@ -73,6 +77,15 @@ def nominated(
             )
             best = told, replace(selection, final=stage, found=(one,)), said
     return (best[1], best[2]) if best else (selection, "")
+
+
+def _can_be(selection: Selection, one: Found, bank: Bank) -> bool:
+    """Whether a candidate is what it is called at the best of its shapes: the search looked at a few of them."""
+    if one.effect.response(selection.final.problem.model.robot) is None or not one.effect.shape():
+        return True
+    stage, effects = settled_with(selection, [one.effect], selection.final, bank)
+    ((values, _),) = unbound(stage, effects)
+    return not off_at_its_best(effects[0], values, support(stage, effects[0]), stage.problem.model.robot)
 
 
 def _found(judged: Judged, every: Sequence[Judged], stage: Stage) -> Found:

@@ -23,6 +23,7 @@ from ident.diagnosis.bank import Bank
 from ident.diagnosis.change import Change, by_signs
 from ident.diagnosis.consistent import consistent
 from ident.diagnosis.contest import Arena
+from ident.diagnosis.diagnosis import _share
 from ident.diagnosis.findings import HELD_OUT, Unexplained
 from ident.diagnosis.foretelling import Foretelling
 from ident.diagnosis.in_plain_sight import apart
@@ -494,3 +495,16 @@ def test_what_is_barely_over_the_threshold_is_there_only_if_held_out_data_hint_a
     assert refused == ([] if kept else [one])
     assert unseen == []
     assert faint == ([one] if kept and not shown else [])
+
+
+def test_confidence_falls_with_what_held_out_data_do_not_show() -> None:
+    seen, faint, unseen = (make_effect(name, joints="j1") for name in ("offset", "stribeck", "viscous"))
+    last = cast(Any, SimpleNamespace(unseen=(unseen,), faint=(faint,)))
+
+    def share(effect: Effect, bad: set[str]) -> float:
+        return _share(cast(Any, SimpleNamespace(effect=effect, joints=("j1",))), last, bad)
+
+    assert share(seen, set()) == 1.0
+    assert share(unseen, set()) < share(faint, set()) < 1.0
+    assert share(seen, {"j1"}) == share(faint, {"j1"}) == share(unseen, set())
+    assert share(seen, {"j2"}) == 1.0

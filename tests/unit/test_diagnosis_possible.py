@@ -22,9 +22,10 @@ from ident.diagnosis.findings import Unexplained, _finding, _inexact
 from ident.diagnosis.foretelling import Foretelling
 from ident.diagnosis.frame import Frame
 from ident.diagnosis.irregular import _bursts
+from ident.diagnosis.leftover import Leftover
 from ident.diagnosis.light import too_light
 from ident.diagnosis.motions import Motions
-from ident.diagnosis.plausible import driven_out, driven_out_on, implausible
+from ident.diagnosis.plausible import driven_out, driven_out_on, implausible, off_at_its_best
 from ident.diagnosis.precision import unbound
 from ident.diagnosis.refit import Refit
 from ident.diagnosis.search import Hit, Search
@@ -283,6 +284,38 @@ def test_what_is_there_as_well_is_no_rival() -> None:
     with_it = _finding(first, (), both, [])
     assert with_it.confidence == pytest.approx(5.0 / 6.0, abs=0.01)
     assert [i.effect for i in with_it.imitators] == ["stribeck"]
+
+
+@pytest.mark.parametrize(
+    ("response", "support", "refused"),
+    [
+        (1.42, 69.0, True),  # an encoder's rounding in columns and residual alike, a rotor at the edge of what can be
+        (0.7, 69.0, True),
+        (1.42, 10.0, False),  # 1.42 ± 0.45
+        (1.1, 1e5, False),  # laws are never exact
+        (1.42, np.inf, False),  # tied to other parameters: nothing is known of it
+    ],
+)
+def test_a_spring_that_gives_too_little_at_its_best_is_none(response: float, support: float, refused: bool) -> None:
+    robot = ROBOTS["scara"]()
+    spring = make_effect("joint_elasticity", joints="j2", stiffness=300.0)
+    why = off_at_its_best(spring, np.array([response]), support, robot)
+    assert bool(why) == refused
+    assert not refused or f"{response:.3g} times" in why
+    assert off_at_its_best(make_effect("viscous", joints="j2"), np.array([response]), support, robot) == ""
+
+
+def test_what_little_is_left_takes_no_more_than_a_part_of_the_confidence() -> None:
+    first = found(make_effect("offset", joints="j1"), 334.0)
+    stage = SimpleNamespace(problem=SimpleNamespace(model=SimpleNamespace(robot=ROBOTS["scara"]())))
+    selection = SimpleNamespace(found=(first,), declared=SimpleNamespace(frame=SimpleNamespace(heldout_loss=np.ones(4))), final=stage)
+
+    def confidence(evidence: float) -> float:
+        left = Leftover(0, "load", evidence, 13.0, 0.1, 0.2)
+        return _finding(first, (), cast(Selection, selection), [left]).confidence
+
+    assert confidence(31.0) == pytest.approx(0.4)
+    assert confidence(310.0) == pytest.approx(1.0 / 26.0)
 
 
 def test_what_would_take_up_much_is_told_though_it_is_improbable() -> None:
