@@ -189,6 +189,22 @@ def test_missing_torque_column(fit, arm, tmp_path):
     assert {"Fv_elbow", "Fc_elbow"} <= set(ran.json["not_determined"])
 
 
+def test_torque_that_stays_at_zero_counts_as_not_logged(ident, fit, arm, tmp_path):
+    dead = write_csv(tmp_path / "dead.csv", arm.table | {"tau3": np.zeros_like(arm.table["tau3"])})
+    ran = fit(dead, "--json")
+    assert ran.code == 0
+    assert any("torque never changes while the joint moves: elbow" in w for w in ran.json["warnings"])
+    assert {"Fv_elbow", "Fc_elbow"} <= set(ran.json["not_determined"])
+    checked = ident("check", "--urdf", arm.urdf, "--log", dead, *FRICTION)
+    assert checked.code == 0, checked.err
+    assert "joint elbow: no usable torque row" in checked.out
+    none = write_csv(tmp_path / "none.csv", {k: 0 * v if k.startswith("tau") else v for k, v in arm.table.items()})
+    for command in ("fit", "check"):
+        ran = ident(command, "--urdf", arm.urdf, "--log", none, *FRICTION)
+        assert ran.code == DATA
+        assert re.search(r"torque is exactly zero in every row that can be used \(none", ran.err), ran.err
+
+
 def test_torque_column_by_another_name(fit, arm, tmp_path):
     named = {("torque_3" if k == "tau3" else k): v for k, v in arm.table.items()}
     ran = fit(write_csv(tmp_path / "named.csv", named), "--json")

@@ -113,6 +113,8 @@ def damaged(kind: str, table: dict[str, Array]) -> dict[str, Array]:
         out["tau_m4"][3000:3900] = np.nan
         out["tau_m5"][:] = np.nan
         out["tau_m1"][2000:2003] = np.inf, -np.inf, np.nan
+    elif kind == "dead torque":
+        out["tau_m4"][:] = 0.25
     elif kind == "position holes":
         out["q3"][1000:1004] = np.nan
     elif kind == "missing samples":
@@ -140,6 +142,7 @@ def damaged(kind: str, table: dict[str, Array]) -> dict[str, Array]:
 KINDS = (
     "gap",
     "torque holes",
+    "dead torque",
     "position holes",
     "missing samples",
     "jitter",
