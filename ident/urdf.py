@@ -11,6 +11,7 @@ from pathlib import Path
 from lxml import etree
 
 from .errors import ConfigurationError
+from .urdf_inertials import check_inertials
 
 _SUPPORTED = {"revolute", "continuous", "prismatic", "fixed"}
 _NOISE = 1e-5  # rad: below this, an angle differs from an exact one by how many digits were written
@@ -98,6 +99,7 @@ def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
                 joint.remove(old)
             etree.SubElement(joint, "limit", lower="-1e30", upper="1e30", velocity="1e30", effort="1e30")
     _check_tree(root, where)
+    check_inertials(root, where)
     moved = {name: by for name, by in snapped.items() if by > _NOISE}
     notes: list[str] = []
     if moved:
