@@ -114,7 +114,7 @@ class Session:
             said.append(f"no error on data held out. {str(error)[0].upper()}{str(error)[1:]}")
         if again := fitted_as_well(*self.inputs_apart):
             said.append(again)
-        return replace(found, warnings=(*found.warnings, *said, *doubts(found)))
+        return replace(found, warnings=(*found.warnings, *self.robot.doubts, *said, *doubts(found)))
 
     @property
     def inputs_apart(self) -> tuple[tuple[dict[str, Any], ...], tuple[dict[str, Any], ...]]:

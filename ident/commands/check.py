@@ -44,6 +44,8 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
     out.say_wrapped(f"robot {robot.name}: {robot.n} joints in the order of the log: {', '.join(robot.joint_names)}")
     for note in robot.notes:
         out.say_wrapped(f"note: {note}")
+    for doubt in robot.doubts:
+        out.say_wrapped(f"warning: {doubt}")
     out.say()
     out.say_wrapped(session.audit)
     out.say()
@@ -58,7 +60,7 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
         "signals": session.fit_signals.report.to_dict(),
         "problem": check.to_dict(),
     }
-    warnings = [*robot.notes, *check.notes]
+    warnings = [*robot.notes, *robot.doubts, *check.notes]
     gates = [
         *(["the audit has warnings"] if session.audit.warnings else []),
         *([f"the data determine {check.rank} of {check.base.count} parameters"] if check.rank < check.base.count else []),

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..estimate import Estimate
 from ..results import result
+from ..urdf import some
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, positive, study_from
 
 if TYPE_CHECKING:
@@ -188,6 +189,11 @@ def _plant(args: argparse.Namespace) -> tuple[Model, Array]:
     model = study.model()
     if model.robot.nominal is None:
         raise ConfigurationError(f"robot {model.robot.name!r} has no inertials to simulate with; give a saved fit with --fit.")
+    if model.robot.faults:
+        raise ConfigurationError(
+            f"robot {model.robot.name!r} cannot be simulated: {some(model.robot.faults)}. Correct the <inertial> there, or give a saved fit"
+            " with --fit."
+        )
     return model, nominal_values(model)
 
 

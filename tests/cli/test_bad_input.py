@@ -323,6 +323,29 @@ def test_urdf_without_inertials_is_fine_for_fitting_and_said(ident, arm, tmp_pat
     refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"no inertials to simulate with")
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ('value="4"', 'value="-4"', r"link 'upper': its mass is -4 kg"),
+        ('ixx="0.02"', 'ixx="-0.5"', r"link 'upper': its inertia about some axis is -0\.5"),
+    ],
+)
+def test_inertials_of_no_body_stop_a_simulation_and_no_fit(ident, arm, tmp_path, right, wrong, message):
+    path = tmp_path / "odd.urdf"
+    path.write_text(ARM.replace(right, wrong))
+    refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"cannot be simulated: " + message, r"--fit")
+    for command in ("fit", "check"):
+        ran = ident(command, "--urdf", path, "--log", arm.train, *FRICTION, "--json", "--quiet")
+        assert ran.code == 0, ran.err
+        assert sum(bool(re.search(message, w)) for w in ran.json["warnings"]) == 1
+
+
+def test_a_hand_without_inertial_cannot_be_simulated(ident, tmp_path):
+    path = tmp_path / "light.urdf"
+    path.write_text(re.sub(r'(<link name="hand">).*?</inertial>', r"\1", ARM, flags=re.DOTALL))
+    refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"motion of joint 'wrist'.*<inertial> of link 'hand'")
+
+
 def test_fit_that_is_damaged(ident, arm, saved_fit, tmp_path):
     kept = json.loads(saved_fit.read_text())
     for name, content in (
