@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from .errors import ConfigurationError
 from .log_units import UNITS, expected_units, split_unit, unit_of
+
+if TYPE_CHECKING:
+    from .robot import Robot
 
 #: Quantities a log may hold. Torque is kept by what was logged: on the joint side, on the motor side, or as a motor current.
 QUANTITIES = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau_joint", "tau_motor", "tau_current")
@@ -29,10 +33,17 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class JointNames:
-    """What a log's columns are matched against: joint names in order, and which joints are prismatic."""
+    """What a log's columns are matched against: joint names in order, and which joints are prismatic. `side`: of a torque whose name
+    tells none (`<joint>.effort`), as the drive declares it."""
 
     names: tuple[str, ...]
     prismatic: tuple[bool, ...]
+    side: str = "joint"
+
+    @classmethod
+    def of(cls, robot: Robot) -> JointNames:
+        """Those of a robot behind its drive."""
+        return cls(robot.joint_names, tuple(j.prismatic for j in robot.joints), robot.transmission.measured.value)
 
 
 @dataclass(frozen=True)
@@ -100,6 +111,8 @@ def parse_name(source: str, joints: JointNames | None = None, names: list[str] |
             quantity = _WORDS[match["word"].lower()]
             if quantity == "tau_joint" and suffix and unit_of(suffix).dimension == "current":
                 quantity = "tau_current"
+            elif quantity == "tau_joint" and joints is not None:
+                quantity = f"tau_{joints.side}"
             index = _joint_of(match["joint"], joints, names)
             return None if index is None else Named(quantity, index, unit=suffix or "")
     return None
