@@ -67,7 +67,8 @@ class Robot:
     joints of the tree, which differ from `joints` only under a `loop`. `model`: a private Pinocchio model with one
     coordinate a joint, armature zero and gravity set. `nominal` (10 n_tree,): inertial parameters of the URDF in
     Pinocchio's order, or None where the URDF gives none. `source`: what is needed to load it again (JSON-able).
-    `faults`: links that move whose inertial is that of no body, and why ("link 'upper': its mass is -4 kg")."""
+    `faults`: links that move whose inertial is that of no body, and why ("link 'upper': its mass is -4 kg").
+    `whole`: the independent joints in order before any was locked."""
 
     name: str
     model: pin.Model = field(repr=False)
@@ -80,6 +81,7 @@ class Robot:
     notes: tuple[str, ...] = ()
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
     faults: tuple[str, ...] = ()
+    whole: tuple[str, ...] = ()
 
     @classmethod
     def from_urdf(
@@ -242,7 +244,9 @@ def _build(
     except (ValueError, RuntimeError, IndexError) as error:  # what Pinocchio raises for something wrong in a URDF
         raise ConfigurationError(f"URDF of {name!r} is refused by Pinocchio: {str(error).strip().splitlines()[0]}") from None
     first = 2 if floating_base else 1
-    held = _held(urdf, list(model.names)[first:], locked, keep, loop)
+    moving = list(model.names)[first:]
+    dependent = {*loop, *(m.joint for m in urdf.mimics)}
+    held = _held(urdf, moving, locked, keep, loop)
     if held:
         at = pin.neutral(model)
         for joint, position in held.items():
@@ -279,6 +283,7 @@ def _build(
         notes=tuple(notes),
         source=source,
         faults=tuple(f"link {f.name!r}: {urdf.faults[f.name]}" for f in model.frames if f.parentJoint > 0 and f.name in urdf.faults),
+        whole=tuple(j for j in moving if j not in dependent),
     )
     if transmission is None:
         return replace(robot, transmission=Transmission.identity(len(joints), measured))

@@ -74,6 +74,15 @@ def test_too_few_joints(fit, arm, tmp_path, lacking, count):
     )
 
 
+def test_locked_joints_may_be_in_the_log(ident, arm, tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text(f"""[robot]\nurdf = "{arm.urdf}"\nlocked = {{ shoulder = 0.0 }}\n[logs]\nfit = ["{arm.train}"]\n""")
+    ran = ident("check", study, "--json")
+    assert ran.code == 0, ran.err
+    assert ran.json["joints"] == ["slide", "elbow", "wrist"]
+    assert "what is locked (shoulder) are not used: q2, tau2" in ran.err
+
+
 def test_too_many_joints(fit, arm, tmp_path):
     path = write_csv(tmp_path / "many.csv", arm.table | {"q5": arm.table["q1"]})
     refused(fit(path), DATA, r"the robot has 4 joints, but the log has positions of 5", r"too many: q5")
