@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     noise = args.noise[0] if args.noise and len(args.noise) == 1 else args.noise
     found = excite(
         model,
-        values=estimate.all_values if estimate is not None and not args.separate else None,
+        values=estimate.all_values if estimate is not None and model is estimate.model else None,
         noise=noise,
         family=_family(args),
         measure=measure,
