@@ -43,7 +43,7 @@ class InstrumentalVariable(Estimator):
 
     name: ClassVar[str] = "iv"
     title: ClassVar[str] = "instrumental variables"
-    capabilities: ClassVar[frozenset[Capability]] = frozenset({Capability.STREAMING, Capability.WEIGHTS, Capability.NOISY_REGRESSOR})
+    capabilities: ClassVar[frozenset[Capability]] = frozenset({Capability.WEIGHTS, Capability.NOISY_REGRESSOR})
 
     instruments: str = Instruments.FORWARD_DYNAMICS.value
     loop: str = "unknown"

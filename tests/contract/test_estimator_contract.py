@@ -185,7 +185,7 @@ def test_coverage_over_many_logs(name: str, colour: float) -> None:
     assert share < 0.985 or name in OTHER_INTERVALS
 
 
-@pytest.mark.parametrize("name", [n for n, kind in sorted(estimator_types().items()) if Capability.STREAMING in kind.capabilities])
+@pytest.mark.parametrize("name", ["iv", *(n for n, kind in sorted(estimator_types().items()) if Capability.STREAMING in kind.capabilities)])
 def test_blocks_of_any_size_give_the_same(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = estimator(name).solve(problem(noisy(1)))
     monkeypatch.setattr("ident.problem._BLOCK_NUMBERS", 1)
