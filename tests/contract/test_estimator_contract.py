@@ -203,6 +203,14 @@ def test_merged_information_is_that_of_the_whole() -> None:
     assert np.linalg.solve(R, z) == pytest.approx(np.linalg.solve(S, y), rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.parametrize(("name", "key"), [("tls", "acceleration_std"), ("wls", "noise_std"), ("rls", "noise_std")])
+def test_one_number_stands_for_all_joints(name: str, key: str) -> None:
+    one, each = (make_estimator(name, **{key: value}).solve(problem(noisy(1))) for value in (0.05, (0.05,) * MODEL.robot.n))
+    assert np.array_equal(one.values, each.values)
+    with pytest.raises(ConfigurationError, match=rf"{key} must hold one number for all joints, or {MODEL.robot.n}, one a joint, .*not"):
+        make_estimator(name, **{key: (0.05, 0.05)}).solve(problem(noisy(1)))
+
+
 @pytest.mark.parametrize("name", TYPES)
 def test_configuration_round_trip(name: str) -> None:
     plain = make_estimator(name)
