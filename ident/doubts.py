@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .opposite_signs import opposite_sign
+
 if TYPE_CHECKING:
     from .estimate import Estimate
 
@@ -28,7 +30,7 @@ _LISTED = 6
 
 def doubts(estimate: Estimate) -> tuple[str, ...]:
     """Sentences for an estimate's warnings; none where nothing is to be said."""
-    return tuple(said for said in (_impossible(estimate), _few(estimate), _apart(estimate)) if said)
+    return tuple(said for said in (_impossible(estimate), _turned(estimate), _few(estimate), _apart(estimate)) if said)
 
 
 def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[str, Any]]) -> str:
@@ -53,6 +55,14 @@ def _impossible(estimate: Estimate) -> str:
         f"{listed}: no such thing has that sign, and noise does not explain it. A torque recorded with the opposite sign does that, a wrong"
         " side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
     )
+
+
+def _turned(estimate: Estimate) -> str:
+    """A joint whose torque fits far better with the opposite sign."""
+    if estimate.information is None:
+        return ""
+    found = opposite_sign(estimate.information, estimate.base, estimate.model.robot.joint_names)
+    return "" if found is None else str(found)
 
 
 def _bounds(estimate: Estimate) -> tuple[Array, Array]:

@@ -214,6 +214,17 @@ def test_torque_that_stays_at_zero_counts_as_not_logged(ident, fit, arm, tmp_pat
         assert re.search(r"torque is exactly zero in every row that can be used \(none", ran.err), ran.err
 
 
+@pytest.mark.parametrize("joint", range(4))
+def test_a_torque_of_the_opposite_sign_is_named(ident, fit, arm, tmp_path, joint):
+    turned = write_csv(tmp_path / "turned.csv", arm.table | {f"tau{joint + 1}": -arm.table[f"tau{joint + 1}"]})
+    ran = fit(turned, "--json")
+    assert ran.code == 0
+    shared = [w for w in ran.json["warnings"] if f"torque of {JOINTS[joint]} seems to have the opposite sign: turned, its error falls" in w]
+    assert len(shared) == 1, ran.json["warnings"]
+    checked = ident("check", "--urdf", arm.urdf, "--log", turned, *FRICTION, "--json")
+    assert any(f"torque of {JOINTS[joint]} seems to have the opposite sign" in w for w in checked.json["warnings"])
+
+
 def test_torque_column_by_another_name(fit, arm, tmp_path):
     named = {("torque_3" if k == "tau3" else k): v for k, v in arm.table.items()}
     ran = fit(write_csv(tmp_path / "named.csv", named), "--json")
