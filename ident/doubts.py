@@ -42,6 +42,19 @@ def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[s
     return f"{', '.join(again)} is fitted as well as validated on: the error called held out is that of data the fit has seen."
 
 
+def counted_twice(fitted: Iterable[Mapping[str, Any]]) -> str:
+    """A sentence on fitted logs of the same content under several names, from their inputs; "" where there are none."""
+    first: dict[str, str] = {}
+    same = []
+    for one in fitted:
+        known = first.setdefault(one.get("sha256") or str(one["path"]), str(one["path"]))
+        if known != str(one["path"]):
+            same.append(f"{one['path']} holds what {known} holds")
+    return (
+        f"{', '.join(dict.fromkeys(same))}: its samples count twice, and standard deviations are too small. Leave one out." if same else ""
+    )
+
+
 def _impossible(estimate: Estimate) -> str:
     """Parameters, and sums of them, that lie beyond their bounds by more than scatter."""
     margin = np.where(np.isfinite(estimate.std), _SURELY * estimate.std, np.inf)

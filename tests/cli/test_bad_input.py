@@ -176,7 +176,7 @@ def test_zero_motion(fit, arm, tmp_path):
     table = {k: v if k == "t" else np.full_like(v, 0.3) for k, v in arm.table.items()}
     ran = fit(write_csv(tmp_path / "still.csv", table))
     assert ran.code == DATA
-    assert "ident fit: no joint moves" in ran.err
+    assert "ident fit: log still: no joint moves" in ran.err
     assert "No joint moves" in ran.out  # the audit is told before the error
 
 
