@@ -48,7 +48,8 @@ def check_torque(add: Add, robot: Robot | None, j: int, name: str, t: Array, x: 
         add(
             "torque_constant",
             severity,
-            f"Torque stays at {present[0]:.4g} throughout: the channel is not connected, or not of this joint. Leave it out.",
+            f"Torque stays at {present[0]:.4g} throughout: the channel is not connected, or not of this joint."
+            + (" It is taken as not logged, if other torques change." if moves else " Leave it out."),
             name,
         )
         return

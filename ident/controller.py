@@ -93,8 +93,7 @@ def typical_inertia(model: Model, values: Array, side: Side) -> Array:
     if side == Side.MOTOR:
         H = robot.transmission.K.T @ H @ robot.transmission.K
     diagonal = np.diagonal(H, axis1=1, axis2=2).mean(axis=0)
-    if np.any(diagonal <= 0):
-        raise ConfigurationError("the model's inertia is not positive: gains cannot be tuned from it. Give the gains.")
+    _require_inertia(model, H)
     inverse = np.linalg.pinv(H, hermitian=True)
     alone = 1.0 / np.maximum(np.diagonal(inverse, axis1=1, axis2=2).max(axis=0), 1e-300)
     root = np.linalg.cholesky(inverse + 1e-12 * np.eye(n) * np.trace(inverse, axis1=1, axis2=2)[:, None, None])
@@ -106,6 +105,25 @@ def typical_inertia(model: Model, values: Array, side: Side) -> Array:
         if light(own := np.minimum(diagonal, share * alone)):
             return np.asarray(own)
     return np.minimum(diagonal, alone)
+
+
+def _require_inertia(model: Model, H: Array) -> None:
+    """Raises ConfigurationError where inertia matrices (m, n, n) leave a motion without inertia: nothing can follow a command then."""
+    from .physical.structure import link_names
+
+    robot = model.robot
+    scale = np.sqrt(np.abs(np.diagonal(H, axis1=1, axis2=2)).max(axis=0))
+    scaled = H / np.outer(np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0))
+    values, vectors = np.linalg.eigh(scaled)
+    worst = int(np.argmin(values[:, 0]))
+    if values[worst, 0] > 1e-12:
+        return
+    joint = robot.joint_names[int(np.argmax(np.abs(vectors[worst, :, 0])))]
+    names = dict(zip(robot.model.names[1:], link_names(robot.model), strict=True))
+    raise ConfigurationError(
+        f"the model's inertia is not positive: nothing, or less, resists motion of joint {joint!r} in some posture. Look at the <inertial>"
+        f" of link {names[joint]!r} and of those beyond it, or give a saved fit."
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .opposite_signs import opposite_sign
+
 if TYPE_CHECKING:
     from .estimate import Estimate
 
@@ -28,7 +30,7 @@ _LISTED = 6
 
 def doubts(estimate: Estimate) -> tuple[str, ...]:
     """Sentences for an estimate's warnings; none where nothing is to be said."""
-    return tuple(said for said in (_impossible(estimate), _few(estimate), _apart(estimate)) if said)
+    return tuple(said for said in (_impossible(estimate), _turned(estimate), _few(estimate), _apart(estimate)) if said)
 
 
 def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[str, Any]]) -> str:
@@ -38,6 +40,19 @@ def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[s
     if not again:
         return ""
     return f"{', '.join(again)} is fitted as well as validated on: the error called held out is that of data the fit has seen."
+
+
+def counted_twice(fitted: Iterable[Mapping[str, Any]]) -> str:
+    """A sentence on fitted logs of the same content under several names, from their inputs; "" where there are none."""
+    first: dict[str, str] = {}
+    same = []
+    for one in fitted:
+        known = first.setdefault(one.get("sha256") or str(one["path"]), str(one["path"]))
+        if known != str(one["path"]):
+            same.append(f"{one['path']} holds what {known} holds")
+    return (
+        f"{', '.join(dict.fromkeys(same))}: its samples count twice, and standard deviations are too small. Leave one out." if same else ""
+    )
 
 
 def _impossible(estimate: Estimate) -> str:
@@ -53,6 +68,14 @@ def _impossible(estimate: Estimate) -> str:
         f"{listed}: no such thing has that sign, and noise does not explain it. A torque recorded with the opposite sign does that, a wrong"
         " side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
     )
+
+
+def _turned(estimate: Estimate) -> str:
+    """A joint whose torque fits far better with the opposite sign."""
+    if estimate.information is None:
+        return ""
+    found = opposite_sign(estimate.information, estimate.base, estimate.model.robot.joint_names)
+    return "" if found is None else str(found)
 
 
 def _bounds(estimate: Estimate) -> tuple[Array, Array]:

@@ -33,6 +33,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigurationErr
 
     `kind` is what the name should be, in the singular ("effect", "method", "joint")."""
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    # Of a name of two or three letters, one may differ; half of a longer one is no likeness.
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5 if len(name) <= 3 else 0.6)
     hint = f"; did you mean {' or '.join(repr(n) for n in near)}?" if near else "."
     return ConfigurationError(f"unknown {kind} {name!r}{hint} Known: {', '.join(names)}")

@@ -14,7 +14,7 @@ import numpy as np
 from .errors import ConfigurationError, DataError, unknown_name
 from .log_files import seconds
 from .log_hints import lookalikes, question, torque_question
-from .log_names import KEYS, QUANTITIES, TEXT, Column, JointNames, known_units, parse_name
+from .log_names import KEYS, LOCKED, QUANTITIES, TEXT, Column, JointNames, known_units, parse_name
 from .log_units import Unit, bracketed, expected_units, is_unit, split_unit, unit_of
 
 Array = np.ndarray
@@ -87,7 +87,13 @@ def resolve_columns(
     found: dict[tuple[str, int], Column] = {}
     taken: set[str] = set()
     automatic = True
+    joints = None if joints is None else joints.counted([*(h for h in header if h not in _columns_of(mapping)), *(mapping or {})])
+    idle: list[str] = []
     for key, value in (mapping or {}).items():
+        target = parse_name(key, joints)
+        if target is not None and target.joint == LOCKED:
+            idle.append(key)
+            continue
         column = _mapped(key, value, header, joints, where, notes)
         found[column.quantity, column.joint] = column
         taken.add(column.source)
@@ -106,6 +112,9 @@ def resolve_columns(
         named = parse_name(source, joints, names)
         if named is None or (not automatic and named.quantity != "t"):
             continue
+        if named.joint == LOCKED:
+            idle.append(source)
+            continue
         if named.joint < 0:
             zero.setdefault(named.quantity, source)
             continue
@@ -118,8 +127,14 @@ def resolve_columns(
             taken.add(source)
         elif present.source not in mapped:
             notes.append(f"{where}: columns {present.source!r} and {source!r} hold the same quantity; the first is used.")
+    if joints is not None and idle:
+        notes.append(
+            f"{where}: the columns number all {len(joints.whole)} joints of the robot; those of what is locked ({_listed(joints.locked)})"
+            f" are not used: {_listed(idle)}."
+        )
     notes += _from_zero(zero, found, numbered, joints, where)
-    unknown = [h for h in header if h not in taken]
+    # Questions number the joints that are left, which is not how this log counts where some are locked.
+    unknown = [] if joints is not None and joints.numbered else [h for h in header if h not in taken]
     n = _joint_count(found, joints, where, unknown)
     _check_units(found, joints, where, notes)
     found = _complete(found, n, joints, where, notes, unknown)
@@ -146,7 +161,7 @@ def _from_zero(
         others = sorted(numbered.get(quantity, ()), key=lambda c: c.joint)
         if quantity in ("q", "q_motor"):
             # Without a robot, nothing tells q0 … q2 of three joints from those of two and a column more.
-            shifted = not positions if not others else joints is None or others[-1].joint + 1 < len(joints.names)
+            shifted = not positions if not others else joints is None or others[-1].joint + 1 < max(len(joints.names), len(joints.whole))
         else:
             shifted = bool(others) and others[-1].joint < max(positions, default=0)
         if not shifted:
@@ -234,7 +249,7 @@ def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | N
         raise DataError(
             f"{where}: wrong joint count: {expected}, but the log has positions of {len(positions)} ({have}); {what}"
             f"{f'; {asked}' if asked else '.'}"
-            " Choose the robot that was logged, lock the joints that were not ([robot] locked), or map columns under [columns]."
+            f" {_what_to_do(joints)}"
         )
     stray = [j for j in others if j >= count]
     if stray:
@@ -244,6 +259,22 @@ def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | N
     if ("t", 0) not in found:
         raise DataError(f'{where}: no time column (t or time, in s, or with a unit as in time_ms). Name it under [columns]: t = "...".')
     return count
+
+
+def _columns_of(mapping: Mapping[str, Any] | None) -> set[Any]:
+    """The file's columns that a mapping names."""
+    return {value.get("column") if isinstance(value, Mapping) else value for value in (mapping or {}).values()}
+
+
+def _what_to_do(joints: JointNames | None) -> str:
+    """How to bring a log and a robot with other numbers of joints together."""
+    if joints is None or not joints.locked:
+        return "Choose the robot that was logged, lock the joints that were not ([robot] locked), or map columns under [columns]."
+    left = f"{len(joints.names)} joints that are left ({_listed(joints.names)})"
+    return (
+        f"Locked: {_listed(joints.locked)}. Number the columns by the {left} or by all {len(joints.whole)} of the robot, name them"
+        " <joint>.position, or map them under [columns]."
+    )
 
 
 def _label(j: int, joints: JointNames | None) -> str:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from .errors import ConfigurationError
 from .log_units import UNITS, expected_units, split_unit, unit_of
+
+if TYPE_CHECKING:
+    from .robot import Robot
 
 #: Quantities a log may hold. Torque is kept by what was logged: on the joint side, on the motor side, or as a motor current.
 QUANTITIES = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau_joint", "tau_motor", "tau_current")
@@ -20,6 +25,8 @@ TEXT = {
     "t": "time", "q": "position", "dq": "velocity", "ddq": "acceleration", "q_motor": "motor position", "dq_motor": "motor velocity",
     "ddq_motor": "motor acceleration", "tau_joint": "torque", "tau_motor": "motor torque", "tau_current": "current",
 }  # fmt: skip
+#: Index of a joint that is locked.
+LOCKED = -2
 _SYMBOL = re.compile(r"^(?P<symbol>ddq|dq|q|tau|i)(?P<motor>_?m)?_?(?P<joint>[0-9]+)$", re.IGNORECASE)
 _BY_NAME = re.compile(r"^(?P<joint>.+)[./](?P<word>position|velocity|acceleration|effort|torque|current)$", re.IGNORECASE)
 _WORDS = {
@@ -29,10 +36,45 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class JointNames:
-    """What a log's columns are matched against: joint names in order, and which joints are prismatic."""
+    """What a log's columns are matched against: joint names in order, and which joints are prismatic. `side`: of a torque whose name
+    tells none (`<joint>.effort`), as the drive declares it. `whole`: the joints in order before some were locked; `numbered`: those that
+    a log's numbers count, where these are not `names`."""
 
     names: tuple[str, ...]
     prismatic: tuple[bool, ...]
+    side: str = "joint"
+    whole: tuple[str, ...] = ()
+    numbered: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, robot: Robot) -> JointNames:
+        """Those of a robot behind its drive."""
+        return cls(robot.joint_names, tuple(j.prismatic for j in robot.joints), robot.transmission.measured.value, robot.whole)
+
+    @property
+    def locked(self) -> tuple[str, ...]:
+        """Joints that were locked."""
+        return tuple(name for name in self.whole if name not in self.names)
+
+    def counted(self, columns: Iterable[str]) -> JointNames:
+        """The same for a log with these columns: where numbers go up to the last joint of the whole robot, they count its joints."""
+        if not self.locked:
+            return self
+        found: dict[str, set[int]] = {}
+        for source in columns:
+            named = parse_name(source, self)
+            if named is not None and named.numbered:
+                found.setdefault(named.quantity, set()).add(named.joint)
+        positions = [found[quantity] for quantity in ("q", "q_motor") if quantity in found]
+        every = set(range(len(self.whole)))
+        return replace(self, numbered=self.whole) if any(numbers == every for numbers in positions or found.values()) else self
+
+    def index(self, number: int) -> int:
+        """Index of the joint that a log numbers so (from 0): -1 where there is none of number -1, `LOCKED` of a locked one."""
+        if not 0 <= number < len(self.numbered):
+            return number
+        name = self.numbered[number]
+        return self.names.index(name) if name in self.names else LOCKED
 
 
 @dataclass(frozen=True)
@@ -49,7 +91,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Named:
-    """What a name says. `joint` counts from 0 (0 for time; -1 where the name's number is 0); `numbered`: it is told by a number.
+    """What a name says. `joint` counts from 0 (0 for time; -1 where the name's number is 0, `LOCKED`); `numbered`: it is told by a number.
     `unit`: the suffix, or "" without one; `unread`: what stands in brackets where a unit may, but is none that is known."""
 
     quantity: str
@@ -94,12 +136,15 @@ def parse_name(source: str, joints: JointNames | None = None, names: list[str] |
                 quantity = "tau_motor" if match["motor"] else "tau_joint"
             elif match["motor"]:
                 quantity += "_motor"
-            return Named(quantity, int(match["joint"]) - 1, True, suffix or "")
+            number = int(match["joint"]) - 1
+            return Named(quantity, number if joints is None else joints.index(number), True, suffix or "")
         match = _BY_NAME.match(candidate)
         if match:
             quantity = _WORDS[match["word"].lower()]
             if quantity == "tau_joint" and suffix and unit_of(suffix).dimension == "current":
                 quantity = "tau_current"
+            elif quantity == "tau_joint" and joints is not None:
+                quantity = f"tau_{joints.side}"
             index = _joint_of(match["joint"], joints, names)
             return None if index is None else Named(quantity, index, unit=suffix or "")
     return None

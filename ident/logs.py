@@ -259,7 +259,7 @@ def read_logs(
     Raises DataError (file, column, row) and ConfigurationError (mapping)."""
     if missing not in ("refuse", "gap"):
         raise unknown_name("treatment of missing positions", missing, ("refuse", "gap"))
-    joints = None if robot is None else JointNames(robot.joint_names, tuple(j.prismatic for j in robot.joints))
+    joints = None if robot is None else JointNames.of(robot)
     logs: list[Log] = []
     for path in _files(paths):
         logs += _read(path, joints, columns, missing, extra)

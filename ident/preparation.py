@@ -19,7 +19,7 @@ from .masks import Standstill
 from .prepared import Signals
 from .resample import bridge
 from .robot import Robot
-from .rows import Derived, assemble
+from .rows import Derived, assemble, of_logs
 from .uniform import Recording, Resampling, UniformRun, uniform_runs
 
 Array = np.ndarray
@@ -112,7 +112,10 @@ class Preparation(ABC):
         pieces = [r.q for r in uniform.runs if len(r) >= 32]
         if not pieces:
             longest = max(len(r) for r in uniform.runs)
-            raise DataError(f"the longest stretch without a gap has {longest} samples: too few to differentiate. See `audit`.")
+            raise DataError(
+                f"{of_logs([r.name for r in uniform.runs])}: the longest stretch without a gap has {longest} samples: too few to"
+                " differentiate. `ident check` tells where the gaps are."
+            )
         return choose_cutoff(pieces, uniform.rate, robot.joint_names, [j.prismatic for j in robot.joints], highest=highest)
 
     def _row_filter(self, cutoff: float, rate: float) -> RowFilter | None:

@@ -156,6 +156,12 @@ class Problem:
         if not total.counts.any():
             why = next((w for w in self.signals.report.warnings if w.startswith("no row of")), "`ident check` tells why.")
             raise DataError(f"no row of the log can be used: every torque is missing or masked. {why[0].upper()}{why[1:]}")
+        if not total.torque_squares().any():
+            runs = ", ".join(self.signals.run_names[:4])
+            raise DataError(
+                f"torque is exactly zero in every row that can be used ({runs}): it was not recorded, or the drives were off. Name the"
+                " right columns under [columns], or give logs of driven motion."
+            )
         return total
 
     def _instant_information(self) -> Information:

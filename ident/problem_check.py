@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .opposite_signs import opposite_sign
 from .regressor.base import BaseReduction
 
 if TYPE_CHECKING:
@@ -96,6 +97,8 @@ def check_problem(problem: Problem) -> ProblemCheck:
     relative[solution.columns] = std / np.maximum(np.abs(solution.values), 1e-300)
     poor = tuple(n for n, r, i in zip(base.names, relative, inflation, strict=True) if not np.isfinite(r) or (r > _POOR and i > 10))
     notes = list(base.notes)
+    turned = opposite_sign(information, base, problem.model.robot.joint_names)
+    notes += [] if turned is None else [str(turned)]
     for j, joint in enumerate(problem.model.robot.joints):
         if information.counts[j] == 0:
             notes.append(f"joint {joint.name}: no usable torque row; what only this row shows cannot be estimated.")

@@ -66,7 +66,9 @@ class Robot:
     `joints`: the n independent, measured joints in order (the order of `q1 … qn` in logs). `tree_joints`: all moving
     joints of the tree, which differ from `joints` only under a `loop`. `model`: a private Pinocchio model with one
     coordinate a joint, armature zero and gravity set. `nominal` (10 n_tree,): inertial parameters of the URDF in
-    Pinocchio's order, or None where the URDF gives none. `source`: what is needed to load it again (JSON-able)."""
+    Pinocchio's order, or None where the URDF gives none. `source`: what is needed to load it again (JSON-able).
+    `faults`: links that move whose inertial is that of no body, and why ("link 'upper': its mass is -4 kg").
+    `whole`: the independent joints in order before any was locked."""
 
     name: str
     model: pin.Model = field(repr=False)
@@ -78,6 +80,8 @@ class Robot:
     floating_base: bool = False
     notes: tuple[str, ...] = ()
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    faults: tuple[str, ...] = ()
+    whole: tuple[str, ...] = ()
 
     @classmethod
     def from_urdf(
@@ -140,6 +144,13 @@ class Robot:
         )
         lines = [f"robot {self.name}: {self.n} joints: {kinds}; {drive} drive, torque measured on the {self.transmission.measured} side"]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What to warn of where the URDF's inertials are not needed: one text, or none."""
+        if not self.faults:
+            return ()
+        return (f"the URDF's inertials are those of no body: {some(self.faults)}. A fit does not use them; do not compare with them.",)
 
     @property
     def n(self) -> int:
@@ -233,7 +244,9 @@ def _build(
     except (ValueError, RuntimeError, IndexError) as error:  # what Pinocchio raises for something wrong in a URDF
         raise ConfigurationError(f"URDF of {name!r} is refused by Pinocchio: {str(error).strip().splitlines()[0]}") from None
     first = 2 if floating_base else 1
-    held = _held(urdf, list(model.names)[first:], locked, keep, loop)
+    moving = list(model.names)[first:]
+    dependent = {*loop, *(m.joint for m in urdf.mimics)}
+    held = _held(urdf, moving, locked, keep, loop)
     if held:
         at = pin.neutral(model)
         for joint, position in held.items():
@@ -269,6 +282,8 @@ def _build(
         floating_base=floating_base,
         notes=tuple(notes),
         source=source,
+        faults=tuple(f"link {f.name!r}: {urdf.faults[f.name]}" for f in model.frames if f.parentJoint > 0 and f.name in urdf.faults),
+        whole=tuple(j for j in moving if j not in dependent),
     )
     if transmission is None:
         return replace(robot, transmission=Transmission.identity(len(joints), measured))

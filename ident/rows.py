@@ -19,6 +19,7 @@ from .resample import bridge
 from .robot import Robot
 from .transmission import Side
 from .uniform import Recording, Resampling, UniformRun
+from .urdf import some
 
 if TYPE_CHECKING:
     from .preparation import Preparation
@@ -128,7 +129,7 @@ def assemble(
         f" of the log; the cut-off of {cutoff:.3g} Hz suits the other joints, and what is fitted from {name}'s motion is not to be trusted."
         for name in (choice.unheard if prep.cutoff_hz is None else ())
     ]
-    require_motion(rule, still_joint)
+    require_motion(rule, still_joint, [r.name for r in recordings])
     joints = tuple(
         JointReport(
             s.name,
@@ -162,11 +163,18 @@ def assemble(
     )
 
 
+class _Run(Sized, Protocol):
+    """A stretch of a log."""
+
+    @property
+    def name(self) -> str: ...
+
+
 class _HasRun(Protocol):
     """A run with derivatives, as long as what is left of `run`."""
 
     @property
-    def run(self) -> Sized: ...
+    def run(self) -> _Run: ...
 
     def __len__(self) -> int: ...
 
@@ -186,8 +194,8 @@ def long_enough(
         # Transients at both ends (measured where something was left between them), and the length of the rows' filter.
         ends = max((len(d.run) - len(d) for d in derived if len(d)), default=math.ceil(6 / cutoff * rate))
         raise DataError(
-            f"the longest run without a gap lasts {longest / rate:.3g} s: too short for a cut-off of {cutoff:.3g} Hz, whose filters need"
-            f" about {(ends + need) / rate:.2g} s. Record longer runs, or raise cutoff_hz."
+            f"{of_logs([d.run.name for d in derived])}: the longest run without a gap lasts {longest / rate:.3g} s: too short for a"
+            f" cut-off of {cutoff:.3g} Hz, whose filters need about {(ends + need) / rate:.2g} s. Record longer runs, or raise cutoff_hz."
         )
     left_out = len(derived) - len(kept)
     return kept, [f"{left_out} of {len(derived)} stretches are shorter than the filters and are left out."] if left_out else []
@@ -206,11 +214,18 @@ def raised_shares(robot: Robot, rule: Standstill | None, allowed: Array) -> list
     return [text]
 
 
-def require_motion(rule: Standstill | None, still: Array) -> None:
-    """Raises DataError where no joint moves (`still` (n,) bool) and that is looked for."""
+def of_logs(names: Sequence[str]) -> str:
+    """The logs that a message is about."""
+    names = list(dict.fromkeys(names))
+    return f"log{'s' * (len(names) > 1)} {some(names)}"
+
+
+def require_motion(rule: Standstill | None, still: Array, names: Sequence[str]) -> None:
+    """Raises DataError where no joint moves (`still` (n,) bool) in the logs of these names, and that is looked for."""
     if rule is not None and still.all():
         raise DataError(
-            "no joint moves: every speed stays within the noise of its position. There is nothing to identify a motion's model from."
+            f"{of_logs(names)}: no joint moves: every speed stays within the noise of its position. There is nothing to identify a"
+            " motion's model from."
             " For logs of standstill alone, prepare them with standstill = false."
         )
 

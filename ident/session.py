@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from .doubts import doubts, fitted_as_well
+from .doubts import counted_twice, doubts, fitted_as_well
 from .errors import DataError
 from .problem import Problem
 
@@ -114,7 +114,13 @@ class Session:
             said.append(f"no error on data held out. {str(error)[0].upper()}{str(error)[1:]}")
         if again := fitted_as_well(*self.inputs_apart):
             said.append(again)
-        return replace(found, warnings=(*found.warnings, *said, *doubts(found)))
+        said += self.repeated
+        return replace(found, warnings=(*found.warnings, *self.robot.doubts, *said, *doubts(found)))
+
+    @property
+    def repeated(self) -> list[str]:
+        """What to say of logs that are named twice, or hold the same."""
+        return [text for text in (self.study.repeated(), counted_twice(self.inputs_apart[0])) if text]
 
     @property
     def inputs_apart(self) -> tuple[tuple[dict[str, Any], ...], tuple[dict[str, Any], ...]]:

@@ -160,6 +160,14 @@ class Study:
             raise ConfigurationError("no log to fit is given; name it in [logs] fit, or with --log.")
         return _expand(self.logs.fit, "[logs] fit")
 
+    def repeated(self) -> str:
+        """A sentence on files that are named more than once; "" where none is."""
+        found = []
+        for key, entries in (("fit", self.logs.fit), ("validate", self.logs.validate)):
+            files = _all_files(entries, f"[logs] {key}")
+            found += [str(f) for f in dict.fromkeys(files) if files.count(f) > 1]
+        return f"{', '.join(found)} {'is' if len(found) == 1 else 'are'} named more than once, and read once." if found else ""
+
     def validation_files(self) -> tuple[Path, ...]:
         """The logs to validate on, patterns expanded; empty where a part of the fitted logs is to be held out."""
         return _expand(self.logs.validate, "[logs] validate")
@@ -239,6 +247,10 @@ def _relative(entry: str, folder: Path | None) -> str:
 
 
 def _expand(entries: Iterable[str], key: str) -> tuple[Path, ...]:
+    return tuple(dict.fromkeys(_all_files(entries, key)))
+
+
+def _all_files(entries: Iterable[str], key: str) -> list[Path]:
     found: list[Path] = []
     for entry in entries:
         if not glob.has_magic(entry) or Path(entry).exists():
@@ -248,4 +260,4 @@ def _expand(entries: Iterable[str], key: str) -> tuple[Path, ...]:
         if not matches:
             raise DataError(f"{key}: no file matches {entry!r}.")
         found += matches
-    return tuple(dict.fromkeys(found))
+    return found

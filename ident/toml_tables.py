@@ -156,8 +156,7 @@ def check_options(kind: type, options: Mapping[str, Any], where: str, also: Iter
         if key not in known:
             raise unknown_name(f"key of {where}", key, known.union(also))
         if not _fits(value, hints.get(key)):
-            shown = getattr(hints[key], "__name__", None) if isinstance(hints[key], type) else str(hints[key])
-            raise ConfigurationError(f"{where} {key} must be {shown}, not {_shown(value)}.")
+            raise ConfigurationError(f"{where} {key} must be {_in_words(hints[key])}, not {_shown(value)}.")
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -175,6 +174,20 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint in (bool, str, type(None)):
         return isinstance(value, hint)
     return True  # None: not known; whatever else it is, the class itself checks it
+
+
+def _in_words(hint: Any) -> str:
+    """What a study file may hold for an annotated type."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        # None is what stands where the key is left out.
+        return " or ".join(dict.fromkeys(_in_words(a) for a in arguments if a is not type(None)))
+    if origin in (tuple, list, Sequence):
+        inner = {"a number": "numbers", "a text": "texts", "a whole number": "whole numbers"}.get(_in_words(arguments[0]))
+        return f"a list of {inner}" if inner else "a list"
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return " or ".join(repr(member.value) for member in hint)
+    return {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}.get(hint, "a table")
 
 
 def to_toml(tables: Mapping[str, Mapping[str, Any]]) -> str:

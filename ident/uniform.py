@@ -14,6 +14,8 @@ from .robot import Robot
 from .turns import motor_turn_notes, unwrapped, wrapping
 
 Array = np.ndarray
+#: A joint that goes so many times as far as from one sample to the next moves; a flickering encoder does not.
+_MOVES = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,11 @@ class Recording:
         torque = measured(log, robot.transmission)
         notes += torque.notes
         missing = ~np.isfinite(torque.torque)
-        notes += torque_notes(log.name, robot, missing.sum(axis=0), len(log))
+        least = np.where(missing, np.inf, torque.torque).min(axis=0)
+        most = np.where(missing, -np.inf, torque.torque).max(axis=0)
+        dead = dead_torque(least, most, np.ptp(q, axis=0), np.abs(np.diff(q, axis=0)).max(axis=0, initial=0.0))
+        notes += torque_notes(log.name, robot, missing.sum(axis=0), len(log), dead, least)
+        missing |= dead
         return cls(
             log.name,
             log.t,
@@ -68,13 +74,29 @@ class Recording:
         )
 
 
-def torque_notes(name: str, robot: Robot, missing: Array, samples: int) -> list[str]:
-    """What to say of a log whose joints lack torque in `missing` (n,) of its samples. Raises DataError where there is none at all."""
+def dead_torque(least: Array, most: Array, span: Array, step: Array) -> Array:
+    """Joints (n,) that move, but whose torque never changes, where another's does: no friction or inertia does that, so nothing was
+    measured. Where no torque changes, the drives were off, and nil may be what acted.
+
+    `least`, `most`: extremes of the torque; `span`: range of the position; `step`: its largest change from one sample to the next
+    (an encoder that flickers goes little further)."""
+    return np.asarray((least == most) & (span > _MOVES * step) & np.any(least < most))
+
+
+def torque_notes(name: str, robot: Robot, missing: Array, samples: int, dead: Array, value: Array) -> list[str]:
+    """What to say of a log whose joints lack torque in `missing` (n,) of its samples, or hold but one `value` (n,) where they are
+    `dead` (n,). Raises DataError where there is no torque at all."""
     absent = [joint for joint, count in zip(robot.joint_names, missing, strict=True) if count == samples]
-    partly = [f"{joint} ({int(count)})" for joint, count in zip(robot.joint_names, missing, strict=True) if 0 < count < samples]
+    still = [f"{joint} (at {value[j]:.4g})" for j, joint in enumerate(robot.joint_names) if dead[j]]
+    partly = [f"{joint} ({int(missing[j])})" for j, joint in enumerate(robot.joint_names) if 0 < missing[j] < samples and not dead[j]]
     if len(absent) == robot.n:
         raise DataError(f"log {name}: the torque columns hold no number.")
     notes = [f"log {name}: no torque of {', '.join(absent)}: their rows are not used."] if absent else []
+    if still:
+        notes.append(
+            f"log {name}: torque never changes while the joint moves: {', '.join(still)}. The channel is not connected, or not of this"
+            " joint; it is taken as not logged, and these rows are not used."
+        )
     if partly:
         notes.append(f"log {name}: torque is missing in some samples of {', '.join(partly)}; rows that rest on them are not used.")
     return notes

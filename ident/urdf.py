@@ -11,6 +11,7 @@ from pathlib import Path
 from lxml import etree
 
 from .errors import ConfigurationError
+from .urdf_inertials import check_inertials, link_faults
 
 _SUPPORTED = {"revolute", "continuous", "prismatic", "fixed"}
 _NOISE = 1e-5  # rad: below this, an angle differs from an exact one by how many digits were written
@@ -33,7 +34,7 @@ class UrdfText:
     `xml`: the text with exact right angles and mimic tags taken out; `kinds`: joint name → URDF type;
     `limits`: joint name → (lower, upper, velocity, effort), infinite where not given; `dynamics`: joint name → (damping, friction)
     of <dynamics>, zero where not given; `mimics`: followers, each bound to
-    a joint that follows none; `notes`: what was changed, for the user."""
+    a joint that follows none; `notes`: what was changed, for the user; `faults`: link → what no body can have of its inertial."""
 
     xml: str
     name: str
@@ -42,6 +43,7 @@ class UrdfText:
     dynamics: dict[str, tuple[float, float]]
     mimics: tuple[Mimic, ...]
     notes: tuple[str, ...]
+    faults: dict[str, str]
 
 
 def read_urdf(path: Path) -> UrdfText:
@@ -98,12 +100,14 @@ def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
                 joint.remove(old)
             etree.SubElement(joint, "limit", lower="-1e30", upper="1e30", velocity="1e30", effort="1e30")
     _check_tree(root, where)
+    check_inertials(root, where)
     moved = {name: by for name, by in snapped.items() if by > _NOISE}
     notes: list[str] = []
     if moved:
         notes.append(f"rpy of {some(moved)} taken as exact multiples of pi/4 (moved by at most {max(moved.values()):.1e} rad).")
     bound = _resolve(mimics, kinds, where, notes)
-    return UrdfText(etree.tostring(root, encoding="unicode"), root.get("name", "robot"), kinds, limits, dynamics, bound, tuple(notes))
+    xml, name = etree.tostring(root, encoding="unicode"), root.get("name", "robot")
+    return UrdfText(xml, name, kinds, limits, dynamics, bound, tuple(notes), link_faults(root))
 
 
 def some(names: Iterable[str], most: int = 6) -> str:

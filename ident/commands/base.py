@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..results import result
-from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
 
 HELP = "base parameters of a robot in readable expressions, and what cannot be identified"
 
@@ -39,7 +39,9 @@ def run(args: argparse.Namespace) -> int:
     principal = _principal(args.principal, robot) if args.principal else None
     report = base_report(robot, rotor_inertia=args.rotor_inertia, principal=principal)
     out.say(report)
-    out.result(result("ident.base/1", report.to_dict(), warnings=report.notes), "base")
+    out.result(
+        result("ident.base/1", report.to_dict(), inputs=inputs_of(args, robot, *(args.principal or ())), warnings=report.notes), "base"
+    )
     return 0 if report.agreement else 1
 
 

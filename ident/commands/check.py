@@ -44,6 +44,8 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
     out.say_wrapped(f"robot {robot.name}: {robot.n} joints in the order of the log: {', '.join(robot.joint_names)}")
     for note in robot.notes:
         out.say_wrapped(f"note: {note}")
+    for doubt in robot.doubts:
+        out.say_wrapped(f"warning: {doubt}")
     out.say()
     out.say_wrapped(session.audit)
     out.say()
@@ -51,6 +53,8 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
     check = session.problem.check()
     out.say()
     out.say_wrapped(check)
+    for said in session.repeated:
+        out.say_wrapped(f"warning: {said}")
     data: dict[str, Any] = {
         "robot": robot.name,
         "joints": list(robot.joint_names),
@@ -58,7 +62,7 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
         "signals": session.fit_signals.report.to_dict(),
         "problem": check.to_dict(),
     }
-    warnings = [*robot.notes, *check.notes]
+    warnings = [*robot.notes, *robot.doubts, *session.repeated, *check.notes]
     gates = [
         *(["the audit has warnings"] if session.audit.warnings else []),
         *([f"the data determine {check.rank} of {check.base.count} parameters"] if check.rank < check.base.count else []),

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from ..errors import ConfigurationError
-from ..files import staged, write_atomic
+from ..files import sha256, staged, write_atomic
 
 if TYPE_CHECKING:
+    from ..robot import Robot
     from ..study import Study
 
 
@@ -89,6 +90,15 @@ def study_from(args: argparse.Namespace) -> Study:
     if cutoff is None:
         return study
     return replace(study, signals=replace(study.signals, options={**study.signals.options, "cutoff_hz": cutoff}))
+
+
+def inputs_of(args: argparse.Namespace, robot: Robot, *more: str | None) -> list[dict[str, str]]:
+    """Files from which a command has its robot and model, and `more` that it reads, for its result: {"path", "sha256"} each."""
+    fit = getattr(args, "fit", None)
+    urdf = None if "robot" in robot.source else robot.source.get("urdf")
+    named = [fit] if fit else [args.study, urdf, args.drive]
+    paths = [Path(path) for path in (*named, *more) if path]
+    return [{"path": str(path), "sha256": sha256(path)} for path in dict.fromkeys(paths) if path.is_file()]
 
 
 def positive(text: str) -> float:

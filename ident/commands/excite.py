@@ -9,7 +9,7 @@ from ..effect import make_effect
 from ..errors import ConfigurationError, unknown_name
 from ..estimate import Estimate
 from ..results import result
-from .common import Output, add_output_arguments, add_study_arguments, positive, study_from, whole
+from .common import Output, add_output_arguments, add_study_arguments, inputs_of, positive, study_from, whole
 
 if TYPE_CHECKING:
     from ..excitation import Family, Measure
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     noise = args.noise[0] if args.noise and len(args.noise) == 1 else args.noise
     found = excite(
         model,
-        values=estimate.all_values if estimate is not None and not args.separate else None,
+        values=estimate.all_values if estimate is not None and model is estimate.model else None,
         noise=noise,
         family=_family(args),
         measure=measure,
@@ -76,7 +76,9 @@ def run(args: argparse.Namespace) -> int:
     out.open()
     path = found.to_csv(target, force=args.force)
     out.say(f"wrote {path}")
-    out.result(result("ident.excitation/1", {"trajectory": str(path), **found.to_dict()}), "excitation")
+    out.result(
+        result("ident.excitation/1", {"trajectory": str(path), **found.to_dict()}, inputs=inputs_of(args, model.robot)), "excitation"
+    )
     return 0
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import ConfigurationError
 from ..results import result
-from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
 
 if TYPE_CHECKING:
     from ..plan import Plan
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         out.note(f"wrote {manifest}")
     data = {"manifest": None if manifest is None else str(manifest), "duration": plan.duration, **plan.to_dict()}
     data.pop("schema")
-    out.result(result("ident.plan/1", data), "plan")
+    out.result(result("ident.plan/1", data, inputs=inputs_of(args, robot)), "plan")
     return 0 if plan.rank == len(plan.base) else 1
 
 

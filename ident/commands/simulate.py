@@ -11,7 +11,8 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..estimate import Estimate
 from ..results import result
-from .common import Output, add_output_arguments, add_study_arguments, not_negative, positive, study_from
+from ..urdf import some
+from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, study_from
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -94,7 +95,10 @@ def run(args: argparse.Namespace) -> int:
     path = made.to_csv(target, force=args.force)
     out.say(f"wrote {path}: {len(made.t)} samples at {args.rate:g} Hz of {model.robot.name} ({', '.join(model.robot.joint_names)})")
     data = {"log": str(path), "samples": len(made.t), "rate": args.rate, "joints": list(model.robot.joint_names), "seed": args.seed}
-    out.result(result("ident.simulation/1", {**data, "parameters": _named(model, values)}), "simulation")
+    out.result(
+        result("ident.simulation/1", {**data, "parameters": _named(model, values)}, inputs=inputs_of(args, model.robot, args.trajectory)),
+        "simulation",
+    )
     return 0
 
 
@@ -139,7 +143,7 @@ def _planned(args: argparse.Namespace) -> int:
         "plan": str(manifest), "logs": [str(out.folder / t.log) for t in tests], "seconds": seconds, "rate": args.rate,
         "joints": list(plan.joints), "seed": args.seed, "parameters": _named(model, values),
     }  # fmt: skip
-    out.result(result("ident.simulation/1", data), "simulation")
+    out.result(result("ident.simulation/1", data, inputs=inputs_of(args, model.robot, args.plan)), "simulation")
     return 0
 
 
@@ -188,6 +192,11 @@ def _plant(args: argparse.Namespace) -> tuple[Model, Array]:
     model = study.model()
     if model.robot.nominal is None:
         raise ConfigurationError(f"robot {model.robot.name!r} has no inertials to simulate with; give a saved fit with --fit.")
+    if model.robot.faults:
+        raise ConfigurationError(
+            f"robot {model.robot.name!r} cannot be simulated: {some(model.robot.faults)}. Correct the <inertial> there, or give a saved fit"
+            " with --fit."
+        )
     return model, nominal_values(model)
 
 

@@ -57,9 +57,9 @@ def _of_saved(args: argparse.Namespace, out: Output) -> int:
     estimate = Estimate.load(args.fit)
     study = read_study(Path(args.study)) if args.study else Study()
     study = study.with_flags(logs=args.log or (), validate=args.validate or ())
-    files = [*map(str, study.validation_files())] or [*map(str, study.fit_files())]
-    if not files:
+    if not (study.logs.validate or study.logs.fit):
         raise ConfigurationError("no log to validate on; name it with --validate FILE or --log FILE, or in a study file.")
+    files = [*map(str, study.validation_files())] or [*map(str, study.fit_files())]
     if args.missing:
         study = replace(study, logs=replace(study.logs, missing=args.missing))
     study = replace(study, logs=replace(study.logs, fit=tuple(files), validate=()))

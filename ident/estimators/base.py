@@ -6,9 +6,12 @@ import dataclasses
 import importlib
 import pkgutil
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import numpy as np
 
 from ..effect import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
@@ -23,6 +26,9 @@ if TYPE_CHECKING:
     from ..problem import Problem
     from ..robot import Robot
     from .recursive import RecursiveState
+
+
+Array = np.ndarray
 
 
 class Capability(StrEnum):
@@ -101,6 +107,16 @@ class Estimator(ABC):
             if value != f.default:
                 out[f.name] = _thawed(value)
         return out
+
+
+def per_joint(value: Sequence[float] | float, n: int, what: str, *, positive: bool) -> Array:
+    """A configured noise as numbers (n,): one for all joints, or one a joint. Raises ConfigurationError."""
+    given = np.asarray(value, float)
+    fits = given.shape in ((), (n,)) and bool(np.all(np.isfinite(given) & ((given > 0) if positive else (given >= 0))))
+    if not fits:
+        allowed = "all positive" if positive else "none negative"
+        raise ConfigurationError(f"{what} must hold one number for all joints, or {n}, one a joint, {allowed}, not {given.tolist()}.")
+    return np.broadcast_to(given, n).copy()
 
 
 def _frozen(value: Any) -> Any:

@@ -209,6 +209,15 @@ def desired_from_logs(logs: Iterable[Log], columns: Sequence[str], cutoff_hz: fl
     return {log.name: Desired.from_log(log, columns, cutoff_hz) for log in logs}
 
 
+def require_experiment(value: object, method: str) -> None:
+    """Raises ConfigurationError for what a study file may hold in its place."""
+    if value is not None and not isinstance(value, Experiment):
+        raise ConfigurationError(
+            f"method {method!r}: experiment is a Python object (ident.estimators.Experiment), which a study file cannot give. There, use"
+            " 'iv' without it for torque-driven logs, else 'wls'."
+        )
+
+
 def assumed_experiment(
     logs: Iterable[Log], model: Model, values: Array, cutoff_hz: float, *, frequency_hz: float = 10.0, window_s: float = 1.5
 ) -> Experiment:

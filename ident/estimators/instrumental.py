@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .base import Capability, Estimator, register
-from .experiment import Experiment
+from .experiment import Experiment, require_experiment
 from .instrument_result import InstrumentResult
 from .instrument_rows import InstrumentRows
 from .instrument_system import InstrumentSystem
@@ -43,7 +43,7 @@ class InstrumentalVariable(Estimator):
 
     name: ClassVar[str] = "iv"
     title: ClassVar[str] = "instrumental variables"
-    capabilities: ClassVar[frozenset[Capability]] = frozenset({Capability.STREAMING, Capability.WEIGHTS, Capability.NOISY_REGRESSOR})
+    capabilities: ClassVar[frozenset[Capability]] = frozenset({Capability.WEIGHTS, Capability.NOISY_REGRESSOR})
 
     instruments: str = Instruments.FORWARD_DYNAMICS.value
     loop: str = "unknown"
@@ -52,6 +52,7 @@ class InstrumentalVariable(Estimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require_experiment(self.experiment, self.name)
         known = [i.value for i in Instruments]
         if self.instruments not in known:
             raise unknown_name("instruments of method 'iv'", self.instruments, known)

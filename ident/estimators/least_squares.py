@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..errors import ConfigurationError
 from ..information import Information, triangle
-from .base import Capability, Estimator, register
+from .base import Capability, Estimator, per_joint, register
 from .solution import LinearSolution, finish, order_of, row_variances, solve_triangle
 
 if TYPE_CHECKING:
@@ -45,19 +44,19 @@ class WeightedLeastSquares(Estimator):
     title: ClassVar[str] = "weighted least squares"
     capabilities: ClassVar[frozenset[Capability]] = frozenset({Capability.STREAMING, Capability.WEIGHTS})
 
-    noise_std: tuple[float, ...] | None = None
+    noise_std: tuple[float, ...] | float | None = None
     iterations: int = 20
 
     def check(self, problem: Problem) -> None:
         n = problem.valid.shape[1]
-        if self.noise_std is not None and (len(self.noise_std) != n or min(self.noise_std) <= 0):
-            raise ConfigurationError(f"noise_std must hold {n} positive values, one per joint, not {list(self.noise_std)}.")
+        if self.noise_std is not None:
+            per_joint(self.noise_std, n, "noise_std", positive=True)
 
     def _solve(self, problem: Problem) -> Estimate:
         if self.noise_std is None:
             solution, weights = weighted_solution(problem, self.iterations)
         else:
-            weights = 1.0 / np.square(np.asarray(self.noise_std, float))
+            weights = 1.0 / np.square(per_joint(self.noise_std, problem.valid.shape[1], "noise_std", positive=True))
             solution = solve_triangle(*problem.information.combined(weights)[:2], order_of(problem.base))
         return finish(problem, solution, weights, self.name)
 

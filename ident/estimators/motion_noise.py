@@ -24,12 +24,14 @@ def column_noise(problem: Problem, position: Array, velocity: Array, acceleratio
     s, model = problem.signals, problem.model
     keep = problem.base.independent
     at = np.unique(np.linspace(0, len(s.q) - 1, min(samples, len(s.q))).astype(int))
+    # One by one: signals on disk are read by slices only.
+    sampled = [np.array([x[i] for i in at.tolist()]) for x in (s.q, s.dq, s.ddq)]
     found = []
     for kind, std in enumerate((position, velocity, acceleration)):
         for j in np.flatnonzero(std):
             ends = []
             for sign in (1.0, -1.0):
-                moved = [s.q[at], s.dq[at], s.ddq[at]]  # fancy indexing copies
+                moved = [x.copy() for x in sampled]
                 moved[kind][:, j] += sign * std[j]
                 motion = Motion.of(model.robot, moved[0], moved[1], moved[2], s.t[at])
                 if problem.reference is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..status import Status, StatusCode
 from .base import Capability, Estimator, register
-from .experiment import Experiment
+from .experiment import Experiment, require_experiment
 from .instruments import along, repeated
 from .least_squares import weighted_solution
 from .possible import possible_along
@@ -57,12 +57,17 @@ class OutputError(Estimator):
     starts: int = 2
     iterations: int = 10
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_experiment(self.experiment, self.name)
+
     def check(self, problem: Problem) -> None:
         if self.experiment is None or not self.experiment.feedback:
             raise UnsupportedError(
                 "method 'didim' simulates the experiment and must know its controller and desired motion:"
                 " experiment = Experiment(controller=…, desired=…). Where they are not known, assumed_experiment(logs, model, values,"
-                " cutoff_hz) supposes them. For torque-driven logs use 'iv'; without either, 'wls'."
+                " cutoff_hz) supposes them. Both are Python objects (ident.estimators), which neither a study file nor the command line can"
+                " give: there, use 'iv' for torque-driven logs, else 'wls'."
             )
         from ..problem import Problem
 

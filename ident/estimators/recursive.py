@@ -13,7 +13,7 @@ from ..effect import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..information import Information
 from ..motion import Motion
-from .base import Capability, Estimator, register
+from .base import Capability, Estimator, per_joint, register
 from .earlier import load_earlier, prior_rows
 from .least_squares import reweighted, solve_with_prior
 from .solution import LinearSolution, finish, order_of
@@ -46,7 +46,7 @@ class RecursiveLeastSquares(Estimator):
 
     files: ClassVar[frozenset[str]] = frozenset({"prior"})
 
-    noise_std: tuple[float, ...] | None = None
+    noise_std: tuple[float, ...] | float | None = None
     forgetting: float = 1.0
     prior: Estimate | str | None = None
     follow: tuple[str, ...] | None = None
@@ -61,8 +61,8 @@ class RecursiveLeastSquares(Estimator):
 
     def check(self, problem: Problem) -> None:
         n = problem.valid.shape[1]
-        if self.noise_std is not None and (len(self.noise_std) != n or min(self.noise_std) <= 0):
-            raise ConfigurationError(f"noise_std must hold {n} positive values, one per joint, not {list(self.noise_std)}.")
+        if self.noise_std is not None:
+            per_joint(self.noise_std, n, "noise_std", positive=True)
         for name in self.follow or ():
             if name not in problem.base.names:
                 raise unknown_name("base parameter in `follow`", name, problem.base.names)
@@ -145,7 +145,7 @@ class RecursiveState:
         counted = replace(self.information, counts=self.effective)
         order = order_of(self.base)
         if self.config.noise_std is not None:
-            given = 1.0 / np.square(np.asarray(self.config.noise_std, float))
+            given = 1.0 / np.square(per_joint(self.config.noise_std, self.information.n, "noise_std", positive=True))
             return solve_with_prior(counted, given, order, self.prior), given
         return reweighted(counted, order, weights, self.prior, iterations)
 

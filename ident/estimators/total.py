@@ -11,7 +11,7 @@ from ..effect import Need
 from ..errors import ConfigurationError, UnsupportedError
 from ..information import Information, triangle
 from ..status import StatusCode
-from .base import Capability, Estimator, register
+from .base import Capability, Estimator, per_joint, register
 from .least_squares import weighted_solution
 from .long_run import long_run_gram
 from .motion_noise import column_noise
@@ -31,8 +31,8 @@ _EXACT = 1e-13
 class TotalLeastSquares(Estimator):
     """Least squares with errors in the regressor (Van Huffel & Vandewalle 1991: mixed and generalised).
 
-    `position_std`, `velocity_std`, `acceleration_std`: noise of the prepared joint-side motion, per joint in rad, rad/s, rad/s²
-    (m …); what is left out is free of noise. Columns without noise stay exact. Rows weigh by their residual; the noise of the
+    `position_std`, `velocity_std`, `acceleration_std`: noise of the prepared joint-side motion, per joint (or one number for all) in rad,
+    rad/s, rad/s² (m …); what is left out is free of noise. Columns without noise stay exact. Rows weigh by their residual; the noise of the
     torque is what the residual holds beyond that of the regressor. Only as good as the noise levels given: where they are not
     known, instrumental variables ("iv") need none."""
 
@@ -40,22 +40,23 @@ class TotalLeastSquares(Estimator):
     title: ClassVar[str] = "total least squares"
     capabilities: ClassVar[frozenset[Capability]] = frozenset({Capability.STREAMING, Capability.WEIGHTS, Capability.NOISY_REGRESSOR})
 
-    position_std: tuple[float, ...] | None = None
-    velocity_std: tuple[float, ...] | None = None
-    acceleration_std: tuple[float, ...] | None = None
+    position_std: tuple[float, ...] | float | None = None
+    velocity_std: tuple[float, ...] | float | None = None
+    acceleration_std: tuple[float, ...] | float | None = None
     iterations: int = 30
 
     def check(self, problem: Problem) -> None:
         given = {f: getattr(self, f) for f in ("position_std", "velocity_std", "acceleration_std")}
         if all(value is None for value in given.values()):
             raise ConfigurationError(
-                "method 'tls' must be told the noise of the motion: acceleration_std (one number a joint, rad/s² or m/s²), velocity_std,"
-                " position_std. Where it is not known, use method 'iv'."
+                "method 'tls' must be told the noise of the motion: acceleration_std (rad/s² or m/s², one number for all joints or a list),"
+                ' velocity_std, position_std; in a study file: [estimator] method = "tls", acceleration_std = 0.2. Where it is not known,'
+                " use method 'iv'."
             )
         n = problem.model.robot.n
         for name, value in given.items():
-            if value is not None and (len(value) != n or min(value) < 0):
-                raise ConfigurationError(f"method 'tls': {name} must hold {n} numbers, one a joint, none negative, not {list(value)}.")
+            if value is not None:
+                per_joint(value, n, f"method 'tls': {name}", positive=False)
         memory = problem.model.needs & {Need.HISTORY, Need.NEIGHBOURS}
         if memory:
             raise UnsupportedError(
@@ -66,7 +67,7 @@ class TotalLeastSquares(Estimator):
     def _solve(self, problem: Problem) -> Estimate:
         n = problem.model.robot.n
         given = (self.position_std, self.velocity_std, self.acceleration_std)
-        q, dq, ddq = (np.zeros(n) if x is None else np.asarray(x, float) for x in given)
+        q, dq, ddq = (per_joint(0.0 if x is None else x, n, "noise", positive=False) for x in given)
         first, weights = weighted_solution(problem)
         roots = column_noise(problem, q, dq, ddq)[:, :, first.columns]
         information = problem.information.selected(first.columns)

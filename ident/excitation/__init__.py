@@ -91,13 +91,20 @@ def random_excitation(
 
 
 def tell_apart(model: Model, first: Effect, second: Effect) -> tuple[Model, DOptimality]:
-    """The model with two rival effects, and the measure that makes their parameters as distinct as can be.
+    """The model with two rival effects, and the measure that makes their parameters as distinct as can be. Effects of a kind that the
+    model has already are those of the model.
 
-    Raises UnsupportedError where no motion can tell one of them from the rest of the model."""
-    both = model + first + second
+    Raises UnsupportedError where no motion can tell one of them from the rest of the model, ConfigurationError for two of one kind."""
+    if first.name == second.name:
+        raise ConfigurationError(f"excitation: {first.name!r} is to be told apart from itself; name two effects.")
+    both = model
+    for effect in (first, second):
+        if all(own.name != effect.name for own in model.effects):
+            both = both + effect
     chosen = []
     for effect in (first, second):
-        own = [p.name for p in effect.parameters(model.robot) if p.name in both.base.names]
+        rivals = [own for own in both.effects if own.name == effect.name]
+        own = [p.name for rival in rivals for p in rival.parameters(model.robot) if p.name in both.base.names]
         if not own:
             raise UnsupportedError(f"no motion tells {effect.name!r} from the rest of the model: its parameters only regroup with others.")
         chosen += own

@@ -94,8 +94,7 @@ class Reading:
         header = read_header(path)
         if not self.columns and joint_state_columns(header) is not None:
             raise UnsupportedError(f"log {path}: JointState messages with a name array cannot be streamed; read it whole (--no-stream).")
-        joints = JointNames(self.robot.joint_names, tuple(j.prismatic for j in self.robot.joints))
-        return header, resolve_columns(header.names, joints, self.columns, where=f"log {path}")
+        return header, resolve_columns(header.names, JointNames.of(self.robot), self.columns, where=f"log {path}")
 
 
 def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[float], None] | None = None) -> tuple[StoredLog, ...]:

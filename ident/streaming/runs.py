@@ -13,7 +13,7 @@ from ..errors import DataError
 from ..logs import measured
 from ..resample import Clock, bridge, flag_at, interpolate, thin
 from ..robot import Robot
-from ..uniform import UniformRun, rate_for, resampling_text, torque_notes
+from ..uniform import UniformRun, dead_torque, rate_for, resampling_text, torque_notes
 from .clock import clock_of, deviation, longer_steps
 from .disk import PASS, DiskArray, DiskWriter
 from .stored import StoredLog
@@ -26,7 +26,8 @@ _SPLINE_REACH = 128
 
 @dataclass(frozen=True, eq=False)
 class StoredRecording:
-    """A run in the robot's terms, as `ident.uniform.Recording`: joint positions without jumps; `absent` (n,): no torque at all."""
+    """A run in the robot's terms, as `ident.uniform.Recording`: joint positions without jumps; `absent` (n,): no torque at all,
+    or none that was measured."""
 
     log: StoredLog
     robot: Robot
@@ -49,8 +50,10 @@ class StoredRecording:
             notes.append(f"log {log.name}: positions of {names} jump by a full turn; they are taken as continuous.")
             log = replace(log, arrays={**log.arrays, "q": unwrapped(log.arrays["q"], jumping, folder / f"{_plain(log.name)}.q")}, blocks=())
         notes += notes_of_torque
-        notes += torque_notes(log.name, robot, survey.missing, survey.rows)
-        return cls(log, robot, clock_of(log.t), tuple(dict.fromkeys(notes)), survey.missing == survey.rows)
+        # Of a joint whose positions were joined, the survey's range is that of one turn: far enough for motion.
+        dead = dead_torque(survey.least, survey.most, survey.high - survey.low, survey.step)
+        notes += torque_notes(log.name, robot, survey.missing, survey.rows, dead, survey.least)
+        return cls(log, robot, clock_of(log.t), tuple(dict.fromkeys(notes)), (survey.missing == survey.rows) | dead)
 
     @property
     def name(self) -> str:
@@ -89,7 +92,7 @@ class StoredRun:
         samples of the run; `missing` tells where."""
         piece = self.log.read(a, b)
         assert piece.q is not None
-        torque = measured(piece, self.robot.transmission).torque
+        torque = np.where(self.absent, np.nan, measured(piece, self.robot.transmission).torque)
         missing = np.isnan(torque)
         t = self.start + np.arange(a, b) / self.rate
         if within is not None and missing.any():
@@ -220,7 +223,7 @@ def _resampled(log: StoredLog, robot: Robot, absent: Array, start: float, rate: 
         first, last = (int(np.searchsorted(piece_t, x)) + low for x in (at[0], at[-1]))
         low, high = max(0, first - _SPLINE_REACH), min(len(log), last + _SPLINE_REACH)
         piece, t = log.read(low, high), stamps[low:high]
-        torque = measured(piece, robot.transmission).torque
+        torque = np.where(absent, np.nan, measured(piece, robot.transmission).torque)
         gone = np.isnan(torque)
         if gone.any():
             torque = bridged(log, robot, torque, low, slice(0, len(log)), absent, _stamps(stamps, t, low))

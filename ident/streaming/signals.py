@@ -173,7 +173,7 @@ class Streaming:
         absent = np.all([r.absent for r in recordings], axis=0)
         warnings += _warnings(robot, decisions.still, absent, rule is not None, decisions.saturation, prep.saturated, valid, lost)
         warnings += raised_shares(robot, rule, allowed)
-        require_motion(rule, decisions.still)
+        require_motion(rule, decisions.still, [r.name for r in recordings])
         joints = tuple(
             JointReport(
                 s.name, s.noise, s.suggested_hz, float(decisions.top[j]), float(decisions.threshold[j]), int(valid[:, j].sum()),

@@ -74,6 +74,15 @@ def test_too_few_joints(fit, arm, tmp_path, lacking, count):
     )
 
 
+def test_locked_joints_may_be_in_the_log(ident, arm, tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text(f"""[robot]\nurdf = "{arm.urdf}"\nlocked = {{ shoulder = 0.0 }}\n[logs]\nfit = ["{arm.train}"]\n""")
+    ran = ident("check", study, "--json")
+    assert ran.code == 0, ran.err
+    assert ran.json["joints"] == ["slide", "elbow", "wrist"]
+    assert "what is locked (shoulder) are not used: q2, tau2" in ran.err
+
+
 def test_too_many_joints(fit, arm, tmp_path):
     path = write_csv(tmp_path / "many.csv", arm.table | {"q5": arm.table["q1"]})
     refused(fit(path), DATA, r"the robot has 4 joints, but the log has positions of 5", r"too many: q5")
@@ -167,7 +176,7 @@ def test_zero_motion(fit, arm, tmp_path):
     table = {k: v if k == "t" else np.full_like(v, 0.3) for k, v in arm.table.items()}
     ran = fit(write_csv(tmp_path / "still.csv", table))
     assert ran.code == DATA
-    assert "ident fit: no joint moves" in ran.err
+    assert "ident fit: log still: no joint moves" in ran.err
     assert "No joint moves" in ran.out  # the audit is told before the error
 
 
@@ -187,6 +196,33 @@ def test_missing_torque_column(fit, arm, tmp_path):
     assert ran.code == 0
     assert any("no torque" in w.lower() and "elbow" in w for w in ran.json["warnings"])
     assert {"Fv_elbow", "Fc_elbow"} <= set(ran.json["not_determined"])
+
+
+def test_torque_that_stays_at_zero_counts_as_not_logged(ident, fit, arm, tmp_path):
+    dead = write_csv(tmp_path / "dead.csv", arm.table | {"tau3": np.zeros_like(arm.table["tau3"])})
+    ran = fit(dead, "--json")
+    assert ran.code == 0
+    assert any("torque never changes while the joint moves: elbow" in w for w in ran.json["warnings"])
+    assert {"Fv_elbow", "Fc_elbow"} <= set(ran.json["not_determined"])
+    checked = ident("check", "--urdf", arm.urdf, "--log", dead, *FRICTION)
+    assert checked.code == 0, checked.err
+    assert "joint elbow: no usable torque row" in checked.out
+    none = write_csv(tmp_path / "none.csv", {k: 0 * v if k.startswith("tau") else v for k, v in arm.table.items()})
+    for command in ("fit", "check"):
+        ran = ident(command, "--urdf", arm.urdf, "--log", none, *FRICTION)
+        assert ran.code == DATA
+        assert re.search(r"torque is exactly zero in every row that can be used \(none", ran.err), ran.err
+
+
+@pytest.mark.parametrize("joint", range(4))
+def test_a_torque_of_the_opposite_sign_is_named(ident, fit, arm, tmp_path, joint):
+    turned = write_csv(tmp_path / "turned.csv", arm.table | {f"tau{joint + 1}": -arm.table[f"tau{joint + 1}"]})
+    ran = fit(turned, "--json")
+    assert ran.code == 0
+    shared = [w for w in ran.json["warnings"] if f"torque of {JOINTS[joint]} seems to have the opposite sign: turned, its error falls" in w]
+    assert len(shared) == 1, ran.json["warnings"]
+    checked = ident("check", "--urdf", arm.urdf, "--log", turned, *FRICTION, "--json")
+    assert any(f"torque of {JOINTS[joint]} seems to have the opposite sign" in w for w in checked.json["warnings"])
 
 
 def test_torque_column_by_another_name(fit, arm, tmp_path):
@@ -305,6 +341,29 @@ def test_urdf_without_inertials_is_fine_for_fitting_and_said(ident, arm, tmp_pat
     assert re.search(r"no <inertial> .*fine for fitting", bare.err)
     assert [p["value"] for p in bare.json["parameters"]] == pytest.approx([p["value"] for p in whole.json["parameters"]], rel=1e-9)
     refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"no inertials to simulate with")
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ('value="4"', 'value="-4"', r"link 'upper': its mass is -4 kg"),
+        ('ixx="0.02"', 'ixx="-0.5"', r"link 'upper': its inertia about some axis is -0\.5"),
+    ],
+)
+def test_inertials_of_no_body_stop_a_simulation_and_no_fit(ident, arm, tmp_path, right, wrong, message):
+    path = tmp_path / "odd.urdf"
+    path.write_text(ARM.replace(right, wrong))
+    refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"cannot be simulated: " + message, r"--fit")
+    for command in ("fit", "check"):
+        ran = ident(command, "--urdf", path, "--log", arm.train, *FRICTION, "--json", "--quiet")
+        assert ran.code == 0, ran.err
+        assert sum(bool(re.search(message, w)) for w in ran.json["warnings"]) == 1
+
+
+def test_a_hand_without_inertial_cannot_be_simulated(ident, tmp_path):
+    path = tmp_path / "light.urdf"
+    path.write_text(re.sub(r'(<link name="hand">).*?</inertial>', r"\1", ARM, flags=re.DOTALL))
+    refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"motion of joint 'wrist'.*<inertial> of link 'hand'")
 
 
 def test_fit_that_is_damaged(ident, arm, saved_fit, tmp_path):

@@ -340,6 +340,45 @@ def test_out_keeps_the_file_that_was_made(ident, tmp_path, monkeypatch):
         assert (alone.code, alone.json[key]) == (0, name)
 
 
+def test_results_without_logs_tell_what_they_were_made_of(ident, arm, saved_fit, tmp_path):
+    drive = tmp_path / "drive.toml"
+    drive.write_text("ratio = [100, 100, 50, 50]\n")
+    robot = ("--urdf", arm.urdf, "--drive", drive)
+    simulated = ("simulate", "--seconds", "2", "--quiet", "--log")
+    for command in (("base",), (*simulated, tmp_path / "a.csv")):
+        ran = ident(*command, *robot, "--json")
+        assert [i["path"] for i in ran.json["inputs"]] == [str(arm.urdf), str(drive)], ran.err
+        assert all(len(i["sha256"]) == 64 for i in ran.json["inputs"])
+    ran = ident(*simulated, tmp_path / "b.csv", "--fit", saved_fit, "--json")
+    assert [i["path"] for i in ran.json["inputs"]] == [str(saved_fit)]
+    assert ident("base", "--robot", "double_pendulum", "--json").json["inputs"] == []
+
+
+def test_logs_named_twice_are_said(ident, arm, tmp_path):
+    same = tmp_path / "same.csv"
+    same.write_bytes(arm.train.read_bytes())
+    fit = ("fit", "--urdf", arm.urdf, *FRICTION, "--json", "--quiet", "--log")
+    twice = ident(*fit, arm.train, arm.train)
+    assert any(w.endswith("train.csv is named more than once, and read once.") for w in twice.json["warnings"])
+    copied = ident(*fit, arm.train, same)
+    assert any("same.csv holds what" in w and "count twice" in w for w in copied.json["warnings"])
+    assert not any("twice" in w or "more than once" in w for w in ident(*fit, arm.train, arm.test).json["warnings"])
+
+
+def test_what_is_missing_is_said_as_it_is(ident, arm, saved_fit, tmp_path):
+    ran = ident("validate", "--fit", saved_fit)
+    assert ran.code == 2
+    assert "no log to validate on; name it with --validate FILE or --log FILE" in ran.err
+    folder = tmp_path / "kept"
+    folder.mkdir()
+    (folder / "fit.json").write_bytes(Path(saved_fit).read_bytes())
+    ran = ident("report", folder, "-o", tmp_path / "r.html")
+    assert ran.code == 2
+    assert f"ident report {folder / 'fit.json'}" in ran.err
+    ran = ident("fit", "--urdf", arm.urdf, "--log", arm.train, "--effects", "bogus")
+    assert "unknown effect 'bogus'. Known:" in ran.err
+
+
 def test_simulate_says_what_it_has_no_value_for(ident, tmp_path):
     log = tmp_path / "log.csv"
     made = ident("simulate", "--robot", "double_pendulum", "--log", log, "--effects", "offset", "--seconds", "1", "--quiet")

@@ -185,7 +185,7 @@ def test_coverage_over_many_logs(name: str, colour: float) -> None:
     assert share < 0.985 or name in OTHER_INTERVALS
 
 
-@pytest.mark.parametrize("name", [n for n, kind in sorted(estimator_types().items()) if Capability.STREAMING in kind.capabilities])
+@pytest.mark.parametrize("name", ["iv", *(n for n, kind in sorted(estimator_types().items()) if Capability.STREAMING in kind.capabilities)])
 def test_blocks_of_any_size_give_the_same(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = estimator(name).solve(problem(noisy(1)))
     monkeypatch.setattr("ident.problem._BLOCK_NUMBERS", 1)
@@ -201,6 +201,14 @@ def test_merged_information_is_that_of_the_whole() -> None:
     weights = 1 / LEVEL**2
     (R, z, _), (S, y, _) = whole.combined(weights), merged.combined(weights)
     assert np.linalg.solve(R, z) == pytest.approx(np.linalg.solve(S, y), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(("name", "key"), [("tls", "acceleration_std"), ("wls", "noise_std"), ("rls", "noise_std")])
+def test_one_number_stands_for_all_joints(name: str, key: str) -> None:
+    one, each = (make_estimator(name, **{key: value}).solve(problem(noisy(1))) for value in (0.05, (0.05,) * MODEL.robot.n))
+    assert np.array_equal(one.values, each.values)
+    with pytest.raises(ConfigurationError, match=rf"{key} must hold one number for all joints, or {MODEL.robot.n}, one a joint, .*not"):
+        make_estimator(name, **{key: (0.05, 0.05)}).solve(problem(noisy(1)))
 
 
 @pytest.mark.parametrize("name", TYPES)

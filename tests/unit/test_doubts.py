@@ -48,6 +48,17 @@ def test_a_torque_of_the_opposite_sign_is_seen() -> None:
     assert "opposite sign" in said
 
 
+def test_a_poor_fit_alone_is_no_opposite_sign() -> None:
+    signals = prepared(2)
+    rng = np.random.default_rng(0)
+    noise = 0.3 * np.sqrt(np.mean(signals.tau**2, axis=0)) * rng.standard_normal(signals.tau.shape)
+    poor = fitted(replace(signals, tau=signals.tau + noise, source=None))
+    assert np.all(poor.fit_error.relative > 0.1)
+    assert not any("opposite sign:" in said for said in doubts(poor))
+    unlike = replace(signals, tau=signals.tau + 0.5 * np.abs(signals.tau), source=None)
+    assert not any("opposite sign:" in said for said in doubts(fitted(unlike)))
+
+
 def test_scatter_about_zero_is_no_wrong_sign() -> None:
     good = fitted(prepared(1))
     i = good.index("Fv_j2")

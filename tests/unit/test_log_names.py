@@ -17,6 +17,41 @@ def sources(plan: ColumnPlan) -> dict[str, list[str]]:
     return {q: [c.source for c in plan.quantity(q)] for q in ("q", "dq", "tau_joint", "tau_current") if plan.quantity(q)}
 
 
+class TestLocked:
+    """A robot of four joints, the second and the last of which are locked."""
+
+    JOINTS = JointNames(("waist", "elbow"), (False, False), whole=("waist", "lift", "elbow", "wrist"))
+    HEADER = ("t", *(f"{s}{j}" for s in ("q", "tau") for j in range(1, 5)))
+
+    def test_columns_of_the_whole_robot(self) -> None:
+        plan = resolve_columns(self.HEADER, self.JOINTS)
+        assert sources(plan) == {"q": ["q1", "q3"], "tau_joint": ["tau1", "tau3"]}
+        assert "what is locked (lift, wrist) are not used: q2, q4, tau2, tau4" in plan.notes[0]
+
+    def test_columns_of_what_is_left(self) -> None:
+        plan = resolve_columns(["t", "q1", "q2", "tau1", "tau2"], self.JOINTS)
+        assert sources(plan) == {"q": ["q1", "q2"], "tau_joint": ["tau1", "tau2"]}
+        assert plan.notes == ()
+
+    def test_a_mapping_counts_as_the_columns_do(self) -> None:
+        mapping = {"tau1": "a", "tau2": "b", "tau3": "c", "tau4": "d"}
+        plan = resolve_columns(["t", "q1", "q2", "q3", "q4", "a", "b", "c", "d"], self.JOINTS, mapping)
+        assert sources(plan) == {"q": ["q1", "q3"], "tau_joint": ["a", "c"]}
+
+    def test_positions_by_name(self) -> None:
+        header = ["t", "waist.position", "elbow.position", "lift.position", "tau1", "tau2", "tau3", "tau4"]
+        assert sources(resolve_columns(header, self.JOINTS))["tau_joint"] == ["tau1", "tau3"]
+
+    @pytest.mark.parametrize("count", [1, 3, 5])
+    def test_any_other_number_is_refused_with_what_to_do(self, count: int) -> None:
+        with pytest.raises(DataError, match=r"Locked: lift, wrist\. Number the columns by the 2 joints .*waist, elbow.* or by all 4"):
+            resolve_columns(["t", *(f"q{j + 1}" for j in range(count))], self.JOINTS)
+
+    def test_counted_from_zero(self) -> None:
+        with pytest.raises(DataError, match="from 0"):
+            resolve_columns(["t", "q0", "q1", "q2", "q3"], self.JOINTS)
+
+
 class TestFromZero:
     @pytest.mark.parametrize("joints", [ARM, None])
     @pytest.mark.parametrize("header", [FROM_ZERO, ["t", "q0 [deg]", "q1 [deg]", "q2 [deg]"], ["t", "q0", "tau0"]])

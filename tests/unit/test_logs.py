@@ -133,6 +133,20 @@ def test_columns_by_joint_name_in_any_order(tmp_path: Path, robot: Robot) -> Non
     np.testing.assert_allclose(log.tau["joint"][0], [4.0, 20.0])
 
 
+def test_an_effort_is_on_the_side_that_the_drive_declares(tmp_path: Path, robot: Robot) -> None:
+    rows = [[k * 0.01, 0.3, 20.0, 0.1 * k, 4.0] for k in range(40)]
+    path = write(tmp_path / "a.csv", "t,lift.position,lift.effort,shoulder.position,shoulder.torque_Nm", rows)
+    geared = robot.with_transmission(Transmission.from_ratio(np.array([50.0, -20.0]), Side.MOTOR))
+    log = read_logs(path, geared)[0]
+    assert set(log.tau) == {"motor"}
+    np.testing.assert_allclose(measured(log, geared.transmission).torque[0], [4.0, 20.0])
+    assert measured(log, geared.transmission).notes == ()
+    told = write(tmp_path / "b.csv", "t,q2,tau2,q1,tau1", rows)
+    assert set(read_logs(told, geared)[0].tau) == {"joint"}, "a name that tells the side is believed"
+    mapped = read_logs(path, geared, {"tau1": "shoulder.torque_Nm", "tau2": "lift.effort"})[0]
+    assert set(mapped.tau) == {"joint"}
+
+
 def test_mapping_with_units_scale_and_offset(tmp_path: Path, robot: Robot) -> None:
     rows = [[k * 0.01, 90.0, 100.0, 2.0, 3.0] for k in range(40)]
     path = write(tmp_path / "a.csv", "stamp,pan_angle_deg,height,force,pan", rows)

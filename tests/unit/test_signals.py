@@ -380,6 +380,20 @@ class TestMasks:
         assert np.isnan(signals.tau[:, 1]).all()
         assert any("no torque of slide" in w for w in signals.report.warnings)
 
+    def test_torque_that_never_changes_is_taken_as_not_logged(self) -> None:
+        log = Truth().log(clock("even", 300.0, 30.0))
+        tau = log.tau["joint"].copy()
+        tau[:, 1] = 0.0
+        signals = ZeroPhase(cutoff_hz=8)(replace(log, tau={"joint": tau}), robot())
+        assert signals.valid[:, 0].any()
+        assert not signals.valid[:, 1].any()
+        assert any("torque never changes while the joint moves: slide (at 0)" in w for w in signals.report.warnings)
+        still = np.where([False, True], 0.1 + 1e-4 * (np.arange(len(log)) % 3 == 0)[:, None], log.q)
+        resting = ZeroPhase(cutoff_hz=8)(replace(log, q=still, tau={"joint": tau}), robot())
+        assert not any("never changes" in w for w in resting.report.warnings)
+        off = ZeroPhase(cutoff_hz=8)(replace(log, tau={"joint": 0 * tau}), robot())
+        assert off.valid.any(axis=0).all()  # a robot that swings freely
+
     def test_saturated_torque(self) -> None:
         log = Truth(seed=3).log(clock("even", 300.0, 60.0), torque_noise=0.01)
         limit = float(np.percentile(np.abs(log.tau["joint"][:, 0]), 90))

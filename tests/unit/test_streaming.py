@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,12 @@ from command_line import analytic_log, write_csv
 
 import ident
 from ident.errors import ConfigurationError, DataError, UnsupportedError
+from ident.estimators import Capability, estimator_types
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.robots import nominal_values
 from ident.session import Session
 from ident.streaming import StreamedSession
-from ident.study import Study
+from ident.study import Strategy, Study
 
 Array = np.ndarray
 
@@ -50,8 +52,6 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def both(folder: Path, path: Path, **signals: Any) -> tuple[Session, StreamedSession]:
     """The same study in memory and streamed."""
-    from dataclasses import replace
-
     study = Study.from_flags(robot="puma560", logs=[path])
     study = replace(study, signals=replace(study.signals, options={"cutoff_hz": 12.0, **signals}))
     (folder / "out").mkdir(exist_ok=True)
@@ -113,6 +113,8 @@ def damaged(kind: str, table: dict[str, Array]) -> dict[str, Array]:
         out["tau_m4"][3000:3900] = np.nan
         out["tau_m5"][:] = np.nan
         out["tau_m1"][2000:2003] = np.inf, -np.inf, np.nan
+    elif kind == "dead torque":
+        out["tau_m4"][:] = 0.25
     elif kind == "position holes":
         out["q3"][1000:1004] = np.nan
     elif kind == "missing samples":
@@ -140,6 +142,7 @@ def damaged(kind: str, table: dict[str, Array]) -> dict[str, Array]:
 KINDS = (
     "gap",
     "torque holes",
+    "dead torque",
     "position holes",
     "missing samples",
     "jitter",
@@ -198,10 +201,20 @@ def test_bad_files_are_skipped_if_asked(tmp_path: Path, table: dict[str, Array])
     session.checkpoint.remove()
 
 
-def test_method_that_needs_the_whole_log_is_refused() -> None:
-    study = Study.from_flags(robot="puma560", logs=["none.csv"], method="didim")
-    with pytest.raises(UnsupportedError, match="wls"):
+@pytest.mark.parametrize("method", ["didim", "iv"])
+def test_method_that_needs_the_whole_log_is_refused(method: str) -> None:
+    study = Study.from_flags(robot="puma560", logs=["none.csv"], method=method)
+    with pytest.raises(UnsupportedError, match=rf"method '{method}' needs the whole log .*wls"):
         StreamedSession.of(study)
+
+
+@pytest.mark.parametrize("method", [name for name, kind in estimator_types().items() if Capability.STREAMING in kind.capabilities])
+def test_every_method_that_says_so_streams(method: str, tmp_path: Path, table: dict[str, Array]) -> None:
+    path = write_csv(tmp_path / "log.csv", {k: v[:3000] for k, v in table.items()})
+    memory, streamed = both(tmp_path, path)
+    options = {"acceleration_std": (0.05,) * 6} if method == "tls" else {}
+    x, y = (replace(s, study=replace(s.study, estimator=Strategy(method, options))).estimate for s in (memory, streamed))
+    assert np.all(np.abs(x.values - y.values) <= 1e-3 * x.std + 1e-9 * np.abs(x.values))
 
 
 FIT = ("fit", "--robot", "puma560", "--stream", "--jobs", "1", "--quiet")

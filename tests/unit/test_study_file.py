@@ -82,8 +82,19 @@ def test_preparation_follows_the_signals_table(folder):
     with pytest.raises(ConfigurationError, match=r"unknown key of \[signals\] 'cutof_hz'; did you mean 'cutoff_hz'"):
         study(folder, "[signals]\ncutof_hz = 3").make_preparation()
     assert study(folder, '[signals]\nmethod = "savitzky_golay"\nstandstill = { share = 0.3 }').make_preparation().standstill.share == 0.3
-    with pytest.raises(ConfigurationError, match=r"\[signals\] cutoff_hz must be .*, not 'ten'"):
+    with pytest.raises(ConfigurationError, match=r"\[signals\] cutoff_hz must be a number, not 'ten'"):
         study(folder, '[signals]\ncutoff_hz = "ten"').make_preparation()
+
+
+def test_options_of_an_estimator_are_checked_in_plain_words(folder):
+    assert study(folder, '[estimator]\nmethod = "tls"\nacceleration_std = 0.2').make_estimator().acceleration_std == 0.2
+    with pytest.raises(ConfigurationError, match=r"acceleration_std must be a list of numbers or a number, not 'x'\.$"):
+        study(folder, '[estimator]\nmethod = "tls"\nacceleration_std = "x"').make_estimator()
+    with pytest.raises(ConfigurationError, match=r"iterations must be a whole number, not 1\.5\.$"):
+        study(folder, '[estimator]\nmethod = "wls"\niterations = 1.5').make_estimator()
+    for method in ("iv", "didim"):
+        with pytest.raises(ConfigurationError, match=rf"method '{method}': experiment is a Python object .*'iv' without it"):
+            study(folder, f'[estimator]\nmethod = "{method}"\nexperiment = {{ controller = "pd" }}').make_estimator()
 
 
 def test_built_in_robot_brings_its_drive_and_effects(folder):

@@ -174,6 +174,24 @@ def test_refusals(text, message):
     assert error.value.exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ('value="1"', 'value="4kg"', "link 'l1': <mass value='4kg'>: '4kg' is not a finite number. Write the number alone"),
+        ('value="1"', 'value="4,5"', "'4,5' is not a finite number. Write a point, not a comma"),
+        ('value="1"', 'value="1_000"', "'1_000' is not"),
+        ('xyz="0.1 0 0"', 'xyz="0.1 l 0"', "<origin xyz='0.1 l 0'>: 'l' is not"),
+        ('ixx="0.1"', 'ixx="nan"', "<inertia ixx='nan'>: 'nan' is not"),
+        ('iyz="0"', 'iyz=""', "<inertia iyz=''>: '' is not"),
+    ],
+)
+def test_inertials_that_hold_no_numbers_are_refused(right, wrong, message):
+    assert right in INERTIAL
+    with pytest.raises(ConfigurationError) as error:
+        Robot.from_urdf(urdf(joint("j1", "base", "l1"), inertial=INERTIAL.replace(right, wrong)))
+    assert message in str(error.value)
+
+
 def test_missing_and_unreadable_files(tmp_path):
     with pytest.raises(ConfigurationError, match=r"no\.urdf: no such file"):
         read_urdf(tmp_path / "no.urdf")
