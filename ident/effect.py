@@ -151,6 +151,17 @@ class Effect(ABC):
         """The nonlinear parameters: fields of this effect."""
         return ()
 
+    def shape_unit(self, parameter: ShapeParameter, robot: Robot) -> str:
+        """Unit of a shape parameter on the joints of this effect: of one that is declared for joints that turn and, in brackets, for those
+        that slide, the one of their kind; both where they are of both kinds."""
+        turning, _, sliding = parameter.unit.partition(" (")
+        counted = getattr(self, "angle", None)  # the side whose angle an order counts
+        side = counted if isinstance(counted, Side) else self.side
+        kinds = {robot.position_unit(j, side) for j in self.at(robot)}
+        if not sliding or len(kinds) != 1:
+            return parameter.unit
+        return sliding.removesuffix(")") if kinds == {"m"} else turning
+
     def with_shape(self, **values: float) -> Self:
         """The same effect with other shape parameters."""
         known = [p.name for p in self.shape()]

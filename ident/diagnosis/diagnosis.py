@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -229,8 +229,14 @@ def _diagnosed(
     if seen is not every:
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
-    warnings = tuple(dict.fromkeys((*before.warnings, *wide.report.warnings, *said, *estimates.said(after))))
+    warnings = tuple(dict.fromkeys((*_of_the_declared(before, findings), *wide.report.warnings, *said, *estimates.said(after))))
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, () if looked.found else elsewhere)
+
+
+def _of_the_declared(before: Estimate, findings: Sequence[Finding]) -> list[str]:
+    """Warnings of the declared model's fit; beside findings it is said that they are of the fit without them, but for those of the data."""
+    of_data = before.problem.signals.report.warnings if before.problem is not None else before.warnings
+    return [f"of the fit of the declared model: {w}" if findings and w not in of_data else w for w in before.warnings]
 
 
 def _share(finding: Finding, last: LastWord, bad: set[str]) -> float:

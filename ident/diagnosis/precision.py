@@ -111,7 +111,7 @@ def found_parameters(stage: Stage, effects: Sequence[Effect]) -> list[tuple[Foun
             if shape.unit == "s" and Need.TIME in effect.needs:
                 own = np.array([p.value for p in linear])
                 s = max(s, 0.5 * _anywhere_within(stage, effect, own, shape.name))
-            shapes.append(FoundParameter(shape.name, value, s, shape.unit))
+            shapes.append(FoundParameter(shape.name, value, s, effect.shape_unit(shape, robot)))
         out.append((*linear, *shapes))
     return out
 

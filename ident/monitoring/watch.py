@@ -196,7 +196,8 @@ class _Watch:
             before = float(estimate.value(p.name)) if own is not None and p.name in estimate.names else None
             parameters.append(ChangedParameter(p.name.replace("+", ""), float(v), float(s), p.unit, before))
         if own is None:
-            parameters += [ChangedParameter(p.name, float(getattr(item.effect, p.name)), np.inf, p.unit) for p in item.effect.shape()]
+            shapes = [(p.name, float(getattr(item.effect, p.name)), item.effect.shape_unit(p, robot)) for p in item.effect.shape()]
+            parameters += [ChangedParameter(name, value, np.inf, unit) for name, value, unit in shapes]
         how = How.CHANGED if own is not None else How.APPEARED
         if own is None and values[0] < 0 and named[0].lower == 0.0:
             how = How.DISAPPEARED

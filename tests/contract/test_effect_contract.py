@@ -103,6 +103,27 @@ def test_describes_itself(name: str) -> None:
     assert not kind.__doc__.startswith(f"{kind.__name__}(")
 
 
+def on_side(effect: Effect, side: Side) -> Effect:
+    """The effect on a side, its orders counted there, too."""
+    counted = {"angle": side} if isinstance(getattr(effect, "angle", None), Side) else {}
+    return dataclasses.replace(effect, side=side, **counted)
+
+
+@EVERY
+def test_shape_parameters_have_the_unit_of_the_joints_kind(name: str) -> None:
+    """One that is declared for joints that turn and joints that slide is told in the unit of those it sits on."""
+    effect = make_effect(name)
+    for p in effect.shape():
+        turning, both = p.unit.split(" (")[0], " (" in p.unit
+        assert effect.shape_unit(p, ROBOTS["pendulum"]()) == turning
+        at_the_joint, behind = (on_side(effect, side) for side in (Side.JOINT, Side.MOTOR))
+        told = at_the_joint.shape_unit(p, ROBOTS["slide"]())
+        assert told == (p.unit[len(turning) + 2 : -1] if both else p.unit)
+        assert not both or "rad" not in told
+        assert behind.shape_unit(p, ROBOTS["slide"]()) == turning  # a spindle's motor turns
+        assert at_the_joint.shape_unit(p, ROBOTS["scara"]()) == p.unit  # on joints of both kinds
+
+
 @EVERYWHERE
 @EVERY
 def test_columns_are_real_and_of_the_declared_shape(name: str, robot_name: str) -> None:

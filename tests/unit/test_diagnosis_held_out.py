@@ -508,3 +508,29 @@ def test_confidence_falls_with_what_held_out_data_do_not_show() -> None:
     assert share(unseen, set()) < share(faint, set()) < 1.0
     assert share(seen, {"j1"}) == share(faint, {"j1"}) == share(unseen, set())
     assert share(seen, {"j2"}) == 1.0
+
+
+def test_a_fall_in_every_block_is_shown_though_few_hold_most_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Knocks: the standard error of the sum is nearly the sum."""
+    grows = np.array([*np.full(22, -1.0), -60.0, -40.0])
+    change = of_blocks(grows)
+    total, error = change.on(np.ones(1, bool))
+    assert -total < 2.0 * error
+    one = a_finding(0, 900.0)
+    kept = SimpleNamespace(selection=SimpleNamespace(found=(one,)), after="after", refused=(), unseen=(), faint=(), said=())
+    selection = SimpleNamespace(found=(one,), final=SimpleNamespace(turning=()))
+    rows = SimpleNamespace(robot=SimpleNamespace(n=1))
+    monkeypatch.setattr(confirmed_module, "without_reversals", lambda held, turning: rows)
+    monkeypatch.setattr(confirmed_module, "nominated", lambda *a: (selection, ""))
+    monkeypatch.setattr(confirmed_module, "contested", lambda *a: SimpleNamespace(selection=selection, after="after", said=()))
+    monkeypatch.setattr(confirmed_module, "confirmed", lambda *a: kept)
+    monkeypatch.setattr(confirmed_module, "refusals", lambda kept: ((), ""))
+    anything = cast(Any, None)
+
+    def shown(blocks: np.ndarray) -> bool:
+        monkeypatch.setattr(confirmed_module.Change, "of", lambda before, after, rows: of_blocks(blocks))
+        held = cast(Any, "held")
+        return confirmed_module.last_word(cast(Any, selection), anything, anything, held, lambda stage, names: anything).shown
+
+    assert shown(grows)
+    assert not shown(np.where(np.arange(24) % 2 == 0, 3.0, grows)), "half of the blocks grow"
