@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 _ZERO = 1e-15
+#: States, beside those at any speed, at which every joint is slower than those by up to so many decades: friction near standstill
+#: (Stribeck) of a motor behind a large gear is nothing at all at a usual speed of its joint.
+_SLOW_STATES = 60
+_DECADES = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +96,12 @@ def random_motion(robot: Robot, count: int, seed: int = 0) -> Motion:
 
 
 def sample_columns(model: Model, seed: int = 0) -> Array:
-    """Columns at random states, stacked to (samples * n, k)."""
-    motion = random_motion(model.robot, 4 * len(model.parameters) // model.robot.n + 60, seed)
-    return model.columns(motion).reshape(-1, len(model.parameters))
+    """Columns at random states of all speeds, stacked to (samples * n, k)."""
+    robot, count = model.robot, 4 * len(model.parameters) // model.robot.n + 60
+    slower = random_motion(robot, _SLOW_STATES, seed + 1).joint
+    share = 10.0 ** np.random.default_rng(seed).uniform(-_DECADES, 0.0, slower.dq.shape)
+    motions = random_motion(robot, count, seed), Motion.of(robot, slower.q, share * slower.dq, slower.ddq)
+    return np.concatenate([model.columns(m).reshape(-1, len(model.parameters)) for m in motions])
 
 
 def reduce_columns(columns: Array, parameters: tuple[Parameter, ...], order: list[int]) -> BaseReduction:

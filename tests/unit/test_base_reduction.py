@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.effects.offset import Offset
-from ident.friction import Coulomb, RotorInertia, Viscous
+from ident.friction import Coulomb, RotorInertia, Stribeck, Viscous
 from ident.model import Model
 from ident.motion import Motion
 from ident.regressor.base import base_reduction, sample_columns
@@ -87,3 +87,13 @@ def test_rank_equals_singular_values() -> None:
     columns = sample_columns(model, seed=3)
     singular = np.linalg.svd(columns, compute_uv=False)
     assert base_reduction(model).count == int(np.sum(singular > 1e-10 * singular[0]))
+
+
+@pytest.mark.parametrize("ratio", [1.0, 50.0, 500.0, -5000.0])
+def test_friction_near_standstill_stays_behind_any_gear(ratio: float) -> None:
+    """At a usual speed of the joint its motor is so much faster than v_s that nothing is left of it."""
+    robot = Robot.from_urdf(chain(["0 0 0", "1.5708 0 0"], ["0 0 0", "0 0 0.2"], ["prismatic", "revolute"]), transmission=np.full(2, ratio))
+    base = base_reduction(robot.rigid_body() + Viscous() + Coulomb() + Stribeck(v_s=0.5))
+    names = [p.name for p in base.parameters]
+    assert {"Fv_j1", "Fc_j1", "Fs_j1", "Fs_j2"} <= set(base.names)
+    assert not any(names[i].startswith("F") for i in base.zero)
