@@ -23,6 +23,8 @@ Array = np.ndarray
 #: Positions at which inertia is looked at; how many of its standard deviations it must be below zero.
 _POSITIONS = 60
 _SURELY = 3.0
+#: So many times the noise (rms) is left on a joint where the model lacks something.
+_MUCH_LEFT = 2.0
 #: A load that is put down leaves more than this share of the inertia about some joint.
 _LEFT = 0.1
 #: A time after every change in a log, s.
@@ -48,7 +50,13 @@ def too_light(stage: Stage, judged: Judged) -> str:
     before = own @ frame.coefficients
     # What else the model lacks bends inertia as well: deviations are as large as what is left on a joint's rows, not as its noise.
     left = frame.torque - frame.columns @ refit.model - judged.hit.columns @ refit.values
-    std = std * np.maximum(np.sqrt(np.sum(left**2, axis=1) / np.maximum(stage.problem.signals.valid.sum(axis=0), 1)), 1.0)
+    rms = np.sqrt(np.sum(left**2, axis=1) / np.maximum(stage.problem.signals.valid.sum(axis=0), 1))
+    std = std * np.maximum(rms, 1.0)
+    # Where much is left on a joint that the candidate does not act on, something else is missing there: through what links share that
+    # bends inertia about any joint, and the one that is found first is not to pay for it.
+    acts = (judged.hit.columns != 0.0).any(axis=(1, 2))
+    if np.any((rms > _MUCH_LEFT) & ~acts):
+        return ""
     lost = (inertia < -_SURELY * std) & (before > 0.0)
     if lost.any():
         return f"with it the inertia about {robot.joint_names[int(np.argmax(lost.sum(axis=0)))]} would be negative"

@@ -79,7 +79,9 @@ def harmonics(effect: Effect, frame: Frame, motions: Motions) -> Harmonics | Non
     # Orders between the last one that the rows resolve and the next, but none so fast that samples see it as a slow one.
     at = np.flatnonzero(resolved)
     low, high = float(probe[at[0]]), float(probe[min(at[-1] + 1, len(probe) - 1)])
-    high = max(min(high, _told_apart(parts)), 2.0 * low)
+    high = min(max(min(high, _told_apart(parts)), 2.0 * low), p.upper)
+    if high <= low:
+        return None  # it moves so little that the slowest order which shows is the fastest that there is
     count = int(min(_MOST_ORDERS, np.ceil((high - low) / step) + 1))
     return Harmonics(tuple(parts), probe, power, np.linspace(low, high, max(count, 2)))
 

@@ -225,3 +225,18 @@ def test_noise_is_taken_out_of_a_motion_that_is_cut_off_without_bending_its_ends
     # At the ends next to nothing of the bend, away from them less noise.
     assert np.all(np.sqrt(np.mean(after[ends] ** 2, axis=0)) < 2.0 * np.sqrt(np.mean(before[ends] ** 2, axis=0)))
     assert np.all(np.sqrt(np.mean(after[~ends] ** 2, axis=0)) < 0.7 * np.sqrt(np.mean(before[~ends] ** 2, axis=0)))
+
+
+@pytest.mark.parametrize("turns", [3e-4, 6e-4, 8e-4, 9.8e-4, 2e-3])
+def test_orders_stay_within_what_the_effect_may_have(turns: float) -> None:
+    """A joint that moves so little that the slowest order which shows is near the fastest that there may be."""
+    robot = ROBOTS["scara"]()
+    effect = replace(make_effect("cogging", joints=robot.joint_names[:1], angle="joint"), label="+")
+    model, prepared = signals(10, noise=1e-3)
+    q = prepared.q.copy()
+    q[:, 0] *= 2.0 * np.pi * turns / np.ptp(q[:, 0])
+    problem = Problem(model, replace(prepared, q=q))
+    built = Frame.build(problem, plain_whitener(problem, problem.signals.tau))
+    found = harmonics(effect, built, Motions(problem))
+    if found is not None:
+        assert effect.shape()[0].lower <= found.orders[0] < found.orders[-1] <= effect.shape()[0].upper

@@ -234,6 +234,27 @@ def test_inertia_that_something_else_bends_is_held_against_nothing() -> None:
     assert speaks_against == 0
 
 
+def test_inertia_is_not_held_against_what_is_found_first_where_much_is_left_elsewhere() -> None:
+    """A spring on the first joint beside which its inertia is negative: refused, but not while another joint's rows hold something else."""
+    stage = links_alone(6, [0.0] * 10)
+    frame, robot = stage.frame, stage.problem.model.robot
+    spring = make_effect("linear_spring", joints="j1")
+    hit = stage.search.hit(Candidate("linear_spring", ("j1",), (spring,)), spring)
+    base = list(stage.problem.base.names)
+    inertia = frame.columns @ np.linalg.pinv(frame.transform)[:, base.index("Izz_j1")]
+    less, stiff = -20.0 * inertia, hit.columns @ np.array([-20.0] + [0.0] * (hit.columns.shape[2] - 1))
+
+    def refused(more: Array) -> bool:
+        changed = replace(frame, torque=frame.torque + less + stiff + more)
+        bent = replace(stage, frame=changed, search=Search(changed, stage.motions, (), stage.search.bank))
+        return too_light(bent, bent.search.judge(bent.search.hit(hit.candidate, spring))) != ""
+
+    elsewhere = np.zeros_like(frame.torque)
+    elsewhere[robot.joint_index("j4")] = 300.0 * np.sin(np.arange(frame.torque.shape[1])) * stage.problem.signals.valid[:, -1]
+    assert refused(np.zeros_like(frame.torque))
+    assert not refused(elsewhere)
+
+
 def found(effect: Effect, evidence: float, rivals: tuple[Found, ...] = (), weights: tuple[float, ...] = (1.0,)) -> Found:
     """A finding, as far as its confidence looks at it. On joints that the robot does not have it has one column."""
     robot = ROBOTS["scara"]()
