@@ -24,7 +24,7 @@ from .contest import settled_with
 from .evidence import FALSE_ALARM, WEAK, occam, surplus
 from .foretelling import Foretelling
 from .in_plain_sight import apart
-from .plausible import off_at_its_best
+from .plausible import too_small_at_its_best
 from .precision import support, unbound
 from .selection import Selection, relabelled
 from .stage import Stage, with_effects
@@ -85,7 +85,7 @@ def _can_be(selection: Selection, one: Found, bank: Bank) -> bool:
         return True
     stage, effects = settled_with(selection, [one.effect], selection.final, bank)
     ((values, _),) = unbound(stage, effects)
-    return not off_at_its_best(effects[0], values, support(stage, effects[0]), stage.problem.model.robot)
+    return not too_small_at_its_best(effects[0], values, support(stage, effects[0]), stage.problem.model.robot)
 
 
 def _found(judged: Judged, every: Sequence[Judged], stage: Stage) -> Found:

@@ -21,7 +21,8 @@ BEYOND = 3.0
 _OF_ITSELF = 1.0
 #: Share of a gain on several joints that one thing on all of them must have.
 _AS_ONE = 0.6
-#: At the best of all its shapes a response may be off by this share, or by so many of its standard deviations there (one in twenty is).
+#: At the best of all its shapes more of a response may be asked for by this share, or so many of its standard deviations there (one in
+#: twenty is beyond).
 _OFF = 0.15
 _OFTEN = 1.645
 
@@ -42,19 +43,19 @@ def implausible(effect: Effect, values: Array, std: Array, robot: Robot, kept: f
     return effect.implausible(robot, values, std)
 
 
-def off_at_its_best(effect: Effect, values: Array, support: float, robot: Robot) -> str:
-    """Why an effect whose shapes were settled with its response at what it must be is no such thing: the response would rather be another,
-    with no shape left that would make up for it. Noise of the motion that is in the columns and in what is left draws a spring so: with
-    a rotor, a stiffness or a damping at the edge of what can be, and too small. `values` (k,): the responses if they were free;
-    `support`: what the loss would rise by without the effect."""
+def too_small_at_its_best(effect: Effect, values: Array, support: float, robot: Robot) -> str:
+    """Why an effect whose shapes were settled with its response at what it must be is no such thing: the data would have more of it, and no
+    shape gives that. Noise of the motion, which is in the columns and in what is left, draws a spring so, with a rotor, a stiffness or a
+    damping at the edge of what can be. (Less of it says little: what follows its own prediction is drawn less well by the first one.)
+    `values` (k,): the responses if they were free; `support`: what the loss would rise by without the effect."""
     right = effect.response(robot)
     if right is None or len(right) != 1 or right[0] == 0.0 or not np.isfinite(support):
         return ""
-    off = float(values[0] - right[0])
-    std = abs(float(values[0])) / np.sqrt(max(support, 1e-300))
-    if abs(off) <= max(_OFF * abs(float(right[0])), _OFTEN * std):
+    response = float(values[0] / right[0])
+    std = abs(response) / np.sqrt(max(support, 1e-300))
+    if response - 1.0 <= max(_OFF, _OFTEN * std):
         return ""
-    return f"at its best shape the response is {float(values[0] / right[0]):.3g} times that of a {effect.title}"
+    return f"at its best shape the response is {response:.3g} times that of a {effect.title}"
 
 
 def driven_out(frame: Frame, refit: Refit) -> str:

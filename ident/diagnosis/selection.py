@@ -16,7 +16,7 @@ from .bank import Bank
 from .consistent import own_loss
 from .evidence import acts_on, occam, surplus, threshold
 from .grouped import groups
-from .plausible import driven_out_on, implausible, off_at_its_best
+from .plausible import driven_out_on, implausible, too_small_at_its_best
 from .precision import kept, settled, support, unbound
 from .search import Hit, Judged
 from .stage import Stage, at_least, with_effects, with_noise_beneath
@@ -257,7 +257,7 @@ def settled_together(first: Stage, stage: Stage, found: list[Found], bank: Bank,
             why = implausible(effects[i], values, std, robot, kept(best, effects[i], effects))
             why = why or driven_out_on(first.frame, best.frame, effects[i].joints or ())
             gained = support(best, effects[i])
-            why = why or off_at_its_best(effects[i], values, gained, robot)
+            why = why or too_small_at_its_best(effects[i], values, gained, robot)
             if not why and gained < threshold(f.judged.hit, best.number):
                 why = "in this company nothing is gained by it"
             if not why and not effects[i].shape() and len(values) == 1 and abs(values[0]) < _TOLD * std[0] < np.inf:

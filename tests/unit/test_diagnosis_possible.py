@@ -25,7 +25,7 @@ from ident.diagnosis.irregular import _bursts
 from ident.diagnosis.leftover import Leftover
 from ident.diagnosis.light import too_light
 from ident.diagnosis.motions import Motions
-from ident.diagnosis.plausible import driven_out, driven_out_on, implausible, off_at_its_best
+from ident.diagnosis.plausible import driven_out, driven_out_on, implausible, too_small_at_its_best
 from ident.diagnosis.precision import unbound
 from ident.diagnosis.refit import Refit
 from ident.diagnosis.search import Hit, Search
@@ -311,7 +311,7 @@ def test_what_is_there_as_well_is_no_rival() -> None:
     ("response", "support", "refused"),
     [
         (1.42, 69.0, True),  # an encoder's rounding in columns and residual alike, a rotor at the edge of what can be
-        (0.7, 69.0, True),
+        (0.7, 69.0, False),
         (1.42, 10.0, False),  # 1.42 ± 0.45
         (1.1, 1e5, False),  # laws are never exact
         (1.42, np.inf, False),  # tied to other parameters: nothing is known of it
@@ -320,10 +320,10 @@ def test_what_is_there_as_well_is_no_rival() -> None:
 def test_a_spring_that_gives_too_little_at_its_best_is_none(response: float, support: float, refused: bool) -> None:
     robot = ROBOTS["scara"]()
     spring = make_effect("joint_elasticity", joints="j2", stiffness=300.0)
-    why = off_at_its_best(spring, np.array([response]), support, robot)
+    why = too_small_at_its_best(spring, np.array([response]), support, robot)
     assert bool(why) == refused
     assert not refused or f"{response:.3g} times" in why
-    assert off_at_its_best(make_effect("viscous", joints="j2"), np.array([response]), support, robot) == ""
+    assert too_small_at_its_best(make_effect("viscous", joints="j2"), np.array([response]), support, robot) == ""
 
 
 def test_what_little_is_left_takes_no_more_than_a_part_of_the_confidence() -> None:
