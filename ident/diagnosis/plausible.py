@@ -46,10 +46,11 @@ def implausible(effect: Effect, values: Array, std: Array, robot: Robot, kept: f
 def too_small_at_its_best(effect: Effect, values: Array, support: float, robot: Robot) -> str:
     """Why an effect whose shapes were settled with its response at what it must be is no such thing: the data would have more of it, and no
     shape gives that. Noise of the motion, which is in the columns and in what is left, draws a spring so, with a rotor, a stiffness or a
-    damping at the edge of what can be. (Less of it says little: what follows its own prediction is drawn less well by the first one.)
-    `values` (k,): the responses if they were free; `support`: what the loss would rise by without the effect."""
+    damping at the edge of what can be. (Less of it says little: what follows its own prediction is drawn less well by the first one.
+    Nor is it held against knocks, whose law is less exact than that.) `values` (k,): the responses if they were free; `support`: what the
+    loss would rise by without the effect."""
     right = effect.response(robot)
-    if right is None or len(right) != 1 or right[0] == 0.0 or not np.isfinite(support):
+    if right is None or len(right) != 1 or right[0] == 0.0 or effect.abrupt or not np.isfinite(support):
         return ""
     response = float(values[0] / right[0])
     std = abs(response) / np.sqrt(max(support, 1e-300))
