@@ -41,7 +41,8 @@ class LastWord:
     """What is left of a selection, the estimate of its model, what was taken back, and what is to be said about it. `unseen`: findings that
     stay, though held-out data do not show them; `faint`: those that they show no more clearly than chance might; `owed`: those that were
     found with their help, so that no data are left which had no part in it. `shown`: whether the error on held-out data falls by more than
-    chance might with all that is left."""
+    chance might with all that is left; `seldom_or_often`: that, or so much that it need not be often (what comes in knocks falls by most of
+    it in few blocks: its standard error is large, but chance is no explanation)."""
 
     selection: Selection
     after: Estimate
@@ -51,6 +52,7 @@ class LastWord:
     owed: tuple[Effect, ...] = ()
     said: tuple[str, ...] = ()
     shown: bool = True
+    seldom_or_often: bool = True
 
 
 def last_word(
@@ -72,9 +74,8 @@ def last_word(
     owed = tuple(f.effect for f in kept.selection.found if confirms)
     change = Change.of(declared, kept.after, rows)
     grown, error = change.on(np.ones(rows.robot.n, bool))
-    # What comes in knocks falls in every block, in few of them by most of it: its standard error is large, but chance is no explanation.
-    shown = change.shown or -grown > SURELY * error
-    return LastWord(kept.selection, kept.after, unexplained, unseen, faint, owed, said, shown)
+    shown = -grown > SURELY * error
+    return LastWord(kept.selection, kept.after, unexplained, unseen, faint, owed, said, shown, shown or change.shown)
 
 
 @dataclass(frozen=True, eq=False)

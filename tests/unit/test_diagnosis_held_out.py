@@ -530,7 +530,7 @@ def test_a_fall_in_every_block_is_shown_though_few_hold_most_of_it(monkeypatch: 
     def shown(blocks: np.ndarray) -> bool:
         monkeypatch.setattr(confirmed_module.Change, "of", lambda before, after, rows: of_blocks(blocks))
         held = cast(Any, "held")
-        return confirmed_module.last_word(cast(Any, selection), anything, anything, held, lambda stage, names: anything).shown
+        return confirmed_module.last_word(cast(Any, selection), anything, anything, held, lambda stage, names: anything).seldom_or_often
 
     assert shown(grows)
     assert not shown(np.where(np.arange(24) % 2 == 0, 3.0, grows)), "half of the blocks grow"
