@@ -41,8 +41,8 @@ class LastWord:
     """What is left of a selection, the estimate of its model, what was taken back, and what is to be said about it. `unseen`: findings that
     stay, though held-out data do not show them; `faint`: those that they show no more clearly than chance might; `owed`: those that were
     found with their help, so that no data are left which had no part in it. `shown`: whether the error on held-out data falls by more than
-    chance might with all that is left; `seldom_or_often`: that, or so much that it need not be often (what comes in knocks falls by most of
-    it in few blocks: its standard error is large, but chance is no explanation)."""
+    chance might with all that is left; `fell_beyond_chance`: that, or so much that it need not be often (with what comes
+    in knocks the error falls by most of it in few blocks: its standard error is large, but chance is no explanation)."""
 
     selection: Selection
     after: Estimate
@@ -52,7 +52,7 @@ class LastWord:
     owed: tuple[Effect, ...] = ()
     said: tuple[str, ...] = ()
     shown: bool = True
-    seldom_or_often: bool = True
+    fell_beyond_chance: bool = True
 
 
 def last_word(

@@ -209,7 +209,7 @@ def _diagnosed(
         stage = away_from_reversals(selection, looked, bank) if selection.found else looked.declared
         _, findings, unexplained = assess(selection, leftovers(stage, selection.found))
         unexplained = (*unexplained, *last.unexplained, nothing)
-    elif verdict == "unexplained" and findings and not last.seldom_or_often and not last.unexplained:
+    elif verdict == "unexplained" and findings and not last.fell_beyond_chance and not last.unexplained:
         verdict = "ambiguous"  # the data fitted have a name for what is there, those held out do not bear it out
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))

@@ -243,7 +243,7 @@ def test_a_name_that_held_out_data_do_not_bear_out_is_ambiguous(monkeypatch: pyt
     monkeypatch.setattr(diagnosis_module, "leftovers", lambda stage, found: left)
     assert diagnose(before, held).verdict == "unexplained"
     asked = diagnosis_module.last_word
-    monkeypatch.setattr(diagnosis_module, "last_word", lambda *args: replace(asked(*args), shown=False, seldom_or_often=False))
+    monkeypatch.setattr(diagnosis_module, "last_word", lambda *args: replace(asked(*args), shown=False, fell_beyond_chance=False))
     found = diagnose(before, held)
     assert (found.verdict, [f.name for f in found.findings]) == ("ambiguous", ["offset_step"])
     assert "only a part of the data bears out the name" in str(found)
@@ -530,7 +530,7 @@ def test_a_fall_in_every_block_is_shown_though_few_hold_most_of_it(monkeypatch: 
     def shown(blocks: np.ndarray) -> bool:
         monkeypatch.setattr(confirmed_module.Change, "of", lambda before, after, rows: of_blocks(blocks))
         held = cast(Any, "held")
-        return confirmed_module.last_word(cast(Any, selection), anything, anything, held, lambda stage, names: anything).seldom_or_often
+        return confirmed_module.last_word(cast(Any, selection), anything, anything, held, lambda stage, names: anything).fell_beyond_chance
 
     assert shown(grows)
     assert not shown(np.where(np.arange(24) % 2 == 0, 3.0, grows)), "half of the blocks grow"
