@@ -74,6 +74,11 @@ class Change:
         gain, chance = self._fall
         return gain > _SURE or (gain > _LARGE and chance <= _LARGE_CHANCE) or (gain > _CLEAR and chance <= _CHANCE)
 
+    def shown_of(self, number: int) -> bool:
+        """Whether the sum falls beyond what chance gives the best of so many hypotheses, each of which was named beforehand."""
+        gain, chance = self._fall
+        return gain > _LARGE and number * chance <= _LARGE_CHANCE
+
     @property
     def hinted(self) -> bool:
         """Whether it falls by more than chance mostly gives: enough not to drop what there is some evidence for besides."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..places import on, place_of
 from .acceptance import FEW, Found
+from .advice import motion_for
 from .analysis import without_reversals
 from .bank import Bank
 from .change import SURELY, Change
@@ -17,7 +18,7 @@ from .contest import Arena, contested
 from .evidence import WEAK, acts_on, threshold
 from .findings import HELD_OUT, Unexplained
 from .leftover import Leftover
-from .nominated import nominated
+from .nominated import NOMINATED, nominated
 from .selection import Selection
 from .stage import Stage, with_effects
 from .stand_in import stand_in
@@ -38,14 +39,16 @@ _DRAWN = 0.5
 
 @dataclass(frozen=True, eq=False)
 class LastWord:
-    """What is left of a selection, the estimate of its model, what was taken back, and what is to be said about it. `unseen`: findings that
-    stay, though held-out data do not show them; `faint`: those that they show no more clearly than chance might; `owed`: those that were
-    found with their help, so that no data are left which had no part in it. `shown`: whether the error on held-out data falls by more than
-    chance might with all that is left; `fell_beyond_chance`: that, or so much that it need not be often (with what comes
-    in knocks the error falls by most of it in few blocks: its standard error is large, but chance is no explanation)."""
+    """What is left of a selection, the estimate of its model, what was taken back (`refused`), and what is to be said about it. `unseen`:
+    findings that stay, though held-out data do not show them; `faint`: those that they show no more clearly than chance might; `owed`:
+    those that were found with their help, and that they bear out no more clearly than chance might the best of all that were asked about.
+    `shown`: whether the error on held-out data falls by more than chance might with all that is left; `fell_beyond_chance`: that, or so
+    much that it need not be often (with what comes in knocks the error falls by most of it in few blocks: its standard error is large, but
+    chance is no explanation)."""
 
     selection: Selection
     after: Estimate
+    refused: tuple[Found, ...] = ()
     unexplained: tuple[Unexplained, ...] = ()
     unseen: tuple[Effect, ...] = ()
     faint: tuple[Effect, ...] = ()
@@ -71,11 +74,12 @@ def last_word(
     unexplained, warning = refusals(kept)
     said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []), *_not_shown(kept))
     unseen, faint = (tuple(f.effect for f in some) for some in (kept.unseen, kept.faint))
-    owed = tuple(f.effect for f in kept.selection.found if confirms)
     change = Change.of(declared, kept.after, rows)
+    # One of so many that were asked about beforehand, with values of the fitted part: one of so many hypotheses.
+    owed = tuple(f.effect for f in kept.selection.found if confirms and not change.shown_of(NOMINATED))
     grown, error = change.on(np.ones(rows.robot.n, bool))
     shown = -grown > SURELY * error
-    return LastWord(kept.selection, kept.after, unexplained, unseen, faint, owed, said, shown, shown or change.shown)
+    return LastWord(kept.selection, kept.after, kept.refused, unexplained, unseen, faint, owed, said, shown, shown or change.shown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,18 +199,29 @@ def refusals(confirmed: Confirmed) -> tuple[tuple[Unexplained, ...], str]:
     )
 
 
-def undecided(taken_back: Sequence[Unexplained], left: Sequence[Leftover]) -> bool:
-    """Whether nobody can say that what was taken back is not there, where nothing else was found: what is left is slight, and it drew most
-    of that on the data fitted. The data held out may be too few to bear it out."""
+def undecided(refused: Sequence[Found], left: Sequence[Leftover]) -> bool:
+    """Whether nobody can say that what was taken back is not there, where nothing else was found: it drew most of what is left on the
+    data fitted; and that is slight, so that the data held out may be too few to bear it out, or it was drawn by knocks. A law tells how
+    hard these come, but foretells each of them so roughly that it is not denied where the error on other data does not fall."""
     strong = [x for x in left if x.counts]
-    drawn = sum(u.gain for u in taken_back)
-    return bool(taken_back) and all(x.rms <= _SLIGHT for x in strong) and drawn >= _DRAWN * sum(x.evidence for x in strong)
+    most = _DRAWN * sum(x.evidence for x in strong)
+    knocks = sum(f.judged.evidence for f in refused if f.effect.abrupt)
+    if knocks > 0.0 and knocks >= most:
+        return True
+    return bool(refused) and all(x.rms <= _SLIGHT for x in strong) and sum(f.judged.evidence for f in refused) >= most
 
 
 def _not_borne_out(one: Found, names: Sequence[str]) -> Unexplained:
     joints = [names[j] for j in acts_on(one.judged).nonzero()[0].tolist()]
+    own = one.effect.joints or ("every joint",)
+    why = (
+        "its law foretells single knocks only roughly, so it may be there all the same, or it is something else; to tell,"
+        f" {motion_for(one.effect, own[0])}"
+        if one.effect.abrupt
+        else "what is there is something else, or does not last; a longer log would tell"
+    )
     said = (
         f"{', '.join(joints)}: {one.effect.name} lowers the error on the data fitted (evidence {one.judged.evidence:.0f}), but not on"
-        " held-out data, and was taken back: what is there is something else, or does not last; a longer log would tell"
+        f" held-out data, and was taken back: {why}"
     )
     return Unexplained(joints[0], HELD_OUT, said, one.judged.evidence)

@@ -15,8 +15,9 @@ from ..torque_error import number
 from .advice import advice_for, advice_to_confirm, advice_unconfirmed
 from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .bank import Bank
-from .both_parts import SAID, together
+from .both_parts import SAID, confirmed_by_half, halved, together
 from .carried import without_carried
+from .change import SURELY
 from .confirmed import LastWord, last_word, undecided
 from .denied import denied
 from .estimates import Estimates
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 #: Share of their confidence that findings keep which sit where the model does not hold, or that held-out data do not show; and of those
-#: that held-out data show no more clearly than chance might.
+#: that held-out data show, or the fitted ones by themselves, no more clearly than chance might.
 _UNHELPFUL = 0.3
 _FAINTLY = 0.6
 
@@ -162,16 +163,27 @@ def diagnose(
     tell(0.0)
     wide, held = analysis_signals(signals, held)
     found = _diagnosed(before, wide, held, estimator, tell, note)
-    both = together(wide, held) if held is not None and found.beyond else None
-    if both is None or held is None:
+    if held is None or not found.beyond or jumps(held):
+        return found
+    if (both := together(wide, held)) is None:
         return found
     if note is not None:
         note("something is in the data held out alone: both parts are searched together")
     again = _diagnosed(before, both, None, estimator, tell, note)
     if not again.findings or again.verdict == "unexplained" or apart(again.after, wide, held):
         return found
+    if again.verdict == "explained" and (parts := halved(wide, held)) is not None:
+        if note is not None:
+            note("every other block of the data held out is searched with those fitted, and the blocks between are asked")
+        half = _diagnosed(before, *parts, estimator, tell, note)
+        if _named(half) == _named(again) and half.comparison.gain > SURELY * half.comparison.gain_std:
+            return replace(again, warnings=(*again.warnings, confirmed_by_half(half.comparison)))
     findings = tuple(f if f.ambiguous else replace(f, advice=advice_unconfirmed(f)) for f in again.findings)
     return replace(again, verdict="ambiguous", findings=findings, warnings=(*again.warnings, SAID))
+
+
+def _named(found: Diagnosis) -> set[tuple[str, str]]:
+    return {(f.name, f.place) for f in found.findings}
 
 
 def _diagnosed(
@@ -201,7 +213,7 @@ def _diagnosed(
     left = leftovers(away_from_reversals(selection, looked, bank), selection.found)
     verdict, findings, unexplained = assess(selection, left)
     if last.unexplained:
-        verdict = "ambiguous" if not findings and undecided(last.unexplained, left) else "unexplained"
+        verdict = "ambiguous" if not findings and undecided(last.refused, left) else "unexplained"
         unexplained = (*unexplained, *last.unexplained)
     if withdrawn(verdict, findings, last.shown):
         selection, after = without_guesses(selection, bank, declared, held, lambda final: estimates.of(final, ()))
@@ -243,7 +255,7 @@ def _share(finding: Finding, last: LastWord, bad: set[str]) -> float:
     """Share of its confidence that a finding keeps. `bad`: joints on which the model does not hold whatever is found."""
     if (bad and (not finding.joints or bad & set(finding.joints))) or finding.effect in last.unseen:
         return _UNHELPFUL
-    return _FAINTLY if finding.effect in last.faint else 1.0
+    return _FAINTLY if finding.effect in (*last.faint, *last.owed) else 1.0
 
 
 def _advice(finding: Finding, last: LastWord, robot: Robot, verdict: str) -> str:

@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 
 #: So many candidates are nominated, each of which lacks no more than this. (Where the fitted motion tells little of a joint's parameters,
 #: the true one may be the fourth: friction that depends on load, behind three that gain nothing on held-out data.)
-_MOST = 8
+NOMINATED = 8
 _LACKING = 25.0
 #: The gain on held-out data over its standard error, and the least evidence there (twice the logarithm of the ratio of densities). Where
 #: nothing is, a ratio of k is reached with a probability of no more than 1 / k (Markov's inequality): the rate of false alarms over all
 #: that are nominated is that of the whole catalogue.
 _SURELY = 2.0
-_CLEARLY = 2.0 * math.log(_MOST / FALSE_ALARM)
+_CLEARLY = 2.0 * math.log(NOMINATED / FALSE_ALARM)
 
 
 def nominated(
@@ -56,7 +56,7 @@ def nominated(
     best: tuple[float, Selection, str] | None = None
     white = selection.final.white
     without = Foretelling(declared, rows).surprise(white) if selection.nearest else 0.0
-    for judged in selection.nearest[:_MOST]:
+    for judged in selection.nearest[:NOMINATED]:
         lacking = -surplus(judged, selection.final.number)
         if lacking > _LACKING:
             break

@@ -31,7 +31,7 @@ def undecided(d: Diagnosis) -> str:
     if d.findings:
         return "something is there, and only a part of the data bears out the name it has here"
     if any(u.signature == HELD_OUT for u in d.unexplained):
-        return "something slight is there, and what it looks like on the data fitted is not borne out by those held out"
+        return "something is there, and what it looks like on the data fitted is not borne out by those held out"
     return f"nothing can be said about {', '.join(dict.fromkeys(u.joint for u in d.unexplained))}"
 
 
