@@ -226,7 +226,7 @@ class Effect(ABC):
         if not off.any():
             return ""
         first = int(np.argmax(off))
-        return f"the response is {float(values[first] / right[first]):.3g} times that of a {self.title}"
+        return f"the response is {float(values[first] / right[first]):.3g} times what {self.title} would give"
 
     def at(self, robot: Robot) -> list[int]:
         """Indices of the joints the effect sits on. Raises ConfigurationError for a name the robot does not have."""

@@ -24,14 +24,16 @@ _BLOCKS = 24
 SURELY = 2.0
 _SHARE = 0.4
 #: What falls beyond chance: by more than this, which chance reaches once in a thousand for one parameter, and so that blocks which fall or
-#: grow alike would reach it twice in 4096 at most; or by six times as much, and so that they would reach it five times in a thousand at
+#: grow alike would reach it twice in 4096 at most; or by six times as much, and so that they would reach it ten times in 4096 at
 #: most: what stands here has passed the test of the whole catalogue on the data fitted; or by fifteen times as much, which no colour of
 #: the noise explains.
 _CLEAR = 10.8
 _CHANCE = 0.0005
 _LARGE = 6.0 * _CLEAR
-_LARGE_CHANCE = 0.005
+_LARGE_CHANCE = 0.0025
 _SURE = 15.0 * _CLEAR
+#: Of several hypotheses by six times as much, and so that the best of them would reach it five times in a thousand at most.
+_FEW_CHANCE = 0.005
 #: What is hinted at: much less surely, but so much that no small inexactness of the model does it alone.
 _HINT = 5.0 * _CLEAR
 _SOME_CHANCE = 0.02
@@ -77,7 +79,7 @@ class Change:
     def shown_of(self, number: int) -> bool:
         """Whether the sum falls beyond what chance gives the best of so many hypotheses, each of which was named beforehand."""
         gain, chance = self._fall
-        return gain > _LARGE and number * chance <= _LARGE_CHANCE
+        return gain > _LARGE and number * chance <= _FEW_CHANCE
 
     @property
     def hinted(self) -> bool:

@@ -70,7 +70,7 @@ def last_word(
     if not selection.found:
         return LastWord(selection, declared)
     contest = contested(selection, bank, rows, refit)
-    kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit)
+    kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit, barely=0.0 if confirms else _BARELY)
     unexplained, warning = refusals(kept)
     said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []), *_not_shown(kept))
     unseen, faint = (tuple(f.effect for f in some) for some in (kept.unseen, kept.faint))
@@ -102,14 +102,18 @@ def confirmed(
     after: Estimate,
     rows: Signals,
     refit: Callable[[Stage, tuple[str, ...]], Estimate],
+    barely: float = _BARELY,
 ) -> Confirmed:
     """Take back findings until the error on held-out data grows on no joint, and on all together, by more than chance.
 
     `after`: the estimate of the selection's model; `rows`: of the held-out data. `refit`: the estimate of a stage's model on all rows
-    but those near reversals of some joints. First on all rows; if that does harm, without those near reversals of the joints of the
-    findings, which were not looked at when the findings were chosen either. A rival that helps takes the place of what does harm, where
-    findings are few: of many each draws a part, and none has rivals of its own. A strong finding on whose joints nothing is gained, nor
-    lost, stays: the held-out data may not hold what shows it."""
+    but those near reversals of some joints. `barely`: evidence on the data fitted of so many times the threshold is little (0 for what the
+    held-out data have been asked about: there it has less, and they bore it out).
+
+    First on all rows; if that does harm, without those near reversals of the joints of the findings, which were not looked at when the
+    findings were chosen either. A rival that helps takes the place of what does harm, where findings are few: of many each draws a part,
+    and none has rivals of its own. A strong finding on whose joints nothing is gained, nor lost, stays: the held-out data may not hold what
+    shows it."""
     found, stage, refused, said = list(selection.found), selection.final, list[Found](), list[str]()
     names = np.array(declared.model.robot.joint_names)
 
@@ -127,7 +131,7 @@ def confirmed(
             change = Change.of(declared, after, rows)
         harmful, unseen, faint = change.harms(found), list[Found](), list[Found]()
         if not harmful:
-            harmful, unseen, faint = _borne_out(found, change.doubtful(found), stage.number, without, after, rows)
+            harmful, unseen, faint = _borne_out(found, change.doubtful(found), stage.number, without, after, rows, barely)
         if not harmful:
             left = replace(selection, final=stage, found=tuple(found))
             return Confirmed(left, after, tuple(refused), tuple(unseen), tuple(faint), tuple(said))
@@ -147,7 +151,13 @@ def confirmed(
 
 
 def _borne_out(
-    found: Sequence[Found], doubtful: Sequence[Found], number: int, without: Callable[[Found], Estimate], after: Estimate, rows: Signals
+    found: Sequence[Found],
+    doubtful: Sequence[Found],
+    number: int,
+    without: Callable[[Found], Estimate],
+    after: Estimate,
+    rows: Signals,
+    barely: float = _BARELY,
 ) -> tuple[list[Found], list[Found], list[Found]]:
     """Of findings that harm no joint one that does harm on the whole, or is barely there at all, if any is; those that gain nothing; and
     those that gain no more than chance might. What is gained elsewhere, by parameters that are free of a bias now, counts as well: each is
@@ -161,7 +171,7 @@ def _borne_out(
                 return [f], [], []
             unseen.append(f)
         elif not change.shown:
-            if not change.hinted and f.judged.evidence < _BARELY * threshold(f.judged.hit, number):
+            if not change.hinted and f.judged.evidence < barely * threshold(f.judged.hit, number):
                 return [f], [], []
             faint.append(f)
     return [], unseen, faint

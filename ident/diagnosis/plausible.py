@@ -56,7 +56,7 @@ def too_small_at_its_best(effect: Effect, values: Array, support: float, robot: 
     std = abs(response) / np.sqrt(max(support, 1e-300))
     if response - 1.0 <= max(_OFF, _OFTEN * std):
         return ""
-    return f"at its best shape the response is {response:.3g} times that of a {effect.title}"
+    return f"at its best shape the response is {response:.3g} times what {effect.title} would give"
 
 
 def driven_out(frame: Frame, refit: Refit) -> str:
