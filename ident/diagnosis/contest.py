@@ -19,7 +19,7 @@ from .evidence import acts_on
 from .foretelling import Foretelling
 from .precision import settled
 from .search import Hit, Judged
-from .selection import Selection, labelled
+from .selection import Place, Selection, labelled
 from .stage import Stage, with_effects
 
 if TYPE_CHECKING:
@@ -158,6 +158,7 @@ def _decided(one: Found, entries: Sequence[Entry]) -> tuple[Entry, Array, list[s
     """Which of the entries of a contest wins, the logarithm of the probability of each of them and of the rivals that did not enter (up to
     a constant), and what is to be said. Each is set against the best so far, in the end all against the winner."""
     logs, lines = np.log(np.maximum(one.weights, 1e-12)), list[str]()
+    everything = (one.judged, *one.rivals)
     entered = [e.place for e in entries]
     likely = logs.copy()
     likely[entered] = np.maximum(logs[entered], np.log(_LIKELY))
@@ -166,11 +167,17 @@ def _decided(one: Found, entries: Sequence[Entry]) -> tuple[Entry, Array, list[s
         better = _odds(best.foretelling, entry.foretelling)
         if better > 0.0 and likely[entry.place] + better > likely[best.place]:
             best, ahead = entry, ahead + better
+    moved: dict[Place, float] = {}
     for entry in entries:
         better = _odds(best.foretelling, entry.foretelling) if entry is not best else 0.0
         logs[entry.place] = (likely if better > 0.0 or entry is best else logs)[entry.place] + ahead + better
+        moved[everything[entry.place].hit.place] = ahead + better
         if better < -_CLEARLY:
             lines.append(f"{_named(one, best)} foretells the held-out data clearly better than {_named(one, entry)}")
+    # What was judged twice (as it stood in the model, and of a new scan) entered once: what is said of one is said of the other.
+    for k, judged in enumerate(everything):
+        if k not in entered:
+            logs[k] += moved.get(judged.hit.place, 0.0)
     return best, logs, lines
 
 

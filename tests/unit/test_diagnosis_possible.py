@@ -451,6 +451,32 @@ def test_what_held_out_data_say_is_told_of_the_winner() -> None:
     np.testing.assert_allclose(logs, np.log(one.weights))
 
 
+def test_a_rival_that_was_judged_twice_loses_twice() -> None:
+    """A tilted base that stood in the model, and the same of a new scan: one of them enters, and what is said of it holds for both."""
+    rivals = tuple(found(make_effect("stribeck", joints=j), 90.0) for j in ("j2", "j2", "j3"))
+    one = found(make_effect("offset", joints="j1"), 100.0, rivals)
+    cast(SimpleNamespace, one).weights = np.array([0.4, 0.25, 0.25, 0.1])
+    assert contenders(one) == [0, 2]
+    noise = np.random.default_rng(0).normal(size=(2000, 1))
+    held = SimpleNamespace(row_runs=(slice(0, 2000),))
+
+    def entry(place: int, error: float) -> Entry:
+        extra = error * np.sin(np.arange(2000.0))[:, None]
+        fake = SimpleNamespace(estimate=SimpleNamespace(fit_error=SimpleNamespace(rms=np.ones(1))), residual=noise + extra, signals=held)
+        fake.allowing = lambda _: (fake.residual, 0.0)
+        return Entry(place, (), cast(Foretelling, fake))
+
+    _, logs, _ = _decided(one, [entry(0, 0.1), entry(1, 1.0), entry(3, 0.1)])
+    assert logs[1] < logs[0] - 5.0
+    assert logs[2] == logs[1]
+    assert logs[3] == pytest.approx(np.log(0.1))
+    # Where it wins, its double goes with it.
+    winner, logs, _ = _decided(one, [entry(0, 1.0), entry(1, 0.1), entry(3, 1.0)])
+    assert winner.place == 1
+    assert logs[2] == pytest.approx(logs[1])
+    assert logs[0] < logs[1] - 5.0
+
+
 def test_a_little_that_is_even_over_time_decides_no_more_than_its_likelihood() -> None:
     """A rival that leaves 1.2 % less, everywhere: far beyond the scatter of blocks of time, and worth next to nothing, the less as no law
     is exact to 1 %."""
