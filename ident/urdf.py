@@ -14,7 +14,8 @@ from .errors import ConfigurationError
 from .urdf_inertials import check_inertials, link_faults
 
 _SUPPORTED = {"revolute", "continuous", "prismatic", "fixed"}
-_NOISE = 1e-5  # rad: below this, an angle differs from an exact one by how many digits were written
+_NOISE = 1e-6  # rad: below this, an angle differs from an exact one by the writer's round-off alone
+_TOLD = 1e-5  # rad: below this, an angle differs from an exact one by how many digits of it were written, and nothing is said
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
             etree.SubElement(joint, "limit", lower="-1e30", upper="1e30", velocity="1e30", effort="1e30")
     _check_tree(root, where)
     check_inertials(root, where)
-    moved = {name: by for name, by in snapped.items() if by > _NOISE}
+    moved = {name: by for name, by in snapped.items() if by > _TOLD}
     notes: list[str] = []
     if moved:
         notes.append(f"rpy of {some(moved)} taken as exact multiples of pi/4 (moved by at most {max(moved.values()):.1e} rad).")

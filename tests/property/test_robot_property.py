@@ -6,7 +6,7 @@ import math
 import tomllib
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ident import Robot, Side, Transmission
@@ -25,6 +25,7 @@ def test_written_right_angles_are_found(multiple, decimals, cut):
 
 
 @given(st.floats(-7, 7), st.integers(0, 17))
+@example(4e-6, 6)
 def test_an_angle_moves_by_less_than_its_last_digit(angle, decimals):
     text = f"{angle:.{decimals}f}"
     found = exact_angle(text)
