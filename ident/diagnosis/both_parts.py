@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from ..comparison import Comparison
     from ..prepared import JointReport
 
-#: What is said of a diagnosis of both parts.
-SAID = (
+_TOGETHER = (
     "the data held out hold something that those fitted do not, so both were searched together: findings, fit and errors are those of all"
-    " rows, and no data are left that could confirm them. Log more of the motion of the part held out."
+    " rows"
 )
+#: What is said of a diagnosis of both parts that nothing confirms.
+SAID = f"{_TOGETHER}, and no data are left that could confirm them. Log more of the motion of the part held out."
 
 #: Blocks of each run held out, every other of which is searched.
 _BLOCKS = 8
@@ -75,9 +76,8 @@ def confirmed_by_half(between: Comparison) -> str:
     """What is said of a diagnosis of both parts, where a search without some blocks found the same; `between`: the comparison on these."""
     before, after = (100.0 * e.relative_all for e in (between.error_before, between.error_after))
     return (
-        "the data held out hold something that those fitted do not, so both were searched together: findings, fit and errors are those of"
-        " all rows. Without every other block of the data held out the same was found, and in these blocks, which that fit and search did"
-        f" not see, the torque error falls from {before:.3g} to {after:.3g} % (the squared error, weighted by noise, by"
+        f"{_TOGETHER}. Without every other block of the data held out the same was found, and in these blocks, which that fit and search"
+        f" did not see, the torque error falls from {before:.3g} to {after:.3g} % (the squared error, weighted by noise, by"
         f" {100 * between.gain:.1f} ± {100 * between.gain_std:.1f} %)."
     )
 

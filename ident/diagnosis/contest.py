@@ -173,16 +173,14 @@ def _decided(one: Found, entries: Sequence[Entry]) -> tuple[Entry, Array, list[s
         logs[entry.place] = (likely if better > 0.0 or entry is best else logs)[entry.place] + ahead + better
         moved[everything[entry.place].hit.place] = ahead + better
         if better < -_CLEARLY:
-            lines.append(f"{_named(one, best)} foretells the held-out data clearly better than {_named(one, entry)}")
+            lines.append(
+                f"{everything[best.place].hit.candidate} foretells the held-out data clearly better than {everything[entry.place].hit.candidate}"
+            )
     # What was judged twice (as it stood in the model, and of a new scan) entered once: what is said of one is said of the other.
     for k, judged in enumerate(everything):
         if k not in entered:
             logs[k] += moved.get(judged.hit.place, 0.0)
     return best, logs, lines
-
-
-def _named(one: Found, entry: Entry) -> str:
-    return str((one.judged, *one.rivals)[entry.place].hit.candidate)
 
 
 def contenders(one: Found) -> list[int]:

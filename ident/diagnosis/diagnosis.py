@@ -162,27 +162,43 @@ def diagnose(
     tell = progress or (lambda _: None)
     tell(0.0)
     wide, held = analysis_signals(signals, held)
-    found = _diagnosed(before, wide, held, estimator, tell, note)
+
+    def diagnosed(fitted: Signals, kept: Signals | None) -> Diagnosis:
+        return _diagnosed(before, fitted, kept, estimator, tell, note)
+
+    found = diagnosed(wide, held)
     if held is None or not found.beyond or jumps(held):
         return found
+    return _of_both_parts(found, wide, held, diagnosed, note)
+
+
+def _of_both_parts(
+    found: Diagnosis,
+    wide: Signals,
+    held: Signals,
+    diagnosed: Callable[[Signals, Signals | None], Diagnosis],
+    note: Callable[[str], None] | None,
+) -> Diagnosis:
+    """A diagnosis of fitted and held-out signals as one, where they tell what sits in the latter alone; else the one `found`."""
     if (both := together(wide, held)) is None:
         return found
     if note is not None:
         note("something is in the data held out alone: both parts are searched together")
-    again = _diagnosed(before, both, None, estimator, tell, note)
+    again = diagnosed(both, None)
     if not again.findings or again.verdict == "unexplained" or apart(again.after, wide, held):
         return found
     if again.verdict == "explained" and (parts := halved(wide, held)) is not None:
         if note is not None:
             note("every other block of the data held out is searched with those fitted, and the blocks between are asked")
-        half = _diagnosed(before, *parts, estimator, tell, note)
-        if _named(half) == _named(again) and half.comparison.gain > SURELY * half.comparison.gain_std:
+        half = diagnosed(*parts)
+        if _names(half) == _names(again) and half.comparison.gain > SURELY * half.comparison.gain_std:
             return replace(again, warnings=(*again.warnings, confirmed_by_half(half.comparison)))
     findings = tuple(f if f.ambiguous else replace(f, advice=advice_unconfirmed(f)) for f in again.findings)
     return replace(again, verdict="ambiguous", findings=findings, warnings=(*again.warnings, SAID))
 
 
-def _named(found: Diagnosis) -> set[tuple[str, str]]:
+def _names(found: Diagnosis) -> set[tuple[str, str]]:
+    """Effect and place of each finding."""
     return {(f.name, f.place) for f in found.findings}
 
 
