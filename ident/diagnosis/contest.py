@@ -173,9 +173,8 @@ def _decided(one: Found, entries: Sequence[Entry]) -> tuple[Entry, Array, list[s
         logs[entry.place] = (likely if better > 0.0 or entry is best else logs)[entry.place] + ahead + better
         moved[everything[entry.place].hit.place] = ahead + better
         if better < -_CLEARLY:
-            lines.append(
-                f"{everything[best.place].hit.candidate} foretells the held-out data clearly better than {everything[entry.place].hit.candidate}"
-            )
+            better_one, other = (everything[e.place].hit.candidate for e in (best, entry))
+            lines.append(f"{better_one} foretells the held-out data clearly better than {other}")
     # What was judged twice (as it stood in the model, and of a new scan) entered once: what is said of one is said of the other.
     for k, judged in enumerate(everything):
         if k not in entered:
