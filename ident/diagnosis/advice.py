@@ -54,6 +54,11 @@ def advice_to_confirm(finding: Finding, where: str) -> str:
     return _first(finding, f"the data {where} do not show it beyond chance")
 
 
+def advice_without_period(finding: Finding) -> str:
+    """What to do before a periodic finding is relied on of whose period next to nothing was seen."""
+    return _first(finding, "the motion covers too little of its period to tell it from any other slow dependence on the position")
+
+
 def advice_unconfirmed(finding: Finding) -> str:
     """What to do before a finding is relied on to which no data are left that had no part in it."""
     return _first(finding, "no data are left that could confirm it")

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..results import result
 from ..torque_error import number
-from .advice import advice_for, advice_to_confirm, advice_unconfirmed
+from .advice import advice_for, advice_to_confirm, advice_unconfirmed, advice_without_period
 from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .bank import Bank
 from .both_parts import SAID, confirmed_by_half, halved, together
@@ -27,11 +27,13 @@ from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
+from .spectral import period_unseen
 from .stage import start
 from .withdrawn import withdrawal, withdrawn, without_guesses
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
+    from ..effect import Effect
     from ..estimate import Estimate
     from ..estimators import Estimator
     from ..model import Model
@@ -40,9 +42,10 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 #: Share of their confidence that findings keep which sit where the model does not hold, or that held-out data do not show; and of those
-#: that held-out data show, or the fitted ones by themselves, no more clearly than chance might.
+#: that held-out data show, or the fitted ones by themselves, no more clearly than chance might; and of periodic ones without a period.
 _UNHELPFUL = 0.3
 _FAINTLY = 0.6
+_PERIODLESS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,14 +247,15 @@ def _diagnosed(
     elsewhere = apart(after, wide, held) if held is not None else ()
     if plain := (*jumps(wide), *elsewhere, *denied(selection)):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
-    if verdict == "explained" and (last.unseen or last.faint or last.owed):  # the name may be right; no other data say so
+    slow = tuple(f.effect for f in selection.found if period_unseen(f.effect, selection.final.frame, selection.final.motions))
+    if verdict == "explained" and (last.unseen or last.faint or last.owed or slow):  # the name may be right; no other data say so
         verdict = "ambiguous"
     if (blind := lost(wide)) and verdict in ("clean", "explained"):  # anything of the catalogue may be on joints that cannot be looked at
         verdict = "ambiguous"
     unexplained = (*unexplained, *blind)
     bad = {u.joint for u in (*plain, *blind)}
-    findings = tuple(replace(f, confidence=_share(f, last, bad) * f.confidence) for f in findings)
-    findings = tuple(replace(f, advice=_advice(f, last, before.model.robot, verdict)) for f in findings)
+    findings = tuple(replace(f, confidence=_share(f, last, bad, slow) * f.confidence) for f in findings)
+    findings = tuple(replace(f, advice=_advice(f, last, before.model.robot, verdict, slow)) for f in findings)
     tell(1.0)
     said = list(last.said)
     if seen is not every:
@@ -267,14 +271,17 @@ def _of_the_declared(before: Estimate, findings: Sequence[Finding]) -> list[str]
     return [f"of the fit of the declared model: {w}" if findings and w not in of_data else w for w in before.warnings]
 
 
-def _share(finding: Finding, last: LastWord, bad: set[str]) -> float:
-    """Share of its confidence that a finding keeps. `bad`: joints on which the model does not hold whatever is found."""
+def _share(finding: Finding, last: LastWord, bad: set[str], slow: Sequence[Effect]) -> float:
+    """Share of its confidence that a finding keeps. `bad`: joints on which the model does not hold whatever is found; `slow`: periodic
+    effects of whose period next to nothing was seen."""
     if (bad and (not finding.joints or bad & set(finding.joints))) or finding.effect in last.unseen:
         return _UNHELPFUL
-    return _FAINTLY if finding.effect in (*last.faint, *last.owed) else 1.0
+    return (_FAINTLY if finding.effect in (*last.faint, *last.owed) else 1.0) * (_PERIODLESS if finding.effect in slow else 1.0)
 
 
-def _advice(finding: Finding, last: LastWord, robot: Robot, verdict: str) -> str:
+def _advice(finding: Finding, last: LastWord, robot: Robot, verdict: str, slow: Sequence[Effect]) -> str:
+    if finding.effect in slow and not finding.ambiguous:
+        return advice_without_period(finding)
     where = "held out" if finding.effect in (*last.unseen, *last.faint) else "fitted" if finding.effect in last.owed else ""
     return advice_to_confirm(finding, where) if where and not finding.ambiguous else advice_for(finding, robot, verdict)
 

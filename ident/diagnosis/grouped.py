@@ -17,6 +17,9 @@ from .plausible import BEYOND
 from .refit import Refit
 from .search import Hit, Search
 
+#: Two do as well if their gains (twice a log-likelihood) differ by no more.
+_AS_WELL = 6.0
+
 
 def groups(search: Search, hits: Sequence[Hit], number: int) -> list[Hit]:
     """For each such kind a hit on all joints that ask for it beside one another, where there are several. `hits`: of a scan; `number`:
@@ -27,7 +30,22 @@ def groups(search: Search, hits: Sequence[Hit], number: int) -> list[Hit]:
         if effect.usual and effect.joints is not None and len(effect.joints) == 1 and hit.fit_gain > threshold(hit, number):
             kinds.setdefault((type(effect), effect.side), []).append(hit)
     found = (_group(search, alone, number) for alone in kinds.values())
-    return [hit for hit in found if hit is not None]
+    return [hit for hit in found if hit is not None and not (len(hit.effect.joints or ()) == 2 and _as_another(hit, hits))]
+
+
+def _as_another(group: Hit, hits: Sequence[Hit]) -> bool:
+    """Whether on one of a group's joints something else does as well with as few parameters (an asymmetric friction for an offset)."""
+    alone = {h.effect.joints: h for h in hits if type(h.effect) is type(group.effect)}
+    own = [alone[(name,)] for name in group.effect.joints or ()]
+    return any(
+        h.candidate.name != mine.candidate.name
+        and h.effect.joints == mine.effect.joints
+        and h.columns.shape[2] == mine.columns.shape[2]
+        and not h.effect.shape()
+        and h.fit_gain > mine.fit_gain - _AS_WELL
+        for mine in own
+        for h in hits
+    )
 
 
 def _group(search: Search, alone: Sequence[Hit], number: int) -> Hit | None:

@@ -26,6 +26,8 @@ _PEAKS = 4
 _RESOLVED = 0.1
 #: A sample is in motion if the phase turns by this share of its fastest.
 _MOVING = 1e-2
+#: A period is seen if the phase turns by as much (rad): of less, a slow dependence of any kind is drawn as well.
+_SEEN = 1.0
 #: Orders are this much closer than a whole cycle over the longest run apart.
 _FINER = 4.0
 
@@ -84,6 +86,14 @@ def harmonics(effect: Effect, frame: Frame, motions: Motions) -> Harmonics | Non
         return None  # it moves so little that the slowest order which shows is the fastest that there is
     count = int(min(_MOST_ORDERS, np.ceil((high - low) / step) + 1))
     return Harmonics(tuple(parts), probe, power, np.linspace(low, high, max(count, 2)))
+
+
+def period_unseen(effect: Effect, frame: Frame, motions: Motions) -> bool:
+    """Whether an effect is periodic, and the rows see next to nothing of its period: what is told is no law, but a trend."""
+    name = order_parameter(effect)
+    if name is None or (h := harmonics(effect, frame, motions)) is None:
+        return False
+    return float(getattr(effect, name)) * max(float(np.ptp(phase)) for _, phase in h.parts if len(phase)) < _SEEN
 
 
 def _told_apart(parts: Sequence[tuple[dict[int, Array], Array]]) -> float:

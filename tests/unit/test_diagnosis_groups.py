@@ -74,3 +74,11 @@ def test_one_joint_gets_it_alone() -> None:
     found = diagnosis("scara", 5, RotorInertia(), Viscous(), Offset(), Coulomb(joints=("j1", "j3", "j4")))
     assert [(f.name, f.joints) for f in found.findings] == [("coulomb", ("j2",))]
     assert found.verdict == "explained"
+
+
+@pytest.mark.parametrize("seed", [7, 17])
+def test_two_offsets_are_told_one_by_one_with_the_asymmetric_friction_that_does_as_well(seed: int) -> None:
+    found = diagnosis("scara", seed, RotorInertia(), Viscous(), Coulomb(), Offset(joints=("j3", "j4")))
+    assert sorted((f.name, f.joints) for f in found.findings) == [("offset", ("j1",)), ("offset", ("j2",))]
+    assert all("asymmetric_coulomb" in {i.effect for i in f.imitators if i.likely and i.joints == f.joints} for f in found.findings)
+    assert values_are_true(found)
