@@ -20,7 +20,6 @@ from .findings import HELD_OUT, Unexplained
 from .leftover import Leftover
 from .nominated import NOMINATED, nominated
 from .selection import Selection
-from .simpler import simplified
 from .stage import Stage, with_effects
 from .stand_in import stand_in
 
@@ -65,16 +64,13 @@ def last_word(
     """Held-out data on a selection: where nothing was found they may confirm what came near to it; they decide between rivals that the
     data fitted cannot tell apart, and have what does harm taken back. `refit`: see `confirmed`."""
     if held is None:
-        selection = simplified(selection, bank)
         return LastWord(selection, refit(selection.final, ()) if selection.found else declared)
     rows = without_reversals(held, selection.final.turning)
     selection, confirms = nominated(selection, bank, declared, rows, lambda stage: refit(stage, ()))
     if not selection.found:
         return LastWord(selection, declared)
     contest = contested(selection, bank, rows, refit)
-    selection = simplified(contest.selection, bank)
-    after = contest.after if selection.final is contest.selection.final else refit(selection.final, ())
-    kept = confirmed(selection, bank, declared, after, rows, refit, barely=0.0 if confirms else _BARELY)
+    kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit, barely=0.0 if confirms else _BARELY)
     unexplained, warning = refusals(kept)
     said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []), *_not_shown(kept))
     unseen, faint = (tuple(f.effect for f in some) for some in (kept.unseen, kept.faint))

@@ -27,6 +27,7 @@ from .in_plain_sight import apart, jumps, lost
 from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
+from .simpler import simplified
 from .spectral import period_unseen
 from .stage import start
 from .withdrawn import withdrawal, withdrawn, without_guesses
@@ -223,7 +224,7 @@ def _diagnosed(
     stage = start(before.model, seen, declared.all_values, bank, lambda share: tell(0.05 + 0.35 * share))
     looked = select(stage, bank, note, lambda share: tell(0.4 + 0.5 * share))
     tell(0.9)
-    selection = without_carried(with_low_speed(looked, stretches(thinned(wide)), bank, note), bank, note)
+    selection = simplified(without_carried(with_low_speed(looked, stretches(thinned(wide)), bank, note), bank, note), bank)
 
     estimates = estimates.without_stuck(selection.final)
     declared = estimates.declared

@@ -1,7 +1,7 @@
 """Laws that hold a simpler one as a special case: where the data fitted do not ask for what the general law adds, the simpler one stands.
 
 A general law is asked for beside a model that lacks something else, and draws a part of that, too; once the model is complete its other
-terms are next to nothing. Which of the two foretells held-out data better is chance then, and no reason for the general one."""
+terms are next to nothing. Held-out data, asked afterwards, may still bring the general one back: they may hold what shows its terms."""
 
 from __future__ import annotations
 

@@ -16,6 +16,14 @@ from .search import Minimum, minimise_eigenvalue
 from .structure import InertiaStructure
 
 Array = np.ndarray
+#: The nearest point is sought in units of the worst violation, and of so many times that, until it is no farther than some ten of them.
+_NEAR = 1e-3
+_FARTHER = 30.0
+_UNITS = 8
+#: Positions that are kept, half-spaces at most, and steps at known positions between two searches for others.
+_KEPT = 40
+_MOST_ROWS = 600
+_INNER = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +64,7 @@ def nearest_by_cuts(
 
     def lowest(turn: int, starts: int, samples: int) -> Minimum:
         return minimise_eigenvalue(
-            structure, current, lower, upper, weight=scale, start=start, seed=7 * turn, starts=starts, samples=samples, seeds=seeds[-40:]
+            structure, current, lower, upper, weight=scale, start=start, seed=7 * turn, starts=starts, samples=samples, seeds=seeds
         )
 
     for turn in range(rounds):
@@ -69,26 +77,36 @@ def nearest_by_cuts(
             return CutResult(current, worst, float(np.linalg.norm(x)), len(rows), turn)
         if time.perf_counter() > deadline:
             break
-        q = found.candidates[found.eigenvalues < margin][:12]
-        H = structure.inertia_matrix(current, q) * np.outer(scale, scale)
-        eigenvalues, vectors = np.linalg.eigh(H[:, start:, start:])
-        for k in range(min(2, vectors.shape[2])):
-            low = eigenvalues[:, k] < margin
-            v = np.zeros((int(low.sum()), structure.nv))
-            v[:, start:] = vectors[low, :, k]
-            rows = np.concatenate([rows, structure.quadratic_rows(q[low], v * scale)])
-            limits = np.concatenate([limits, np.full(len(v), margin)])
-        seeds = np.concatenate([seeds, q])
-        x = _least_distance(rows @ root, limits - rows @ values)
-        current = values + root @ x
-        if len(rows) > 600:
-            # Half-spaces that are far from being touched only cost time.
-            keep = np.sort(np.argsort(rows @ current - limits)[:300])
-            rows, limits = rows[keep], limits[keep]
+        seeds = np.concatenate([seeds, found.candidates[found.eigenvalues < margin][:12]])[-_KEPT:]
+        for _ in range(_INNER):
+            # First at the positions that are known: that takes no search.
+            eigenvalue, new = _violated(structure, current, seeds, scale, start, margin)
+            if eigenvalue >= margin * (1.0 - 0.5 * tolerance) or time.perf_counter() > deadline:
+                break
+            rows, limits = np.concatenate([rows, new]), np.concatenate([limits, np.full(len(new), margin)])
+            x = _least_distance(rows @ root, limits - rows @ values)
+            current = values + root @ x
+            if len(rows) > _MOST_ROWS:
+                # Half-spaces that are far from being touched only cost time.
+                keep = np.sort(np.argsort(rows @ current - limits)[: _MOST_ROWS // 2])
+                rows, limits = rows[keep], limits[keep]
     raise SolverError(
         f"the nearest possible set was not reached within {time_limit:.0f} s and {rounds} rounds of cutting planes"
         f" (smallest scaled eigenvalue {worst:.2e}, wanted {margin:.2e}). Allow more time, or a smaller margin."
     )
+
+
+def _violated(structure: InertiaStructure, values: Array, q: Array, scale: Array, start: int, margin: float) -> tuple[float, Array]:
+    """The lowest eigenvalue at positions q, and rows (m, b) of the half-spaces that values leave there, of two directions each at most."""
+    H = structure.inertia_matrix(values, q) * np.outer(scale, scale)
+    eigenvalues, vectors = np.linalg.eigh(H[:, start:, start:])
+    rows = []
+    for k in range(min(2, vectors.shape[2])):
+        low = eigenvalues[:, k] < margin
+        v = np.zeros((int(low.sum()), structure.nv))
+        v[:, start:] = vectors[low, :, k]
+        rows.append(structure.quadratic_rows(q[low], v * scale))
+    return float(eigenvalues.min()), np.concatenate(rows)
 
 
 def _least_distance(G: Array, h: Array) -> Array:
@@ -102,13 +120,15 @@ def _least_distance(G: Array, h: Array) -> Array:
     if np.any(dead & (h > 0)):
         raise InfeasibleError("no change of the free parameters makes the inertia matrix positive definite at some configuration.")
     G, h = G[~dead] / size[~dead, None], h[~dead] / size[~dead]
-    # Measured in units of the worst violation, so that the residual below is an ordinary number.
+    # Measured in units of the distance itself, as far as it is known: the residual below is 1 / (1 + distance²).
     unit = float(h.max())
-    E = np.concatenate([G.T, (h / unit)[None]])
-    f = np.zeros(len(E))
-    f[-1] = 1.0
-    y, _ = nnls(E, f, maxiter=50 * E.shape[1] + 1000)
-    r = E @ y - f
-    if -r[-1] < 1e-12:
-        raise InfeasibleError("no change of the free parameters makes the inertia matrix positive definite at all configurations found.")
-    return -r[:-1] / r[-1] * unit
+    for _ in range(_UNITS):
+        E = np.concatenate([G.T, (h / unit)[None]])
+        f = np.zeros(len(E))
+        f[-1] = 1.0
+        y, _ = nnls(E, f, maxiter=50 * E.shape[1] + 1000)
+        r = E @ y - f
+        if -r[-1] > _NEAR:
+            return -r[:-1] / r[-1] * unit
+        unit *= _FARTHER
+    raise InfeasibleError("no change of the free parameters makes the inertia matrix positive definite at all configurations found.")

@@ -54,6 +54,9 @@ def repair_stepwise(
     steps = []
     base = structure.nv - structure.n
     entering = entering_parameters(structure, lower, upper)
+    # A block that is only just as far from indefinite as it must be leaves none of that to the rows before it: what couples them could be
+    # outweighed by an infinite inertia alone. So what is settled earlier is asked for more, evenly up to twice as much at the tip.
+    asked = 1.0 + np.arange(structure.nv) / max(structure.nv - 1, 1)
     # A free-flyer's six rows share one body and are one step.
     for i in [*reversed(range(base, structure.nv)), *([0] if base else [])]:
         free = entering[i] if i >= base else np.unique(np.concatenate(entering[:base]))
@@ -64,7 +67,7 @@ def repair_stepwise(
             current,
             root[:, np.linalg.norm(root, axis=0) > 0],
             weight=weight,
-            margin=margin,
+            margin=margin * float(asked[i]),
             lower=lower,
             upper=upper,
             start=i,
