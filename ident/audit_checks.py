@@ -177,7 +177,7 @@ def _unit(add: Add, robot: Robot | None, j: int, name: str, x: Array, prismatic:
         "unit",
         Severity.WARNING,
         f"Looks like {wrong}, not {right}: {why}. Gravity and inertia would be estimated from a wrong motion."
-        f' If so, name the column q{j + 1}_{suffix}, or map it under [columns]: q{j + 1}_{suffix} = "its name in the file".',
+        f' If so, name the column q{j + 1}_{suffix}, or map it under [columns] of a study file: q{j + 1}_{suffix} = "its name there".',
         name,
         reach,
     )

@@ -171,7 +171,7 @@ def _from_zero(
         said = ", ".join(f'{KEYS[quantity]}{j + 1} = "{column}"' for j, column in enumerate(columns))
         raise DataError(
             f"{where}: columns {_listed([repr(c) for c in columns])} seem to count the joints from 0, but joints are counted from 1."
-            f" Say which is which under [columns], for every column that is to be used: {said}."
+            f" Say which is which under [columns] of a study file, for every column that is to be used: {said}."
         )
     return notes
 
@@ -228,10 +228,11 @@ def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | N
     if not positions:
         names = joints.names if joints else ()
         asked = question(lookalikes(unknown, "q", range(len(names) or len(unknown)), names), "q")
+        asked = asked[:1].upper() + asked[1:] or 'Name them under [columns] of a study file, for example q1 = "angle".'
         raise DataError(
             f"{where}: no joint position found (q1, q2, … or q_m1, … or <joint>.position)."
             f" Columns not understood: {_listed(unknown) or 'none'}."
-            f" {asked[:1].upper() + asked[1:] if asked else 'Name them under [columns], for example q1 = angle.'}"
+            f" {asked}"
         )
     count = len(joints.names) if joints else positions[-1] + 1
     missing = [j for j in range(count) if j not in positions]
@@ -257,7 +258,9 @@ def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | N
             f"{where}: columns of joint {stray[0] + 1}, but {'the robot' if joints else 'the log'} has {count} joints with positions."
         )
     if ("t", 0) not in found:
-        raise DataError(f'{where}: no time column (t or time, in s, or with a unit as in time_ms). Name it under [columns]: t = "...".')
+        raise DataError(
+            f'{where}: no time column (t or time, in s, or with a unit as in time_ms). Name it under [columns] of a study file: t = "...".'
+        )
     return count
 
 
@@ -269,11 +272,14 @@ def _columns_of(mapping: Mapping[str, Any] | None) -> set[Any]:
 def _what_to_do(joints: JointNames | None) -> str:
     """How to bring a log and a robot with other numbers of joints together."""
     if joints is None or not joints.locked:
-        return "Choose the robot that was logged, lock the joints that were not ([robot] locked), or map columns under [columns]."
+        return (
+            "Choose the robot that was logged, lock the joints that were not ([robot] locked), or map columns under [columns] of a study"
+            " file."
+        )
     left = f"{len(joints.names)} joints that are left ({_listed(joints.names)})"
     return (
         f"Locked: {_listed(joints.locked)}. Number the columns by the {left} or by all {len(joints.whole)} of the robot, name them"
-        " <joint>.position, or map them under [columns]."
+        " <joint>.position, or map them under [columns] of a study file."
     )
 
 

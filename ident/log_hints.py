@@ -45,7 +45,8 @@ def question(found: Mapping[int, str], quantity: str, beside: str = "") -> str:
     pairs = sorted(found.items())[:_MOST]
     more = " …" if len(found) > _MOST else ""
     said = ", ".join(f'{KEYS[quantity]}{j + 1} = "{column}"' for j, column in pairs)
-    return f"did you mean {_listed([column for _, column in pairs])}{more}? If so, say so under [columns]: {said}{more}{beside}."
+    meant = _listed([column for _, column in pairs])
+    return f"did you mean {meant}{more}? If so, say so under [columns] of a study file: {said}{more}{beside}."
 
 
 def torque_question(columns: Sequence[str], joints: Iterable[int], names: Sequence[str]) -> str:

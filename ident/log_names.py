@@ -108,7 +108,7 @@ class Named:
         if unit.dimension not in expected_units(self.quantity):
             raise ConfigurationError(
                 f"{where}: column {source!r}: {self.unit} is not a unit of {TEXT[self.quantity]} ({', '.join(known_units(self.quantity))})."
-                " Rename the column, or name the quantity it holds under [columns]."
+                " Rename the column, or name the quantity it holds under [columns] of a study file."
             )
         return Column(source, self.quantity, self.joint, unit.scale, 0.0, self.unit)
 

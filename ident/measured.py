@@ -52,7 +52,7 @@ def measured(log: Log, transmission: Transmission) -> MeasuredTorque:
             return MeasuredTorque(torque, (f"log {log.name}: motor torque is current times torque constant.",))
         torque = _through(torque, transmission.torque_map(Side.MOTOR, Side.JOINT))
         return MeasuredTorque(torque, (f"log {log.name}: torque is current times torque constant, carried to the joint side through K.",))
-    asked = f"; {log.hint}" if log.hint else ". Name the columns under [columns]."
+    asked = f"; {log.hint}" if log.hint else ". Name the columns under [columns] of a study file."
     raise DataError(f"log {log.name}: holds no torque or current (tau1, tau_m1 or i1 …); there is nothing to fit to{asked}")
 
 

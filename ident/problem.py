@@ -160,7 +160,7 @@ class Problem:
             runs = ", ".join(self.signals.run_names[:4])
             raise DataError(
                 f"torque is exactly zero in every row that can be used ({runs}): it was not recorded, or the drives were off. Name the"
-                " right columns under [columns], or give logs of driven motion."
+                " right columns under [columns] of a study file, or give logs of driven motion."
             )
         return total
 

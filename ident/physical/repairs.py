@@ -125,7 +125,8 @@ def repair(
     `triangle` (R, z): the whitened information block for method "fit" (`Information.combined` with weights 1/variance). `bounds`,
     `prior`: what else is known of the links (consistent and fit). `near`: links on which what the data hardly see is settled without a
     prior (`Settling`; fit: within one standard deviation, consistent: one hundredth of the squared distance). `margin`: least
-    eigenvalue of H, relative to its typical diagonal, for stepwise and possible. `limits`: possible within the joint limits only.
+    eigenvalue of H, relative to its typical diagonal, for stepwise and possible (stepwise asks up to twice as much of the outer joints'
+    blocks, so that what couples them to the inner ones can be outweighed). `limits`: possible within the joint limits only.
     `data`: name -> information block on which the torque error before and after is reported ("fitted", "held out").
     Raises InfeasibleError, SolverError, ConfigurationError."""
     start = time.perf_counter()
