@@ -228,7 +228,10 @@ def test_dates_with_times_are_told_as_such(tmp_path):
 
 @pytest.mark.parametrize(
     ("columns", "remedy"),
-    [("stamp,pos_1_deg,pos_2_deg,force", 'Did you mean .*: q1 = "pos_1_deg", q2 = "pos_2_deg"'), ("stamp,force", "for example q1 = angle")],
+    [
+        ("stamp,pos_1_deg,pos_2_deg,force", 'Did you mean .*: q1 = "pos_1_deg", q2 = "pos_2_deg"'),
+        ("stamp,force", 'for example q1 = "angle"'),
+    ],
 )
 def test_columns_that_look_like_positions_are_asked_about(tmp_path, columns, remedy):
     path = tmp_path / "unknown.csv"
