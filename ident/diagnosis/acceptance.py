@@ -24,6 +24,8 @@ FOLLOWING = 0.3
 #: that is borne out block by block.
 LARGE = 1.0
 _LARGE_BY_LAW = 0.6
+#: Beside laws that are no approximation (one that follows the prediction through time is), so much does.
+_LARGE_BESIDE_EXACT = 0.3
 #: A companion on the same rows must reach the threshold so many times over.
 _BESIDE = 2.0
 #: A finding must lower the loss of the rows it is on by this share: what it adds must matter, not only be there.
@@ -130,7 +132,9 @@ def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     share = share_on_rows(judged)
     explained = sum(float(share[acts_on(f.judged)].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
     # As much as the noise itself is no inexactness, however much was explained before.
-    inexact = min(explained, _LARGE_BY_LAW**2 * float(stage.problem.signals.valid[:, rows].sum()))
+    following = any(_inexactness(f.effect) == FOLLOWING and (acts_on(f.judged) & rows).any() for f in beside)
+    large = _LARGE_BY_LAW if following else _LARGE_BESIDE_EXACT
+    inexact = min(explained, large**2 * float(stage.problem.signals.valid[:, rows].sum()))
     loss = float(share @ np.sum(stage.frame.residual**2, axis=1))
     return judged.evidence > max(inexact, _MATTERS * loss)
 

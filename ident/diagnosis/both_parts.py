@@ -15,8 +15,11 @@ from ..errors import DataError
 from ..prepared import Signals
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..comparison import Comparison
     from ..prepared import JointReport
+    from .findings import Unexplained
 
 _TOGETHER = (
     "the data held out hold something that those fitted do not, so both were searched together: findings, fit and errors are those of all"
@@ -79,6 +82,16 @@ def confirmed_by_half(between: Comparison) -> str:
         f"{_TOGETHER}. Without every other block of the data held out the same was found, and in these blocks, which that fit and search"
         f" did not see, the torque error falls from {before:.3g} to {after:.3g} % (the squared error, weighted by noise, by"
         f" {100 * between.gain:.1f} ± {100 * between.gain_std:.1f} %)."
+    )
+
+
+def unconfirmed(beyond: Sequence[Unexplained], names: Sequence[str]) -> str:
+    """What is said of a diagnosis that stands, though the error on held-out data is larger on some joints, and a search of both parts names
+    something else."""
+    joints = ", ".join(dict.fromkeys(u.joint for u in beyond))
+    return (
+        f"the error on held-out data is larger than on fitted data on {joints}. A search of both together finds {', '.join(names)}, but"
+        " blocks of the part held out, left out of it, do not confirm that; log more of the motion of that part."
     )
 
 

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..places import on
 from ..results import result
 from ..torque_error import number
 from .advice import advice_for, advice_to_confirm, advice_unconfirmed, advice_without_period
 from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .bank import Bank
-from .both_parts import SAID, confirmed_by_half, halved, together
+from .both_parts import SAID, confirmed_by_half, halved, together, unconfirmed
 from .carried import without_carried
 from .change import SURELY
 from .confirmed import LastWord, last_word, undecided
@@ -23,7 +24,7 @@ from .denied import denied
 from .estimates import Estimates
 from .findings import Finding, Unexplained, assess
 from .hidden import Hidden, hidden
-from .in_plain_sight import apart, jumps, lost
+from .in_plain_sight import ELSEWHERE, HINTED, apart, jumps, lost
 from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
@@ -55,8 +56,8 @@ class Diagnosis:
 
     `before`: the declared model fitted to the analysis signals; `after`: the same with the findings; `signals`, `held`: those
     signals. `trail`: the steps of the selection; `selection`: everything that was looked at.
-    `held` is None too where something sat in the data held out alone, and both parts were searched together; `beyond`: where nothing was
-    found in the data fitted, what those held out hold beyond them."""
+    `held` is None too where something sat in the data held out alone, and both parts were searched together; `beyond`: joints on
+    which those held out seem to hold something beyond what the data fitted do."""
 
     verdict: str
     findings: tuple[Finding, ...]
@@ -173,6 +174,8 @@ def diagnose(
     found = diagnosed(wide, held)
     if held is None or not found.beyond or jumps(held):
         return found
+    if found.findings and any(u.signature != ELSEWHERE for u in found.unexplained):
+        return found  # what is unexplained in the data fitted is no matter of the part held out
     return _of_both_parts(found, wide, held, diagnosed, note)
 
 
@@ -183,13 +186,14 @@ def _of_both_parts(
     diagnosed: Callable[[Signals, Signals | None], Diagnosis],
     note: Callable[[str], None] | None,
 ) -> Diagnosis:
-    """A diagnosis of fitted and held-out signals as one, where they tell what sits in the latter alone; else the one `found`."""
+    """A diagnosis of fitted and held-out signals as one, where they tell what sits in the latter alone, or mostly; else the one `found`.
+    What was found in the fitted part alone gives way to nothing that no data are left to confirm."""
     if (both := together(wide, held)) is None:
         return found
     if note is not None:
         note("something is in the data held out alone: both parts are searched together")
     again = diagnosed(both, None)
-    if not again.findings or again.verdict == "unexplained" or apart(again.after, wide, held):
+    if not again.findings or again.verdict == "unexplained" or apart(again.after, wide, held) or _names(again) == _names(found):
         return found
     if again.verdict == "explained" and (parts := halved(wide, held)) is not None:
         if note is not None:
@@ -197,6 +201,8 @@ def _of_both_parts(
         half = diagnosed(*parts)
         if _names(half) == _names(again) and half.comparison.gain > SURELY * half.comparison.gain_std:
             return replace(again, warnings=(*again.warnings, confirmed_by_half(half.comparison)))
+    if found.findings:
+        return replace(found, warnings=(*found.warnings, unconfirmed(found.beyond, [f"{f.name}{on(f.place)}" for f in again.findings])))
     findings = tuple(f if f.ambiguous else replace(f, advice=advice_unconfirmed(f)) for f in again.findings)
     return replace(again, verdict="ambiguous", findings=findings, warnings=(*again.warnings, SAID))
 
@@ -263,7 +269,8 @@ def _diagnosed(
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
     warnings = tuple(dict.fromkeys((*_of_the_declared(before, findings), *wide.report.warnings, *said, *estimates.said(after))))
-    return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, () if looked.found else elsewhere)
+    beyond = apart(after, wide, held, HINTED) if held is not None else ()
+    return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, beyond)
 
 
 def _of_the_declared(before: Estimate, findings: Sequence[Finding]) -> list[str]:

@@ -116,3 +116,28 @@ def test_what_nothing_accounts_for_stays_unexplained() -> None:
     assert "j1" in {u.joint for u in found.beyond}
     assert found.findings == ()
     assert found.held is not None
+
+
+def with_another(seed: int, late: float) -> tuple[Signals, Signals]:
+    """Both parts of one log that has asymmetric friction on joint 1, and from a moment of the second part on an offset of joint 2."""
+    effects = [make_effect("asymmetric_viscous", joints="j1"), make_effect("offset_step", joints="j2", t_0=late)]
+    return prepared(seed, effects, [0.5, 2.0]).split(by="fraction", held=0.25)
+
+
+def test_beside_a_finding_too_what_began_in_the_data_held_out_is_named() -> None:
+    fit, held = with_another(41, 33.0)
+    found = diagnose(WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit)), held)
+    assert sorted((f.name, f.joints) for f in found.findings) == [("asymmetric_viscous", ("j1",)), ("offset_step", ("j2",))]
+    assert found.verdict == "explained"
+    assert any("Without every other block" in w for w in found.warnings)
+
+
+def test_beside_a_finding_what_no_data_confirm_is_said_and_changes_nothing() -> None:
+    fit, held = with_another(41, LATE)
+    found = diagnose(WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit)), held)
+    assert [(f.name, f.joints) for f in found.findings] == [("asymmetric_viscous", ("j1",))]
+    assert found.held is not None
+    assert "j2" in {u.joint for u in found.beyond}
+    (said,) = [w for w in found.warnings if "do not confirm that" in w]
+    assert "on j2" in said
+    assert "offset_step on j2" in said
