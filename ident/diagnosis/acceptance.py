@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..effect import Effect, Need
+from ..effect import Effect, Nature, Need
 from .consistent import own_loss
 from .evidence import WEAK, acts_on, occam, threshold
 from .light import too_light
@@ -24,7 +24,8 @@ FOLLOWING = 0.3
 #: that is borne out block by block.
 LARGE = 1.0
 _LARGE_BY_LAW = 0.6
-#: Beside laws that are no approximation (one that follows the prediction through time is), so much does.
+#: Beside laws of mechanics alone (a body that is carried, a force, a tilt), which are exact where those of friction and drives are not, so
+#: much does.
 _LARGE_BESIDE_EXACT = 0.3
 #: A companion on the same rows must reach the threshold so many times over.
 _BESIDE = 2.0
@@ -132,8 +133,8 @@ def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     share = share_on_rows(judged)
     explained = sum(float(share[acts_on(f.judged)].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
     # As much as the noise itself is no inexactness, however much was explained before.
-    following = any(_inexactness(f.effect) == FOLLOWING and (acts_on(f.judged) & rows).any() for f in beside)
-    large = _LARGE_BY_LAW if following else _LARGE_BESIDE_EXACT
+    exact = all(_of_mechanics(f.effect) for f in beside if (acts_on(f.judged) & rows).any())
+    large = _LARGE_BESIDE_EXACT if exact else _LARGE_BY_LAW
     inexact = min(explained, large**2 * float(stage.problem.signals.valid[:, rows].sum()))
     loss = float(share @ np.sum(stage.frame.residual**2, axis=1))
     return judged.evidence > max(inexact, _MATTERS * loss)
@@ -143,6 +144,11 @@ def share_on_rows(judged: Judged) -> Array:
     """The share (n,) of what a candidate adds that is on each joint's rows."""
     power = np.sum((judged.hit.columns @ judged.score.values) ** 2, axis=1)
     return np.asarray(power / max(float(power.sum()), 1e-300))
+
+
+def _of_mechanics(effect: Effect) -> bool:
+    """Whether an effect is one of the whole robot's rigid bodies and what they carry."""
+    return effect.joints is None and effect.nature is not Nature.SENSOR
 
 
 def _inexactness(effect: Effect) -> float:
