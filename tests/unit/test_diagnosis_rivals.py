@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from test_diagnosis_parts import stage_of
 
 from ident.diagnosis import contest, findings
-from ident.diagnosis.acceptance import Found, chosen, share_on_rows
+from ident.diagnosis.acceptance import Found, _worth, chosen, share_on_rows
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.candidates import Candidate, candidates
 from ident.diagnosis.evidence import acts_on, by_chance, occam
@@ -138,6 +138,26 @@ def test_the_share_of_a_candidate_on_each_joint() -> None:
     share = share_on_rows(search.judge(search.hit(candidate, effect)))
     assert share.sum() == pytest.approx(1.0)
     assert share[stage.problem.model.robot.joint_index("j2")] > 0.99
+
+
+@pytest.mark.parametrize(("beside", "taken"), [("external_force", True), ("base_tilt", True), ("viscous", False), ("delay", False)])
+def test_what_is_smaller_than_the_noise_counts_beside_laws_of_mechanics(beside: str, taken: bool) -> None:
+    """Beside friction and what is made of readings it is the inexactness of their laws; as large as the noise it is none."""
+    stage, _ = stage_of(32, [], [], [])
+    rows = float(stage.problem.signals.valid[:, 1].sum())
+    columns = np.zeros((stage.problem.model.robot.n, len(stage.problem.signals.tau), 1))
+    columns[1] = 1.0
+
+    def judged(evidence: float) -> Judged:
+        seen = SimpleNamespace(hit=SimpleNamespace(columns=columns), score=SimpleNamespace(values=np.ones(1)), evidence=evidence)
+        return cast(Judged, seen)
+
+    large = SimpleNamespace(judged=judged(1e6), effect=make_effect(beside, **({} if taken else {"joints": "j2"})))
+    company = [cast(Found, large)]
+    assert _worth(judged(0.2 * rows), company, stage) is taken
+    assert _worth(judged(0.5 * rows), company, stage)
+    assert not _worth(judged(0.05 * rows), company, stage)
+    assert _worth(judged(0.05 * rows), [], stage)
 
 
 def test_joints_on_which_a_candidate_acts_are_those_of_what_it_adds() -> None:
