@@ -24,7 +24,7 @@ from .denied import denied
 from .estimates import Estimates
 from .findings import Finding, Unexplained, assess
 from .hidden import Hidden, hidden
-from .in_plain_sight import ELSEWHERE, HINTED, apart, jumps, lost
+from .in_plain_sight import ELSEWHERE, apart, hinted, jumps, lost
 from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
@@ -269,7 +269,7 @@ def _diagnosed(
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
     warnings = tuple(dict.fromkeys((*_of_the_declared(before, findings), *wide.report.warnings, *said, *estimates.said(after))))
-    beyond = apart(after, wide, held, HINTED) if held is not None else ()
+    beyond = hinted(after, wide, held) if held is not None else ()
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, beyond)
 
 

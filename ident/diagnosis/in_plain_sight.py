@@ -4,6 +4,7 @@ held-out data that are of another kind."""
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,14 +81,26 @@ def lost(signals: Signals) -> tuple[Unexplained, ...]:
     return tuple(found)
 
 
-def apart(after: Estimate, fitted: Signals, held: Signals, least: float = APART) -> tuple[Unexplained, ...]:
-    """Joints on which the fit fails on held-out data as it does not on its own (by a factor of at `least` so much): something is there that
-    was not before. Near reversals
+def apart(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained, ...]:
+    """Joints on which the fit fails on held-out data as it does not on its own: something is there that was not before. Near reversals
     a joint may stick in one part and not in the other; that is not meant, nor what parameters are off by that the fitted motion tells
     little of."""
+    return _larger(after, fitted, held, lambda inside, rows: Foretelling(after, rows).allowing(inverse_squares(inside))[0], APART)
+
+
+def hinted(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained, ...]:
+    """Joints on which the error on held-out data is larger, whatever for: parameters that the fitted motion tells little of, or something
+    that shows in that part more than in the other."""
+    return _larger(after, fitted, held, lambda _, rows: after.residual(rows), HINTED)
+
+
+def _larger(
+    after: Estimate, fitted: Signals, held: Signals, left: Callable[[Array, Signals], Array], least: float
+) -> tuple[Unexplained, ...]:
+    """Joints on which what is `left` (of errors (n,) on fitted data, and held-out rows: a residual (M, n)) is so many times as large."""
     fitted, held = without_reversals(fitted), without_reversals(held)
     inside = _error(after, after.residual(fitted), fitted)
-    outside = _error(after, Foretelling(after, held).allowing(inverse_squares(inside))[0], held)
+    outside = _error(after, left(inside, held), held)
     enough = (fitted.valid.sum(axis=0) >= _FEW) & (held.valid.sum(axis=0) >= _FEW)
     found = []
     for j in enough.nonzero()[0].tolist():

@@ -5,10 +5,12 @@ terms are next to nothing. Held-out data, asked afterwards, may still bring the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ..effect import Effect
 from .acceptance import FEW, Found
 from .bank import Bank
 from .consistent import own_loss
@@ -17,7 +19,7 @@ from .evidence import occam
 from .search import Judged
 from .selection import Selection, labelled
 from .stage import Stage, with_effects
-from .weights import PRIOR
+from .weights import PRIOR, weights
 
 Array = np.ndarray
 #: Columns are combinations of others if so much of them (rms) is left.
@@ -28,25 +30,33 @@ def simplified(selection: Selection, bank: Bank) -> Selection:
     """The selection with a simpler law in the place of each that holds it and gains no more than its freedom explains; its odds follow
     from the fit of both in the company of all others."""
     found, stage = list(selection.found), selection.final
+
+    def with_rival(turn: int, rival: Judged) -> tuple[list[Effect], Stage]:
+        effects = [f.effect for f in found]
+        effects[turn] = labelled(rival.hit.effect, selection.declared.problem.model, effects[:turn] + effects[turn + 1 :])
+        return effects, with_effects(selection.declared, effects, stage, bank, stage.search.candidates)
+
     for i in range(len(found) if len(found) <= FEW else 0):
         for k, rival in enumerate(found[i].rivals):
             simple_first = _holds(stage, rival, found[i].judged)
             if not simple_first and not _holds(stage, found[i].judged, rival):
                 continue
-            others = [f.effect for f in found]
-            others[i] = labelled(rival.hit.effect, selection.declared.problem.model, others[:i] + others[i + 1 :])
-            there = with_effects(selection.declared, others, stage, bank, stage.search.candidates)
+            effects, there = with_rival(i, rival)
             simple, general = (found[i].judged, rival) if simple_first else (rival, found[i].judged)
             simple_stage, general_stage = (stage, there) if simple_first else (there, stage)
             gain = own_loss(simple_stage.problem, simple_stage.frame) - own_loss(general_stage.problem, general_stage.frame)
             due = occam(general.hit, stage.number) - occam(simple.hit, stage.number)
             if gain >= due:
                 continue
-            weights = _weights(found[i], k + 1, simple_first, 0.5 * (gain - due))
+            odds = 0.5 * (gain - due)
             if simple_first:
-                found[i] = replace(found[i], weights=weights)
+                found[i] = replace(found[i], weights=_divided(found[i], k + 1, odds))
                 continue
-            found, _ = standing_in(found, i, k + 1, weights, others, there)
+            shares = _without_general(found[i], k + 1, odds, stage.number)
+            best = int(np.argmax(shares))
+            if best not in (0, k + 1):
+                effects, there = with_rival(i, found[i].rivals[best - 1])
+            found, _ = standing_in(found, i, best or k + 1, shares, effects, there)
             stage = there
             break
     return replace(selection, found=tuple(found), final=stage)
@@ -65,17 +75,39 @@ def _holds(stage: Stage, general: Judged, simple: Judged) -> bool:
     return bool(np.linalg.norm(left) <= _SAME * np.linalg.norm(B) > 0.0)
 
 
-def _weights(found: Found, place: int, simple_first: bool, odds: float) -> Array:
-    """Weights (m,) of a finding (place 0) and its rivals, of which one is a simpler law or a general one: what both had together is divided
-    by these `odds` (logarithm) for the general one. What was judged twice counts once."""
+def _divided(found: Found, place: int, odds: float) -> Array:
+    """Weights (m,) of a finding and its rivals: what it has together with a general law in this place is divided by `odds` (logarithm)
+    for that one. What was judged twice counts once."""
     everything = (found.judged, *found.rivals)
-    names = [j.hit.candidate.name for j in (everything[0], everything[place])]
-    simple, general = names if simple_first else names[::-1]
-    share = 1.0 / (1.0 + np.exp(odds) * PRIOR.get(general, 1.0) / PRIOR.get(simple, 1.0))
     out = np.array(found.weights, float)
-    same = [[k for k, j in enumerate(everything) if j.hit.place == everything[at].hit.place] for at in (0, place)]
-    both = float(out[same[0]].sum() + out[same[1]].sum())
-    for own in same:
-        out[own] = 0.0
-    out[0], out[place] = both * (share if simple_first else 1.0 - share), both * (1.0 - share if simple_first else share)
+    own, general = (_same(everything, at) for at in (0, place))
+    both = float(out[own].sum() + out[general].sum())
+    out[own], out[general] = 0.0, 0.0
+    share = _share(everything[0], everything[place], odds)
+    out[0], out[place] = both * share, both * (1.0 - share)
     return out
+
+
+def _without_general(found: Found, place: int, odds: float, number: int) -> Array:
+    """Weights (m,) of all that was judged in the place of a general law, which is worth no more than these `odds` (logarithm) over a simple
+    one: what was outdone by its other terms alone is weighed anew."""
+    everything = (found.judged, *found.rivals)
+    general = _same(everything, 0)
+    rest = [k for k in range(len(everything)) if k not in general]
+    out = np.zeros(len(everything))
+    out[rest] = weights([everything[k] for k in rest], [occam(everything[k].hit, number) for k in rest])
+    simple = _same(everything, place)
+    both, out[simple] = float(out[simple].sum()), 0.0
+    share = _share(everything[place], everything[0], odds)
+    out[place], out[0] = both, both * (1.0 - share) / share
+    return out / out.sum()
+
+
+def _share(simple: Judged, general: Judged, odds: float) -> float:
+    """Of a simple law beside a general one, by what the fit gives the latter and how common each is."""
+    return float(1.0 / (1.0 + np.exp(odds) * PRIOR.get(general.hit.candidate.name, 1.0) / PRIOR.get(simple.hit.candidate.name, 1.0)))
+
+
+def _same(everything: Sequence[Judged], at: int) -> list[int]:
+    """Indices of all that is the same thing at the same place."""
+    return [k for k, j in enumerate(everything) if j.hit.place == everything[at].hit.place]

@@ -12,6 +12,7 @@ from test_diagnosis_held_out import prepared
 
 from ident.diagnosis import diagnose
 from ident.diagnosis.both_parts import SAID, halved, together
+from ident.diagnosis.in_plain_sight import apart, hinted
 from ident.effect import make_effect
 from ident.estimators import WeightedLeastSquares
 from ident.problem import Problem
@@ -31,8 +32,8 @@ def test_rows_of_both_parts_are_those_of_either() -> None:
     both = together(fit, held)
     assert both is not None
     estimate = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit))
-    apart = np.concatenate([estimate.residual(fit), estimate.residual(held)])
-    np.testing.assert_array_equal(estimate.residual(both), apart)
+    each = np.concatenate([estimate.residual(fit), estimate.residual(held)])
+    np.testing.assert_array_equal(estimate.residual(both), each)
     assert both.run_names == (*fit.run_names, *held.run_names)
     assert both.origins == (*fit.origins, *held.origins)
     named = {"path": "a.csv", "sha256": "0"}
@@ -141,3 +142,15 @@ def test_beside_a_finding_what_no_data_confirm_is_said_and_changes_nothing() -> 
     (said,) = [w for w in found.warnings if "do not confirm that" in w]
     assert "on j2" in said
     assert "offset_step on j2" in said
+
+
+def test_louder_noise_in_the_data_held_out_is_a_hint_that_leads_to_nothing() -> None:
+    fit, held = parts(43, 1e3)
+    before = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit))
+    noise = np.random.default_rng(1).normal(size=len(held.tau)) * 1.2 * before.fit_error.rms[0]
+    louder = replace(held, tau=held.tau + noise[:, None] * (np.arange(held.robot.n) == 0))
+    assert [u.joint for u in hinted(before, fit, louder)] == ["j1"]
+    assert apart(before, fit, louder) == ()
+    found = diagnose(before, louder)
+    assert (found.verdict, found.findings) == ("clean", ())
+    assert [u.joint for u in found.beyond] == ["j1"]

@@ -18,16 +18,18 @@ from ident.diagnosis.spectral import period_unseen
 from ident.effect import Effect, make_effect
 
 
-def selected(seed: int, true: str, sizes: list[float], first: str, second: str) -> Selection:
-    """The first of two laws as the finding and the second as its rival, on a log that holds the true one of joint j2."""
+def selected(seed: int, true: str, sizes: list[float], first: str, second: str, twin: str = "") -> Selection:
+    """The first of two laws as the finding and the second as its rival, on a log that holds the true one of joint j2. `twin`: a name under
+    which the second is a rival once more, of little weight."""
     begun, white = stage_of(seed, [], [make_effect(true, joints="j2")], sizes)
-    effects: list[Effect] = [make_effect(name, joints="j2") for name in (first, second)]
-    hits = [begun.search.hit(Candidate(e.name, ("j2",), (e,)), e) for e in effects]
+    effects: list[Effect] = [make_effect(name, joints="j2") for name in (first, second, *([second] if twin else []))]
+    names = (first, second, twin)
+    hits = [begun.search.hit(Candidate(name, ("j2",), (e,)), e) for name, e in zip(names, effects, strict=False)]
     judged = [begun.search.judge(h) for h in hits]
     final = rebuilt(begun.problem.model, begun.problem.signals, white, [effects[0]])
     among = candidates(final.problem.model, final.motions)
     final = replace(final, search=Search(final.frame, final.motions, among, Bank()))
-    return Selection(begun, final, (Found(judged[0], (judged[1],), np.array([0.8, 0.2])),))
+    return Selection(begun, final, (Found(judged[0], tuple(judged[1:]), np.array([0.8, 0.2, 0.0][: len(judged)])),))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -39,6 +41,15 @@ def test_a_linear_spring_is_not_called_a_nonlinear_one(seed: int, order: tuple[s
     assert [e.name for e in found.final.problem.model.effects][-1] == "linear_spring"
     assert found.found[0].weight > 0.66
     assert found.found[0].weights.sum() == pytest.approx(1.0)
+
+
+def test_what_does_as_well_as_the_simple_law_is_its_rival_again() -> None:
+    """The general law's other terms had outdone both."""
+    (found,) = simplified(selected(0, "linear_spring", [0.6, 0.1], "nonlinear_spring", "linear_spring", "twin"), Bank()).found
+    assert [found.effect.name, *(r.hit.candidate.name for r in found.rivals)] == ["linear_spring", "nonlinear_spring", "twin"]
+    # A linear spring is twice as common as what is not listed.
+    assert found.weights[2] == pytest.approx(0.5 * found.weights[0])
+    assert found.weights.sum() == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("seed", range(4))
