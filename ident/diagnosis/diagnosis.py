@@ -174,7 +174,8 @@ def diagnose(
     found = diagnosed(wide, held)
     if held is None or not found.beyond or jumps(held):
         return found
-    if found.findings and any(u.signature != ELSEWHERE for u in found.unexplained):
+    elsewhere = [u.signature == ELSEWHERE for u in found.unexplained]
+    if not all(elsewhere) and (found.findings or not any(elsewhere)):
         return found  # what is unexplained in the data fitted is no matter of the part held out
     return _of_both_parts(found, wide, held, diagnosed, note)
 

@@ -15,7 +15,7 @@ from .acceptance import FEW, Found
 from .bank import Bank
 from .consistent import own_loss
 from .contest import standing_in
-from .evidence import occam
+from .evidence import acts_on, occam
 from .search import Judged
 from .selection import Selection, labelled
 from .stage import Stage, with_effects
@@ -45,7 +45,7 @@ def simplified(selection: Selection, bank: Bank) -> Selection:
             simple, general = (found[i].judged, rival) if simple_first else (rival, found[i].judged)
             simple_stage, general_stage = (stage, there) if simple_first else (there, stage)
             gain = own_loss(simple_stage.problem, simple_stage.frame) - own_loss(general_stage.problem, general_stage.frame)
-            due = occam(general.hit, stage.number) - occam(simple.hit, stage.number)
+            due = max(occam(general.hit, stage.number) - occam(simple.hit, stage.number), _more(stage, general, simple))
             if gain >= due:
                 continue
             odds = 0.5 * (gain - due)
@@ -73,6 +73,13 @@ def _holds(stage: Stage, general: Judged, simple: Judged) -> bool:
     A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     left = B - A @ np.linalg.lstsq(A, B, rcond=None)[0]
     return bool(np.linalg.norm(left) <= _SAME * np.linalg.norm(B) > 0.0)
+
+
+def _more(stage: Stage, general: Judged, simple: Judged) -> float:
+    """What a general law's further parameters must gain (twice a log-likelihood) on so many rows before they are worth having (G. Schwarz,
+    Annals of Statistics 6 (1978))."""
+    rows = float(stage.problem.signals.valid[:, acts_on(general)].sum())
+    return (general.hit.columns.shape[2] - simple.hit.columns.shape[2]) * float(np.log(max(rows, 2.0)))
 
 
 def _divided(found: Found, place: int, odds: float) -> Array:
