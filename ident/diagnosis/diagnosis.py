@@ -270,7 +270,8 @@ def _diagnosed(
         rows = f"{len(seen.tau)} of {len(every.tau)} rows, in {len(seen.runs)} stretches spread over the logs"
         said.append(f"the search for what the model lacks looked at {rows}; the errors and the refit are of all rows.")
     warnings = tuple(dict.fromkeys((*_of_the_declared(before, findings), *wide.report.warnings, *said, *estimates.said(after))))
-    beyond = hinted(after, wide, held) if held is not None else ()
+    # What was found in the data fitted and taken back is no matter of those held out alone.
+    beyond = hinted(after, wide, held) if held is not None and bool(looked.found) == bool(findings) else ()
     return Diagnosis(verdict, findings, unexplained, declared, after, wide, held, selection, warnings, beyond)
 
 

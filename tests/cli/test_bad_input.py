@@ -233,7 +233,7 @@ def test_torque_column_by_another_name(fit, arm, tmp_path):
     named = {(f"effort_{JOINTS[int(k[3:]) - 1]}" if k.startswith("tau") else k): v for k, v in arm.table.items()}
     ran = fit(write_csv(tmp_path / "efforts.csv", named))
     assert ran.code == DATA
-    assert re.search(r"did you mean 'effort_slide', .*\[columns\]: tau1 = \"effort_slide\", tau2", ran.err), ran.err
+    assert re.search(r"did you mean 'effort_slide', .*\[columns\] of a study file: tau1 = \"effort_slide\", tau2", ran.err), ran.err
 
 
 def test_log_that_is_too_short(fit, arm, tmp_path):

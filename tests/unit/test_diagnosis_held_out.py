@@ -508,13 +508,15 @@ def test_confidence_falls_with_what_held_out_data_do_not_show() -> None:
     seen, faint, unseen, owed = (make_effect(name, joints="j1") for name in ("offset", "stribeck", "viscous", "cogging"))
     last = cast(Any, SimpleNamespace(unseen=(unseen,), faint=(faint,), owed=(owed,)))
 
-    def share(effect: Effect, bad: set[str]) -> float:
-        return _share(cast(Any, SimpleNamespace(effect=effect, joints=("j1",))), last, bad)
+    def share(effect: Effect, bad: set[str], slow: Sequence[Effect] = ()) -> float:
+        return _share(cast(Any, SimpleNamespace(effect=effect, joints=("j1",))), last, bad, slow)
 
     assert share(seen, set()) == 1.0
     assert share(unseen, set()) < share(faint, set()) < 1.0
     assert share(seen, {"j1"}) == share(faint, {"j1"}) == share(unseen, set())
     assert share(seen, {"j2"}) == 1.0
+    assert share(seen, set(), [seen]) < 0.5 + 1e-9
+    assert share(faint, set(), [faint]) < share(faint, set())
 
 
 def the_last_word(monkeypatch: pytest.MonkeyPatch, blocks: np.ndarray, confirms: str = "") -> LastWord:

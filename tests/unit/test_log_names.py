@@ -56,7 +56,7 @@ class TestFromZero:
     @pytest.mark.parametrize("joints", [ARM, None])
     @pytest.mark.parametrize("header", [FROM_ZERO, ["t", "q0 [deg]", "q1 [deg]", "q2 [deg]"], ["t", "q0", "tau0"]])
     def test_joints_counted_from_zero_are_never_shifted(self, header: list[str], joints: JointNames | None) -> None:
-        with pytest.raises(DataError, match=r"joints are counted from 1\. Say which .*under \[columns\], .*: q1 = \"q0"):
+        with pytest.raises(DataError, match=r"joints are counted from 1\. Say which .*under \[columns\] of a study file, .*: q1 = \"q0"):
             resolve_columns(header, joints)
 
     def test_the_message_says_how_to_map(self) -> None:
