@@ -151,6 +151,29 @@ def interpolate(t: Array, values: Array, at: Array) -> Array:
     return np.asarray(CubicSpline(t, filled)(np.clip(at, t[0], t[-1])))
 
 
+def interpolate_torque(t: Array, torque: Array, at: Array, least: Array, most: Array) -> Array:
+    """`interpolate`, but straight where a value is held and on either side of that, and nowhere beyond the extremes `least`, `most` (n,) of
+    the whole recording: a spline swings there, and a torque that is cut off would not show as such any more."""
+    out, filled = np.clip(interpolate(t, torque, at), least, most), bridge(t, torque)
+    held = np.diff(filled, axis=0) == 0.0
+    straight = held.copy()
+    straight[1:] |= held[:-1]
+    straight[:-1] |= held[1:]
+    before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
+    for j in np.flatnonzero(straight.any(axis=0)):
+        here = straight[before, j]
+        out[here, j] = np.interp(at[here], t, filled[:, j])
+    return out
+
+
+def extremes(torque: Array) -> tuple[Array, Array]:
+    """Least and most (n,) of torque (N, n) that is there; no bounds where none is."""
+    missing = np.isnan(torque)
+    least, most = np.where(missing, np.inf, torque).min(axis=0), np.where(missing, -np.inf, torque).max(axis=0)
+    absent = missing.all(axis=0)
+    return np.where(absent, -np.inf, least), np.where(absent, np.inf, most)
+
+
 def bridge(t: Array, values: Array) -> Array:
     """NaN in (N, k) replaced by straight lines between neighbours (zero in a column that holds nothing)."""
     missing = np.isnan(values)

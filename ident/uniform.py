@@ -9,7 +9,7 @@ import numpy as np
 
 from .errors import ConfigurationError, DataError
 from .logs import Log, measured
-from .resample import Clock, common_rate, flag_at, grid, interpolate, is_even, slow_clock, stretches, thin
+from .resample import Clock, common_rate, extremes, flag_at, grid, interpolate, interpolate_torque, is_even, slow_clock, stretches, thin
 from .robot import Robot
 from .turns import motor_turn_notes, unwrapped, wrapping
 
@@ -191,6 +191,6 @@ def _uniform(rec: Recording, part: slice, rate: float) -> tuple[UniformRun, int]
     t = t[keep]
     at = grid(t, rate)
     missing = flag_at(t, np.isnan(rec.torque[rows]), at)
-    torque = np.where(missing, np.nan, interpolate(t, rec.torque[rows], at))
+    torque = np.where(missing, np.nan, interpolate_torque(t, rec.torque[rows], at, *extremes(rec.torque)))
     arrays = [None if a is None else interpolate(t, a[rows], at) for a in (rec.dq, rec.ddq)]
     return UniformRun(rec.name, at, interpolate(t, rec.q[rows], at), torque, missing, arrays[0], arrays[1], True, rec.origin), lost

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import DataError
 from ..logs import measured
-from ..resample import Clock, bridge, flag_at, interpolate, thin
+from ..resample import Clock, bridge, flag_at, interpolate, interpolate_torque, thin
 from ..robot import Robot
 from ..uniform import UniformRun, dead_torque, rate_for, resampling_text, torque_notes
 from .clock import clock_of, deviation, longer_steps
@@ -181,7 +181,9 @@ def _uniform(rec: StoredRecording, part: slice, rate: float, name: str, folder: 
         return StoredRun(name, log, rec.robot, len(log), start, rate, rec.absent, False, began), 0
     log, lost = _spaced(log, rec.clock.step, folder)
     length = int(np.floor((float(log.t[-1]) - start) * rate + 1e-6)) + 1
-    even = _resampled(log, rec.robot, rec.absent, start, rate, length, folder)
+    survey = rec.log.survey(rec.robot.transmission)
+    extremes = (np.where(rec.absent, -np.inf, survey.least), np.where(rec.absent, np.inf, survey.most))
+    even = _resampled(log, rec.robot, rec.absent, extremes, start, rate, length, folder)
     return StoredRun(name, even, rec.robot, length, start, rate, rec.absent, True, began), lost
 
 
@@ -205,8 +207,11 @@ def _spaced(log: StoredLog, step: float, folder: Path) -> tuple[StoredLog, int]:
     return replace(log, arrays=arrays, blocks=()), len(log) - len(arrays["t"])
 
 
-def _resampled(log: StoredLog, robot: Robot, absent: Array, start: float, rate: float, length: int, folder: Path) -> StoredLog:
-    """A run interpolated to uniform instants, in files: positions, torque on the measured side, measured derivatives."""
+def _resampled(
+    log: StoredLog, robot: Robot, absent: Array, extremes: tuple[Array, Array], start: float, rate: float, length: int, folder: Path
+) -> StoredLog:
+    """A run interpolated to uniform instants, in files: positions, torque on the measured side, measured derivatives. `extremes`: least and
+    most (n,) torque of the whole log."""
     folder.mkdir(parents=True, exist_ok=True)
     side = f"tau_{robot.transmission.measured.value}"
     writers: dict[str, DiskWriter] = {}
@@ -228,7 +233,7 @@ def _resampled(log: StoredLog, robot: Robot, absent: Array, start: float, rate: 
         if gone.any():
             torque = bridged(log, robot, torque, low, slice(0, len(log)), absent, _stamps(stamps, t, low))
         missing = flag_at(t, gone, at)
-        values = {"t": at, "q": interpolate(t, piece.q, at), side: np.where(missing, np.nan, interpolate(t, torque, at))}  # type: ignore[arg-type]
+        values = {"t": at, "q": interpolate(t, piece.q, at), side: np.where(missing, np.nan, interpolate_torque(t, torque, at, *extremes))}  # type: ignore[arg-type]
         for k, recorded in (("dq", piece.velocity(robot.transmission)), ("ddq", piece.ddq)):
             if recorded is not None:
                 values[k] = interpolate(t, recorded, at)

@@ -394,8 +394,10 @@ class TestMasks:
         off = ZeroPhase(cutoff_hz=8)(replace(log, tau={"joint": 0 * tau}), robot())
         assert off.valid.any(axis=0).all()  # a robot that swings freely
 
-    def test_saturated_torque(self) -> None:
-        log = Truth(seed=3).log(clock("even", 300.0, 60.0), torque_noise=0.01)
+    @pytest.mark.parametrize("kind", ["even", "jitter", "wild", "dropped"])
+    def test_saturated_torque(self, kind: str) -> None:
+        """Also where the log is resampled: a spline through a plateau swings beyond it."""
+        log = Truth(seed=3).log(clock(kind, 300.0, 60.0), torque_noise=0.01)
         limit = float(np.percentile(np.abs(log.tau["joint"][:, 0]), 90))
         tau = np.clip(log.tau["joint"], [-limit, -np.inf], [limit, np.inf])
         cut = replace(log, tau={"joint": tau})
@@ -403,7 +405,9 @@ class TestMasks:
         assert masked.report.joints[0].lost["torque at its limit"] > 0
         assert masked.report.joints[1].lost["torque at its limit"] == 0
         assert masked.valid[:, 0].sum() < kept.valid[:, 0].sum()
-        assert any("stays at its extreme" in w for w in masked.report.warnings)
+        assert any(f"stays at its extreme (-{limit:.4g} and {limit:.4g})" in w for w in masked.report.warnings), masked.report.warnings
+        # A tenth of the samples is at the limit, and rows that rest on them are about as many, or more.
+        assert masked.report.joints[0].lost["torque at its limit"] > 0.08 * len(kept.tau)
 
     def test_no_motion_at_all(self) -> None:
         t = clock("even", 300.0, 30.0)

@@ -129,6 +129,8 @@ def damaged(kind: str, table: dict[str, Array]) -> dict[str, Array]:
     elif kind == "saturated":
         top = 0.7 * out["tau_m2"].max()
         out["tau_m2"] = np.minimum(out["tau_m2"], top)
+    elif kind == "saturated and uneven":
+        out = damaged("saturated", damaged("jitter", table))
     elif kind == "repeated stamps":
         out["t"][5000] = out["t"][4999]
     elif kind == "two runs":
@@ -148,6 +150,7 @@ KINDS = (
     "jitter",
     "wrapped",
     "saturated",
+    "saturated and uneven",
     "repeated stamps",
     "two runs",
     "degrees",
@@ -159,6 +162,7 @@ def test_what_is_wrong_with_a_log_is_treated_alike(kind: str, tmp_path: Path, ta
     path = write_csv(tmp_path / "log.csv", damaged(kind, table))
     memory, streamed = both(tmp_path, path)
     a, b = memory.fit_signals, streamed.fit_signals
+    assert ("saturated" in kind) == any("stays at its extreme" in w for w in a.report.warnings)
     assert str(a.report) == str(b.report)
     assert np.array_equal(a.valid, b.valid)
     assert np.nanmax(np.abs(a.tau - b.tau)) <= 1e-12 * np.nanmax(np.abs(a.tau))
