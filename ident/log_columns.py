@@ -259,7 +259,9 @@ def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | N
         )
     if ("t", 0) not in found:
         raise DataError(
-            f'{where}: no time column (t or time, in s, or with a unit as in time_ms). Name it under [columns] of a study file: t = "...".'
+            f"{where}: no time column (t or time, in s, or with a unit as in time_ms)."
+            f" Columns not understood: {_listed(unknown) or 'none'}."
+            ' Name it under [columns] of a study file: t = "...".'
         )
     return count
 
