@@ -166,6 +166,11 @@ def requirements(records: Sequence[dict[str, Any]]) -> list[Requirement]:
             0.95, least=300,
         ),
         Requirement(
+            "… both parts searched together", "cases as in the first line; something showed more in the held-out part, so that shapes of"
+            " the findings (not the fits that are judged here) were chosen with it",
+            sum(bool(r.get("both_parts")) for r in done), len(seen),
+        ),
+        Requirement(
             "… of the torque noise alone", "the same over the generator's torque noise behind the same filters; that of the positions"
             " adds to what is left even where nothing is missing",
             sum(_at_floor(r, "after") for r in seen), len(seen),

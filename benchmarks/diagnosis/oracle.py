@@ -18,6 +18,7 @@ from ident import estimators as es
 from ident.diagnosis.analysis import without_reversals
 from ident.diagnosis.candidates import Candidate, candidates
 from ident.effect import Effect
+from ident.model import Model
 from ident.problem import Problem
 from ident.signals import Signals
 from ident.torque_error import number
@@ -58,18 +59,20 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class Oracle:
-    """Refits on the signals of a diagnosis, judged on held-out rows over the generator's own noise `floor` (n,).
+    """Refits on the fitted part of a diagnosis (`fit`, even where that searched both parts together), judged on held-out rows over the
+    generator's own noise `floor` (n,).
 
     Each model is refitted on all rows and on those not near reversals, as the diagnosis itself refits (there the sign of the speed is
     wrong by its own error in time, and contacts hold), and counts at the better of the two: the truth, and what is set against it."""
 
     found: Any
+    fit: Signals
     held: Signals
     floor: Array
 
     @cached_property
     def _fitted(self) -> tuple[Signals, ...]:
-        return self.found.signals, without_reversals(self.found.signals)
+        return self.fit, without_reversals(self.fit)
 
     @cached_property
     def _kept(self) -> dict[tuple[Effect, ...], Array]:
@@ -87,9 +90,13 @@ class Oracle:
             for effect in effects:
                 model = model + effect
                 reference = np.append(reference, np.zeros(len(effect.parameters(model.robot))))
-            estimates = [es.WeightedLeastSquares().solve(Problem(model, s, reference=reference)) for s in self._fitted]
-            self._kept[key] = min((self.scaled(e) for e in estimates), key=lambda r: float(np.nansum(r**2)))
+            self._kept[key] = self.scaled(self.refitted(model, reference))
         return self._kept[key]
+
+    def refitted(self, model: Model, reference: Array) -> Any:
+        """The better one of both refits of a model; `reference`: values that its own prediction is made of."""
+        estimates = [es.WeightedLeastSquares().solve(Problem(model, s, reference=reference)) for s in self._fitted]
+        return min(estimates, key=lambda e: float(np.nansum(self.scaled(e) ** 2)))
 
     def gain(self, fewer: Sequence[Effect], more: Sequence[Effect]) -> Gain:
         """Fall of the held-out loss from one set of effects to another."""

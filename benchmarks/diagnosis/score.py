@@ -16,7 +16,7 @@ import numpy as np
 import ident
 from ident import estimators as es
 from ident import friction as fr
-from ident.diagnosis.analysis import without_reversals
+from ident.diagnosis.analysis import analysis_signals, without_reversals
 from ident.effect import Effect
 from ident.logs import Log, LogSet
 from ident.model import Model
@@ -86,8 +86,16 @@ def run(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
     start, wall = time.process_time(), time.perf_counter()
     found = ident.diagnose(before, case.held)
     seconds, wall = time.process_time() - start, time.perf_counter() - wall
-    held = without_reversals(found.held) if found.held is not None else case.held
-    floor = _floor(found.signals, case.noise)
+    fit, late = analysis_signals(case.fit, case.held)
+    held = without_reversals(late) if late is not None else case.held
+    floor = _floor(fit, case.noise)
+    oracle = Oracle(found, fit, held, floor)
+
+    def of_fitted_part(estimate: Any) -> Any:
+        # Where both parts were searched together, the diagnosis' own fits have seen the rows that are to judge them.
+        return estimate if found.held is not None else oracle.refitted(estimate.model, estimate.all_values)
+
+    declared, after = of_fitted_part(found.before), of_fitted_part(found.after)
     out: dict[str, Any] = {
         "id": record["id"],
         "arm": record["arm"],
@@ -99,13 +107,13 @@ def run(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
         "unexplained": [u.to_dict() for u in found.unexplained],
         "seconds": seconds,
         "wall_seconds": wall,
-        "before": _ratio(found.before, held, floor),
-        "after": _ratio(found.after, held, floor),
-        "reported_floor": _ratio(found.after, held, np.asarray(found.noise_floor)),
+        "both_parts": found.held is None,
+        "before": _ratio(declared, held, floor),
+        "after": _ratio(after, held, floor),
+        "reported_floor": _ratio(after, held, np.asarray(found.noise_floor)),
         "trail": list(found.trail),
     }
     if record["kind"] in ("single", "pair"):
-        oracle = Oracle(found, held, floor)
         true, out["oracle"] = oracle.parts(record["parts"])
         out["named"] = [_named(oracle, found.findings, part, i, true) for i, part in enumerate(record["parts"])]
     out["coverage"] = _coverage(found, record["parts"])

@@ -208,9 +208,10 @@ def test_truth_and_rival_count_at_their_better_refit_alike(monkeypatch: pytest.M
         def __add__(self, effect: Any) -> Any:
             return SimpleNamespace(robot=None, effect=effect.joints[0])
 
-    found = SimpleNamespace(signals="all", before=SimpleNamespace(model=Declared(), all_values=np.zeros(2)))
+    found = SimpleNamespace(before=SimpleNamespace(model=Declared(), all_values=np.zeros(2)))
     held: Any = SimpleNamespace(row_runs=(slice(0, 120),))
-    judge: Any = Oracle(found, held, np.ones(1))
+    every: Any = "all"
+    judge: Any = Oracle(found, every, held, np.ones(1))
     told = judge.as_good(Law("rival"), Law("truth"))
     assert told["as_good"]
     assert told["gain"] == 0.0
