@@ -1,6 +1,6 @@
-"""Fitted and held-out data looked at as one, where something sits in those held out alone.
+"""Fitted and held-out data looked at as one, where the error is larger on those held out: something sits in them alone, or mostly.
 
-A fault that began late, a motor that meets its limit in one stretch: no fit of the other part knows of it. Both parts together may tell
+A fault that began late, a motor that meets its limit in one stretch: a fit of the other part hardly knows of it. Both together may tell
 what it is. What a search without every other block of the data held out names as well, these blocks may confirm; if not, nothing is
 left that could, and that is said."""
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from .findings import Unexplained
 
 _TOGETHER = (
-    "the data held out hold something that those fitted do not, so both were searched together: findings, fit and errors are those of all"
-    " rows"
+    "the error on the data held out is larger than on those fitted, so both were searched together: findings, fit and errors are those of"
+    " all rows"
 )
 #: What is said of a diagnosis of both parts that nothing confirms.
 SAID = f"{_TOGETHER}, and no data are left that could confirm them. Log more of the motion of the part held out."

@@ -56,8 +56,8 @@ class Diagnosis:
 
     `before`: the declared model fitted to the analysis signals; `after`: the same with the findings; `signals`, `held`: those
     signals. `trail`: the steps of the selection; `selection`: everything that was looked at.
-    `held` is None too where something sat in the data held out alone, and both parts were searched together; `beyond`: joints on
-    which those held out seem to hold something beyond what the data fitted do."""
+    `held` is None too where both parts were searched together; `beyond`: joints on which the error on data held out is larger than on
+    those fitted."""
 
     verdict: str
     findings: tuple[Finding, ...]
@@ -192,7 +192,7 @@ def _of_both_parts(
     if (both := together(wide, held)) is None:
         return found
     if note is not None:
-        note("something is in the data held out alone: both parts are searched together")
+        note("the error on the data held out is larger: both parts are searched together")
     again = diagnosed(both, None)
     if not again.findings or again.verdict == "unexplained" or apart(again.after, wide, held) or _names(again) == _names(found):
         return found

@@ -76,7 +76,7 @@ def test_what_began_in_the_data_held_out_is_named_and_confirmed_by_blocks_that_w
     assert (finding.name, finding.joints) == ("offset_step", ("j2",))
     assert {p.name: p.value for p in finding.parameters}["t_0"] == pytest.approx(33.0, abs=0.05)
     assert finding.advice.startswith("Add offset_step on j2")
-    (said,) = [w for w in found.warnings if w.startswith("the data held out hold something")]
+    (said,) = [w for w in found.warnings if w.startswith("the error on the data held out is larger")]
     before, after = map(float, re.findall(r"falls from (\S+) to (\S+) %", said)[0])
     # What the step leaves where it is not known of, and the noise: the same on the blocks between as on all that was held out.
     declared_there = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit)).torque_error(held).relative_all
@@ -97,7 +97,7 @@ def test_what_began_late_in_the_data_held_out_is_named_and_said_to_be_unconfirme
     assert values["t_0"] == pytest.approx(LATE, abs=0.05)
     assert "no data are left" in finding.advice
     assert SAID in found.warnings
-    assert "\nwarning: the data held out hold" in str(found)
+    assert "\nwarning: the error on the data held out" in str(found)
     told, (before, after) = found.to_dict(), found.every_row
     assert (told["before"]["relative_every_row"], told["after"]["relative_every_row"]) == (before, after)
     # Rows near reversals that no fit had: the text says what the errors are with them.
