@@ -172,12 +172,15 @@ def diagnose(
         return _diagnosed(before, fitted, kept, estimator, tell, note)
 
     found = diagnosed(wide, held)
-    if held is None or not found.beyond or jumps(held):
+    if held is None or not found.beyond or jumps(held) or _open_in_the_data_fitted(found):
         return found
-    elsewhere = [u.signature == ELSEWHERE for u in found.unexplained]
-    if not all(elsewhere) and (found.findings or not any(elsewhere)):
-        return found  # what is unexplained in the data fitted is no matter of the part held out
     return _of_both_parts(found, wide, held, diagnosed, note)
+
+
+def _open_in_the_data_fitted(found: Diagnosis) -> bool:
+    """Whether what stays unexplained is no matter of the part held out."""
+    elsewhere = [u.signature == ELSEWHERE for u in found.unexplained]
+    return not all(elsewhere) and (bool(found.findings) or not any(elsewhere))
 
 
 def _of_both_parts(

@@ -45,12 +45,12 @@ def simplified(selection: Selection, bank: Bank) -> Selection:
             simple, general = (found[i].judged, rival) if simple_first else (rival, found[i].judged)
             simple_stage, general_stage = (stage, there) if simple_first else (there, stage)
             gain = own_loss(simple_stage.problem, simple_stage.frame) - own_loss(general_stage.problem, general_stage.frame)
-            due = max(occam(general.hit, stage.number) - occam(simple.hit, stage.number), _more(stage, general, simple))
+            due = max(occam(general.hit, stage.number) - occam(simple.hit, stage.number), _price_of_more(stage, general, simple))
             if gain >= due:
                 continue
             odds = 0.5 * (gain - due)
             if simple_first:
-                found[i] = replace(found[i], weights=_divided(found[i], k + 1, odds))
+                found[i] = replace(found[i], weights=_shared_with_general(found[i], k + 1, odds))
                 continue
             shares = _without_general(found[i], k + 1, odds, stage.number)
             best = int(np.argmax(shares))
@@ -75,22 +75,22 @@ def _holds(stage: Stage, general: Judged, simple: Judged) -> bool:
     return bool(np.linalg.norm(left) <= _SAME * np.linalg.norm(B) > 0.0)
 
 
-def _more(stage: Stage, general: Judged, simple: Judged) -> float:
+def _price_of_more(stage: Stage, general: Judged, simple: Judged) -> float:
     """What a general law's further parameters must gain (twice a log-likelihood) on so many rows before they are worth having (G. Schwarz,
     Annals of Statistics 6 (1978))."""
     rows = float(stage.problem.signals.valid[:, acts_on(general)].sum())
     return (general.hit.columns.shape[2] - simple.hit.columns.shape[2]) * float(np.log(max(rows, 2.0)))
 
 
-def _divided(found: Found, place: int, odds: float) -> Array:
+def _shared_with_general(found: Found, place: int, odds: float) -> Array:
     """Weights (m,) of a finding and its rivals: what it has together with a general law in this place is divided by `odds` (logarithm)
     for that one. What was judged twice counts once."""
     everything = (found.judged, *found.rivals)
     out = np.array(found.weights, float)
-    own, general = (_same(everything, at) for at in (0, place))
+    own, general = (_same_thing(everything, at) for at in (0, place))
     both = float(out[own].sum() + out[general].sum())
     out[own], out[general] = 0.0, 0.0
-    share = _share(everything[0], everything[place], odds)
+    share = _share_of_simple(everything[0], everything[place], odds)
     out[0], out[place] = both * share, both * (1.0 - share)
     return out
 
@@ -99,22 +99,22 @@ def _without_general(found: Found, place: int, odds: float, number: int) -> Arra
     """Weights (m,) of all that was judged in the place of a general law, which is worth no more than these `odds` (logarithm) over a simple
     one: what was outdone by its other terms alone is weighed anew."""
     everything = (found.judged, *found.rivals)
-    general = _same(everything, 0)
+    general = _same_thing(everything, 0)
     rest = [k for k in range(len(everything)) if k not in general]
     out = np.zeros(len(everything))
     out[rest] = weights([everything[k] for k in rest], [occam(everything[k].hit, number) for k in rest])
-    simple = _same(everything, place)
+    simple = _same_thing(everything, place)
     both, out[simple] = float(out[simple].sum()), 0.0
-    share = _share(everything[place], everything[0], odds)
+    share = _share_of_simple(everything[place], everything[0], odds)
     out[place], out[0] = both, both * (1.0 - share) / share
     return out / out.sum()
 
 
-def _share(simple: Judged, general: Judged, odds: float) -> float:
+def _share_of_simple(simple: Judged, general: Judged, odds: float) -> float:
     """Of a simple law beside a general one, by what the fit gives the latter and how common each is."""
     return float(1.0 / (1.0 + np.exp(odds) * PRIOR.get(general.hit.candidate.name, 1.0) / PRIOR.get(simple.hit.candidate.name, 1.0)))
 
 
-def _same(everything: Sequence[Judged], at: int) -> list[int]:
+def _same_thing(everything: Sequence[Judged], at: int) -> list[int]:
     """Indices of all that is the same thing at the same place."""
     return [k for k, j in enumerate(everything) if j.hit.place == everything[at].hit.place]
