@@ -12,8 +12,13 @@ from ident.transmission import Side
 from .distortions import Bent, Reading, Ripple
 from .fault import Fault, Setting, dry_law, fault, motor_scales, on_one, smooth_law
 from .laws import Bristle, Dry, Smooth, Soft, Whole
+from .world import pinocchio_model
 
 Array = np.ndarray
+#: How link and rotor swing against each other on a flank of a gear with play: frequency, share of the critical damping.
+_FLANK_HZ = 150.0
+_FLANK_DAMPING = 0.4
+_POSTURES = 64
 
 
 @fault
@@ -178,10 +183,25 @@ def backlash(s: Setting) -> Fault | None:
     if np.count_nonzero(s.arm.robot.transmission.K[s.j]) > 1 or s.arm.robot.joints[s.j].prismatic:
         return None
     gap = 0.006 * s.size * float(np.ptp(s.reach[s.j]))
-    # As stiff as the simulator's step allows: the lighter side swings at 60 Hz on the flank.
-    lighter = min(float(s.arm.drive["Ia"][s.j]) * s.ratio**2, _link_inertia(s))
-    stiffness = lighter * (2 * np.pi * 60.0) ** 2
-    return Fault("backlash", (s.joint,), {"gap": gap}, soft=Soft(s.j, stiffness, stiffness * 2e-3, gap))
+    # As stiff as the simulator's finest step allows in any posture.
+    w = 2 * np.pi * _FLANK_HZ
+    stiffness = _least_inertia_apart(s) * w**2
+    return Fault("backlash", (s.joint,), {"gap": gap}, soft=Soft(s.j, stiffness, stiffness * 2 * _FLANK_DAMPING / w, gap))
+
+
+def _least_inertia_apart(s: Setting) -> float:
+    """Inertia against motion of link and rotor from each other while all other joints give way, the least of the postures."""
+    import pinocchio as pin
+
+    model, data = pinocchio_model(s.arm)
+    inverse, rotors = s.arm.robot.transmission.K_inverse, s.arm.drive["Ia"].copy()
+    rotor, rotors[s.j] = float(rotors[s.j]) * s.ratio**2, 0.0
+    least = np.inf
+    for q in np.random.default_rng(0).uniform(s.reach[:, 0], s.reach[:, 1], (_POSTURES, s.arm.robot.n)):
+        upper = np.triu(pin.crba(model, data, q))
+        links = upper + np.triu(upper, 1).T + inverse.T @ (rotors[:, None] * inverse)
+        least = min(least, 1.0 / (float(np.linalg.inv(links)[s.j, s.j]) + 1.0 / rotor))
+    return least
 
 
 def _link_inertia(s: Setting) -> float:

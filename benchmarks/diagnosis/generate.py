@@ -24,7 +24,7 @@ from ident.transmission import Side
 
 from .arms import Arm, arm
 from .faults import FAULTS, OUTSIDE, Fault, Setting
-from .world import Lane, simulate
+from .world import Lane, Run, simulate
 
 Array = np.ndarray
 
@@ -34,6 +34,8 @@ RATE = 200.0
 #: Torque noise (standard deviation at 200 Hz, colour 0.3) as a share of each joint's rms torque.
 NOISE = 0.02
 _LANES = 60
+#: Steps of the simulator a sample, and where stiff flanks strike each other.
+STEPS, FINE_STEPS = 4, 16
 #: A demand of so many times what a drive can give.
 _LOST = 4.0
 
@@ -85,7 +87,7 @@ def faults(a: Arm, case: Case) -> list[Fault] | None:
 def simulate_cases(a: Arm, cases: Sequence[Case], made: Sequence[list[Fault]]) -> list[dict[str, Array]]:
     """Logs of cases on one arm, all of one length."""
     robot = a.robot
-    runs = simulate(a, [_lane(a, case, own) for case, own in zip(cases, made, strict=True)], cases[0].seconds, RATE)
+    runs = _runs(a, [_lane(a, case, own) for case, own in zip(cases, made, strict=True)], cases[0].seconds)
     logs = []
     for case, own, run in zip(cases, made, runs, strict=True):
         rms = settings(a, case)[1]
@@ -102,6 +104,17 @@ def simulate_cases(a: Arm, cases: Sequence[Case], made: Sequence[list[Fault]]) -
         q = robot.transmission.joint_position(readings.motion.q)
         logs.append({"t": readings.t, "q": q, "tau": readings.tau, "noise": noise})
     return logs
+
+
+def _runs(a: Arm, lanes: Sequence[Lane], seconds: float) -> list[Run]:
+    """Runs of all lanes; where a flank strikes, in finer steps."""
+    strikes = [lane.soft is not None and lane.soft.gap > 0.0 for lane in lanes]
+    out: dict[int, Run] = {}
+    for fine, steps in ((False, STEPS), (True, FINE_STEPS)):
+        own = [i for i, x in enumerate(strikes) if x == fine]
+        if own:
+            out.update(zip(own, simulate(a, [lanes[i] for i in own], seconds, RATE, steps), strict=True))
+    return [out[i] for i in range(len(lanes))]
 
 
 def _lane(a: Arm, case: Case, own: list[Fault]) -> Lane:

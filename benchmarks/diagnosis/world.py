@@ -48,7 +48,7 @@ class Run:
     torque: Array
 
 
-def simulate(declared: Arm, lanes: Sequence[Lane], seconds: float, rate: float, steps: int = 4) -> list[Run]:
+def simulate(declared: Arm, lanes: Sequence[Lane], seconds: float, rate: float, steps: int) -> list[Run]:
     """Runs of arms that share declared controller and number of joints. `steps` integration (and control) steps a sample."""
     world = _World(declared, lanes, seconds, 1.0 / (rate * steps))
     return world.run(round(seconds * rate) + 1, steps)
@@ -63,7 +63,7 @@ class _World:
         self.lanes, self.h, self.n = list(lanes), h, declared.robot.n
         n, B = self.n, len(lanes)
         self.arms = [lane.arm for lane in lanes]
-        self.models = [_pinocchio(lane.arm) for lane in lanes]
+        self.models = [pinocchio_model(lane.arm) for lane in lanes]
         self.K_inverse = np.stack([a.robot.transmission.K_inverse for a in self.arms])
         self.zero = np.stack([a.robot.transmission.zero for a in self.arms])
         self.Ia, self.Fv, self.Fc = (np.stack([a.drive[s] for a in self.arms]) for s in ("Ia", "Fv", "Fc"))
@@ -124,7 +124,7 @@ class _World:
             now = 1.5 * v - 0.5 * before
             for b, lane in enumerate(self.lanes):
                 if lane.changed is not None and t >= lane.change_at:
-                    self.models[b] = _pinocchio(lane.changed)
+                    self.models[b] = pinocchio_model(lane.changed)
                     self.lanes[b] = Lane(lane.arm, lane.motion, lane.laws, lane.limit, lane.loss, lane.soft)
                 model, data = self.models[b]
                 H[b] = pin.crba(model, data, y[b, :n])
@@ -198,7 +198,8 @@ class _World:
         np.maximum(levels, 0.0, out=levels)
 
 
-def _pinocchio(a: Arm):
+def pinocchio_model(a: Arm):
+    """Model and data of an arm's links as they truly are."""
     import pinocchio as pin
 
     model = a.robot.model.copy()
