@@ -111,6 +111,20 @@ class Dynamics:
 
         return CompiledPlant.of(self)
 
+    def fastest_spring(self, state: State) -> tuple[float, str]:
+        """How fast (1/s) drives can swing, or settle, against their links while everything else gives way: the largest modulus of the
+        rates of all runs, and the joint that moves most with it. Only of a plant with flexible joints."""
+        assert self.flexible is not None
+        n, f = self.n, self.m - self.n
+        free = np.linalg.inv(self._rigid_terms(state)[0])[:, n:, n:]
+        rates = np.zeros((len(free), 2 * f, 2 * f))
+        rates[:, :f, f:] = np.eye(f)
+        rates[:, f:, :f] = -free * np.asarray(self.flexible.stiffness, float)
+        rates[:, f:, f:] = -free * np.asarray(self.flexible.damping, float)
+        values, vectors = np.linalg.eig(rates)
+        lane, i = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
+        return float(np.abs(values[lane, i])), self.flexible.joints[int(np.argmax(np.abs(vectors[lane, :f, i])))]
+
     # --- set-up -------------------------------------------------------------------------------------------------------
 
     def _require_drive_inertia(self, soft: list[int]) -> None:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from .sensors import Sensors
 
 Array = np.ndarray
+#: Rate times step up to which a Runge-Kutta step does not blow up what it is to damp (2.78), with some room for other postures.
+_STABLE = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,7 @@ def run(
     h = period / substeps
     dynamics = plant.dynamics(0.0)
     state = dynamics.start(np.zeros(lanes), q, dq)
+    _require_resolved(dynamics, state, h)
     if not actuators and len(plant.schedule.values) == 1:
         whole = _all_compiled(dynamics, command, state, linear, period, substeps, every, progress)
         if whole is not None:
@@ -139,6 +142,18 @@ def run(
             guess = phase.response.a
     link, motor = Coordinates(*keep[:3]), Coordinates(*keep[3:6])
     return Record(np.arange(len(held)) * every * period, link, motor, keep[6], held, states, reported, applied, every, period, linear)
+
+
+def _require_resolved(dynamics: Dynamics, state: State, h: float) -> None:
+    """Refuse steps that springs of the plant do not stand: between the flanks of a gap they would shake without end, not grow."""
+    if dynamics.flexible is None:
+        return
+    rate, joint = dynamics.fastest_spring(state)
+    if rate * h > _STABLE:
+        raise ConfigurationError(
+            f"joint {joint!r} is so stiff or so damped that drive and link move against each other at {rate:.3g} 1/s, too fast for an"
+            f" integration step of {h:.3g} s: give simulate() step={1.0 / rate:.1g} or less, or a softer spring."
+        )
 
 
 def _started(actuators: tuple[Actuator, ...], command: Array) -> list[Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from effect_robots import pendulum, slide
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ident.errors import ConfigurationError
 from ident.friction import AsymmetricCoulomb, Coulomb, LoadDependentFriction, RotorInertia, Stribeck, Viscous
 from ident.robot import Robot
 from ident.robots import load_robot, nominal_values
@@ -212,6 +214,18 @@ def test_backlash_leaves_the_link_alone_within_the_gap() -> None:
     assert not free.all()
     first = np.flatnonzero(~free)[0]
     np.testing.assert_allclose(run.q[:first], 0.0, atol=1e-15)
+
+
+def test_steps_too_long_for_a_spring_are_refused_with_those_that_do() -> None:
+    """A flank that is damped faster than a step shakes between its sides without growing: nothing else would tell."""
+    push = {"torque": np.full((41, 1), 0.05), "start": (np.zeros(1), np.zeros(1)), "rate": 1000.0}
+    plant = _two_mass(gap=0.02, damping=5000.0)
+    with pytest.raises(ConfigurationError, match=r"joint 'j1' .* step of 0.001 s: give simulate\(\) step=(\S+) or less") as refused:
+        simulate(plant, **push)
+    step = float(re.search(r"step=(\S+)", str(refused.value)).group(1))
+    settled = simulate(plant, **push, step=step)
+    finer = simulate(plant, **push, step=step / 8)
+    np.testing.assert_allclose(settled.q, finer.q, atol=1e-3 * np.abs(finer.q).max())
 
 
 @settings(max_examples=200, deadline=None)
