@@ -9,6 +9,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ DETECTABLE = 10.8
 CHANCE = 0.005
 SURE = 10.0 * DETECTABLE
 _BLOCKS = 12
+#: Fits of a model with known responses, each of columns at the last one's prediction.
+_PASSES = 4
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,8 @@ class Oracle:
     generator's own noise `floor` (n,).
 
     Each model is refitted on all rows and on those not near reversals, as the diagnosis itself refits (there the sign of the speed is
-    wrong by its own error in time, and contacts hold), and counts at the better of the two: the truth, and what is set against it."""
+    wrong by its own error in time, and contacts hold), and with responses free or as their shapes say; it counts at the best of these:
+    the truth, and what is set against it."""
 
     found: Any
     fit: Signals
@@ -90,8 +94,44 @@ class Oracle:
             for effect in effects:
                 model = model + effect
                 reference = np.append(reference, np.zeros(len(effect.parameters(model.robot))))
-            self._kept[key] = self.scaled(self.refitted(model, reference))
+            free = self.refitted(model, reference)
+            known = [self._responding(free, effects, signals) for signals in self._fitted]
+            tried = [self.scaled(one) for one in (free, *known) if one is not None]
+            self._kept[key] = min(tried, key=lambda x: float(np.nansum(x**2)))
         return self._kept[key]
+
+    def _responding(self, free: Any, effects: Sequence[Effect], signals: Signals) -> Any:
+        """The refit in which effects respond as their shapes say: one who knows the truth knows that a drive is cut off at its limit, or
+        a prediction late by its delay, even if the fitted part shows next to nothing of it. None where no effect says so.
+
+        Rows weigh as in the refit with `free` responses."""
+        robot = free.model.robot
+        known = {
+            p.name: float(value)
+            for effect in effects
+            if (response := effect.response(robot)) is not None
+            for p, value in zip(effect.parameters(robot), response, strict=True)
+        }
+        values = free.all_values
+        base = Problem(free.model, signals, reference=values).base
+        places = [i for i, name in enumerate(base.names) if name in known]
+        if not known or len(places) < len(known):
+            return None
+        rest = [i for i in range(base.count) if i not in places]
+        fixed = np.array([known[base.names[i]] for i in places])
+        weight = 1.0 / np.maximum(free.fit_error.rms, 1e-300)
+        for _ in range(_PASSES):
+            problem = Problem(free.model, signals, reference=values)
+            parts = []
+            for rows in problem.rows():
+                valid, scale = signals.valid[rows.place], np.broadcast_to(weight, rows.tau.shape)
+                parts.append(((rows.columns * scale[:, :, None])[valid], (rows.tau * scale)[valid]))
+            columns, torque = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+            found = np.empty(base.count)
+            found[places] = fixed
+            found[rest] = np.linalg.lstsq(columns[:, rest], torque - columns[:, places] @ fixed, rcond=None)[0]
+            values = base.expand(found)
+        return SimpleNamespace(model=free.model, all_values=values)
 
     def refitted(self, model: Model, reference: Array) -> Any:
         """The better one of both refits of a model; `reference`: values that its own prediction is made of."""
