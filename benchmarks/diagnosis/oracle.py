@@ -105,17 +105,19 @@ class Oracle:
         a prediction late by its delay, even if the fitted part shows next to nothing of it. None where no effect says so.
 
         Rows weigh as in the refit with `free` responses."""
-        robot = free.model.robot
+        robot = self.found.before.model.robot
         known = {
             p.name: float(value)
             for effect in effects
             if (response := effect.response(robot)) is not None
             for p, value in zip(effect.parameters(robot), response, strict=True)
         }
+        if not known:
+            return None
         values = free.all_values
         base = Problem(free.model, signals, reference=values).base
         places = [i for i, name in enumerate(base.names) if name in known]
-        if not known or len(places) < len(known):
+        if len(places) < len(known):
             return None
         rest = [i for i in range(base.count) if i not in places]
         fixed = np.array([known[base.names[i]] for i in places])

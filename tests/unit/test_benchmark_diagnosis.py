@@ -9,6 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from effect_robots import pendulum
+
+from ident.effect import make_effect
+from ident.estimators import WeightedLeastSquares
+from ident.friction import Viscous
+from ident.logs import Log, LogSet
+from ident.motion import Motion
+from ident.problem import Problem
+from ident.signals import ZeroPhase
 
 run = pytest.importorskip("benchmarks.diagnosis.run")
 from benchmarks.diagnosis import arms, world  # noqa: E402
@@ -203,6 +212,9 @@ def test_truth_and_rival_count_at_their_better_refit_alike(monkeypatch: pytest.M
         def parameters(self, robot: Any) -> tuple[Any, ...]:
             return ()
 
+        def response(self, robot: Any) -> None:
+            return None
+
     class Declared:
         robot = None
 
@@ -217,6 +229,37 @@ def test_truth_and_rival_count_at_their_better_refit_alike(monkeypatch: pytest.M
     assert told["as_good"]
     assert told["gain"] == 0.0
     assert sorted(refits) == [("all", "rival"), ("all", "truth"), ("few", "rival"), ("few", "truth")]
+
+
+def test_the_truth_is_handed_over_with_the_response_that_its_shape_says() -> None:
+    """A limit that only the held-out part reaches: the fitted part says nothing of the response, so that a fit leaves it at zero; but one
+    who knows that the reading is cut off knows by how much."""
+    robot = pendulum()
+    model, values = robot.rigid_body() + Viscous(), np.append(robot.nominal, 0.5)
+    t = np.arange(2000) / 200.0
+    rng = np.random.default_rng(3)
+    noise, limit = 0.01, 0.0
+    parts = []
+    for width in (0.3, 1.2):
+        q = width * (np.sin(2.0 * t) + 0.5 * np.sin(5.0 * t + 1.0))[:, None]
+        dq = width * (2.0 * np.cos(2.0 * t) + 2.5 * np.cos(5.0 * t + 1.0))[:, None]
+        ddq = -width * (4.0 * np.sin(2.0 * t) + 12.5 * np.sin(5.0 * t + 1.0))[:, None]
+        tau = model.torque(Motion.of(robot, q, dq, ddq), values)
+        limit = limit or 1.2 * float(np.abs(tau).max())
+        reading = np.clip(tau, -limit, limit) + noise * rng.normal(size=tau.shape)
+        logs = LogSet((Log("run", t, q=q, tau={robot.transmission.measured.value: reading}),), robot=robot)
+        parts.append(ZeroPhase(cutoff_hz=20.0)(logs))
+        assert (np.abs(tau).max() > limit) == (width > 1.0)
+    fit, held = parts
+    before = WeightedLeastSquares().solve(Problem(model, fit))
+    judge = Oracle(SimpleNamespace(before=before), fit, held, np.array([noise]))
+    truth = make_effect("saturation", limit=limit, clipped="log")
+    gain = judge.gain([], [truth])
+    assert gain.clear
+    left = np.sqrt(np.nanmean(judge.with_effects([truth]) ** 2))
+    assert left < 0.1 * np.sqrt(np.nanmean(judge.with_effects([]) ** 2))
+    # What its shape says nothing of is left to the fit.
+    assert judge._responding(before, [make_effect("offset")], fit) is None
 
 
 @pytest.mark.parametrize(("name", "joint"), [("ur5", 2), ("scara", 0)])
