@@ -26,9 +26,13 @@ _SURELY = 5.0
 _COUNTS = 0.1
 #: Noise has a root mean square of 1.48 times its median size; of so many times that it comes in bursts.
 _BURSTS = 1.5
+#: The same of rows that are not whitened: noise whose colour fades over a tenth of the rows comes to 2.0 once in ten thousand times.
+_COLOURED = 2.2
 #: So many rows beyond so many standard deviations are bursts as well: noise has one in two million.
 _FAR = 5.0
 _SEVERAL = 4
+#: Rows between one burst and the next.
+_APART = 10
 #: A line stands so far above the median of its neighbours in the spectrum (chance among a thousand: once in 10⁹), and holds at least
 #: this share of all power.
 _LINE = 40.0
@@ -55,16 +59,15 @@ def irregular(stage: Stage, joint: int) -> Irregular | None:
     rows = int(valid.sum())
     if rows < _FEW or float(np.mean(residual[valid] ** 2)) < _COUNTS:
         return None
-    return _line(stage, joint) or _bursts(residual[valid]) or _beyond(residual[valid])
+    raw = unwhitened_rows(stage.white, residual, joint, valid)
+    return _line(stage, raw, valid) or _bursts(residual[valid]) or _smooth_bursts(raw[valid]) or _beyond(residual[valid])
 
 
-def _line(stage: Stage, joint: int) -> Irregular | None:
+def _line(stage: Stage, raw: Array, valid: Array) -> Irregular | None:
     from scipy.ndimage import median_filter
 
     signals = stage.problem.signals
-    valid = signals.valid[:, joint]
     rate = signals.rate / (signals.row_filter.factor if signals.row_filter else 1)
-    raw = unwhitened_rows(stage.white, stage.frame.residual[joint], joint, valid)
     best: tuple[float, float, float] | None = None
     for run in signals.row_runs:
         x = raw[run]
@@ -99,6 +102,20 @@ def _bursts(residual: Array) -> Irregular | None:
         (len(residual) * (power - 1.0), float(np.sqrt(2.0 * len(residual))) * power), (held, held / np.sqrt(max(1.0, float(far.sum()))))
     )
     return Irregular(name, evidence, error, float(np.sqrt(evidence / len(residual))))
+
+
+def _smooth_bursts(raw: Array) -> Irregular | None:
+    """Bursts of so smooth a course, hit so seldom, that a filter takes them for the colour of the noise and its error for the level.
+
+    Rows in a burst are not independent: each burst counts by its highest row."""
+    squares = raw**2 / max(float(np.median(raw**2)) / 0.4549, 1e-300)
+    power, far = float(np.mean(squares)), np.flatnonzero(squares > _FAR**2)
+    if power <= _COLOURED**2 or len(far) < _SEVERAL:
+        return None
+    bursts = np.split(far, np.flatnonzero(np.diff(far) > _APART) + 1)
+    heights = np.array([float(squares[burst].max()) for burst in bursts])
+    name = f"no quantity, but comes in bursts ({100 * float(np.mean(squares > 9.0)):.2g} % of the rows hold most of it)"
+    return Irregular(name, float(heights.sum()), float(np.sqrt(np.sum(heights**2))), float(np.sqrt(power - 1.0)))
 
 
 def _beyond(residual: Array) -> Irregular | None:
