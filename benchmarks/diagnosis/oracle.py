@@ -105,13 +105,7 @@ class Oracle:
         a prediction late by its delay, even if the fitted part shows next to nothing of it. None where no effect says so.
 
         Rows weigh as in the refit with `free` responses."""
-        robot = self.found.before.model.robot
-        known = {
-            p.name: float(value)
-            for effect in effects
-            if (response := effect.response(robot)) is not None
-            for p, value in zip(effect.parameters(robot), response, strict=True)
-        }
+        known = self._responses(effects)
         if not known:
             return None
         values = free.all_values
@@ -134,6 +128,16 @@ class Oracle:
             found[rest] = np.linalg.lstsq(columns[:, rest], torque - columns[:, places] @ fixed, rcond=None)[0]
             values = base.expand(found)
         return SimpleNamespace(model=free.model, all_values=values)
+
+    def _responses(self, effects: Sequence[Effect]) -> dict[str, float]:
+        """Parameter → value, of effects whose shapes say it."""
+        robot = self.found.before.model.robot
+        return {
+            p.name: float(value)
+            for effect in effects
+            if (response := effect.response(robot)) is not None
+            for p, value in zip(effect.parameters(robot), response, strict=True)
+        }
 
     def refitted(self, model: Model, reference: Array) -> Any:
         """The better one of both refits of a model; `reference`: values that its own prediction is made of."""

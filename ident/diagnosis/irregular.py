@@ -89,33 +89,39 @@ def _line(stage: Stage, raw: Array, valid: Array) -> Irregular | None:
 
 
 def _bursts(residual: Array) -> Irregular | None:
-    usual = float(np.median(residual**2)) / 0.4549  # the median of a χ² of one degree of freedom
-    squares = residual**2 / max(usual, 1e-300)
+    squares = _over_usual(residual)
     power, far = float(np.mean(squares)), squares > _FAR**2
     if power <= max(_BURSTS**2, 1.0 + _SURELY * np.sqrt(2.0 / len(residual))) and int(far.sum()) < _SEVERAL:
         return None
-    share = float(np.mean(squares > 9.0))
-    name = f"no quantity, but comes in bursts ({100 * share:.2g} % of the rows hold most of it)"
     # What few rows hold may be little beside the noise of all others: it is they that count.
     held = float(squares[far].sum())
     evidence, error = max(
         (len(residual) * (power - 1.0), float(np.sqrt(2.0 * len(residual))) * power), (held, held / np.sqrt(max(1.0, float(far.sum()))))
     )
-    return Irregular(name, evidence, error, float(np.sqrt(evidence / len(residual))))
+    return Irregular(_in_bursts(squares), evidence, error, float(np.sqrt(evidence / len(residual))))
 
 
 def _smooth_bursts(raw: Array) -> Irregular | None:
     """Bursts of so smooth a course, hit so seldom, that a filter takes them for the colour of the noise and its error for the level.
 
     Rows in a burst are not independent: each burst counts by its highest row."""
-    squares = raw**2 / max(float(np.median(raw**2)) / 0.4549, 1e-300)
+    squares = _over_usual(raw)
     power, far = float(np.mean(squares)), np.flatnonzero(squares > _FAR**2)
     if power <= _COLOURED**2 or len(far) < _SEVERAL:
         return None
     bursts = np.split(far, np.flatnonzero(np.diff(far) > _APART) + 1)
     heights = np.array([float(squares[burst].max()) for burst in bursts])
-    name = f"no quantity, but comes in bursts ({100 * float(np.mean(squares > 9.0)):.2g} % of the rows hold most of it)"
-    return Irregular(name, float(heights.sum()), float(np.sqrt(np.sum(heights**2))), float(np.sqrt(power - 1.0)))
+    return Irregular(_in_bursts(squares), float(heights.sum()), float(np.sqrt(np.sum(heights**2))), float(np.sqrt(power - 1.0)))
+
+
+def _over_usual(rows: Array) -> Array:
+    """Squares of rows over what noise of their median size has: the median of a χ² of one degree of freedom is 0.4549."""
+    squares = rows**2
+    return np.asarray(squares / max(float(np.median(squares)) / 0.4549, 1e-300))
+
+
+def _in_bursts(squares: Array) -> str:
+    return f"no quantity, but comes in bursts ({100 * float(np.mean(squares > 9.0)):.2g} % of the rows hold most of it)"
 
 
 def _beyond(residual: Array) -> Irregular | None:
