@@ -129,8 +129,8 @@ def _often(judged: Judged) -> bool:
 def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     """Whether a candidate matters on its rows, and is more than the inexactness of those accepted there."""
     rows = acts_on(judged)
-    # A candidate on several joints is measured by what was explained on each of them in the share in which it acts there itself.
     share = share_on_rows(judged)
+    # A candidate on several joints is measured by what was explained on each of them in the share in which it acts there itself.
     explained = sum(float(share[acts_on(f.judged)].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
     # As much as the noise itself is no inexactness, however much was explained before.
     exact = all(_of_mechanics(f.effect) for f in beside if (acts_on(f.judged) & rows).any())
@@ -138,6 +138,18 @@ def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     inexact = min(explained, large**2 * float(stage.problem.signals.valid[:, rows].sum()))
     loss = float(share @ np.sum(stage.frame.residual**2, axis=1))
     return judged.evidence > max(inexact, _MATTERS * loss)
+
+
+def elsewhere(judged: Judged, beside: Sequence[Found]) -> bool:
+    """Whether a candidate acts on rows that no finding acts on, nor what came near to being found in its place: it is not what is left there
+    of one that its law tells inexactly, not even if all of what little that explains on these rows were in error by its share."""
+    rows = acts_on(judged)
+    for f in beside:
+        near = [r for r in f.rivals if r.evidence > NEAR * f.judged.evidence]
+        if any((acts_on(j) & rows).any() for j in (f.judged, *near)):
+            return False
+    inexact = sum(float(share_on_rows(f.judged)[rows].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
+    return judged.evidence > inexact
 
 
 def share_on_rows(judged: Judged) -> Array:

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from ..estimate import Estimate
     from ..signals import Signals
 
+    #: The estimate of a stage's model on all rows but those near reversals of some joints.
+    Refit = Callable[[Stage, tuple[str, ...]], Estimate]
+
 Array = np.ndarray
 #: Evidence of less than so many times the threshold is none where held-out data do not show it either: the noise need only be twice as
 #: strong there as it was taken for.
@@ -58,25 +61,31 @@ class LastWord:
     fell_beyond_chance: bool = True
 
 
-def last_word(
-    selection: Selection, bank: Bank, declared: Estimate, held: Signals | None, refit: Callable[[Stage, tuple[str, ...]], Estimate]
-) -> LastWord:
-    """Held-out data on a selection: where nothing was found they may confirm what came near to it; they decide between rivals that the
-    data fitted cannot tell apart, and have what does harm taken back. `refit`: see `confirmed`."""
+def last_word(selection: Selection, bank: Bank, declared: Estimate, held: Signals | None, refit: Refit) -> LastWord:
+    """Held-out data on a selection: they may confirm what came near to being found, they decide between rivals that the data fitted cannot
+    tell apart, and have what does harm taken back. `refit`: see `confirmed`."""
     if held is None:
         return LastWord(selection, refit(selection.final, ()) if selection.found else declared)
     rows = without_reversals(held, selection.final.turning)
-    selection, confirms = nominated(selection, bank, declared, rows, lambda stage: refit(stage, ()))
+    settled = contested(selection, bank, rows, refit) if selection.found else None
+    first = selection if settled is None else settled.selection
+    of_itself = {f.judged.hit.place for f in first.found}
+    selection, confirms = nominated(first, bank, declared, rows, lambda stage: refit(stage, ()))
     if not selection.found:
         return LastWord(selection, declared)
-    contest = contested(selection, bank, rows, refit)
-    kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit, barely=0.0 if confirms else _BARELY)
+
+    def nominee(found: Found) -> bool:
+        return bool(confirms) and found.judged.hit.place not in of_itself
+
+    contest = settled if settled is not None and not confirms else contested(selection, bank, rows, refit)
+    decided = (*(settled.said if settled is not None and confirms else ()), *contest.said)
+    kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit, nominee)
     unexplained, warning = refusals(kept)
-    said = (*([confirms] if confirms else []), *contest.said, *kept.said, *([warning] if warning else []), *_not_shown(kept))
+    said = (*([confirms] if confirms else []), *decided, *kept.said, *([warning] if warning else []), *_not_shown(kept))
     unseen, faint = (tuple(f.effect for f in some) for some in (kept.unseen, kept.faint))
     change = Change.of(declared, kept.after, rows)
     # One of so many that were asked about beforehand, with values of the fitted part: one of so many hypotheses.
-    owed = tuple(f.effect for f in kept.selection.found if confirms and not change.shown_of(NOMINATED))
+    owed = tuple(f.effect for f in kept.selection.found if nominee(f) and not kept.borne_out(f, declared, bank, rows, refit))
     grown, error = change.on(np.ones(rows.robot.n, bool))
     shown = -grown > SURELY * error
     return LastWord(kept.selection, kept.after, kept.refused, unexplained, unseen, faint, owed, said, shown, shown or change.shown)
@@ -94,6 +103,12 @@ class Confirmed:
     faint: tuple[Found, ...] = ()
     said: tuple[str, ...] = ()
 
+    def borne_out(self, one: Found, declared: Estimate, bank: Bank, rows: Signals, refit: Refit) -> bool:
+        """Whether the error falls with one of the findings by more than chance gives the best of all that were nominated."""
+        others = [f.effect for f in self.selection.found if f is not one]
+        without = refit(with_effects(self.selection.declared, others, self.selection.final, bank), ()) if others else declared
+        return Change.of(without, self.after, rows).shown_of(NOMINATED)
+
 
 def confirmed(
     selection: Selection,
@@ -101,14 +116,14 @@ def confirmed(
     declared: Estimate,
     after: Estimate,
     rows: Signals,
-    refit: Callable[[Stage, tuple[str, ...]], Estimate],
-    barely: float = _BARELY,
+    refit: Refit,
+    nominee: Callable[[Found], bool] = lambda _: False,
 ) -> Confirmed:
     """Take back findings until the error on held-out data grows on no joint, and on all together, by more than chance.
 
     `after`: the estimate of the selection's model; `rows`: of the held-out data. `refit`: the estimate of a stage's model on all rows
-    but those near reversals of some joints. `barely`: evidence on the data fitted of so many times the threshold is little (0 for what the
-    held-out data have been asked about: there it has less, and they bore it out).
+    but those near reversals of some joints. `nominee`: whether held-out data have been asked about a finding: it has less evidence on the
+    data fitted, and they bore it out.
 
     First on all rows; if that does harm, without those near reversals of the joints of the findings, which were not looked at when the
     findings were chosen either. A rival that helps takes the place of what does harm, where findings are few: of many each draws a part,
@@ -131,7 +146,7 @@ def confirmed(
             change = Change.of(declared, after, rows)
         harmful, unseen, faint = change.harms(found), list[Found](), list[Found]()
         if not harmful:
-            harmful, unseen, faint = _borne_out(found, change.doubtful(found), stage.number, without, after, rows, barely)
+            harmful, unseen, faint = _borne_out(found, change.doubtful(found), stage.number, without, after, rows, nominee)
         if not harmful:
             left = replace(selection, final=stage, found=tuple(found))
             return Confirmed(left, after, tuple(refused), tuple(unseen), tuple(faint), tuple(said))
@@ -157,11 +172,12 @@ def _borne_out(
     without: Callable[[Found], Estimate],
     after: Estimate,
     rows: Signals,
-    barely: float = _BARELY,
+    nominee: Callable[[Found], bool],
 ) -> tuple[list[Found], list[Found], list[Found]]:
     """Of findings that harm no joint one that does harm on the whole, or is barely there at all, if any is; those that gain nothing; and
     those that gain no more than chance might. What is gained elsewhere, by parameters that are free of a bias now, counts as well: each is
-    compared with the model without it. `number`: of candidates; `without`: the estimate of that model; `after`: that of all."""
+    compared with the model without it. `number`: of candidates; `without`: the estimate of that model; `after`: that of all;
+    `nominee`: see `confirmed`."""
     unseen, faint = list[Found](), list[Found]()
     for f in sorted(found, key=lambda f: f.judged.evidence):
         change = Change.of(without(f), after, rows)
@@ -171,7 +187,7 @@ def _borne_out(
                 return [f], [], []
             unseen.append(f)
         elif not change.shown:
-            if not change.hinted and f.judged.evidence < barely * threshold(f.judged.hit, number):
+            if not change.hinted and not nominee(f) and f.judged.evidence < _BARELY * threshold(f.judged.hit, number):
                 return [f], [], []
             faint.append(f)
     return [], unseen, faint

@@ -5,8 +5,8 @@ the fitted part gains by it stays below what chance yields over the whole catalo
 catalogue any more: a candidate that was named beforehand, with values fitted beforehand, is one hypothesis. It is asked for a clear gain
 there, and for as much evidence as the fitted part lacks: parameters that the fitted part tells little of are off, and by chance a candidate
 may make up for that, so the evidence is the ratio of what both models foretell as far as their parameters are known, under the noise's
-colour. Of a few such candidates the one with most is taken, and all that came near it are its rivals. Beside findings nobody is nominated:
-what falls short there is more often the inexactness of their laws."""
+colour. Of a few such candidates the one with most is taken, and all that came near it are its rivals. Beside findings, only what acts on
+other rows than they do is nominated: what falls short on their own is more often the inexactness of their laws."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .acceptance import Found
+from .acceptance import FEW, Found, elsewhere
 from .bank import Bank
 from .change import Change
 from .contest import settled_with
@@ -49,21 +49,22 @@ _CLEARLY = 2.0 * math.log(NOMINATED / FALSE_ALARM)
 def nominated(
     selection: Selection, bank: Bank, declared: Estimate, rows: Signals, refit: Callable[[Stage], Estimate]
 ) -> tuple[Selection, str]:
-    """A selection that found nothing, with the candidate that came nearest to it if held-out data confirm that; and what is to be said
-    then. `declared`: the estimate of the declared model; `rows`: of the held-out data; `refit`: the estimate of a stage's model."""
-    if selection.found:
+    """A selection with the candidate that came nearest to being found as its last finding, if held-out data confirm it; and what is to be
+    said then. `declared`: the estimate of the declared model; `rows`: of the held-out data; `refit`: the estimate of a stage's model."""
+    found, white = selection.found, selection.final.white
+    able = [j for j in selection.nearest if elsewhere(j, found)] if len(found) < FEW else []
+    near = [j for j in able[:NOMINATED] if -surplus(j, selection.final.number) <= _LACKING]
+    if not near:
         return selection, ""
     best: tuple[float, Selection, str] | None = None
-    white = selection.final.white
-    without = Foretelling(declared, rows).surprise(white) if selection.nearest else 0.0
-    for judged in selection.nearest[:NOMINATED]:
+    fewer = refit(selection.final) if found else declared
+    without = Foretelling(fewer, rows).surprise(white)
+    for judged in near:
         lacking = -surplus(judged, selection.final.number)
-        if lacking > _LACKING:
-            break
-        one = _found(judged, selection.nearest, selection.final)
-        stage = with_effects(selection.declared, [one.effect], selection.final, bank)
+        one = _found(judged, able, selection.final)
+        stage = with_effects(selection.declared, [*(f.effect for f in found), one.effect], selection.final, bank)
         estimate = refit(stage)
-        grown, error = Change.of(declared, estimate, rows).on(np.ones(rows.robot.n, bool))
+        grown, error = Change.of(fewer, estimate, rows).on(np.ones(rows.robot.n, bool))
         told = without - Foretelling(estimate, rows).surprise(white)
         # What shows in one stretch alone has as large a standard error as it is itself: there, the evidence must not be weak.
         lasting = -grown > _SURELY * error or told > WEAK
@@ -75,7 +76,7 @@ def nominated(
                 f" {judged.evidence + lacking:.0f} is asked for); the data held out confirm it (the squared error over the noise falls by"
                 f" {-grown:.0f} ± {error:.0f}; evidence {told:.0f}). So they had a part in the finding."
             )
-            best = told, replace(selection, final=stage, found=(one,)), said
+            best = told, replace(selection, final=stage, found=(*found, one)), said
     return (best[1], best[2]) if best else (selection, "")
 
 
@@ -83,9 +84,9 @@ def _can_be(selection: Selection, one: Found, bank: Bank) -> bool:
     """Whether a candidate is what it is called at the best of its shapes: the search looked at a few of them."""
     if one.effect.response(selection.final.problem.model.robot) is None or not one.effect.shape():
         return True
-    stage, effects = settled_with(selection, [one.effect], selection.final, bank)
-    ((values, _),) = unbound(stage, effects)
-    return not too_small_at_its_best(effects[0], values, support(stage, effects[0]), stage.problem.model.robot)
+    stage, effects = settled_with(selection, [*(f.effect for f in selection.found), one.effect], selection.final, bank)
+    values, _ = unbound(stage, effects)[-1]
+    return not too_small_at_its_best(effects[-1], values, support(stage, effects[-1]), stage.problem.model.robot)
 
 
 def _found(judged: Judged, every: Sequence[Judged], stage: Stage) -> Found:

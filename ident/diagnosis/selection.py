@@ -40,8 +40,8 @@ Place = tuple[str, tuple[str, ...], tuple[str, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """From the declared model's stage to the last one, with what was found on the way; `trail` tells the steps; `nearest`: where nothing
-    was found, the candidates that might have been, the nearest to it first."""
+    """From the declared model's stage to the last one, with what was found on the way; `trail` tells the steps; `nearest`: the candidates
+    that might have been found beside these, the nearest to it first."""
 
     declared: Stage
     final: Stage
@@ -100,12 +100,12 @@ def select(
         # that draws a part.)
         forward.accepted.update(dict.fromkeys(gone, _CHANCES))
         first, stage = (first, stage) if found else (begun, begun)
-    return Selection(first, stage, tuple(found), tuple(trail), () if found else tuple(forward.nearest))
+    return Selection(first, stage, tuple(found), tuple(trail), tuple(forward.nearest))
 
 
 @dataclass
 class _Forward:
-    """Steps forward. `accepted`: how often each thing was; `nearest`: what came near to being found before anything was."""
+    """Steps forward. `accepted`: how often each thing was; `nearest`: what came near to being found in the last round."""
 
     bank: Bank
     say: Callable[[str], None]
@@ -150,8 +150,7 @@ class _Forward:
         for j in all_ranked[:8]:
             self.say(f"    {described(j, stage.number)}")
         able = undecoyed(all_ranked)
-        if not found:
-            self.nearest = [j for j in able if j.evidence > 0.0]
+        self.nearest = [j for j in able if j.evidence > 0.0]
         # Two that make room for each other would do so for ever.
         new = chosen(stage, [j for j in able if self.accepted[j.hit.place] < _CHANCES], found)
         if new is not None:

@@ -17,7 +17,7 @@ from ident.diagnosis import Finding, diagnose
 from ident.diagnosis import confirmed as confirmed_module
 from ident.diagnosis import diagnosis as diagnosis_module
 from ident.diagnosis import withdrawn as withdrawn_module
-from ident.diagnosis.acceptance import Found
+from ident.diagnosis.acceptance import Found, elsewhere
 from ident.diagnosis.analysis import without_reversals
 from ident.diagnosis.bank import Bank
 from ident.diagnosis.change import Change, by_signs
@@ -189,6 +189,32 @@ def test_held_out_data_confirm_what_the_fitted_ones_suggest_with_too_little_evid
     without = diagnose(before, prepared(32, [], [], width=0.4, noise=0.01))
     assert without.findings == ()
     assert not any("too little evidence" in w for w in without.warnings)
+
+
+def test_held_out_data_confirm_it_beside_a_finding_on_another_joint() -> None:
+    faults, sizes = [make_effect("linear_spring", joints="j4"), make_effect("asymmetric_viscous", joints="j2")], [30.0, 0.0, 0.003]
+    fit = prepared(31, faults, sizes, width=0.2)
+    model, _ = declared(fit.robot)
+    before = WeightedLeastSquares().solve(Problem(model, fit))
+    found = diagnose(before, prepared(32, faults, sizes, width=0.4, noise=0.01))
+    assert [(f.name, f.joints) for f in found.findings] == [("linear_spring", ("j4",)), ("asymmetric_viscous", ("j2",))]
+    assert any("asymmetric_viscous on j2" in w and "had a part" in w for w in found.warnings)
+    assert found.findings[1].parameters[0].value == pytest.approx(0.003, abs=3.0 * found.findings[1].parameters[0].std)
+    without = diagnose(before, prepared(32, faults[:1], sizes[:2], width=0.4, noise=0.01))
+    assert [f.name for f in without.findings] == ["linear_spring"]
+
+
+def test_only_what_acts_on_other_rows_is_nominated_beside_findings() -> None:
+    weak, strong = a_finding(1, 20.0).judged, a_finding(0, 1e4)
+    assert elsewhere(weak, [])
+    assert elsewhere(weak, [strong])
+    assert not elsewhere(weak, [strong, a_finding(1, 1e4)])
+    near, far = a_finding(1, 9e3).judged, a_finding(1, 7e3).judged
+    assert not elsewhere(weak, [cast(Found, SimpleNamespace(judged=strong.judged, rivals=(near,)))])
+    assert elsewhere(weak, [cast(Found, SimpleNamespace(judged=strong.judged, rivals=(far,)))])
+    # A finding that weighs little on those rows, and may yet leave as much there.
+    strong.judged.hit.columns[1] = np.sqrt(0.12)
+    assert not elsewhere(weak, [strong])
 
 
 def test_a_rival_that_helps_stands_in_for_what_does_harm() -> None:
@@ -386,7 +412,9 @@ def a_finding(joint: int, evidence: float) -> Found:
     return cast(
         Found,
         SimpleNamespace(
-            judged=SimpleNamespace(hit=SimpleNamespace(columns=columns), score=SimpleNamespace(values=np.ones(1)), evidence=evidence)
+            judged=SimpleNamespace(hit=SimpleNamespace(columns=columns), score=SimpleNamespace(values=np.ones(1)), evidence=evidence),
+            effect=make_effect("offset", joints="j1"),
+            rivals=(),
         ),
     )
 
@@ -494,12 +522,12 @@ def test_what_is_barely_over_the_threshold_is_there_only_if_held_out_data_hint_a
     change = SimpleNamespace(on=lambda joints: (-5.0, 4.0), shown=shown, hinted=hinted)
     monkeypatch.setattr(confirmed_module.Change, "of", lambda before, after, rows: change)
     monkeypatch.setattr(confirmed_module, "threshold", lambda hit, number: 20.0)
-    refused, unseen, faint = confirmed_module._borne_out([one], [one], 300, lambda one: anything, anything, anything)
+    refused, unseen, faint = confirmed_module._borne_out([one], [one], 300, lambda one: anything, anything, anything, lambda _: False)
     assert refused == ([] if kept else [one])
     assert unseen == []
     assert faint == ([one] if kept and not shown else [])
     # What the held-out data were asked about has less on the data fitted, and is not taken back for that.
-    refused, unseen, faint = confirmed_module._borne_out([one], [one], 300, lambda one: anything, anything, anything, 0.0)
+    refused, unseen, faint = confirmed_module._borne_out([one], [one], 300, lambda one: anything, anything, anything, lambda _: True)
     assert (refused, unseen) == ([], [])
     assert faint == ([] if shown else [one])
 
@@ -520,10 +548,13 @@ def test_confidence_falls_with_what_held_out_data_do_not_show() -> None:
 
 
 def the_last_word(monkeypatch: pytest.MonkeyPatch, blocks: np.ndarray, confirms: str = "") -> LastWord:
-    """Of one finding with which the error on held-out data grows by so much in each block of time."""
-    one = SimpleNamespace(effect=make_effect("offset", joints="j1"))
-    kept = SimpleNamespace(selection=SimpleNamespace(found=(one,)), after="after", refused=(), unseen=(), faint=(), said=())
+    """Of one finding with which the error on held-out data grows by so much in each block of time. `confirms`: what is said if they helped
+    to find it."""
+    hit = SimpleNamespace(place=("offset", ("j1",), ()))
+    one = SimpleNamespace(effect=make_effect("offset", joints="j1"), judged=SimpleNamespace(hit=hit), rivals=())
     selection = SimpleNamespace(found=(one,), final=SimpleNamespace(turning=()))
+    kept = confirmed_module.Confirmed(cast(Any, selection), cast(Any, "after"))
+    fitted = SimpleNamespace(found=() if confirms else (one,), final=selection.final)
     rows = SimpleNamespace(robot=SimpleNamespace(n=1))
     monkeypatch.setattr(confirmed_module, "without_reversals", lambda held, turning: rows)
     monkeypatch.setattr(confirmed_module, "nominated", lambda *a: (selection, confirms))
@@ -532,7 +563,7 @@ def the_last_word(monkeypatch: pytest.MonkeyPatch, blocks: np.ndarray, confirms:
     monkeypatch.setattr(confirmed_module, "refusals", lambda kept: ((), ""))
     monkeypatch.setattr(confirmed_module.Change, "of", lambda before, after, rows: of_blocks(blocks))
     anything = cast(Any, None)
-    return confirmed_module.last_word(cast(Any, selection), anything, anything, cast(Any, "held"), lambda stage, names: anything)
+    return confirmed_module.last_word(cast(Any, fitted), anything, anything, cast(Any, "held"), lambda stage, names: anything)
 
 
 def test_a_fall_in_every_block_is_shown_though_few_hold_most_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
