@@ -141,8 +141,8 @@ def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
 
 
 def elsewhere(judged: Judged, beside: Sequence[Found]) -> bool:
-    """Whether a candidate acts on rows that no finding acts on, nor what came near to being found in its place: it is not what is left there
-    of one that its law tells inexactly, not even if all of what little that explains on these rows were in error by its share."""
+    """Whether a candidate acts on rows that no finding acts on, nor what came near to being found in its place: it is not what is left
+    there of one that its law tells inexactly, not even if what little that explains on these rows is in error by its share."""
     rows = acts_on(judged)
     for f in beside:
         near = [r for r in f.rivals if r.evidence > NEAR * f.judged.evidence]
