@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 #: the true one may be the fourth: friction that depends on load, behind three that gain nothing on held-out data.)
 NOMINATED = 8
 _LACKING = 25.0
+#: Beside findings no more than this: the motion that shows those would have shown it.
+_LACKING_BESIDE = 12.0
 #: The gain on held-out data over its standard error, and the least evidence there (twice the logarithm of the ratio of densities). Where
 #: nothing is, a ratio of k is reached with a probability of no more than 1 / k (Markov's inequality): the rate of false alarms over all
 #: that are nominated is that of the whole catalogue.
@@ -53,7 +55,8 @@ def nominated(
     said then. `declared`: the estimate of the declared model; `rows`: of the held-out data; `refit`: the estimate of a stage's model."""
     found, white = selection.found, selection.final.white
     able = [j for j in selection.nearest if elsewhere(j, found)] if len(found) < FEW else []
-    near = [j for j in able[:NOMINATED] if -surplus(j, selection.final.number) <= _LACKING]
+    most = _LACKING_BESIDE if found else _LACKING
+    near = [j for j in able[:NOMINATED] if -surplus(j, selection.final.number) <= most]
     if not near:
         return selection, ""
     best: tuple[float, Selection, str] | None = None
