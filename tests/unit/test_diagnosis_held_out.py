@@ -210,8 +210,8 @@ def test_only_what_acts_on_other_rows_is_nominated_beside_findings() -> None:
     assert elsewhere(weak, [strong])
     assert not elsewhere(weak, [strong, a_finding(1, 1e4)])
     near, far = a_finding(1, 9e3).judged, a_finding(1, 7e3).judged
-    assert not elsewhere(weak, [cast(Found, SimpleNamespace(judged=strong.judged, rivals=(near,)))])
-    assert elsewhere(weak, [cast(Found, SimpleNamespace(judged=strong.judged, rivals=(far,)))])
+    assert not elsewhere(weak, [cast(Found, SimpleNamespace(judged=strong.judged, effect=strong.effect, rivals=(near,)))])
+    assert elsewhere(weak, [cast(Found, SimpleNamespace(judged=strong.judged, effect=strong.effect, rivals=(far,)))])
     # A finding that weighs little on those rows, and may yet leave as much there.
     strong.judged.hit.columns[1] = np.sqrt(0.12)
     assert not elsewhere(weak, [strong])
