@@ -37,6 +37,9 @@ _THERE = 0.5
 #: A shape is another one from so many of its standard deviations and this share of itself on.
 _FAR = 3.0
 _FAR_SHARE = 0.2
+#: What is found there is told from nothing by so many of its standard deviations, the scatter of blocks of time being in them: a few
+#: moments in which the sign of the speed is wrong are worth much evidence, and tell of one value here and of another there.
+_TOLD = 3.0
 #: What follows the motion through memory, or the model's own prediction, is what a contact that holds looks like.
 _THROUGH_MEMORY = {Need.HISTORY, Need.REFERENCE, Need.TORQUE}
 
@@ -63,9 +66,25 @@ def with_low_speed(selection: Selection, rows: Signals, bank: Bank, note: Callab
         stage, found = settled_together(first, with_effects(first, [f.effect for f in found], stage, bank), found, bank, say)
         if (moved := _moved(selection, found, joint)) is not None:
             say(f"taken back: with it {moved.judged.hit} comes out at another shape: what is near reversals is no friction of this kind")
-        elif any(f.effect.name == new.effect.name and f.effect.joints == new.effect.joints for f in found):
-            selection = Selection(first, stage, tuple(found))
+        elif (place := _place_of(new, found)) is not None:
+            if _told(stage, found, place):
+                selection = Selection(first, stage, tuple(found), nearest=selection.nearest)
+            else:
+                say(f"taken back: {new.judged.hit}: blocks of time do not agree on how much of it there is")
     return replace(selection, trail=tuple(trail))
+
+
+def _place_of(one: Found, found: Collection[Found]) -> int | None:
+    """Where one of a name and place stands among findings; None if it is not there."""
+    same = (i for i, f in enumerate(found) if f.effect.name == one.effect.name and f.effect.joints == one.effect.joints)
+    return next(same, None)
+
+
+def _told(stage: Stage, found: Collection[Found], place: int) -> bool:
+    """Whether one of the parameters of the finding at a place is told from nothing."""
+    shapes = {p.name for f in found for p in f.effect.shape()}
+    own = found_parameters(stage, [f.effect for f in found])[place]
+    return any(abs(p.value) > _TOLD * p.std for p in own if p.name not in shapes)
 
 
 def away_from_reversals(selection: Selection, looked: Selection, bank: Bank) -> Stage:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -257,3 +258,16 @@ def test_a_shape_that_only_held_out_data_tell_is_kept(monkeypatch: pytest.Monkey
     assert contested_.selection.found[0].effect == other
     assert other in contested_.after.model.effects
     assert any("hardly tell its shape" in line for line in contested_.said)
+
+
+@pytest.mark.parametrize("std", [0.3, 0.4])
+def test_what_blocks_of_time_do_not_agree_on_is_taken_back(std: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three standard deviations are asked for, whatever the evidence; that of a shape counts for nothing."""
+    fit, held = slow_motion(3, *stribeck(size()))
+    model, _ = declared(fit.robot)
+    joint = fit.robot.joint_names[JOINT]
+    parameters = (SimpleNamespace(name=f"Fs+_{joint}", value=-1.0, std=std), SimpleNamespace(name="v_s", value=9.0, std=0.1))
+    monkeypatch.setattr(low_speed, "found_parameters", lambda stage, effects: [parameters for _ in effects])
+    found = diagnose(WeightedLeastSquares().solve(Problem(model, fit)), held)
+    assert [f.name for f in found.findings] == (["stribeck"] if std < 1.0 / 3.0 else [])
+    assert any("blocks of time do not agree" in line for line in found.trail) == (not found.findings)
