@@ -208,12 +208,16 @@ def _re_examined(
         # What sits on other joints cannot stand in its place, unless it came near to it before.
         near = [one.judged, *(j for j in one.rivals if j.evidence > NEAR * one.judged.evidence)]
         at = frozenset(np.array(stage.problem.model.robot.joint_names)[np.any([acts_on(j) for j in near], axis=0)].tolist())
-        new = chosen(without, undecoyed(ranked(without, () if own is None else (own,), joints=at)), others)
+        also = () if own is None else (own,)
+        new = chosen(without, undecoyed(ranked(without, also, joints=at)), others)
+        if new is not None and _another(new, one):
+            # It drew what the others explain now; what is left of it may sit on any joint.
+            new = chosen(without, undecoyed(ranked(without, also)), others) or new
         if new is None:
             say(f"dropped: {one.judged.hit}")
             found, stage, changed = others, without, True
             continue
-        other = new.judged.hit.candidate.name != one.judged.hit.candidate.name or new.effect.joints != one.effect.joints
+        other = _another(new, one)
         new = relabelled(new, without.problem.model)
         with_new = [new if f is one else f for f in found]
         there = with_effects(first, [f.effect for f in with_new], stage, bank)
@@ -225,6 +229,11 @@ def _re_examined(
             changed = True
         found, stage = with_new, there
     return stage, found
+
+
+def _another(new: Found, one: Found) -> bool:
+    """Whether a finding is another effect than one, or elsewhere."""
+    return new.judged.hit.candidate.name != one.judged.hit.candidate.name or new.effect.joints != one.effect.joints
 
 
 def _outlasts(one: Found, stage: Stage, new: Found, there: Stage, without: Stage) -> str:
