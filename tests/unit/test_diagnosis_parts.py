@@ -223,6 +223,24 @@ def test_what_came_near_is_looked_at_again_on_its_own_joints(monkeypatch: pytest
     assert looked_at == [frozenset({"j1", "j2"} if near else {"j1"})]
 
 
+@pytest.mark.parametrize("itself", [True, False])
+def test_what_is_replaced_may_be_from_any_joint(monkeypatch: pytest.MonkeyPatch, itself: bool) -> None:
+    """A group of offsets drew what was found later on one of its joints; what is left of it was on none of them."""
+    stage, (one, other) = two_found()
+    looked_at = []
+
+    def ranked(stage: Stage, more: object = (), joints: frozenset[str] | None = None) -> list[Judged]:
+        looked_at.append(joints)
+        return [one if itself or joints is None else other]
+
+    monkeypatch.setattr(selection, "ranked", ranked)
+    monkeypatch.setattr(selection, "chosen", lambda stage, plausible, beside: Found(plausible[0], (), np.ones(1)))
+    due, newest = Found(one, (), np.ones(1)), Found(other, (), np.ones(1))
+    _, found = selection._re_examined(stage, stage, [due, newest], [due], Bank(), lambda text: None)
+    assert looked_at == ([frozenset({"j1"})] if itself else [frozenset({"j1"}), None])
+    assert [f.judged.hit.candidate.joints for f in found] == [("j1",), ("j2",)]
+
+
 @pytest.mark.parametrize("holds", [True, False])
 def test_what_is_dropped_in_the_end_makes_room_for_what_came_near(monkeypatch: pytest.MonkeyPatch, holds: bool) -> None:
     """The search goes on without it; where nothing else holds, both are still what came nearest, for other data to confirm."""
