@@ -45,9 +45,9 @@ class LastWord:
     """What is left of a selection, the estimate of its model, what was taken back (`refused`), and what is to be said about it. `unseen`:
     findings that stay, though held-out data do not show them; `faint`: those that they show no more clearly than chance might; `owed`:
     those that were found with their help, and that they bear out no more clearly than chance might the best of all that were asked about.
-    `fell_beyond_chance`: whether the error on held-out data falls by more than chance might with all that is left, or so much that it need
-    not be often (with what comes in knocks it falls by most of it in few blocks: its standard error is large, but chance is no
-    explanation)."""
+    `shown`: whether the error on held-out data falls by more than chance might with all that is left; `fell_beyond_chance`: that, or so
+    much that it need not be often (with what comes in knocks the error falls by most of it in few blocks: its standard error is large, but
+    chance is no explanation)."""
 
     selection: Selection
     after: Estimate
@@ -57,6 +57,7 @@ class LastWord:
     faint: tuple[Effect, ...] = ()
     owed: tuple[Effect, ...] = ()
     said: tuple[str, ...] = ()
+    shown: bool = True
     fell_beyond_chance: bool = True
 
 
@@ -87,7 +88,7 @@ def last_word(selection: Selection, bank: Bank, declared: Estimate, held: Signal
     owed = tuple(f.effect for f in kept.selection.found if nominee(f) and not kept.borne_out(f, declared, bank, rows, refit))
     grown, error = change.on(np.ones(rows.robot.n, bool))
     shown = -grown > SURELY * error
-    return LastWord(kept.selection, kept.after, kept.refused, unexplained, unseen, faint, owed, said, shown or change.shown)
+    return LastWord(kept.selection, kept.after, kept.refused, unexplained, unseen, faint, owed, said, shown, shown or change.shown)
 
 
 @dataclass(frozen=True, eq=False)

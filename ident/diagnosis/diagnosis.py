@@ -245,7 +245,8 @@ def _diagnosed(
     if last.unexplained:
         verdict = "ambiguous" if not findings and undecided(last.refused, left) else "unexplained"
         unexplained = (*unexplained, *last.unexplained)
-    if withdrawn(verdict, findings, last.fell_beyond_chance):
+    in_knocks = last.fell_beyond_chance and any(f.effect.abrupt for f in findings)
+    if withdrawn(verdict, findings, last.shown or in_knocks):
         selection, after = without_guesses(selection, bank, declared, held, lambda final: estimates.of(final, ()))
         nothing = withdrawal(findings, selection)
         stage = away_from_reversals(selection, looked, bank) if selection.found else looked.declared

@@ -30,7 +30,7 @@ _ALMOST_ALL = 0.8
 
 
 def withdrawn(verdict: str, findings: Sequence[Finding], shown: bool) -> bool:
-    """Whether findings are to be withdrawn. `shown`: whether the error on held-out data falls with them beyond chance."""
+    """Whether findings are to be withdrawn. `shown`: whether held-out data bear them out."""
     return not (shown or verdict != "unexplained" or len(findings) < 2 or any(f.confidence >= LIKELY for f in findings))
 
 
