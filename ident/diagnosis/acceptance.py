@@ -129,8 +129,8 @@ def _often(judged: Judged) -> bool:
 def _worth(judged: Judged, beside: Sequence[Found], stage: Stage) -> bool:
     """Whether a candidate matters on its rows, and is more than the inexactness of those accepted there."""
     rows = acts_on(judged)
-    share = share_on_rows(judged)
     # A candidate on several joints is measured by what was explained on each of them in the share in which it acts there itself.
+    share = share_on_rows(judged)
     explained = sum(float(share[acts_on(f.judged)].sum()) * f.judged.evidence * _inexactness(f.effect) for f in beside)
     # As much as the noise itself is no inexactness, however much was explained before.
     exact = all(_of_mechanics(f.effect) for f in beside if (acts_on(f.judged) & rows).any())

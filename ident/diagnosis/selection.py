@@ -100,18 +100,20 @@ def select(
         # that draws a part.)
         forward.accepted.update(dict.fromkeys(gone, _CHANCES))
         first, stage = (first, stage) if found else (begun, begun)
-    return Selection(first, stage, tuple(found), tuple(trail), tuple(forward.nearest))
+    return Selection(first, stage, tuple(found), tuple(trail), tuple(forward.nearest if found else forward.alone))
 
 
 @dataclass
 class _Forward:
-    """Steps forward. `accepted`: how often each thing was; `nearest`: what came near to being found in the last round."""
+    """Steps forward. `accepted`: how often each thing was; `nearest`: what came near to being found in the last round; `alone`: before
+    anything was found."""
 
     bank: Bank
     say: Callable[[str], None]
     progress: Callable[[float], None] | None
     accepted: Counter[Place] = field(default_factory=Counter)
     nearest: list[Judged] = field(default_factory=list)
+    alone: list[Judged] = field(default_factory=list)
 
     def grown(self, first: Stage, stage: Stage, found: Sequence[Found]) -> tuple[Stage, Stage, list[Found]]:
         """The declared model's stage, the last one and its findings, when nothing more is asked for."""
@@ -151,6 +153,8 @@ class _Forward:
             self.say(f"    {described(j, stage.number)}")
         able = undecoyed(all_ranked)
         self.nearest = [j for j in able if j.evidence > 0.0]
+        if not found:
+            self.alone = self.nearest
         # Two that make room for each other would do so for ever.
         new = chosen(stage, [j for j in able if self.accepted[j.hit.place] < _CHANCES], found)
         if new is not None:
