@@ -14,7 +14,7 @@ from .advice import motion_for
 from .analysis import without_reversals
 from .bank import Bank
 from .change import SURELY, Change
-from .contest import Arena, contested
+from .contest import Arena, Contest, contested
 from .evidence import WEAK, acts_on, threshold
 from .findings import HELD_OUT, Unexplained
 from .leftover import Leftover
@@ -67,18 +67,19 @@ def last_word(selection: Selection, bank: Bank, declared: Estimate, held: Signal
     if held is None:
         return LastWord(selection, refit(selection.final, ()) if selection.found else declared)
     rows = without_reversals(held, selection.final.turning)
-    settled = contested(selection, bank, rows, refit) if selection.found else None
-    first = selection if settled is None else settled.selection
-    of_itself = {f.judged.hit.place for f in first.found}
-    selection, confirms = nominated(first, bank, declared, rows, lambda stage: refit(stage, ()))
-    if not selection.found:
-        return LastWord(selection, declared)
+    contest = contested(selection, bank, rows, refit) if selection.found else Contest(selection, declared, ())
+    of_itself = {f.judged.hit.place for f in contest.selection.found}
+    with_nominee, confirms = nominated(contest.selection, bank, declared, rows, lambda stage: refit(stage, ()))
+    if not with_nominee.found:
+        return LastWord(with_nominee, declared)
 
     def nominee(found: Found) -> bool:
         return bool(confirms) and found.judged.hit.place not in of_itself
 
-    contest = settled if settled is not None and not confirms else contested(selection, bank, rows, refit)
-    decided = (*(settled.said if settled is not None and confirms else ()), *contest.said)
+    decided = contest.said
+    if confirms:
+        contest = contested(with_nominee, bank, rows, refit)
+        decided = (*decided, *contest.said)
     kept = confirmed(contest.selection, bank, declared, contest.after, rows, refit, nominee)
     unexplained, warning = refusals(kept)
     said = (*([confirms] if confirms else []), *decided, *kept.said, *([warning] if warning else []), *_not_shown(kept))
@@ -105,8 +106,7 @@ class Confirmed:
 
     def borne_out(self, one: Found, declared: Estimate, bank: Bank, rows: Signals, refit: Refit) -> bool:
         """Whether the error falls with one of the findings by more than chance gives the best of all that were nominated."""
-        others = [f.effect for f in self.selection.found if f is not one]
-        without = refit(with_effects(self.selection.declared, others, self.selection.final, bank), ()) if others else declared
+        without = _without(one, self.selection.found, self.selection.declared, self.selection.final, bank, declared, refit)
         return Change.of(without, self.after, rows).shown_of(NOMINATED)
 
 
@@ -133,8 +133,7 @@ def confirmed(
     names = np.array(declared.model.robot.joint_names)
 
     def without(one: Found) -> Estimate:
-        others = [f.effect for f in found if f is not one]
-        return refit(with_effects(selection.declared, others, stage, bank), ()) if others else declared
+        return _without(one, found, selection.declared, stage, bank, declared, refit)
 
     while found:
         at = [acts_on(f.judged) for f in found]
@@ -163,6 +162,13 @@ def confirmed(
         found = [f for f in found if f is not worst]
         stage = with_effects(selection.declared, [f.effect for f in found], stage, bank) if found else selection.declared
     return Confirmed(replace(selection, final=stage, found=()), declared, tuple(refused), said=tuple(said))
+
+
+def _without(one: Found, found: Sequence[Found], first: Stage, stage: Stage, bank: Bank, declared: Estimate, refit: Refit) -> Estimate:
+    """The estimate of the model with all findings but one. `first`: the declared model's stage; `stage`: that of all findings; `declared`:
+    the estimate where no other is left."""
+    others = [f.effect for f in found if f is not one]
+    return refit(with_effects(first, others, stage, bank), ()) if others else declared
 
 
 def _borne_out(

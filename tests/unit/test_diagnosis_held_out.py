@@ -552,7 +552,7 @@ def the_last_word(monkeypatch: pytest.MonkeyPatch, blocks: np.ndarray, confirms:
     to find it."""
     hit = SimpleNamespace(place=("offset", ("j1",), ()))
     one = SimpleNamespace(effect=make_effect("offset", joints="j1"), judged=SimpleNamespace(hit=hit), rivals=())
-    selection = SimpleNamespace(found=(one,), final=SimpleNamespace(turning=()))
+    selection = SimpleNamespace(found=(one,), declared=None, final=SimpleNamespace(turning=()))
     kept = confirmed_module.Confirmed(cast(Any, selection), cast(Any, "after"))
     fitted = SimpleNamespace(found=() if confirms else (one,), final=selection.final)
     rows = SimpleNamespace(robot=SimpleNamespace(n=1))
