@@ -81,19 +81,20 @@ def wrapped(sentence: str) -> str:
 
 
 def error_table(estimate: Estimate, errors: dict[str, TorqueError]) -> str:
-    """Torque error per joint, one line per data set."""
+    """Torque error per joint, one line per data set; a dash where a joint has no torque to compare with."""
     joints = estimate.model.robot.joint_names
     side = estimate.model.robot.transmission.measured.value
     width = max(len(k) for k in errors)
-    rms = {label: [f"({r:.3g})" for r in error.rms] for label, error in errors.items()}
+    rms = {label: [f"({r:.3g})" if np.isfinite(r) else "" for r in error.rms] for label, error in errors.items()}
     columns = [max(len(j), 8, *(len(cells[i]) for cells in rms.values())) for i, j in enumerate(joints)]
     head = " ".join(f"{j:>{w}}" for j, w in zip(joints, columns, strict=True))
     lines = [f"torque error on the {side} side, relative % (rms)", f"{'':<{width}} {head}      all"]
     for label, error in errors.items():
-        cells = " ".join(f"{100 * r:>{w}.2f}" for r, w in zip(error.relative, columns, strict=True))
-        lines.append(f"{label:<{width}} {cells} {100 * error.relative_all:8.2f}")
+        relative = [f"{100 * r:.2f}" if np.isfinite(r) else "-" for r in (*error.relative, error.relative_all)]
+        cells = " ".join(f"{r:>{w}}" for r, w in zip(relative, (*columns, 8), strict=True))
+        lines.append(f"{label:<{width}} {cells}")
         cells = " ".join(f"{r:>{w}}" for r, w in zip(rms[label], columns, strict=True))
-        lines.append(f"{'':<{width}} {cells}")
+        lines.append(f"{'':<{width}} {cells}".rstrip())
     return "\n".join(lines)
 
 
