@@ -196,7 +196,8 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
         )
     source = options["column"]
     if source not in header:
-        raise unknown_name(f"column of {where} in [columns] {key} =", source, header)
+        unknown = unknown_name(f"column of {where} in [columns] {key} =", source, header)
+        raise ConfigurationError(f"{unknown}. [columns] holds for every log, validation logs too: rename the columns of one that differs.")
     suffix = options.get("unit") or target.unit or None
     if suffix is not None and not is_unit(suffix):
         raise unknown_name(f"unit in [columns] {key}", suffix, known_units(target.quantity))

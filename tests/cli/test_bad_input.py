@@ -101,6 +101,15 @@ def test_unknown_column(ident, arm, tmp_path, mapping, message):
     refused(ident("fit", study), USAGE, message)
 
 
+def test_validation_log_with_other_names(ident, arm, tmp_path):
+    table = {"slide" if name == "q1" else name: column for name, column in arm.table.items()}
+    train = write_csv(tmp_path / "own_names.csv", table)
+    study = tmp_path / "study.toml"
+    study.write_text(f'[robot]\nurdf = "{arm.urdf}"\n[logs]\nfit = ["{train}"]\n[columns]\nq1 = "slide"\n')
+    message = r"unknown column of log .*test\.csv in \[columns\] q1 = 'slide'.*holds for every log, validation logs too: rename"
+    refused(ident("fit", study, "--validate", arm.test), USAGE, message)
+
+
 # --- values --------------------------------------------------------------------------------------------------------------------
 
 
