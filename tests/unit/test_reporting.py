@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ident import load_robot
 from ident.errors import ConfigurationError
 from ident.reporting import of, report
 from ident.reporting.document import (
@@ -29,8 +28,6 @@ from ident.reporting.document import (
 )
 from ident.reporting.html import to_html
 from ident.reporting.rows import Timeline, binned, cloud
-from ident.summary import error_table
-from ident.torque_error import TorqueError
 
 NAN = float("nan")
 
@@ -169,19 +166,3 @@ def replace_parameters(d: SimpleNamespace) -> SimpleNamespace:
 
     parameter = FoundParameter("K_j6_j5", 0.1, 0.01, "rad/rad")
     return SimpleNamespace(findings=tuple(replace(f, parameters=(parameter,)) for f in d.findings))
-
-
-def test_error_table_has_a_dash_where_a_joint_has_no_torque() -> None:
-    robot = load_robot("puma560")
-    tau = np.full((50, robot.n), 4.0)
-    residual = np.full((50, robot.n), 0.1)
-    residual[:, 2] = np.nan
-    tau[:, 4] = 0.0
-    estimate = SimpleNamespace(model=SimpleNamespace(robot=robot))
-    _, head, cells, rms = error_table(estimate, {"fit": TorqueError.of(residual, tau)}).splitlines()
-    assert head.split() == [*robot.joint_names, "all"]
-    assert cells.split() == ["fit", "2.50", "2.50", "-", "2.50", "-", "2.50", "2.80"]
-    assert rms.split() == ["(0.1)"] * 5
-    # Each stands below its joint, the one without rows left free.
-    ends = [head.index(name) + len(name) for name in robot.joint_names]
-    assert [rms[:end].endswith(")") for end in ends] == [True, True, False, True, True, True]

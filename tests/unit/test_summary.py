@@ -1,0 +1,27 @@
+"""Summaries of estimates as text."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from ident import load_robot
+from ident.summary import error_table
+from ident.torque_error import TorqueError
+
+
+def test_error_table_has_a_dash_where_a_joint_has_no_torque() -> None:
+    robot = load_robot("puma560")
+    tau = np.full((50, robot.n), 4.0)
+    residual = np.full((50, robot.n), 0.1)
+    residual[:, 2] = np.nan
+    tau[:, 4] = 0.0
+    estimate = SimpleNamespace(model=SimpleNamespace(robot=robot))
+    _, head, cells, rms = error_table(estimate, {"fit": TorqueError.of(residual, tau)}).splitlines()
+    assert head.split() == [*robot.joint_names, "all"]
+    assert cells.split() == ["fit", "2.50", "2.50", "-", "2.50", "-", "2.50", "2.80"]
+    assert rms.split() == ["(0.1)"] * 5
+    # Each stands below its joint, the one without rows left free.
+    ends = [head.index(name) + len(name) for name in robot.joint_names]
+    assert [rms[:end].endswith(")") for end in ends] == [True, True, False, True, True, True]
