@@ -24,7 +24,7 @@ from .denied import denied
 from .estimates import Estimates
 from .findings import Finding, Unexplained, assess
 from .hidden import Hidden, hidden
-from .in_plain_sight import ELSEWHERE, apart, hinted, jumps, lost
+from .in_plain_sight import ELSEWHERE, above_floor, apart, hinted, jumps, lost
 from .leftover import leftovers
 from .low_speed import away_from_reversals, with_low_speed
 from .selection import Selection, select
@@ -257,6 +257,8 @@ def _diagnosed(
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     elsewhere = apart(after, wide, held) if held is not None else ()
+    if held is not None and not elsewhere and verdict in ("clean", "explained"):
+        elsewhere = above_floor(after, wide, held, selection.declared.white.std)
     if plain := (*jumps(wide), *elsewhere, *denied(selection)):
         verdict, unexplained = "unexplained", (*unexplained, *plain)
     slow = tuple(f.effect for f in selection.found if period_unseen(f.effect, selection.final.frame, selection.final.motions))

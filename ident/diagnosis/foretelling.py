@@ -48,6 +48,15 @@ class Foretelling:
         price = float(along @ along + np.linalg.slogdet(inner)[1])
         return self._at(self.estimate.values + root @ along), price
 
+    def misfit(self, weight: Array) -> float:
+        """Σ w r² of the residuals, less what parameters explain that the fitted data leave open: rᵀ(W⁻¹ + ΦPΦᵀ)⁻¹r, on average the number
+        of rows with a weight. `weight` (n,) as for `allowing`; of a single joint where the others' are zero."""
+        gradients, grams = self._moments
+        root = _root(self.estimate.covariance)
+        gradient = root.T @ np.einsum("n,nb->b", weight, gradients)
+        inner = np.eye(len(gradient)) + root.T @ np.einsum("n,nbc->bc", weight, grams) @ root
+        return float(np.nansum(weight * self.residual**2) - gradient @ np.linalg.solve(inner, gradient))
+
     def surprise(self, white: Whitener) -> float:
         """−2 log of the probability of the rows under noise of a colour, up to what is the same for all models: `allowing` with what is
         left and its price in one. `white`: the whitener of that noise, on any rows."""

@@ -12,7 +12,7 @@ from test_diagnosis_held_out import prepared
 
 from ident.diagnosis import diagnose
 from ident.diagnosis.both_parts import SAID, halved, together
-from ident.diagnosis.in_plain_sight import apart, hinted
+from ident.diagnosis.in_plain_sight import ELSEWHERE, above_floor, apart, hinted
 from ident.effect import make_effect
 from ident.estimators import WeightedLeastSquares
 from ident.problem import Problem
@@ -25,6 +25,13 @@ def parts(seed: int, late: float) -> tuple[Signals, Signals]:
     """Both parts of one log, in which an offset of joint 2 begins in the second part."""
     step = make_effect("offset_step", joints="j2", t_0=late)
     return prepared(seed, [step], [2.0]).split(by="fraction", held=0.25)
+
+
+def louder(held: Signals, rms: float, times: float) -> Signals:
+    """Held-out signals whose noise on joint 1 is so many times what it is."""
+    noise = np.random.default_rng(1).normal(size=len(held.tau))
+    more = noise / np.std(noise) * np.sqrt(times**2 - 1.0) * rms
+    return replace(held, tau=held.tau + more[:, None] * (np.arange(held.robot.n) == 0))
 
 
 def test_rows_of_both_parts_are_those_of_either() -> None:
@@ -147,10 +154,41 @@ def test_beside_a_finding_what_no_data_confirm_is_said_and_changes_nothing() -> 
 def test_louder_noise_in_the_data_held_out_is_a_hint_that_leads_to_nothing() -> None:
     fit, held = parts(43, 1e3)
     before = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit))
-    noise = np.random.default_rng(1).normal(size=len(held.tau)) * 1.2 * before.fit_error.rms[0]
-    louder = replace(held, tau=held.tau + noise[:, None] * (np.arange(held.robot.n) == 0))
-    assert [u.joint for u in hinted(before, fit, louder)] == ["j1"]
-    assert apart(before, fit, louder) == ()
-    found = diagnose(before, louder)
+    noisy = louder(held, before.fit_error.rms[0], 1.5)
+    assert [u.joint for u in hinted(before, fit, noisy)] == ["j1"]
+    assert apart(before, fit, noisy) == ()
+    found = diagnose(before, noisy)
     assert (found.verdict, found.findings) == ("clean", ())
     assert [u.joint for u in found.beyond] == ["j1"]
+
+
+def test_a_model_that_leaves_twice_the_noise_floor_on_data_held_out_is_not_called_whole() -> None:
+    """With something found there, and with nothing found."""
+    fault = make_effect("asymmetric_viscous", joints="j1")
+    fit, held = prepared(45, [fault], [0.5]).split(by="fraction", held=0.25)
+    before = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit))
+    plain = diagnose(before, held)
+    assert plain.verdict == "explained"
+    found = diagnose(before, louder(held, plain.noise_floor[0], 2.0))
+    assert found.verdict == "unexplained"
+    (said,) = found.unexplained
+    assert (said.joint, said.signature) == ("j1", ELSEWHERE)
+    (times,) = re.findall(r"held-out data is (\S+) times the noise floor", said.evidence)
+    assert float(times) == pytest.approx(2.0, rel=0.1)
+    assert [f.name for f in found.findings] == ["asymmetric_viscous"]
+    assert found.findings[0].confidence < 0.5 < plain.findings[0].confidence
+    assert diagnose(before, louder(held, plain.noise_floor[0], 1.4)).verdict == "explained"
+
+    fit, held = prepared(46, [], []).split(by="fraction", held=0.25)
+    before = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit))
+    found = diagnose(before, louder(held, before.fit_error.rms[0], 2.0))
+    assert (found.verdict, found.findings, [u.joint for u in found.unexplained]) == ("unexplained", (), ["j1"])
+
+
+def test_beside_a_law_that_remembers_the_motion_nothing_is_asked_of_the_noise_floor() -> None:
+    fit, held = prepared(46, [], []).split(by="fraction", held=0.25)
+    model = declared(fit.robot)[0]
+    for more, asked in ((model, 1), (model + make_effect("presliding", joints="j3"), 0)):
+        estimate = WeightedLeastSquares().solve(Problem(more, fit))
+        rows = louder(held, estimate.fit_error.rms[0], 2.0)
+        assert len(above_floor(estimate, fit, rows, estimate.fit_error.rms)) == asked

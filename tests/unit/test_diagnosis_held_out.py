@@ -27,7 +27,7 @@ from ident.diagnosis.contest import Arena
 from ident.diagnosis.diagnosis import _share
 from ident.diagnosis.findings import HELD_OUT
 from ident.diagnosis.foretelling import Foretelling
-from ident.diagnosis.in_plain_sight import apart
+from ident.diagnosis.in_plain_sight import above_floor, apart
 from ident.diagnosis.leftover import Leftover
 from ident.diagnosis.motions import Motions
 from ident.diagnosis.nominated import _found
@@ -147,6 +147,7 @@ def test_what_an_estimate_foretells_as_far_as_its_parameters_are_known() -> None
     left, price = Foretelling(estimate, few).allowing(1.0 / scale**2)
     assert np.nansum((left / scale) ** 2) + price == pytest.approx(exact, rel=1e-9)
     assert price > 1.0
+    assert Foretelling(estimate, few).misfit(1.0 / scale**2) == pytest.approx(r @ np.linalg.solve(spread, r), rel=1e-9)
 
 
 def test_what_an_estimate_foretells_under_noise_of_a_colour() -> None:
@@ -260,6 +261,10 @@ def test_what_a_short_narrow_motion_tells_little_of_is_no_change_in_a_wide_one(s
     # What no parameters account for is one.
     shaken = held.tau + 5.0 * inside * np.outer(np.sin(9.0 * held.row_time), [1.0, 0.0, 0.0, 0.0])
     assert [u.joint for u in apart(estimate, fit, replace(held, tau=shaken))] == ["j1"]
+    # So it is beside the noise floor, of which less is asked.
+    assert above_floor(estimate, fit, held, inside) == ()
+    shaken = held.tau + 2.5 * inside * np.outer(np.sin(9.0 * held.row_time), [1.0, 0.0, 0.0, 0.0])
+    assert [u.joint for u in above_floor(estimate, fit, replace(held, tau=shaken), inside)] == ["j1"]
 
 
 def test_a_name_that_held_out_data_do_not_bear_out_is_ambiguous(monkeypatch: pytest.MonkeyPatch) -> None:
