@@ -42,7 +42,8 @@ class Shift:
 class Comparison:
     """Errors of two estimates on data that neither fitted, on the rows that both use.
 
-    `floor` (n,): rms of the residual that the later estimate leaves on its own fit, per joint; `shifts`: common parameters,
+    `floor` (n,): rms of the residual that the later estimate leaves on its own fit, per joint (the earlier one where the later one was
+    fitted to no row of a joint; NaN, and no part of `gain`, where neither was); `shifts`: common parameters,
     the largest move first; `gain_std`: standard error of `gain` over blocks of time."""
 
     before: Estimate
@@ -57,7 +58,7 @@ class Comparison:
     def gain(self) -> float:
         """Share of the squared error over all joints, each weighted by its noise, that the later estimate removes."""
         weight = 1.0 / np.maximum(self.floor, 1e-300) ** 2
-        seen = np.isfinite(self.error_before.rms) & (self.error_before.rows > 0)
+        seen = np.isfinite(self.error_before.rms) & (self.error_before.rows > 0) & np.isfinite(weight)
         total = [float(np.sum((weight * e.rms**2 * e.rows)[seen])) for e in (self.error_before, self.error_after)]
         return 1.0 - total[1] / total[0] if total[0] > 0 else 0.0
 
@@ -110,7 +111,7 @@ def compare(before: Estimate, after: Estimate, signals: Signals, *, before_signa
     # Joints that stick lose rows, and each estimate says for itself which do: only common rows compare like with like.
     common = np.isfinite(residuals[0]) & np.isfinite(residuals[1])
     first, second = (np.where(common, r, np.nan) for r in residuals)
-    floor = after.fit_error.rms
+    floor = np.where(after.fit_error.rows > 0, after.fit_error.rms, before.fit_error.rms)
     errors = TorqueError.of(first, own.tau), TorqueError.of(second, signals.tau)
     return Comparison(before, after, *errors, floor, tuple(shifts), _gain_std(first, second, floor, signals.row_runs))
 

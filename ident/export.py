@@ -38,11 +38,13 @@ _DRIVE = {"rotor_inertia": "armature", "viscous": "damping", "coulomb": "frictio
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """A model with values of all its k parameters, ready to be exported. `inertial` (10 nb,) links; `notes`: how they were found."""
+    """A model with values of all its k parameters, ready to be exported. `inertial` (10 nb,) links; `notes`: how they were found;
+    `undetermined`: names of parameters of the drive that the estimate's data did not determine (they stand at zero)."""
 
     model: Model
     values: Array
     notes: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -74,7 +76,7 @@ class Identified:
                 f"nothing was exported: {error} A fit with method='physical' is consistent from the start;"
                 " `ident judge FIT --repair fit --out DIR` makes a saved one so."
             ) from None
-        return cls(source.model, found.values, notes + found.notes)
+        return cls(source.model, *_without_undetermined(source, found.values, notes + found.notes))
 
     @property
     def robot(self) -> Robot:
@@ -90,12 +92,20 @@ class Identified:
 
     def drive(self) -> dict[str, Array]:
         """ "armature", "damping", "frictionloss" -> (n,) on the motor side, zero where the model has none (kg m^2, N m s/rad, N m)."""
+        return self._drive(self.values)
+
+    def identified(self) -> dict[str, Array]:
+        """For each of `drive` (n,) bool: where the model has it and the data determined it."""
+        known = np.array([p.name not in self.undetermined for p in self.model.parameters], float)
+        return {key: values > 0 for key, values in self._drive(known).items()}
+
+    def _drive(self, of: Array) -> dict[str, Array]:
         robot = self.robot
         out = {key: np.zeros(robot.n) for key in _DRIVE.values()}
         for effect, part in zip(self.model.effects, self.model.slices, strict=True):
             if effect.name not in _DRIVE or effect.side.value != "motor":
                 continue
-            out[_DRIVE[effect.name]][effect.at(robot)] = self.values[part]
+            out[_DRIVE[effect.name]][effect.at(robot)] = of[part]
         return out
 
     def left_out(self) -> tuple[str, ...]:
@@ -132,6 +142,20 @@ class Identified:
             ],
             "notes": list(self.notes),
         }
+
+
+def _without_undetermined(source: Estimate, values: Array, notes: tuple[str, ...]) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:
+    """Values, notes and names, where parameters of the drive that no base parameter of the estimate holds are put to zero: any value of
+    theirs gives the same torque, so that what a search for real links left there means nothing."""
+    blind = ~np.any(source.base.regroup != 0.0, axis=0)
+    at = [i for i, p in enumerate(source.model.parameters) if p.effect in _DRIVE and (blind[i] or p.name in source.dropped)]
+    if not at:
+        return values, notes, ()
+    values = values.copy()
+    values[at] = 0.0
+    names = tuple(source.model.parameters[i].name for i in at)
+    said = f"not determined by the data, and exported as zero (a URDF keeps what it says): {', '.join(names)}."
+    return values, (*notes, said), names
 
 
 @dataclass(frozen=True)
@@ -216,11 +240,15 @@ def _urdf_dynamics(found: Identified) -> tuple[dict[str, Mapping[str, float]], t
     notes: tuple[str, ...] = ()
     if np.any(drive["armature"] != 0):
         notes = ("rotor inertia has no place in a URDF: it stays with the controller or simulator (see the JSON export).",)
-    if not (np.any(drive["damping"] != 0) or np.any(drive["frictionloss"] != 0)):
-        return {}, notes
     if not robot.transmission.is_diagonal:
+        if not (np.any(drive["damping"] != 0) or np.any(drive["frictionloss"] != 0)):
+            return {}, notes
         return {}, (*notes, "friction acts on motors that share joints, which a URDF cannot say: its <dynamics> were left as they are.")
     k = np.abs(np.diagonal(robot.transmission.K))
-    damping = dict(zip(robot.joint_names, (drive["damping"] / k**2).tolist(), strict=True))
-    friction = dict(zip(robot.joint_names, (drive["frictionloss"] / k).tolist(), strict=True))
-    return {"damping": damping, "friction": friction}, notes
+    has = found.identified()
+
+    def told(key: str, values: Array) -> dict[str, float]:
+        # What the model does not have, or the data did not tell, stays as the file has it.
+        return {name: float(v) for name, v, here in zip(robot.joint_names, values, has[key], strict=True) if here}
+
+    return {"damping": told("damping", drive["damping"] / k**2), "friction": told("frictionloss", drive["frictionloss"] / k)}, notes

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .errors import DataError
 from .torque_error import TorqueError
 
 if TYPE_CHECKING:
@@ -23,7 +24,8 @@ class Validation:
 
     `error`: torque error over all runs; `by_run`: the same run by run; `nominal`: the error with the URDF's own inertials and
     only the drive parameters fitted (None where the URDF has none); `replay`: forward simulation against the measured
-    trajectory, if it was asked for; `noise_share` (n,): rms error over the rms that the fit left, per joint (1 = as good)."""
+    trajectory, if it was asked for and can be made; `noise_share` (n,): rms error over the rms that the fit left, per joint (1 = as
+    good); `notes`: what was left out, and why."""
 
     estimate: Estimate
     error: TorqueError
@@ -31,6 +33,7 @@ class Validation:
     nominal: TorqueError | None
     replay: Replay | None
     noise_share: Array
+    notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form (without the common fields)."""
@@ -41,6 +44,7 @@ class Validation:
             "nominal": None if self.nominal is None else self.nominal.to_dict(),
             "heldout_over_fit": self.noise_share,
             "replay": None if self.replay is None else self.replay.to_dict(),
+            "notes": list(self.notes),
         }
 
     def __str__(self) -> str:
@@ -54,26 +58,32 @@ class Validation:
         lines = [error_table(self.estimate, errors)]
         if self.replay is not None:
             lines += ["", str(self.replay)]
+        lines += [f"note: {note}" for note in self.notes]
         return "\n".join(lines)
 
 
 def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) -> Validation:
     """Predict the torque of held-out signals, and with `simulate` replay them by forward simulation.
 
-    Replay starts windows at the measured state and drives the model with the measured torque."""
+    Replay starts windows at the measured state and drives the model with the measured torque; where that cannot be done (a joint without
+    torque), a note says so."""
     residual = estimate.residual(signals)
     by_run = {
         name: TorqueError.of(residual[rows], signals.tau[rows]) for name, rows in _named_runs(signals.run_names, signals.row_runs).items()
     }
-    replayed = None
+    replayed: Replay | None = None
+    notes: tuple[str, ...] = ()
     if simulate:
         from .simulation.replay import replay
 
-        replayed = replay(estimate.model, estimate.all_values, signals)
+        try:
+            replayed = replay(estimate.model, estimate.all_values, signals)
+        except DataError as refused:
+            notes = (f"the motion was not replayed: {refused}",)
     error = TorqueError.of(residual, signals.tau)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = error.rms / estimate.fit_error.rms
-    return Validation(estimate, error, by_run, nominal_error(estimate, signals), replayed, share)
+    return Validation(estimate, error, by_run, nominal_error(estimate, signals), replayed, share, notes)
 
 
 def _named_runs(names: tuple[str, ...], rows: tuple[slice, ...]) -> dict[str, slice]:

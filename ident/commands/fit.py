@@ -9,7 +9,7 @@ from dataclasses import replace
 from ..session import HELD_SHARE, Session
 from ..status import StatusCode
 from ..summary import wrapped
-from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from
 
 HELP = "estimate base and drive parameters from logs, with uncertainty and held-out error"
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = f"methods (--method, or [estimator] method in a study file):\n{_methods()}\n\neffects: {_effects()}"
     parser.add_argument(
-        "--max-error", type=float, metavar="SHARE", help="exit with 1 if the relative held-out error over all joints exceeds this"
+        "--max-error", type=not_negative, metavar="SHARE", help="exit with 1 if the relative held-out error over all joints exceeds this"
     )
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import ConfigurationError
 from ..estimate import Estimate
 from ..results import result
-from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from, signals_from
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-replay", action="store_true", help="torque prediction only, no forward simulation")
     parser.add_argument(
-        "--max-error", type=float, metavar="SHARE", help="exit with 1 if the relative torque error over all joints exceeds this"
+        "--max-error", type=not_negative, metavar="SHARE", help="exit with 1 if the relative torque error over all joints exceeds this"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -127,7 +128,9 @@ class Saturation(JointEffect):
         low = min((float(np.quantile(x[x > 0.0], 0.8)) for x in size.T if (x > 0.0).any()), default=top)
         if motion.reference is not None and motion.torque is not None:
             measured, predicted = motion.measured_on(self.side)[:, at][use], motion.predicted_on(self.side)[:, at][use]
-            noise = 1.4826 * float(np.nanmax(np.nanmedian(np.abs(measured - predicted), axis=0)))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # a joint without torque
+                noise = 1.4826 * float(np.nanmax(np.nanmedian(np.abs(measured - predicted), axis=0)))
             if not _follows(measured, predicted, size <= low):
                 low = top
         high = top - _CLEAR * noise

@@ -108,7 +108,8 @@ class Excitation:
         width = max(len(name) for name in base.names)
         used = ", ".join(f"{kind} {100 * share:.1f} %" for kind, share in self.shares.items())
         head = f"excitation of {self.trajectory.duration:g} s, {base.count} base parameters, condition {self.condition:.3g};"
-        lines = [f"{head} of the limits it uses: {used}"]
+        noise = ", ".join(f"{x:.3g}" for x in self.noise)
+        lines = [f"{head} of the limits it uses: {used}", f"accuracy to expect at torque noise (std of each sample) of {noise}:"]
         for i, (name, text) in enumerate(zip(base.names, base.expressions, strict=True)):
             lines.append(f"  {name:<{width}}  ± {std[i]:9.3g} {base.parameters[base.independent[i]].unit:<8} {text}")
         return "\n".join(lines)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from ..diagnosis.acceptance import Found
     from ..diagnosis.stage import Stage
     from ..effect import Effect
+    from ..estimate import Estimate
+    from ..signals import Signals
 
 Array = np.ndarray
 #: Free parameters must foretell blocks that they were not fitted to better, by this many standard errors.
@@ -28,6 +30,14 @@ _USUAL = 1.5
 _MOST_NEW = 2
 #: A residual's size tells most where it is largest: below this excess kurtosis it is no matter of a few moments.
 _BURSTS = 3.0
+
+
+def unknown(estimate: Estimate, signals: Signals) -> tuple[Drift, ...]:
+    """Joints with torque in the new logs of which the fit has no row: neither their parameters nor their noise are known."""
+    names = estimate.model.robot.joint_names
+    text = "the fit was made without a usable row of it (no motion, or no torque), so that a change there cannot be told; fit it anew"
+    blind = (estimate.fit_error.rows == 0) & signals.valid.any(axis=0)
+    return tuple(Drift(names[j], "not known from the fit", f"{names[j]}: {text}") for j in blind.nonzero()[0].tolist())
 
 
 def drifts(frame: KnownFrame) -> tuple[Drift, ...]:

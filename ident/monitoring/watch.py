@@ -26,7 +26,7 @@ from ..problem import Problem
 from ..torque_error import TorqueError
 from .candidates import own_changes
 from .frame import KnownFrame, noise_of
-from .left import LEAST_SHARE, crowds, drifts, noises, trust
+from .left import LEAST_SHARE, crowds, drifts, noises, trust, unknown
 from .reference import Reference
 from .result import Change, ChangedParameter, How, Monitoring
 from .search import ChangeSearch, determined, surplus
@@ -169,7 +169,7 @@ class _Watch:
             changes.append(change)
             torque += whole.columns(item.effect) @ values[part]
         residual = self.estimate.residual(self.whole)
-        unexplained = (*drifts(frame), *noises(stage, tuple(self.found)), *crowded)
+        unexplained = (*unknown(self.estimate, self.whole), *drifts(frame), *noises(stage, tuple(self.found)), *crowded)
         changes.sort(key=lambda c: -c.evidence)
         verdict = "unchanged" if not changes else "ambiguous" if any(c.ambiguous for c in changes) else "changed"
         self._step(1.0)

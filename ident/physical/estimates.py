@@ -11,9 +11,9 @@ from ..errors import ConfigurationError
 from ..status import StatusCode
 from ..torque_error import TorqueError
 from .bounds import Bounds, Prior, reference_prior
-from .judgement import subject_of
+from .judgement import Subject, subject_of
 from .payload import PayloadEstimate, payload_from_logs
-from .repairs import Repair, RepairMethod, repair
+from .repairs import Repair, RepairMethod, repair, unseen_size
 from .structure import InertiaStructure
 
 if TYPE_CHECKING:
@@ -98,7 +98,8 @@ def error_change(before: Array, after: Array, blocks: int = 20) -> tuple[float, 
 def with_repair(estimate: Estimate, found: Repair) -> Estimate:
     """The estimate with repaired values, over the model's whole base (a repair determines what the data left open, too).
 
-    Its covariance is that of the estimate; what the data did not see has no variance in it."""
+    Its covariance is that of the estimate. What the data did not see is known to no better than ten times the largest parameter, and
+    stays named as not determined."""
     subject = subject_of(estimate)
     assert subject.covariance is not None
     error = estimate.fit_error
@@ -109,13 +110,20 @@ def with_repair(estimate: Estimate, found: Repair) -> Estimate:
         method=f"{estimate.method}, repaired ({found.method.value})",
         base=estimate.model.base,
         values=found.values,
-        covariance=subject.covariance,
+        covariance=_widened(subject),
         fit_error=error,
         heldout_error=None,
-        dropped=(),
         warnings=(*estimate.warnings, f"repaired: {found.distance:.3g} standard deviations from what was estimated.", *found.notes),
         trace={**estimate.trace, "repair": found.to_dict()},
     )
+
+
+def _widened(subject: Subject) -> Array:
+    """Covariance (b, b) of a subject, wide in the directions that the data did not see."""
+    assert subject.covariance is not None
+    if subject.unseen is None:
+        return subject.covariance
+    return np.asarray(subject.covariance + unseen_size(subject.values) ** 2 * subject.unseen @ subject.unseen.T)
 
 
 def payload_of(without: Estimate, with_load: Estimate, *, link: str | None = None) -> PayloadEstimate:

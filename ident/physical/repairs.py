@@ -226,13 +226,18 @@ def torque_errors(information: Information, values: Array) -> dict[str, Any]:
     }
 
 
+def unseen_size(values: Array) -> float:
+    """How far base values (b,) that the data did not see may lie from zero (one standard deviation)."""
+    return 10.0 * float(np.abs(values).max(initial=1.0))
+
+
 def _possible(
     structure: InertiaStructure, values: Array, covariance: Array, root: Array, unseen: Array | None, method: RepairMethod, margin: float,
     limits: bool, time_limit: float,
 ) -> tuple[Array, str]:  # fmt: skip
     if unseen is not None and unseen.shape[1]:
         # Known to no better than the largest parameter: next to nothing, but enough for a least distance.
-        size = 10.0 * float(np.abs(values).max(initial=1.0))
+        size = unseen_size(values)
         root = np.concatenate([root, size * unseen], axis=1)
         covariance = covariance + size**2 * unseen @ unseen.T
     lower, upper, _ = structure.ranges(limits)

@@ -136,7 +136,7 @@ def replay(
     first, clock, runs = _windows(signals, torque, length * stride, windows)
     if not len(first):
         raise DataError(
-            f"replay: no stretch of {window:g} s has torque on every joint;"
+            f"replay: no stretch of {window:g} s has torque on every joint{_without(signals, torque)};"
             " give a shorter window, or logs in which the torque of all joints is recorded."
         )
     rows = first[None, :] + stride * np.arange(length + 1)[:, None]
@@ -210,6 +210,12 @@ def _windows(signals: Signals, torque: Array, span: int, most: int) -> tuple[Arr
     if len(found) > most:
         found = [found[i] for i in np.unique(np.linspace(0, len(found) - 1, most).round().astype(int))]
     return np.array([f[0] for f in found], dtype=int), np.array([f[1] for f in found]), tuple(f[2] for f in found)
+
+
+def _without(signals: Signals, torque: Array) -> str:
+    """Joints of which no sample has torque, for a message."""
+    lacking = [name for name, has in zip(signals.robot.joint_names, np.isfinite(torque).any(axis=0), strict=True) if not has]
+    return f" ({', '.join(lacking)}: none at all)" if lacking else ""
 
 
 def _integrate(
