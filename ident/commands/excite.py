@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from typing import TYPE_CHECKING
 
 from ..effect import make_effect
@@ -47,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..excitation import excite
+    from ..excitation import excite, sample_noise
 
     out = Output(args)
     target = out.target(args.trajectory, _TRAJECTORY)
@@ -63,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         )
     noise = args.noise[0] if args.noise and len(args.noise) == 1 else args.noise
     if noise is None and estimate is not None:
-        noise = _noise_of(estimate, args.rate)
+        noise = sample_noise(estimate, args.rate)
     found = excite(
         model,
         values=estimate.all_values if estimate is not None and model is estimate.model else None,
@@ -83,18 +82,6 @@ def run(args: argparse.Namespace) -> int:
         result("ident.excitation/1", {"trajectory": str(path), **found.to_dict()}, inputs=inputs_of(args, model.robot)), "excitation"
     )
     return 0
-
-
-def _noise_of(estimate: Estimate, rate: float) -> list[float] | None:
-    """Standard deviation of each joint's torque at a sampling rate, if it were white: of the same density at low frequency as what the fit
-    left on its rows, which are filtered and fewer. Raises ConfigurationError where it had no rows of a joint."""
-    rows_hz, noise = estimate.signals_config.get("row_rate_hz"), estimate.noise
-    if not rows_hz:
-        return None
-    blind = [name for name, v in zip(estimate.model.robot.joint_names, noise.variance, strict=True) if not v > 0]
-    if blind:
-        raise ConfigurationError(f"the fit has no noise of {', '.join(blind)} (no row of it was fitted); give --noise, one value a joint.")
-    return [math.sqrt(v * c * rate / rows_hz) for v, c in zip(noise.variance, noise.correlation_time, strict=True)]
 
 
 def _family(args: argparse.Namespace) -> Family:

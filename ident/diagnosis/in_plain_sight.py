@@ -15,6 +15,7 @@ from .analysis import without_reversals
 from .change import inverse_squares
 from .findings import Unexplained
 from .foretelling import Foretelling
+from .irregular import BURSTS, over_usual
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
@@ -29,10 +30,6 @@ HINTED = 1.3
 #: Errors on held-out data of so many times the noise floor, beyond what parameters are off by, are more than a model that is called whole
 #: may leave (where one was rightly, 1.36 at most on the logs of the test bed whose plain error was largest, 1.5 to 2.0).
 _NOT_NOISE = 1.7
-#: If some of the rows hold it: noise has a root mean square of 1.48 times its median size; so many times that, and it is none. The median
-#: of the squares of noise is so much of their mean.
-_BURSTS = 1.5
-_MEDIAN = 0.4549
 _FEW = 100
 #: Signature of what sits in the part held out.
 ELSEWHERE = "the part of the logs held out"
@@ -114,9 +111,9 @@ def above_floor(after: Estimate, fitted: Signals, held: Signals, floor: Array) -
     for u in hinted(after, fitted, held):
         j = robot.joint_names.index(u.joint)
         weight = np.where(np.arange(robot.n) == j, inverse_squares(floor), 0.0)
+        left = there.residual[np.isfinite(there.residual[:, j]), j]
         times = np.sqrt(there.misfit(weight) / int(there.signals.valid[:, j].sum()))
-        squares = there.residual[:, j] ** 2
-        if times > _NOT_NOISE and np.nanmean(squares) > _BURSTS**2 * np.nanmedian(squares) / _MEDIAN:
+        if times > _NOT_NOISE and float(np.mean(over_usual(left))) > BURSTS**2:
             said = (
                 f"{u.joint}: the error on held-out data is {times:.3g} times the noise floor, most of it in some of the rows, and larger"
                 " than on fitted data: something is there that this model does not hold and that the fitted part hardly shows; nothing here"

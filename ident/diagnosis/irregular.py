@@ -25,7 +25,7 @@ _SURELY = 5.0
 #: And one whose power is below this share of what counts as noise is nothing, whatever it looks like.
 _COUNTS = 0.1
 #: Noise has a root mean square of 1.48 times its median size; of so many times that it comes in bursts.
-_BURSTS = 1.5
+BURSTS = 1.5
 #: The same of rows that are not whitened: noise whose colour fades over a tenth of the rows comes to 2.0 once in ten thousand times.
 _COLOURED = 2.2
 #: So many rows beyond so many standard deviations are bursts as well: noise has one in two million.
@@ -89,9 +89,9 @@ def _line(stage: Stage, raw: Array, valid: Array) -> Irregular | None:
 
 
 def _bursts(residual: Array) -> Irregular | None:
-    squares = _over_usual(residual)
+    squares = over_usual(residual)
     power, far = float(np.mean(squares)), squares > _FAR**2
-    if power <= max(_BURSTS**2, 1.0 + _SURELY * np.sqrt(2.0 / len(residual))) and int(far.sum()) < _SEVERAL:
+    if power <= max(BURSTS**2, 1.0 + _SURELY * np.sqrt(2.0 / len(residual))) and int(far.sum()) < _SEVERAL:
         return None
     # What few rows hold may be little beside the noise of all others: it is they that count.
     held = float(squares[far].sum())
@@ -105,7 +105,7 @@ def _smooth_bursts(raw: Array) -> Irregular | None:
     """Bursts of so smooth a course, hit so seldom, that a filter takes them for the colour of the noise and its error for the level.
 
     Rows in a burst are not independent: each burst counts by its highest row."""
-    squares = _over_usual(raw)
+    squares = over_usual(raw)
     power, far = float(np.mean(squares)), np.flatnonzero(squares > _FAR**2)
     if power <= _COLOURED**2 or len(far) < _SEVERAL:
         return None
@@ -114,7 +114,7 @@ def _smooth_bursts(raw: Array) -> Irregular | None:
     return Irregular(_in_bursts(squares), float(heights.sum()), float(np.sqrt(np.sum(heights**2))), float(np.sqrt(power - 1.0)))
 
 
-def _over_usual(rows: Array) -> Array:
+def over_usual(rows: Array) -> Array:
     """Squares of rows over what noise of their median size has: the median of a χ² of one degree of freedom is 0.4549."""
     squares = rows**2
     return np.asarray(squares / max(float(np.median(squares)) / 0.4549, 1e-300))

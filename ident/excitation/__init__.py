@@ -11,6 +11,7 @@ from ..errors import ConfigurationError, UnsupportedError
 from .families import BSplineFamily, Family, FourierFamily
 from .information import MotionInformation
 from .limits import Limits
+from .noise import sample_noise
 from .objective import Both, ConditionNumber, DOptimality, Measure, condition_number
 from .result import Excitation
 from .search import Candidate, Search
@@ -34,6 +35,7 @@ __all__ = [
     "condition_number",
     "excite",
     "random_excitation",
+    "sample_noise",
     "tell_apart",
 ]
 

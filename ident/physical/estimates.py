@@ -13,7 +13,7 @@ from ..torque_error import TorqueError
 from .bounds import Bounds, Prior, reference_prior
 from .judgement import Subject, subject_of
 from .payload import PayloadEstimate, payload_from_logs
-from .repairs import Repair, RepairMethod, repair, unseen_size
+from .repairs import Repair, RepairMethod, repair, unseen_root
 from .structure import InertiaStructure
 
 if TYPE_CHECKING:
@@ -123,7 +123,8 @@ def _widened(subject: Subject) -> Array:
     assert subject.covariance is not None
     if subject.unseen is None:
         return subject.covariance
-    return np.asarray(subject.covariance + unseen_size(subject.values) ** 2 * subject.unseen @ subject.unseen.T)
+    wide = unseen_root(subject.values, subject.unseen)
+    return np.asarray(subject.covariance + wide @ wide.T)
 
 
 def payload_of(without: Estimate, with_load: Estimate, *, link: str | None = None) -> PayloadEstimate:

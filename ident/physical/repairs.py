@@ -226,9 +226,10 @@ def torque_errors(information: Information, values: Array) -> dict[str, Any]:
     }
 
 
-def unseen_size(values: Array) -> float:
-    """How far base values (b,) that the data did not see may lie from zero (one standard deviation)."""
-    return 10.0 * float(np.abs(values).max(initial=1.0))
+def unseen_root(values: Array, unseen: Array) -> Array:
+    """Factor R (b, u) of the covariance R Rᵀ that directions `unseen` (b, u) have: known to no better than the largest of the values (b,),
+    which is next to nothing, but enough for a least distance."""
+    return np.asarray(10.0 * float(np.abs(values).max(initial=1.0)) * unseen)
 
 
 def _possible(
@@ -236,10 +237,9 @@ def _possible(
     limits: bool, time_limit: float,
 ) -> tuple[Array, str]:  # fmt: skip
     if unseen is not None and unseen.shape[1]:
-        # Known to no better than the largest parameter: next to nothing, but enough for a least distance.
-        size = unseen_size(values)
-        root = np.concatenate([root, size * unseen], axis=1)
-        covariance = covariance + size**2 * unseen @ unseen.T
+        wide = unseen_root(values, unseen)
+        root = np.concatenate([root, wide], axis=1)
+        covariance = covariance + wide @ wide.T
     lower, upper, _ = structure.ranges(limits)
     weight = typical_diagonal(structure, values, lower, upper)
     if method == RepairMethod.STEPWISE:

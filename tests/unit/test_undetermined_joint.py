@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.commands.excite import _noise_of
 from ident.comparison import compare
 from ident.errors import ConfigurationError
 from ident.estimate import Estimate
 from ident.estimators import WeightedLeastSquares
+from ident.excitation import sample_noise
 from ident.export import Identified, _urdf_dynamics
 from ident.logs import Log, LogSet
 from ident.monitoring import monitor
@@ -150,10 +150,10 @@ def test_validation_without_a_replay_says_why(parts: tuple[Signals, Signals]) ->
     assert validate(full, parts[1]).notes == ()
 
 
-def test_an_excitation_takes_the_noise_of_a_fit(parts: tuple[Signals, Signals], blind: Estimate) -> None:
+def test_an_excitation_takes_thesample_noise_a_fit(parts: tuple[Signals, Signals], blind: Estimate) -> None:
     """White noise of known size, whatever filter the rows went through."""
     full: Any = replace(fitted(parts[0]), signals_config=parts[0].report.to_dict())
-    assert _noise_of(full, RATE) == pytest.approx(NOISE, rel=0.2)
-    assert _noise_of(full, 2.0 * RATE) == pytest.approx(np.sqrt(2.0) * np.array(_noise_of(full, RATE)))
+    assert sample_noise(full, RATE) == pytest.approx(NOISE, rel=0.2)
+    assert sample_noise(full, 2.0 * RATE) == pytest.approx(np.sqrt(2.0) * np.array(sample_noise(full, RATE)))
     with pytest.raises(ConfigurationError, match=f"no noise of {full.model.robot.joint_names[BLIND]}"):
-        _noise_of(replace(blind, signals_config=full.signals_config), RATE)
+        sample_noise(replace(blind, signals_config=full.signals_config), RATE)
