@@ -112,7 +112,7 @@ def above_floor(after: Estimate, fitted: Signals, held: Signals, floor: Array) -
         j = robot.joint_names.index(u.joint)
         weight = np.where(np.arange(robot.n) == j, inverse_squares(floor), 0.0)
         left = there.residual[np.isfinite(there.residual[:, j]), j]
-        times = np.sqrt(there.misfit(weight) / int(there.signals.valid[:, j].sum()))
+        times = np.sqrt(there.misfit(weight) / len(left))
         if times > _NOT_NOISE and float(np.mean(over_usual(left))) > BURSTS**2:
             said = (
                 f"{u.joint}: the error on held-out data is {times:.3g} times the noise floor, most of it in some of the rows, and larger"

@@ -11,6 +11,7 @@ from effect_robots import declared
 from test_diagnosis_held_out import prepared
 
 from ident.diagnosis import diagnose
+from ident.diagnosis.analysis import without_reversals
 from ident.diagnosis.both_parts import SAID, halved, together
 from ident.diagnosis.in_plain_sight import ELSEWHERE, above_floor, apart, hinted
 from ident.effect import make_effect
@@ -201,3 +202,18 @@ def test_beside_a_law_that_remembers_the_motion_nothing_is_asked_of_the_noise_fl
         estimate = WeightedLeastSquares().solve(Problem(more, fit))
         rows = knocked(held, estimate.fit_error.rms[0], 2.0)
         assert len(above_floor(estimate, fit, rows, estimate.fit_error.rms)) == asked
+
+
+def test_times_the_noise_floor_are_of_the_rows_that_are_used() -> None:
+    """Where a joint sticks, an estimate leaves out rows that the signals have."""
+    fit, held = prepared(47, [], []).split(by="fraction", held=0.25)
+    estimate = WeightedLeastSquares().solve(Problem(declared(fit.robot)[0], fit))
+    rms = estimate.fit_error.rms
+    rows = without_reversals(knocked(held, rms[0], 2.0))
+    used = np.isfinite(estimate.residual(rows)[:, 0]) & (np.arange(len(rows.tau)) % 3 > 0)
+    masked = np.where(used[:, None], estimate.residual(rows), np.nan)
+    few = replace(rows, tau=np.where(used[:, None], rows.tau, np.nan))
+    assert few.valid[:, 0].sum() > 1.3 * used.sum()
+    (said,) = above_floor(estimate, fit, few, rms)
+    (times,) = re.findall(r"held-out data is (\S+) times the noise floor", said.evidence)
+    assert float(times) == pytest.approx(np.sqrt(np.nanmean(masked[:, 0] ** 2)) / rms[0], rel=0.05)
