@@ -15,8 +15,8 @@ import numpy as np
 import ident
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.robots import nominal_values
-from ident.simulate import Plant, Sensors, simulate_batch
-from ident.trajectory import FourierTrajectory
+from ident.simulation.simulate import Plant, Sensors, simulate_batch
+from ident.simulation.trajectory import FourierTrajectory
 
 RATE = 200.0
 SECONDS = 40.0

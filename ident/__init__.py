@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _WHERE = {
-    "Robot": "robot",
-    "Transmission": "transmission",
-    "Side": "transmission",
+    "Robot": "robots",
+    "Transmission": "robots",
+    "Side": "robots",
     "load_robot": "robots",
     "robot_names": "robots",
     "Log": "logs",
@@ -23,32 +23,32 @@ _WHERE = {
     "SavitzkyGolay": "signals",
     "CentralDifference": "signals",
     "Model": "model",
-    "Motion": "motion",
-    "Effect": "effect",
-    "make_effect": "effect",
-    "effect_names": "effect",
+    "Motion": "effects",
+    "Effect": "effects",
+    "make_effect": "effects",
+    "effect_names": "effects",
     "Problem": "problem",
-    "Information": "information",
+    "Information": "problem",
     "Estimate": "estimate",
-    "Status": "status",
-    "StatusCode": "status",
+    "Status": "estimate",
+    "StatusCode": "estimate",
     "make_estimator": "estimators",
-    "validate": "validation",
-    "Validation": "validation",
-    "compare": "comparison",
+    "validate": "evaluation",
+    "Validation": "evaluation",
+    "compare": "evaluation",
     "monitor": "monitoring",
     "report": "reporting",
     "diagnose": "diagnosis",
     "Diagnosis": "diagnosis",
-    "Comparison": "comparison",
+    "Comparison": "evaluation",
     "Study": "study",
     "read_study": "study",
     "IdentError": "errors",
     "ConfigurationError": "errors",
     "DataError": "errors",
     "UnsupportedError": "errors",
-    "MomentumProblem": "integrated",
-    "EnergyProblem": "integrated",
+    "MomentumProblem": "problem",
+    "EnergyProblem": "problem",
 }
 _PACKAGES = ("effects", "estimators", "friction", "physical", "regressor", "robots")
 
@@ -119,24 +119,25 @@ def __dir__() -> list[str]:
 
 if TYPE_CHECKING:
     from . import effects, estimators, friction, physical, regressor, robots
-    from .comparison import Comparison, compare
     from .diagnosis import Diagnosis, diagnose
-    from .effect import Effect, effect_names, make_effect
+    from .effects.base import Effect, effect_names, make_effect
+    from .effects.motion import Motion
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
-    from .estimate import Estimate
+    from .estimate.estimate import Estimate
+    from .estimate.status import Status, StatusCode
     from .estimators import make_estimator
-    from .information import Information
-    from .integrated import EnergyProblem, MomentumProblem
-    from .logs import Log, LogSet, read_logs
+    from .evaluation.comparison import Comparison, compare
+    from .evaluation.validation import Validation, validate
+    from .logs.log import Log, LogSet, read_logs
     from .model import Model
     from .monitoring import monitor
-    from .motion import Motion
-    from .problem import Problem
+    from .problem.information import Information
+    from .problem.integrated import EnergyProblem, MomentumProblem
+    from .problem.problem import Problem
     from .reporting import report
-    from .robot import Robot
-    from .robots import load_robot, robot_names
-    from .signals import CentralDifference, SavitzkyGolay, Signals, ZeroPhase
-    from .status import Status, StatusCode
-    from .study import Study, read_study
-    from .transmission import Side, Transmission
-    from .validation import Validation, validate
+    from .robots.library.load import load_robot, robot_names
+    from .robots.robot import Robot
+    from .robots.transmission import Side, Transmission
+    from .signals.preparation import CentralDifference, SavitzkyGolay, ZeroPhase
+    from .signals.signals import Signals
+    from .study.study import Study, read_study

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .effect import Effect, Nature, Need
+from .effects.base import Effect, Nature, Need
+from .effects.motion import Motion
+from .effects.reference import Reference
 from .errors import ConfigurationError
-from .motion import Motion
-from .parameters import Parameter
-from .reference import Reference
-from .transmission import Side
+from .robots.parameters import Parameter
+from .robots.transmission import Side
 
 if TYPE_CHECKING:
-    from .regressor.base import BaseReduction
-    from .robot import Robot
+    from .regressor.base_parameters.reduction import BaseReduction
+    from .robots.robot import Robot
 
 Array = np.ndarray
 
@@ -75,7 +75,7 @@ class Model:
     @cached_property
     def base(self) -> BaseReduction:
         """Base parameters of the whole model, from its structure."""
-        from .regressor.base import base_reduction
+        from .regressor.base_parameters.reduction import base_reduction
 
         return base_reduction(self)
 

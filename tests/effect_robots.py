@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.effect import Effect
+from ident.effects.base import Effect
+from ident.effects.motion import Motion
 from ident.effects.offset import Offset
+from ident.effects.reference import Reference
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.model import Model
-from ident.motion import Motion
-from ident.reference import Reference
-from ident.robot import Robot
-from ident.transmission import Side, Transmission
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side, Transmission
 
 
 def _link(name: str, rng: np.random.Generator) -> str:

@@ -10,8 +10,8 @@ from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.model import Model
 from ident.physical import InertiaStructure, Subject, published_subject
 from ident.regressor.rigid import regressor
-from ident.regressor.tree import RigidBodyTree
 from ident.robots import load_robot, nominal_values, published_tables
+from ident.robots.tree import RigidBodyTree
 
 Array = np.ndarray
 

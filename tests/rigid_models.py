@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from ident.regressor import numpy_dynamics, numpy_rows
 from ident.regressor.kernel_choice import Kernel
-from ident.regressor.tree import RigidBodyTree
+from ident.robots.tree import RigidBodyTree
 
 Array = np.ndarray
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ident.robot import Robot
+from ident.robots.robot import Robot
 
 Array = np.ndarray
 

@@ -11,8 +11,8 @@ import ident
 from ident import friction as fr
 from ident.model import Model
 from ident.robots import DriveParameters, drive_parameters, nominal_values
-from ident.trajectory import FourierTrajectory
-from ident.transmission import Side, Transmission
+from ident.robots.transmission import Side, Transmission
+from ident.simulation.trajectory import FourierTrajectory
 
 Array = np.ndarray
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ident.motion import Coordinates
+from ident.effects.motion import Coordinates
+from ident.robots.transmission import Side
 from ident.simulation.sensors import Distortion, Readings
-from ident.transmission import Side
 
 Array = np.ndarray
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ident.robots.transmission import Side
 from ident.simulation.sensors import Distortion
-from ident.transmission import Side
 
 from .arms import Arm
 from .laws import Dry, Law, Smooth, Soft

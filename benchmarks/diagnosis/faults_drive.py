@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.robots.transmission import Side
 from ident.simulation.sensors import TorqueScale
-from ident.transmission import Side
 
 from .distortions import Bent, Reading, Ripple
 from .fault import Fault, Setting, dry_law, fault, motor_scales, on_one, smooth_law
@@ -206,7 +206,7 @@ def _least_inertia_apart(s: Setting) -> float:
 
 def _link_inertia(s: Setting) -> float:
     """Typical inertia of what the joint moves, its own rotor not counted."""
-    from ident.controller import typical_inertia
+    from ident.simulation.controller import typical_inertia
 
     whole = float(typical_inertia(s.arm.model, s.arm.values, Side.JOINT)[s.j])
     return max(whole - float(s.arm.drive["Ia"][s.j]) * s.ratio**2, 1e-3)

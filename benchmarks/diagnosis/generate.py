@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.motion import Coordinates, Motion
+from ident.effects.motion import Coordinates, Motion
+from ident.robots.transmission import Side
 from ident.simulation.sensors import Quantisation, Readings, TorqueNoise
-from ident.transmission import Side
 
 from .arms import Arm, arm
 from .faults import FAULTS, OUTSIDE, Fault, Setting

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ident.motion import Coordinates
+from ident.effects.motion import Coordinates
 
 Array = np.ndarray
 

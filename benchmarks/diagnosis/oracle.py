@@ -18,11 +18,11 @@ import ident
 from ident import estimators as es
 from ident.diagnosis.analysis import without_reversals
 from ident.diagnosis.candidates import Candidate, candidates
-from ident.effect import Effect
+from ident.effects.base import Effect
 from ident.model import Model
-from ident.problem import Problem
+from ident.problem.problem import Problem
 from ident.signals import Signals
-from ident.torque_error import number
+from ident.statistics.torque_error import number
 
 Array = np.ndarray
 #: A gain counts if it lowers the held-out loss by this much (twice a log-likelihood; chance reaches it once in a thousand), and if

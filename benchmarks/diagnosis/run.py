@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import ident
-from ident.results import jsonable
+from ident._utils.json import jsonable
 
 from . import figures, tables
 from .counts import against_gain, against_size, confusion, requirements

@@ -17,15 +17,15 @@ import ident
 from ident import estimators as es
 from ident import friction as fr
 from ident.diagnosis.analysis import analysis_signals, without_reversals
-from ident.effect import Effect
-from ident.logs import Log, LogSet
+from ident.effects.base import Effect
+from ident.logs.log import Log, LogSet
 from ident.model import Model
-from ident.problem import Problem
-from ident.robot import Robot
-from ident.session import like
+from ident.problem.problem import Problem
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side
 from ident.signals import Signals, ZeroPhase
-from ident.torque_error import number
-from ident.transmission import Side
+from ident.statistics.torque_error import number
+from ident.study.session import like
 
 from .arms import Arm, arm
 from .oracle import Oracle, residual, same_place

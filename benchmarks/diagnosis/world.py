@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.motion import Coordinates
-from ident.trajectory import Trajectory
+from ident.effects.motion import Coordinates
+from ident.simulation.trajectory import Trajectory
 
 from .arms import Arm
 from .laws import Law, Soft
@@ -56,9 +56,9 @@ def simulate(declared: Arm, lanes: Sequence[Lane], seconds: float, rate: float, 
 
 class _World:
     def __init__(self, declared: Arm, lanes: Sequence[Lane], seconds: float, h: float) -> None:
-        from ident.controller import typical_inertia
         from ident.model import Model
-        from ident.transmission import Side
+        from ident.robots.transmission import Side
+        from ident.simulation.controller import typical_inertia
 
         self.lanes, self.h, self.n = list(lanes), h, declared.robot.n
         n, B = self.n, len(lanes)

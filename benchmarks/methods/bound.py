@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.information import triangle
-from ident.problem import Problem
+from ident.problem.information import triangle
+from ident.problem.problem import Problem
 
 if TYPE_CHECKING:
-    from ident.filters import RowFilter
+    from ident.signals.filters import RowFilter
 
 Array = np.ndarray
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from ident.errors import IdentError
 from ident.estimators import RecursiveLeastSquares, WeightedLeastSquares
-from ident.preparation import CentralDifference, Preparation, ZeroPhase
-from ident.problem import Problem
+from ident.problem.problem import Problem
+from ident.signals.preparation import CentralDifference, Preparation, ZeroPhase
 
 from .data import CUTOFF, Data, make_case
 from .methods import METHODS

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from ident.estimators import Experiment
-from ident.logs import Log
+from ident.logs.log import Log
 from ident.plan import Separation, make_plan
-from ident.preparation import Recorded, ZeroPhase
-from ident.problem import Problem
-from ident.simulate import Feedback
+from ident.problem.problem import Problem
+from ident.signals.preparation import Recorded, ZeroPhase
+from ident.simulation.simulate import Feedback
 
 from .bound import filtered_bound
 from .methods import Case

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.effects.motion import Motion
 from ident.excitation import DOptimality, Excitation, FourierFamily, excite, random_excitation
-from ident.motion import Motion
 from ident.plan import default_model
-from ident.problem import Problem
+from ident.problem.problem import Problem
 from ident.robots import load_robot, nominal_values
-from ident.simulate import Plant, Sensors, simulate
+from ident.robots.transmission import Side
 from ident.simulation.sensors import TorqueWindow
-from ident.transmission import Side
+from ident.simulation.simulate import Plant, Sensors, simulate
 
 from .data import recorded
 

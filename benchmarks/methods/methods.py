@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.estimate import Estimate
+from ident.estimate.estimate import Estimate
 from ident.estimators import (
     Estimator,
     Experiment,
@@ -21,11 +21,11 @@ from ident.estimators import (
     TotalLeastSquares,
     WeightedLeastSquares,
 )
-from ident.integrated import formulate
-from ident.logs import Log
+from ident.logs.log import Log
 from ident.plan import Plan
-from ident.preparation import CentralDifference, Preparation, ZeroPhase
-from ident.problem import Problem
+from ident.problem.integrated import formulate
+from ident.problem.problem import Problem
+from ident.signals.preparation import CentralDifference, Preparation, ZeroPhase
 
 from .world import World
 

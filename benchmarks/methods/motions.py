@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.controller import PDFeedforward
-from ident.logs import Log
+from ident.effects.motion import Coordinates
+from ident.logs.log import Log
 from ident.model import Model
-from ident.motion import Coordinates
 from ident.plan import Plan, PlannedTest
-from ident.simulate import Feedback, Hold, Sensors, Simulation, simulate_batch
-from ident.trajectory import Chained, Dwell, FourierTrajectory, Trajectory
-from ident.transmission import Side
+from ident.robots.transmission import Side
+from ident.simulation.controller import PDFeedforward
+from ident.simulation.simulate import Feedback, Hold, Sensors, Simulation, simulate_batch
+from ident.simulation.trajectory import Chained, Dwell, FourierTrajectory, Trajectory
 
 from .world import World
 

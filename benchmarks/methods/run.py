@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 import ident
-from ident.results import jsonable
+from ident._utils.json import jsonable
 
 from . import excitation, figures, tables, verdict
 from .convergence import followed, growth, recursions

@@ -9,11 +9,11 @@ import numpy as np
 
 from ident.model import Model
 from ident.plan import default_model
-from ident.problem import Problem
+from ident.problem.problem import Problem
 from ident.robots import load_robot, nominal_values
-from ident.simulate import Plant, Sensors
+from ident.robots.transmission import Side
 from ident.simulation.sensors import Quantisation, TorqueNoise, TorqueWindow
-from ident.transmission import Side
+from ident.simulation.simulate import Plant, Sensors
 
 Array = np.ndarray
 _FIRST_MOMENTS = ("mx", "my", "mz")

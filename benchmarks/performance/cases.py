@@ -10,7 +10,7 @@ import pinocchio as pin
 
 import ident
 from ident.regressor import numpy_dynamics, rigid
-from ident.regressor.tree import RigidBodyTree
+from ident.robots.tree import RigidBodyTree
 
 Array = np.ndarray
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 import ident
-from ident.controller import Script
+from ident.effects.motion import Motion
 from ident.estimators import InstrumentalVariable, RecursiveLeastSquares
-from ident.motion import Motion
 from ident.regressor import rigid
-from ident.simulate import Plant
+from ident.simulation.controller import Script
+from ident.simulation.simulate import Plant
 
 from .make_large_log import Puma
 from .table import Row
@@ -117,7 +117,7 @@ def _plain_iteration(puma: Puma, motion: tuple[Array, Array, Array], tau: Array)
 
 def _own_iteration(puma: Puma, q: Array, tau: Array) -> Row:
     """The estimator on a log whose positions are rounded: time of all it does over the iterations it took."""
-    from ident.logs import Log, LogSet
+    from ident.logs.log import Log, LogSet
 
     robot, samples, counts = puma.robot, len(q), 40_000 / (2 * np.pi)
     log = Log("raw", np.arange(samples) / 200.0, q=np.round(q * counts) / counts, tau={robot.transmission.measured.value: tau})

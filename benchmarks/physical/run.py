@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ident._utils.json import jsonable
 from ident.errors import DataError
 from ident.estimators import make_estimator
 from ident.physical import InertiaStructure, judge_consistent, judge_possible, published_subject, repair, repair_estimate
 from ident.physical.search import random_positions
-from ident.results import jsonable
 from ident.robots import load_robot, published_tables
-from ident.session import Session
-from ident.study import read_study
+from ident.study.session import Session
+from ident.study.study import read_study
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from physical_models import random_structure

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ident._utils.json import jsonable
 from ident.errors import DataError, IdentError
-from ident.results import jsonable
 
 HERE = Path(__file__).parent / "diagnosis"
 #: Seconds of wall time a log may take; a limit of the table, not of the diagnosis.
@@ -71,8 +71,8 @@ KNOWN: dict[str, tuple[Missing, ...]] = {
 def diagnosed(name: str) -> dict[str, Any]:
     """Diagnose one study. Raises DataError where its logs are not here."""
     from ident.diagnosis import diagnose
-    from ident.session import Session
-    from ident.study import read_study
+    from ident.study.session import Session
+    from ident.study.study import read_study
 
     session = Session(read_study(HERE / f"{name}.toml"))
     estimate, held = session.estimate, session.held_signals

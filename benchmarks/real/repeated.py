@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from ident import Estimate, Problem
-from ident.controller import Controller, Law
+from ident._utils.json import jsonable
+from ident.effects.motion import Coordinates
 from ident.errors import DataError, IdentError
 from ident.estimators import Desired, Estimator, Experiment, assumed_experiment, make_estimator
-from ident.motion import Coordinates
-from ident.results import jsonable
-from ident.robot import Robot
-from ident.session import Session
-from ident.study import read_study
+from ident.robots.robot import Robot
+from ident.simulation.controller import Controller, Law
+from ident.study.session import Session
+from ident.study.study import read_study
 
 HERE = Path(__file__).parent
 #: Published values (value, standard deviation or None) and relative torque error in %, from the notes beside the logs.

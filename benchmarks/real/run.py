@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from ident._utils.json import jsonable
 from ident.errors import DataError
-from ident.results import jsonable
-from ident.session import Session
-from ident.study import read_study
+from ident.study.session import Session
+from ident.study.study import read_study
 
 from . import diagnosed, repeated
 

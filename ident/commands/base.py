@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..results import result
+from .._utils.json import result
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
 
 HELP = "base parameters of a robot in readable expressions, and what cannot be identified"
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..regressor.base_report import base_report
+    from ..regressor.base_parameters.report import base_report
 
     out = Output(args)
     study = study_from(args)
@@ -48,10 +48,10 @@ def run(args: argparse.Namespace) -> int:
 def _principal(files, robot):  # type: ignore[no-untyped-def]
     import numpy as np
 
-    from ..logs import read_logs
-    from ..problem import Problem
-    from ..regressor.principal import principal_parameters
-    from ..signals import ZeroPhase
+    from ..logs.log import read_logs
+    from ..problem.problem import Problem
+    from ..regressor.base_parameters.principal import principal_parameters
+    from ..signals.preparation import ZeroPhase
 
     problem = Problem(robot.rigid_body(), ZeroPhase()(read_logs(files, robot)))
     information = problem.information

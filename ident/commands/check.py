@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from .._utils.json import result
 from ..errors import ConfigurationError, DataError
-from ..results import result
-from ..session import Session
+from ..study.session import Session
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 from .streaming import add_streaming_arguments, session_from
 

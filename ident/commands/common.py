@@ -14,12 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from .._utils.files import sha256, staged, write_atomic
 from ..errors import ConfigurationError
-from ..files import sha256, staged, write_atomic
 
 if TYPE_CHECKING:
-    from ..robot import Robot
-    from ..study import Study
+    from ..robots.robot import Robot
+    from ..study.study import Study
 
 
 def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -> None:
@@ -61,7 +61,7 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
 
 def study_from(args: argparse.Namespace) -> Study:
     """The study that the arguments describe; flags override the file."""
-    from ..study import Study, read_study
+    from ..study.study import Study, read_study
 
     if not (args.study or args.robot or args.urdf):
         raise ConfigurationError(
@@ -171,7 +171,7 @@ class Output:
 
     def say_wrapped(self, text: object) -> None:
         """The same with lines that are too long for a wide terminal broken, further lines indented."""
-        from ..summary import WIDTH, wrapped
+        from ..estimate.summary import WIDTH, wrapped
 
         self.say("\n".join(wrapped(line) if len(line) > WIDTH else line for line in str(text).splitlines()))
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.json import result
 from ..errors import ConfigurationError
-from ..estimate import Estimate
-from ..results import result
+from ..estimate.estimate import Estimate
 from .common import Output, add_output_arguments
 
 if TYPE_CHECKING:
-    from ..logs import LogSet
-    from ..transmission import Transmission
+    from ..logs.log import LogSet
+    from ..robots.transmission import Transmission
 
 HELP = "compare two saved fits (before, after) on held-out logs: torque error per joint, how the parameters moved"
 
@@ -34,8 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..comparison import compare
-    from ..session import like
+    from ..evaluation.comparison import compare
+    from ..study.session import like
 
     out = Output(args)
     before, after = Estimate.load(args.before), Estimate.load(args.after)
@@ -70,8 +70,8 @@ def run(args: argparse.Namespace) -> int:
 
 def logs_for(args: argparse.Namespace, estimate: Estimate) -> LogSet:
     """The logs named by `--log` or by the study, as an estimate's robot reads them. Raises ConfigurationError if there are none."""
-    from ..logs import read_logs
-    from ..study import Study, read_study
+    from ..logs.log import read_logs
+    from ..study.study import Study, read_study
 
     study = read_study(Path(args.study)) if args.study else Study()
     if args.missing:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from ..results import result
-from ..robots import robot_folder
-from ..session import Session
+from .._utils.json import result
+from ..robots.library.load import robot_folder
+from ..study.session import Session
 from .common import Output, add_output_arguments
 
 HELP = "audit, fit, held-out error and replay on a bundled PUMA 560 log"
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..study import Study
+    from ..study.study import Study
 
     out = Output(args)
     folder = robot_folder("puma560") / "demo"
@@ -45,6 +45,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _truth(session: Session):  # type: ignore[no-untyped-def]
-    from ..robots import nominal_values
+    from ..robots.library.nominal import nominal_values
 
     return session.estimate.base.base_values(nominal_values(session.model))

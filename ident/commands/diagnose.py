@@ -7,17 +7,17 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from .._utils.files import write_atomic
 from ..errors import ConfigurationError, DataError
-from ..files import write_atomic
-from ..session import HELD_SHARE, Session
-from ..summary import wrapped
+from ..estimate.summary import wrapped
+from ..study.session import HELD_SHARE, Session
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from ..diagnosis import Diagnosis
-    from ..signals import Signals
+    from ..signals.signals import Signals
 
 HELP = "find what the declared model lacks, refit with it, and compare before and after on held-out data"
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from ..effect import make_effect
+from .._utils.json import result
+from ..effects.base import make_effect
 from ..errors import ConfigurationError, unknown_name
-from ..estimate import Estimate
-from ..results import result
+from ..estimate.estimate import Estimate
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, positive, study_from, whole
 
 if TYPE_CHECKING:
-    from ..excitation import Family, Measure
+    from ..excitation.families import Family
+    from ..excitation.objective import Measure
     from ..model import Model
 
 HELP = "design an exciting trajectory within limits, and tell the accuracy to expect"
@@ -46,7 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..excitation import excite, sample_noise
+    from ..excitation.design import excite
+    from ..excitation.noise import sample_noise
 
     out = Output(args)
     target = out.target(args.trajectory, _TRAJECTORY)
@@ -85,13 +87,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _family(args: argparse.Namespace) -> Family:
-    from ..excitation import BSplineFamily, FourierFamily
+    from ..excitation.families import BSplineFamily, FourierFamily
 
     return FourierFamily(args.seconds) if args.family == "fourier" else BSplineFamily(args.seconds)
 
 
 def _measure(args: argparse.Namespace, model: Model) -> tuple[Model, Measure]:
-    from ..excitation import Both, ConditionNumber, DOptimality, tell_apart
+    from ..excitation.design import tell_apart
+    from ..excitation.objective import Both, ConditionNumber, DOptimality
 
     if args.separate and args.sharpen:
         raise ConfigurationError("--separate and --sharpen ask for different trajectories; give one of them.")

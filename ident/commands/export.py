@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..estimate import Estimate
-from ..results import result
+from .._utils.json import result
+from ..estimate.estimate import Estimate
 from .common import Output, add_output_arguments
 
 HELP = "write a saved fit as URDF, MJCF or JSON, with physically consistent standard parameters"
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..export import export
+    from ..export.export import export
 
     out = Output(args)
     estimate = Estimate.load(args.fit)

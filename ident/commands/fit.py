@@ -6,9 +6,9 @@ import argparse
 import textwrap
 from dataclasses import replace
 
-from ..session import HELD_SHARE, Session
-from ..status import StatusCode
-from ..summary import wrapped
+from ..estimate.status import StatusCode
+from ..estimate.summary import wrapped
+from ..study.session import HELD_SHARE, Session
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from
 
@@ -77,6 +77,6 @@ def _sentence(text: str) -> str:
 
 
 def _effects() -> str:
-    from ..effect import effect_names
+    from ..effects.base import effect_names
 
     return textwrap.fill(", ".join(n for n in effect_names() if n != "rigid_body"), 110, subsequent_indent="  ")

@@ -6,15 +6,15 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
+from .._utils.json import result
 from ..errors import ConfigurationError, unknown_name
-from ..estimate import Estimate
-from ..results import result
-from ..summary import wrapped
+from ..estimate.estimate import Estimate
+from ..estimate.summary import wrapped
 from .common import Output, add_output_arguments
 
 if TYPE_CHECKING:
     from ..physical import Bounds, Prior, Repair, Subject
-    from ..signals import Signals
+    from ..signals.signals import Signals
 
 HELP = "judge whether an estimate is physically possible and consistent; repair it"
 
@@ -83,7 +83,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _subject(args: argparse.Namespace) -> tuple[Estimate | None, Subject]:
     from ..physical import published_subject, subject_of
-    from ..robots import load_robot, published_tables
+    from ..robots.library.load import load_robot
+    from ..robots.library.published import published_tables
 
     if args.fit and not args.robot and not args.table:
         estimate = Estimate.load(args.fit)
@@ -99,7 +100,7 @@ def _subject(args: argparse.Namespace) -> tuple[Estimate | None, Subject]:
 
 def _held(args: argparse.Namespace, estimate: Estimate | None) -> Signals | None:
     """Held-out logs, prepared as those of the fit were."""
-    from ..session import like
+    from ..study.session import like
     from .compare import logs_for
 
     if not (args.validate or args.study):

@@ -8,16 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .._utils.files import sha256, write_atomic
 from ..errors import ConfigurationError, IdentError
-from ..estimate import Estimate
-from ..files import sha256, write_atomic
+from ..estimate.estimate import Estimate
 from .common import Output, add_output_arguments
 
 if TYPE_CHECKING:
-    from ..logs import LogSet
+    from ..logs.log import LogSet
     from ..monitoring import Monitoring
-    from ..signals import Signals
-    from ..study import Study
+    from ..signals.signals import Signals
+    from ..study.study import Study
 
 HELP = "compare new logs with a saved fit and say what changed"
 
@@ -41,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from ..monitoring import monitor
-    from ..session import like
-    from ..study import Study, read_study
+    from ..study.session import like
+    from ..study.study import Study, read_study
 
     out = Output(args)
     estimate = Estimate.load(args.fit)
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read(files: list[str], study: Study, estimate: Estimate) -> LogSet:
-    from ..logs import read_logs
+    from ..logs.log import read_logs
 
     return read_logs(files, estimate.model.robot, study.columns or None, **study.logs.reading())
 
@@ -75,7 +75,7 @@ def _read(files: list[str], study: Study, estimate: Estimate) -> LogSet:
 def _reference(args: argparse.Namespace, study: Study, estimate: Estimate) -> tuple[Signals | None, str]:
     """The fit's own logs: those named, else those that the fit names, as long as they are still what they were; and what is to be
     said where they are not at hand."""
-    from ..session import like
+    from ..study.session import like
 
     preparation = like(estimate.signals_config)
     if args.reference:

@@ -6,18 +6,18 @@ import argparse
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from .._utils.json import result
 from ..errors import ConfigurationError, DataError
-from ..estimate import Estimate
-from ..results import result
-from ..session import like
+from ..estimate.estimate import Estimate
+from ..study.session import like
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 
 if TYPE_CHECKING:
-    from ..logs import LogSet
+    from ..logs.log import LogSet
     from ..model import Model
-    from ..robot import Robot
-    from ..signals import Signals
-    from ..study import Study
+    from ..robots.robot import Robot
+    from ..signals.signals import Signals
+    from ..study.study import Study
 
 HELP = "identify a payload: ten parameters of a real body, with uncertainty, from logs without and with it"
 
@@ -71,7 +71,7 @@ def _of_logs(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
 
 def _of_saved(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
     """A saved fit, and the fit of the same model to the logs with the load."""
-    from ..study import Study, read_study
+    from ..study.study import Study, read_study
 
     if args.without or args.robot or args.urdf or args.drive or args.effects or args.cutoff:
         raise ConfigurationError(
@@ -86,7 +86,7 @@ def _of_saved(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
 
 
 def _read(study: Study, robot: Robot, which: str) -> LogSet:
-    from ..logs import read_logs
+    from ..logs.log import read_logs
 
     try:
         return read_logs([*map(str, study.fit_files())], robot, study.columns or None, **study.logs.reading())
@@ -95,7 +95,7 @@ def _read(study: Study, robot: Robot, which: str) -> LogSet:
 
 
 def _solved(study: Study, model: Model, signals: Signals) -> Estimate:
-    from ..problem import Problem
+    from ..problem.problem import Problem
 
     found = study.make_estimator().solve(Problem(model, signals))
     return replace(found, inputs=signals.inputs, signals_config=signals.report.to_dict())

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.json import result
 from ..errors import ConfigurationError
-from ..results import result
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
 
 if TYPE_CHECKING:
-    from ..plan import Plan
+    from ..plan.plan import Plan
 
 HELP = "plan a step-by-step identification: every test, what moves where, and what it reveals"
 
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from ..excitation.limits import Limits
-    from ..plan import make_plan, write_plan
+    from ..plan.plan import make_plan, write_plan
     from ..plan.text import plan_text
 
     if args.motion is not None and (args.out is None or not args.motion > 0):

@@ -11,7 +11,7 @@ from ..errors import ConfigurationError
 from .common import Output
 
 if TYPE_CHECKING:
-    from ..reporting import Report
+    from ..reporting.document import Report
 
 HELP = "write the report of a kept result (folder of `ident diagnose --out`, saved fit) or of a study as one HTML file"
 _KEPT = "report.json"
@@ -42,7 +42,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _document(path: Path, args: argparse.Namespace) -> Report:
-    from ..reporting import of, read_report
+    from ..reporting import of
+    from ..reporting.document import read_report
 
     if path.is_dir():
         if not (path / _KEPT).exists() and (path / "fit.json").exists():
@@ -58,7 +59,7 @@ def _document(path: Path, args: argparse.Namespace) -> Report:
         case "ident.report/1":
             return read_report(path)
         case "ident.fit/1":
-            from ..estimate import Estimate
+            from ..estimate.estimate import Estimate
 
             return of(Estimate.load(path))
         case schema if (path.parent / _KEPT).exists() and schema in ("ident.diagnosis/1", "ident.monitor/1"):
@@ -72,8 +73,8 @@ def _document(path: Path, args: argparse.Namespace) -> Report:
 
 def _of_study(path: Path, args: argparse.Namespace) -> Report:
     from ..reporting import of
-    from ..session import Session
-    from ..study import read_study
+    from ..study.session import Session
+    from ..study.study import read_study
     from .diagnose import diagnosis_of
 
     out = Output(args)

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.json import result
 from ..errors import ConfigurationError
-from ..estimate import Estimate
-from ..results import result
-from ..urdf import some
+from ..estimate.estimate import Estimate
+from ..robots.urdf import some
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, study_from
 
 if TYPE_CHECKING:
+    from ..effects.motion import Coordinates
     from ..model import Model
-    from ..motion import Coordinates
-    from ..plan import Plan
+    from ..plan.plan import Plan
     from ..simulation.sensors import Sensors
-    from ..trajectory import FourierTrajectory
+    from ..simulation.trajectory import FourierTrajectory
 
 Array = np.ndarray
 #: Encoder counts a motor turn, where nothing asks for more.
@@ -63,8 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..simulate import Plant, simulate
     from ..simulation.sensors import TorqueWindow
+    from ..simulation.simulate import Plant, simulate
 
     if args.plan:
         return _planned(args)
@@ -104,9 +104,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _planned(args: argparse.Namespace) -> int:
     """The tests of a plan: one log each, and the manifest beside them."""
-    from ..plan import read_plan, simulate_plan
-    from ..simulate import Plant
+    from ..plan.plan import read_plan, simulate_plan
     from ..simulation.sensors import TorqueWindow
+    from ..simulation.simulate import Plant
 
     if args.trajectory:
         raise ConfigurationError("--plan and --trajectory are different motions; give one of them.")
@@ -164,8 +164,8 @@ def _named(model: Model, values: Array) -> dict[str, float]:
 
 def _sensors(model: Model, counts: float | None, noise: Array, colour: float) -> Sensors:
     """Encoders on the motors, and torque noise (n,). `counts` None: fine enough for every joint, gearless ones included."""
+    from ..robots.transmission import Side
     from ..simulation.sensors import Quantisation, Sensors, TorqueNoise
-    from ..transmission import Side
 
     rounding: tuple[Quantisation, ...] = ()
     if counts is None:
@@ -186,7 +186,7 @@ def _plant(args: argparse.Namespace) -> tuple[Model, Array]:
     if args.fit:
         estimate = Estimate.load(args.fit)
         return estimate.model, estimate.all_values
-    from ..robots import nominal_values
+    from ..robots.library.nominal import nominal_values
 
     study = study_from(args)
     model = study.model()
@@ -209,7 +209,7 @@ def _note_unknown(out: Output, model: Model, values: Array) -> None:
 
 def random_motion(model: Model, seed: int, seconds: float, base_hz: float = 0.1, harmonics: int = 5) -> FourierTrajectory:
     """Random Fourier motion over most of the joint ranges (half a turn or half a metre each way at the most) and of the speed limits."""
-    from ..trajectory import FourierTrajectory
+    from ..simulation.trajectory import FourierTrajectory
 
     robot = model.robot
     rng = np.random.default_rng(seed)
@@ -232,8 +232,8 @@ def _followed(file: str, model: Model) -> Coordinates:
     """The motion in a CSV file, resampled to the controller's rate by splines."""
     from scipy.interpolate import CubicSpline
 
-    from ..logs import read_logs
-    from ..motion import Coordinates
+    from ..effects.motion import Coordinates
+    from ..logs.log import read_logs
 
     log = read_logs(file, model.robot)[0]
     spline = CubicSpline(log.t, log.position(model.robot.transmission))

@@ -9,13 +9,13 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..errors import ConfigurationError, IdentError
-from ..session import Session, like
+from ..study.session import Session, like
 from .common import Output
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
-    from ..study import Study
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
+    from ..study.study import Study
 
 #: Threads that are taken unasked: each needs some 20 MB, and with four the memory stays below 300 MB.
 _MOST_JOBS = 4
@@ -78,7 +78,7 @@ def job_count(args: argparse.Namespace) -> int:
 @contextmanager
 def signals_from(args: argparse.Namespace, study: Study, out: Output, estimate: Estimate) -> Iterator[Signals]:
     """The study's logs as signals for a fit that was saved, prepared as that fit's were."""
-    from ..logs import read_logs
+    from ..logs.log import read_logs
 
     robot, prep = estimate.model.robot, like(estimate.signals_config)
     if not _large(args, study, out):

@@ -8,14 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._utils.json import result
 from ..errors import ConfigurationError
-from ..estimate import Estimate
-from ..results import result
+from ..estimate.estimate import Estimate
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from, signals_from
 
 if TYPE_CHECKING:
-    from ..validation import Validation
+    from ..evaluation.validation import Validation
 
 HELP = "predict held-out logs with a fit: torque error per joint, replayed motion"
 
@@ -51,8 +51,8 @@ def _told(validation: Validation, inputs: Iterable[Mapping[str, Any]], args: arg
 
 
 def _of_saved(args: argparse.Namespace, out: Output) -> int:
-    from ..study import Study, read_study
-    from ..validation import validate
+    from ..evaluation.validation import validate
+    from ..study.study import Study, read_study
 
     estimate = Estimate.load(args.fit)
     study = read_study(Path(args.study)) if args.study else Study()

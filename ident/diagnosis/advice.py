@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..effect import Axis, Effect, effect_types
-from ..places import on
+from ..effects.base import Axis, Effect, effect_types
+from ..effects.places import on
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
     from .findings import Finding
 
 #: The motion that shows a quantity's influence.

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..cutoff import HIGHEST
-from ..filters import RowFilter
-from ..prepared import Signals
-from ..reversals import Reversals
+from ..robots.reversals import Reversals
+from ..signals.cutoff import HIGHEST
+from ..signals.filters import RowFilter
+from ..signals.signals import Signals
 from .motion_noise import less_noise
 from .motion_spectrum import told_up_to
 
 if TYPE_CHECKING:
-    from ..logs import LogSet
+    from ..logs.log import LogSet
 
 Array = np.ndarray
 #: The rows' low-pass lies where the noise of the positions is one thousandth of the power of the accelerations; that of the
@@ -50,7 +50,7 @@ def in_wide_band(signals: Signals, held: Signals | None) -> tuple[Signals, Signa
         return signals, held
     if held is not None and held.source is None:
         return signals, held
-    from ..signals import make_preparation
+    from ..signals.preparation import make_preparation
 
     def prepared(source: LogSet, cutoff: float) -> Signals:
         return make_preparation(**{**signals.report.config, "cutoff_hz": cutoff, "row_cutoff_hz": None})(source, signals.robot)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..effect import Effect, Need
+from ..effects.base import Effect, Need
 from .candidates import Candidate
 from .frame import Frame
 from .motions import Motions

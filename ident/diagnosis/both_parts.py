@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DataError
-from ..prepared import Signals
+from ..signals.signals import Signals
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..comparison import Comparison
-    from ..prepared import JointReport
+    from ..evaluation.comparison import Comparison
+    from ..signals.signals import JointReport
     from .findings import Unexplained
 
 _TOGETHER = (

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect, Need, effect_types
+from ..effects.base import Effect, Need, effect_types
 from ..errors import IdentError
 from ..model import Model
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
     from .motions import Motions
 
 #: Points of the first grid over a shape parameter that does not say how many, alone and beside another.

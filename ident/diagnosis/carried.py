@@ -21,8 +21,8 @@ from .stage import Stage, on_rows, with_effects
 from .weights import weights
 
 if TYPE_CHECKING:
-    from ..effect import Effect
-    from ..robot import Robot
+    from ..effects.base import Effect
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: Rivals are weighed again from this weight on.

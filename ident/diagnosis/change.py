@@ -12,8 +12,8 @@ import numpy as np
 from .evidence import WEAK, acts_on
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
     from .acceptance import Found
 
 Array = np.ndarray

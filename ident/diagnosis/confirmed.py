@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..places import on, place_of
+from ..effects.places import on, place_of
 from .acceptance import FEW, Found
 from .advice import motion_for
 from .analysis import without_reversals
@@ -24,9 +24,9 @@ from .stage import Stage, with_effects
 from .stand_in import stand_in
 
 if TYPE_CHECKING:
-    from ..effect import Effect
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..effects.base import Effect
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
 
     #: The estimate of a stage's model on all rows but those near reversals of some joints.
     Refit = Callable[[Stage, tuple[str, ...]], Estimate]

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Need
-from ..fixed_point import MOST, Repetition
+from .._utils.fixed_point import MOST, Repetition
+from ..effects.base import Need
 from .frame import Frame, raw_columns
 from .steady import steady_values
 
 if TYPE_CHECKING:
-    from ..problem import Problem
+    from ..problem.problem import Problem
     from .whitening import Whitener
 
 Array = np.ndarray

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect
+from ..effects.base import Effect
 from .acceptance import FEW, NEAR, Found
 from .bank import Bank
 from .change import inverse_squares, squared_errors
@@ -23,8 +23,8 @@ from .selection import Place, Selection, labelled
 from .stage import Stage, with_effects
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: Rivals that are looked at: of at least this weight, or near in evidence; so many of one finding, and more where those left out would

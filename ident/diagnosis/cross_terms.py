@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..places import motors_of
+from ..effects.places import motors_of
 from .evidence import acts_on
 from .stage import with_effects
 
 if TYPE_CHECKING:
-    from ..motion import Motion
+    from ..effects.motion import Motion
     from .acceptance import Found
     from .search import Judged
     from .selection import Selection

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..places import on, place_of
+from ..effects.places import on, place_of
 from .findings import Unexplained
 from .selection import Selection
 

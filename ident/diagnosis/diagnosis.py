@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.json import result
+from ..effects.places import on
 from ..errors import ConfigurationError
-from ..places import on
-from ..results import result
-from ..torque_error import number
+from ..statistics.torque_error import number
 from .advice import advice_for, advice_to_confirm, advice_unconfirmed, advice_without_period
 from .analysis import analysis_signals, stretches, thinned, without_reversals
 from .bank import Bank
@@ -34,13 +34,13 @@ from .stage import start
 from .withdrawn import withdrawal, withdrawn, without_guesses
 
 if TYPE_CHECKING:
-    from ..comparison import Comparison
-    from ..effect import Effect
-    from ..estimate import Estimate
+    from ..effects.base import Effect
+    from ..estimate.estimate import Estimate
     from ..estimators import Estimator
+    from ..evaluation.comparison import Comparison
     from ..model import Model
-    from ..robot import Robot
-    from ..signals import Signals
+    from ..robots.robot import Robot
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: Share of their confidence that findings keep which sit where the model does not hold, or that held-out data do not show; and of those
@@ -87,7 +87,7 @@ class Diagnosis:
     @cached_property
     def comparison(self) -> Comparison:
         """Before and after on the data held out (on the fitted ones if nothing was)."""
-        from ..comparison import compare
+        from ..evaluation.comparison import compare
 
         return compare(self.before, self.after, self.signals if self.held is None else self.held)
 
@@ -105,7 +105,7 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """The `ident.diagnosis/1` result (DESIGN.md 3.4), with the comparison and the warnings beside it."""
-        from ..comparison import compare
+        from ..evaluation.comparison import compare
 
         sides = self.comparison.to_dict()
         fitted = self.comparison if self.held is None else compare(self.before, self.after, self.signals)

@@ -10,7 +10,7 @@ import numpy as np
 from .motion_spectrum import position_noise, taken_out
 
 if TYPE_CHECKING:
-    from ..problem import Problem
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 #: No reading of torque tells anything below this share of it (rms): drives are not linear to 80 dB.

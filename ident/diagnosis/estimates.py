@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..problem import Problem
+from ..problem.problem import Problem
 from .analysis import without_turning
 from .turning import agreeing, left_out, left_out_with_findings, sticking
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
     from ..estimators import Estimator
     from ..model import Model
-    from ..signals import Signals
+    from ..signals.signals import Signals
     from .stage import Stage
 
 Array = np.ndarray

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..effect import Axis, Effect, Need
-from ..places import motors_of, place_of, place_of_joints
-from ..transmission import Side
+from ..effects.base import Axis, Effect, Need
+from ..effects.places import motors_of, place_of, place_of_joints
+from ..robots.transmission import Side
 from .acceptance import Found
 from .cross_terms import cross_terms
 from .evidence import acts_on
@@ -22,7 +22,7 @@ from .selection import Place, Selection
 from .stage import Stage
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: A finding is ambiguous when its rivals together are at least this probable. Of 26 single faults of four counts whose rivals came to

@@ -22,7 +22,7 @@ from .spectral import promising_orders
 from .whitening import Whitener, plain_whitener, unwhitened_rows, whitener
 
 if TYPE_CHECKING:
-    from ..problem import Problem
+    from ..problem.problem import Problem
     from .bank import Bank
     from .candidates import Candidate
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
     from .whitening import Whitener
 
 Array = np.ndarray

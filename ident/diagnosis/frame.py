@@ -19,7 +19,7 @@ from ..errors import DataError
 from .whitening import Whitener
 
 if TYPE_CHECKING:
-    from ..problem import Problem
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 #: Blocks of time: enough for a standard error, long enough to hold several correlation times.

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..effect import Effect
+from ..effects.base import Effect
 from .candidates import Candidate
 from .evidence import threshold
 from .plausible import BEYOND

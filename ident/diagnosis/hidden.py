@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..effect import Effect, Need
-from ..places import motors_of, place_of_joints
-from ..reference import Reference
-from ..regressor.base import random_motion
+from ..effects.base import Effect, Need
+from ..effects.places import motors_of, place_of_joints
+from ..effects.reference import Reference
+from ..regressor.base_parameters.reduction import random_motion
 from .advice import motion_for
 from .evidence import FALSE_ALARM
 from .stage import Stage

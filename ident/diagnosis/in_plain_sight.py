@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Need
+from ..effects.base import Need
 from .analysis import without_reversals
 from .change import inverse_squares
 from .findings import Unexplained
@@ -18,8 +18,8 @@ from .foretelling import Foretelling
 from .irregular import BURSTS, over_usual
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: Errors on held-out data that are so many times those on fitted data are no scatter, from so many rows on (on 378 clean logs of the test
@@ -44,8 +44,8 @@ _STRETCHES = 10
 
 def jumps(signals: Signals) -> tuple[Unexplained, ...]:
     """Joints whose recorded position jumps (an encoder that slips, a wrong sample): what is around a jump is lost to any fit."""
-    from ..audit_checks import position_jumps, positions
-    from ..turns import unwrapped
+    from ..audit.columns import position_jumps, positions
+    from ..logs.unwrap import unwrapped
 
     found: dict[str, Unexplained] = {}
     for log in () if signals.source is None else signals.source:

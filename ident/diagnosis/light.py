@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect, Need
-from ..motion import Motion
-from ..transmission import Side
+from ..effects.base import Effect, Need
+from ..effects.motion import Motion
+from ..robots.transmission import Side
 from .refit import Refit
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
     from .search import Judged
     from .stage import Stage
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Axis, Effect, Nature, Need
+from ..effects.base import Axis, Effect, Nature, Need
 from .acceptance import Found, chosen, undecoyed
 from .analysis import without_reversals
 from .bank import Bank
@@ -29,7 +29,7 @@ from .stage import Stage, on_rows, with_effects
 from .whitening import Whitener
 
 if TYPE_CHECKING:
-    from ..signals import Signals
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: An effect is one of low speed if this share of what it adds lies on rows near reversals.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..effect import Effect
+from ..effects.base import Effect
 from .frame import Frame
 from .motions import Motions
 

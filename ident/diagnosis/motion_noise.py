@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..prepared import Signals
+from ..signals.signals import Signals
 from .motion_spectrum import noise_share, position_noise
 from .repeated_noise import lines, repeats
 

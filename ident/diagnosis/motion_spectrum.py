@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..prepared import Signals
+from ..signals.signals import Signals
 
 Array = np.ndarray
 #: The power of a motion is averaged over this share of all frequencies, either side.

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect, Need
-from ..motion import Motion
+from ..effects.base import Effect, Need
+from ..effects.motion import Motion
 from .frame import acting_on
 
 if TYPE_CHECKING:
-    from ..prepared import Block
-    from ..problem import Problem
+    from ..problem.problem import Problem
+    from ..signals.signals import Block
 
 Array = np.ndarray
 #: Predictions that differ by less than this share (rms, every joint) make the same columns.

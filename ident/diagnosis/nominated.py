@@ -31,8 +31,8 @@ from .stage import Stage, with_effects
 from .weights import weights
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
     from .search import Judged
 
 #: So many candidates are nominated, each of which lacks no more than this. (Where the fitted motion tells little of a joint's parameters,

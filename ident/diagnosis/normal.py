@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect
+from ..effects.base import Effect
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
     from .stage import Stage
 
 Array = np.ndarray

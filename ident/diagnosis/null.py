@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import IdentError
-from ..problem import Problem
+from ..problem.problem import Problem
 from .analysis import thinned, without_reversals
 from .bank import Bank
 from .frame import Frame, raw_columns
@@ -25,8 +25,8 @@ from .search import Search
 from .whitening import unwhitened_rows
 
 if TYPE_CHECKING:
-    from ..logs import LogSet
-    from ..signals import Signals
+    from ..logs.log import LogSet
+    from ..signals.signals import Signals
     from .candidates import Candidate
     from .whitening import Whitener
 
@@ -60,7 +60,7 @@ class Null:
         return 0.0 if hit is None else search.judge(search.refined(hit)).evidence
 
     def _search(self, seed: int) -> Search | None:
-        from ..signals import make_preparation
+        from ..signals.preparation import make_preparation
 
         signals = self.problem.signals
         cutoffs = {"cutoff_hz": signals.report.cutoff_hz, "row_cutoff_hz": signals.report.row_cutoff_hz}
@@ -78,7 +78,7 @@ class Null:
         return Search(frame, Motions(problem), (), Bank())
 
     def _logs(self, rng: np.random.Generator) -> LogSet:
-        from ..logs import Log, LogSet
+        from ..logs.log import Log, LogSet
 
         problem, signals = self.problem, self.problem.signals
         side = signals.robot.transmission.measured.value

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect
-from ..parameters import Parameter
+from ..effects.base import Effect
+from ..robots.parameters import Parameter
 from .frame import Frame
 from .refit import Refit
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: Parameters may lie beyond a bound by this many of their standard deviations before a candidate is dropped for it; those of the declared

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect, Need
-from ..parameters import ShapeParameter
+from ..effects.base import Effect, Need
+from ..robots.parameters import ShapeParameter
 from .normal import Normal, Slopes
 
 if TYPE_CHECKING:

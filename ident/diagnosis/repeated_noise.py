@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..prepared import Signals
+from ..signals.signals import Signals
 from .motion_spectrum import noise_over
 
 Array = np.ndarray

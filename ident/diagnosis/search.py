@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect, Need
-from ..places import motors_of
+from ..effects.base import Effect, Need
+from ..effects.places import motors_of
 from .bank import Bank
 from .candidates import Candidate
 from .evidence import WEAK
@@ -23,7 +23,7 @@ from .spectral import evenly_drawn, order_gains, order_parameter, peaks
 from .steady import steady_values
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: Steps of the search for a shape, per shape parameter.

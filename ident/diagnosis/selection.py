@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..effect import Effect
+from ..effects.base import Effect
 from ..model import Model
 from .acceptance import FEW, NEAR, Found, chosen, undecoyed
 from .bank import Bank

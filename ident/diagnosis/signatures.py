@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..transmission import Side
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
     from .motions import Motions

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effect import Effect
+from ..effects.base import Effect
 from .acceptance import FEW, Found
 from .bank import Bank
 from .consistent import own_loss

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect
+from ..effects.base import Effect
 
 if TYPE_CHECKING:
     from .frame import Frame

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..fixed_point import MOST
-from ..problem import Problem
+from .._utils.fixed_point import MOST
+from ..problem.problem import Problem
 from .bank import Bank
 from .candidates import Candidate, candidates
 from .consistent import consistent, own_loss
@@ -23,9 +23,9 @@ from .signatures import signatures
 from .total import totalled
 
 if TYPE_CHECKING:
-    from ..effect import Effect
+    from ..effects.base import Effect
     from ..model import Model
-    from ..signals import Signals
+    from ..signals.signals import Signals
     from .whitening import Whitener
 
 Array = np.ndarray

@@ -16,7 +16,7 @@ from .contest import Arena, contenders, settled_with, standing_in
 from .stage import Stage
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
 
 #: So many rivals are tried.
 _MOST = 3

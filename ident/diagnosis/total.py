@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Effect, Need
+from ..effects.base import Effect, Need
 from .consistent import own_loss
 from .frame import Frame, raw_columns
 from .motions import Motions
 
 if TYPE_CHECKING:
-    from ..problem import Problem
+    from ..problem.problem import Problem
     from .stage import Stage
 
 Array = np.ndarray

@@ -16,9 +16,9 @@ from .analysis import without_turning
 from .evidence import touched
 
 if TYPE_CHECKING:
-    from ..effect import Effect
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..effects.base import Effect
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
     from .stage import Stage
 
 Array = np.ndarray

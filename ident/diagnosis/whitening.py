@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..noise import autocovariance
+from ..statistics.noise import autocovariance
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from ..problem import Problem
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 #: Longest memory of the noise, in rows.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..places import on
+from ..effects.places import on
 from .analysis import without_reversals
 from .bank import Bank
 from .change import Change
@@ -22,8 +22,8 @@ from .selection import Selection
 from .stage import Stage, with_effects
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
 
 #: Share of what all of them explain that makes one of them stand for itself.
 _ALMOST_ALL = 0.8

@@ -17,17 +17,17 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from ..effect import Axis, Effect, Need, register
 from ..errors import ConfigurationError
-from ..motion import Coordinates, Motion
-from ..parameters import Parameter, ShapeParameter
-from ..transmission import Side
+from ..robots.parameters import Parameter, ShapeParameter
+from ..robots.transmission import Side
+from .base import Axis, Effect, Need, register
 from .flexing import responses
+from .motion import Coordinates, Motion
 from .play import Flights, Jolts, played
 
 if TYPE_CHECKING:
-    from ..reference import Reference
-    from ..robot import Robot
+    from ..robots.robot import Robot
+    from .reference import Reference
 
 Array = np.ndarray
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effect import Axis, JointEffect, Need, register
-from ..motion import Coordinates, Motion
-from ..parameters import ShapeParameter
+from ..robots.parameters import ShapeParameter
+from .base import Axis, JointEffect, Need, register
+from .motion import Coordinates, Motion
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..correction import Harmonic, SignalCorrection
-from ..effect import Axis, Effect, Nature, Need, register
-from ..motion import Coordinates, Motion
-from ..parameters import Parameter, ShapeParameter
-from ..transmission import Side
+from ..robots.parameters import Parameter, ShapeParameter
+from ..robots.transmission import Side
+from .base import Axis, Effect, Nature, Need, register
+from .correction import Harmonic, SignalCorrection
+from .motion import Coordinates, Motion
 from .orders import slowest_order
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: The true position is sought in so many repetitions: each leaves a share of what is off that is the error's own relative size.

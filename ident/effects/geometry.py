@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from ..effect import Axis, Effect, Need, choice, register
 from ..errors import ConfigurationError
-from ..motion import Coordinates, Motion
-from ..parameters import Parameter
-from ..transmission import Side
+from ..robots.parameters import Parameter
+from ..robots.transmission import Side
+from .base import Axis, Effect, Need, choice, register
+from .motion import Coordinates, Motion
 
 if TYPE_CHECKING:
-    from ..reference import Reference
-    from ..robot import Robot
+    from ..robots.robot import Robot
+    from .reference import Reference
 
 Array = np.ndarray
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effect import Axis, Effect, Need, register
 from ..errors import ConfigurationError
-from ..motion import Motion
-from ..parameters import LINK_UNITS, Parameter
-from ..transmission import Side
+from ..robots.parameters import LINK_UNITS, Parameter
+from ..robots.transmission import Side
+from .base import Axis, Effect, Need, register
+from .motion import Motion
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: Random positions at which columns are compared, and the share from which on one counts as there.
@@ -84,7 +84,7 @@ class BaseTilt(_Mounting):
         return [-np.sum([share * np.cross(axis, there) for share, there in on_the_way], axis=0) for axis in axes]
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
-        from ..reference import Reference
+        from .reference import Reference
 
         rigid, fields = robot.rigid_body(), tilt_fields(self.gravity(robot))
         torque = [Reference(rigid, m.inertia).gravity(motion, fields[m.axis]) for m in newly_shown(robot)]
@@ -138,7 +138,7 @@ def newly_shown(robot: Robot) -> tuple[Moment, ...]:
     """What only a tilted base shows: independent combinations of link parameters that the declared robot's torques do not hold."""
     from scipy.linalg import qr
 
-    from ..regressor.structural import base_set
+    from ..regressor.base_parameters.structural import base_set
 
     base = base_set(robot)
     width = base.matrix.shape[1]

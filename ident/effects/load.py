@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from ..effect import Axis, Effect, Nature, Need, register
 from ..errors import ConfigurationError
-from ..motion import Motion
-from ..parameters import LINK_SYMBOLS, LINK_UNITS, Parameter, ShapeParameter
-from ..transmission import Side
+from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS, Parameter, ShapeParameter
+from ..robots.transmission import Side
+from .base import Axis, Effect, Nature, Need, register
 from .drift import after, inside, step_time
+from .motion import Motion
 
 if TYPE_CHECKING:
-    from ..regressor.tree import RigidBodyTree
-    from ..robot import Robot
+    from ..robots.robot import Robot
+    from ..robots.tree import RigidBodyTree
 
 Array = np.ndarray
 

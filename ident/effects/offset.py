@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..effect import Axis, Factor, JointEffect, register
-from ..motion import Coordinates, Motion
+from .base import Axis, Factor, JointEffect, register
+from .motion import Coordinates, Motion
 
 Array = np.ndarray
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..transmission import Side
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 #: A little less than once a turn: what is found there is once a turn, known no better.
 _ONCE = 0.9

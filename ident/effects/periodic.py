@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effect import Axis, JointEffect, Nature, Need, choice, register
-from ..motion import Coordinates, Motion
-from ..parameters import ShapeParameter
-from ..transmission import Side
+from ..robots.parameters import ShapeParameter
+from ..robots.transmission import Side
+from .base import Axis, JointEffect, Nature, Need, choice, register
+from .motion import Coordinates, Motion
 from .orders import slowest_order
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effect import Axis, Effect, Nature, register
-from ..motion import Motion
-from ..parameters import LINK_SYMBOLS, LINK_UNITS, Parameter
-from ..transmission import Side
+from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS, Parameter
+from ..robots.transmission import Side
+from .base import Axis, Effect, Nature, register
+from .motion import Motion
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 

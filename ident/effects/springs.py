@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effect import Axis, Factor, JointEffect, Nature, register
 from ..errors import ConfigurationError
-from ..motion import Coordinates, Motion
-from ..parameters import ShapeParameter
-from ..transmission import Side
+from ..robots.parameters import ShapeParameter
+from ..robots.transmission import Side
+from .base import Axis, Factor, JointEffect, Nature, register
+from .motion import Coordinates, Motion
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..correction import SignalCorrection
-from ..effect import Axis, JointEffect, Nature, Need, register
-from ..motion import Coordinates, Motion
-from ..parameters import ShapeParameter
+from ..robots.parameters import ShapeParameter
+from .base import Axis, JointEffect, Nature, Need, register
+from .correction import SignalCorrection
+from .motion import Coordinates, Motion
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: Delays below this share of a sample are slopes; the longest looked for, s.

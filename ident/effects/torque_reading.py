@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..correction import SignalCorrection
-from ..effect import Axis, Effect, JointEffect, Nature, Need, choice, register
-from ..motion import Coordinates, Motion
-from ..parameters import ShapeParameter
+from ..robots.parameters import ShapeParameter
+from .base import Axis, Effect, JointEffect, Nature, Need, choice, register
+from .correction import SignalCorrection
+from .motion import Coordinates, Motion
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: An excess worth looking at: so many standard deviations of the reading's noise.

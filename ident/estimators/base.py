@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ..effect import Need
+from ..effects.base import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .own_prediction import standing
 from .turning import without_sticking
@@ -21,10 +21,10 @@ from .turning import without_sticking
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
     from ..model import Model
-    from ..problem import Problem
-    from ..robot import Robot
+    from ..problem.problem import Problem
+    from ..robots.robot import Robot
     from .recursive import RecursiveState
 
 

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
-from ..parameters import Parameter
-from ..status import StatusCode
+from ..estimate.status import StatusCode
+from ..problem.linear_solution import LinearSolution, finish, order_of, solve_triangle
+from ..robots.parameters import Parameter
 from .base import Capability, Estimator, register
 from .least_squares import residual_weights
-from .solution import LinearSolution, finish, order_of, solve_triangle
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..problem import Problem
-    from ..regressor.base import BaseReduction
+    from ..estimate.estimate import Estimate
+    from ..problem.problem import Problem
+    from ..regressor.base_parameters.reduction import BaseReduction
 
 Array = np.ndarray
 

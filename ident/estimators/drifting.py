@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
-from ..noise import fit_noise
+from ..problem.linear_solution import finish, full_values
+from ..statistics.noise import fit_noise
 from .base import Capability, Estimator, register
 from .least_squares import weighted_solution
 from .random_walk import RandomWalk
-from .solution import finish, full_values
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..problem import Problem
-    from .solution import LinearSolution
+    from ..estimate.estimate import Estimate
+    from ..problem.linear_solution import LinearSolution
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 #: Least noise that the filter believes, relative to the torque.

@@ -10,15 +10,15 @@ import numpy as np
 from ..errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..regressor.base import BaseReduction
+    from ..estimate.estimate import Estimate
+    from ..regressor.base_parameters.reduction import BaseReduction
 
 Array = np.ndarray
 
 
 def load_earlier(prior: Estimate | str | Path) -> Estimate:
     """An estimate, or the one saved at a path."""
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
 
     return prior if isinstance(prior, Estimate) else Estimate.load(prior)
 

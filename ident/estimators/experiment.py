@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, DataError, unknown_name
-from ..motion import Coordinates
-from ..transmission import Side
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
-    from ..controller import Controller
-    from ..logs import Log
+    from ..logs.log import Log
     from ..model import Model
-    from ..signals import Signals
-    from ..simulate import Feedback, Sensors, Simulation
-    from ..trajectory import Trajectory
+    from ..signals.signals import Signals
+    from ..simulation.controller import Controller
+    from ..simulation.simulate import Feedback, Sensors, Simulation
+    from ..simulation.trajectory import Trajectory
 
 Array = np.ndarray
 #: A torque-driven motion is repeated in pieces of this length, s.
@@ -47,7 +47,7 @@ class Desired:
                 raise unknown_name(f"column of log {log.name}", column, log.extra)
         q = np.stack([np.asarray(log.extra[c], float) for c in columns], axis=1)
         if cutoff_hz is not None:
-            from ..filters import zero_phase_lowpass
+            from ..signals.filters import zero_phase_lowpass
 
             q = zero_phase_lowpass(q, cutoff_hz, 1.0 / float(np.median(np.diff(log.t))))
         spline = make_interp_spline(log.t, q, k=5)
@@ -137,7 +137,7 @@ class Experiment:
         return found
 
     def _closed(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[tuple[Coordinates, Array]]:
-        from ..simulate import Plant, simulate_batch
+        from ..simulation.simulate import Plant, simulate_batch
 
         every = max(1, round((self.control_rate or signals.rate) / signals.rate))
         control = every * signals.rate
@@ -158,15 +158,15 @@ class Experiment:
         return [(Coordinates(m.q[settle:], m.dq[settle:], m.ddq[settle:]), torque[settle:]) for m, torque in made]
 
     def _unrounded(self) -> Feedback:
-        from ..simulate import Feedback
+        from ..simulation.simulate import Feedback
 
         if self.sensing is None or self.sensing.counts is None:
             return self.sensing or Feedback()
         return replace(self.sensing, counts=max(_FINE, self.sensing.counts))
 
     def _recording(self) -> Sensors:
-        from ..simulate import Sensors
         from ..simulation.sensors import TorqueWindow
+        from ..simulation.simulate import Sensors
 
         return Sensors((TorqueWindow(self.torque_window),) if self.torque_window else (), Side.JOINT)
 
@@ -179,7 +179,7 @@ class Experiment:
         return Coordinates(run.q, run.dq, (ends[1].dq - ends[0].dq) / span[:, None]), run.readings.tau
 
     def _open(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[tuple[Coordinates, Array]]:
-        from ..simulate import Hold, Plant, simulate_batch
+        from ..simulation.simulate import Hold, Plant, simulate_batch
 
         samples = max(b - a for a, b in windows)
         last = len(signals.t) - 1
@@ -228,9 +228,9 @@ def assumed_experiment(
     has above it, starts and reversals, is missing in the simulated torque."""
     from scipy.interpolate import make_interp_spline
 
-    from ..controller import PDFeedforward
-    from ..filters import zero_phase_lowpass
-    from ..uniform import Recording
+    from ..signals.filters import zero_phase_lowpass
+    from ..signals.uniform import Recording
+    from ..simulation.controller import PDFeedforward
 
     desired: dict[str, Trajectory | Desired] = {}
     for log in logs:

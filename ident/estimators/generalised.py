@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError
-from ..information import stack_triangles
+from ..problem.information import stack_triangles
+from ..problem.linear_solution import LinearSolution, finish, full_values, order_of, solve_triangle, step_size
 from .base import Capability, Estimator, register
 from .least_squares import weighted_solution
-from .solution import LinearSolution, finish, full_values, order_of, solve_triangle, step_size
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..problem import Problem, Rows
+    from ..estimate.estimate import Estimate
+    from ..problem.problem import Problem, Rows
 
 Array = np.ndarray
 #: Least eigenvalue of the correlation across joints that is believed; a smaller one gives all weight to one combination.

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DataError
-from ..status import StatusCode
+from ..estimate.status import StatusCode
+from ..problem.linear_solution import LinearSolution, finish
 from .instrument_rows import InstrumentRows
 from .instrument_system import InstrumentSystem
 from .instrument_tests import DifferenceTest, difference_test, shea_strength
-from .solution import LinearSolution, finish
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
 
 Array = np.ndarray
 #: The validity test fires at this probability, where the bias it shows is also as large as the interval it spoils (in standard

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..autoregression import Autoregression, lower_orders, rising
-from ..noise import NoiseModel, fit_noise, noise_gram
-from ..problem import Rows
+from ..problem.problem import Rows
+from ..statistics.autoregression import Autoregression, lower_orders, rising
+from ..statistics.noise import NoiseModel, fit_noise, noise_gram
 from .instruments import paired
 from .moments import InstrumentMoments, WhiteRows, instrument_moments, with_earlier
 
 if TYPE_CHECKING:
-    from ..problem import Problem
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 _ROWS = 128

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import DataError
-from ..information import triangle
+from ..problem.information import triangle
 
 Array = np.ndarray
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
+from ..problem.linear_solution import LinearSolution
 from .base import Capability, Estimator, register
 from .experiment import Experiment, require_experiment
 from .instrument_result import InstrumentResult
@@ -16,11 +17,10 @@ from .instrument_system import InstrumentSystem
 from .instruments import Instruments, instrument_problem
 from .least_squares import weighted_solution
 from .possible import possible_along
-from .solution import LinearSolution
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..problem import Problem
+    from ..estimate.estimate import Estimate
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 #: A step below this many standard deviations ends the iteration.

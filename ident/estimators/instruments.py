@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Nature, Need
+from ..effects.base import Nature, Need
+from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, DataError
 from ..model import Model
-from ..motion import Coordinates
-from ..problem import Problem, Rows
-from ..transmission import Side
+from ..problem.problem import Problem, Rows
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
     from .experiment import Experiment

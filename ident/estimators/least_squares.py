@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..information import Information, triangle
+from ..problem.information import Information, triangle
+from ..problem.linear_solution import LinearSolution, finish, order_of, row_variances, solve_triangle
 from .base import Capability, Estimator, per_joint, register
-from .solution import LinearSolution, finish, order_of, row_variances, solve_triangle
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..problem import Problem
+    from ..estimate.estimate import Estimate
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..autoregression import filtered
-from ..noise import fit_noise
+from ..statistics.autoregression import filtered
+from ..statistics.noise import fit_noise
 
 if TYPE_CHECKING:
-    from ..problem import Problem, Rows
+    from ..problem.problem import Problem, Rows
 
 Array = np.ndarray
 

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..motion import Motion
-from ..reference import Reference
+from ..effects.motion import Motion
+from ..effects.reference import Reference
 
 if TYPE_CHECKING:
-    from ..problem import Problem
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 

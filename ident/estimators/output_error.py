@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, DataError, UnsupportedError
-from ..status import Status, StatusCode
+from ..estimate.status import Status, StatusCode
+from ..problem.linear_solution import LinearSolution, finish, full_values, order_of, solve_triangle
 from .base import Capability, Estimator, register
 from .experiment import Experiment, require_experiment
 from .instruments import along, repeated
 from .least_squares import weighted_solution
 from .possible import possible_along
-from .solution import LinearSolution, finish, full_values, order_of, solve_triangle
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..motion import Coordinates
-    from ..problem import Problem
+    from ..effects.motion import Coordinates
+    from ..estimate.estimate import Estimate
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 #: A step below this many standard deviations ends the iteration.
@@ -69,7 +69,7 @@ class OutputError(Estimator):
                 " cutoff_hz) supposes them. Both are Python objects (ident.estimators), which neither a study file nor the command line can"
                 " give: there, use 'iv' for torque-driven logs, else 'wls'."
             )
-        from ..problem import Problem
+        from ..problem.problem import Problem
 
         if type(problem) is not Problem:
             raise UnsupportedError(

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Need
-from ..fixed_point import MOST, Repetition
+from .._utils.fixed_point import MOST, Repetition
+from ..effects.base import Need
 from ..model import Model
-from ..problem import Problem, Rows
+from ..problem.problem import Problem, Rows
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
 
 Array = np.ndarray
 Solve = Callable[[Problem], "Estimate"]

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
-from ..status import StatusCode
+from ..estimate.status import StatusCode
+from ..problem.linear_solution import LinearSolution, finish, order_of, solve_triangle
 from .base import Capability, Estimator, register
 from .least_squares import residual_weights, weighted_solution
-from .solution import LinearSolution, finish, order_of, solve_triangle
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
     from ..physical.binding import Binding
     from ..physical.bounds import Bounds, Prior
     from ..physical.structure import InertiaStructure
-    from ..problem import Problem
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 

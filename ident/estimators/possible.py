@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Nature, Need
+from ..effects.base import Nature, Need
+from ..effects.motion import Motion
 from ..errors import DataError
 from ..model import Model
-from ..motion import Motion
-from ..transmission import Side
+from ..robots.transmission import Side
 from .bounded import base_bounds
 
 if TYPE_CHECKING:
-    from ..problem import Problem
-    from ..regressor.base import BaseReduction
+    from ..problem.problem import Problem
+    from ..regressor.base_parameters.reduction import BaseReduction
 
 Array = np.ndarray
 #: Least eigenvalue of the inertia matrix, in units of each joint's typical inertia.

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
-from ..information import triangle
-from ..noise import fit_noise
+from ..problem.information import triangle
+from ..problem.linear_solution import LinearSolution, finish, full_values, score_gram
+from ..statistics.noise import fit_noise
 from .base import Capability, Estimator, register
 from .inertial_metric import METRICS, nominal_root
 from .least_squares import weighted_solution
-from .solution import LinearSolution, finish, full_values, score_gram
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..problem import Problem
+    from ..estimate.estimate import Estimate
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..information import triangle
+from ..problem.information import triangle
 
 if TYPE_CHECKING:
-    from ..problem import Problem
-    from .solution import LinearSolution
+    from ..problem.linear_solution import LinearSolution
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 #: Variance of the starting point, in units of the whole log's own variance: as good as unknown, and still well conditioned.

@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..effect import Need
+from ..effects.base import Need
+from ..effects.motion import Motion
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
-from ..information import Information
-from ..motion import Motion
+from ..problem.information import Information
+from ..problem.linear_solution import LinearSolution, finish, order_of
 from .base import Capability, Estimator, per_joint, register
 from .earlier import load_earlier, prior_rows
 from .least_squares import reweighted, solve_with_prior
-from .solution import LinearSolution, finish, order_of
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
     from ..model import Model
-    from ..problem import Problem, Rows
-    from ..regressor.base import BaseReduction
+    from ..problem.problem import Problem, Rows
+    from ..regressor.base_parameters.reduction import BaseReduction
 
 Array = np.ndarray
 
@@ -69,7 +69,7 @@ class RecursiveLeastSquares(Estimator):
 
     def start(self, model: Model, base: BaseReduction | None = None, rows: int | None = None) -> RecursiveState:
         """A recursion over the base parameters of a model (`base` if they are known), before the first sample."""
-        from ..regressor.base import base_reduction
+        from ..regressor.base_parameters.reduction import base_reduction
 
         base = base_reduction(model) if base is None else base
         n = model.robot.n if rows is None else rows

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
-from ..information import Information
-from ..noise import fit_noise
-from ..status import StatusCode
+from ..estimate.status import StatusCode
+from ..problem.information import Information
+from ..problem.linear_solution import LinearSolution, finish, full_values, order_of, sandwich, score_gram, solve_triangle, step_size
+from ..statistics.noise import fit_noise
 from .base import Capability, Estimator, register
 from .least_squares import weighted_solution
-from .solution import LinearSolution, finish, full_values, order_of, sandwich, score_gram, solve_triangle, step_size
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..problem import Problem
+    from ..estimate.estimate import Estimate
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 

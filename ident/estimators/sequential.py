@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, DataError, UnsupportedError, unknown_name
-from ..information import triangle
+from ..problem.information import triangle
+from ..problem.linear_solution import LinearSolution, finish, order_of, solve_triangle
 from .base import Capability, Estimator, register
-from .solution import LinearSolution, finish, order_of, solve_triangle
 from .step_report import steps_text, told
 from .step_rows import StepRows, check_joints, check_plan, planned_rows, unplanned_rows
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..plan import Plan
-    from ..problem import Problem
-    from ..robot import Robot
+    from ..estimate.estimate import Estimate
+    from ..plan.plan import Plan
+    from ..problem.problem import Problem
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 _CARRY = ("update", "hold")
@@ -57,7 +57,7 @@ class StepByStep(Estimator):
 
     def _read(self) -> Plan | None:
         if isinstance(self.plan, str):
-            from ..plan import read_plan
+            from ..plan.plan import read_plan
 
             return read_plan(self.plan)
         return self.plan
@@ -82,7 +82,7 @@ class StepByStep(Estimator):
             check_joints(robot, plan)
 
     def check(self, problem: Problem) -> None:
-        from ..problem import Problem as Plain
+        from ..problem.problem import Problem as Plain
 
         if type(problem) is not Plain:
             raise UnsupportedError(

@@ -1,6 +1,6 @@
 """Rows of a step-by-step test: windowed means of both sides of the equation, combined as the kind of test asks.
 
-Everything is a linear combination of rows in integrated form (`ident.integrated`): no acceleration enters, and what a
+Everything is a linear combination of rows in integrated form (`ident.problem.integrated`): no acceleration enters, and what a
 combination cancels (friction in the mean of both directions, gravity in half their difference) cancels in the columns as well."""
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..errors import ConfigurationError, DataError
-from ..integrated import smooth_window
-from ..regressor.formulations import model_parts
-from ..transmission import Side
+from ..problem.formulations import model_parts
+from ..problem.integrated import smooth_window
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
-    from ..plan import Plan
+    from ..plan.plan import Plan
     from ..plan.trials import PlannedTest
-    from ..problem import Problem
-    from ..robot import Robot
+    from ..problem.problem import Problem
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: Length of a window in accelerated motion, s, and rows a window. A window holds at least so many samples: from there on its

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effect import Need
+from ..effects.base import Need
 from ..errors import ConfigurationError, UnsupportedError
-from ..information import Information, triangle
-from ..status import StatusCode
+from ..estimate.status import StatusCode
+from ..problem.information import Information, triangle
+from ..problem.linear_solution import LinearSolution, finish, full_values, sandwich
 from .base import Capability, Estimator, per_joint, register
 from .least_squares import weighted_solution
 from .long_run import long_run_gram
 from .motion_noise import column_noise
-from .solution import LinearSolution, finish, full_values, sandwich
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..problem import Problem, Rows
+    from ..estimate.estimate import Estimate
+    from ..problem.problem import Problem, Rows
 
 Array = np.ndarray
 #: Share of a column's energy below which its noise counts as none.

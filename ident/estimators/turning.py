@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from ..problem import Problem
+    from ..problem.problem import Problem
 
 #: Variance of the residual in rows that a reversal reaches, over that of the others, beyond which the joint sticks there.
 _STICKS = 9.0
@@ -21,8 +21,8 @@ _FEWEST = 10
 
 def without_sticking(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
     """The problem without the rows in which a joint sticks, and these joints."""
-    from ..problem import Problem as Plain
-    from .solution import order_of, solve_triangle
+    from ..problem.linear_solution import order_of, solve_triangle
+    from ..problem.problem import Problem as Plain
 
     turning = problem.signals.turning
     if type(problem) is not Plain or turning is None or not (turning & problem.valid).any():

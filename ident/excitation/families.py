@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..trajectory import BSplineTrajectory, FourierTrajectory, Trajectory, bspline_basis, fourier_basis
+from ..simulation.trajectory import BSplineTrajectory, FourierTrajectory, Trajectory, bspline_basis, fourier_basis
 
 Array = np.ndarray
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Need
-from ..motion import Coordinates, Motion
-from ..reference import Reference
-from ..transmission import Side
+from ..effects.base import Need
+from ..effects.motion import Coordinates, Motion
+from ..effects.reference import Reference
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
     from ..model import Model

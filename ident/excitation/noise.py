@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
 
 Array = np.ndarray
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError
-from ..trajectory import Trajectory
+from ..simulation.trajectory import Trajectory
 from .limits import Limits
 from .objective import chosen_parameters, condition_number
 

@@ -11,8 +11,8 @@ from functools import partial
 
 import numpy as np
 
+from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
-from ..motion import Coordinates
 from .families import Family
 from .information import MotionInformation
 from .limits import Limits

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..effect import Axis, JointEffect, Nature, register
-from ..motion import Coordinates, Motion
+from ..effects.base import Axis, JointEffect, Nature, register
+from ..effects.motion import Coordinates, Motion
 
 Array = np.ndarray
 

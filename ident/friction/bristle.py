@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..motion import Motion
+from ..effects.motion import Motion
+from ..robots.transmission import Side
 from ..simulation.forces import ForceModel
-from ..transmission import Side
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 

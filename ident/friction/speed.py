@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effect import Axis, JointEffect, Nature, register
-from ..motion import Coordinates, Motion
-from ..parameters import ShapeParameter
+from ..effects.base import Axis, JointEffect, Nature, register
+from ..effects.motion import Coordinates, Motion
+from ..robots.parameters import ShapeParameter
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: An exponent of speed that is closer to 1 than this is none of its own.

@@ -10,10 +10,10 @@ from ..diagnosis.candidates import Candidate
 from ..effects.rigid_body import RigidBody
 
 if TYPE_CHECKING:
-    from ..effect import Effect
+    from ..effects.base import Effect
     from ..model import Model
-    from ..parameters import Parameter
-    from ..robot import Robot
+    from ..robots.parameters import Parameter
+    from ..robots.robot import Robot
 
 #: Goes into the names of a change's parameters, so that they stay apart from those of the model.
 LABEL = "+"

@@ -16,9 +16,9 @@ from ..diagnosis.whitening import Whitener, _predictors
 from ..errors import DataError
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..problem import Problem
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..problem.problem import Problem
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: Directions of which neither the earlier fit nor the new rows tell anything are left out below this (relative).

@@ -15,9 +15,9 @@ from .result import Drift
 if TYPE_CHECKING:
     from ..diagnosis.acceptance import Found
     from ..diagnosis.stage import Stage
-    from ..effect import Effect
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..effects.base import Effect
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: Free parameters must foretell blocks that they were not fitted to better, by this many standard errors.

@@ -11,14 +11,14 @@ from ..diagnosis.evidence import FALSE_ALARM
 from ..diagnosis.frame import raw_columns
 from ..diagnosis.motions import Motions
 from ..diagnosis.stage import Stage
-from ..problem import Problem
+from ..problem.problem import Problem
 from .frame import noise_of
 
 if TYPE_CHECKING:
     from ..diagnosis.whitening import Whitener
-    from ..effect import Effect
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..effects.base import Effect
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: Laws are never exact: the same effect may come out so differently from one motion to another.

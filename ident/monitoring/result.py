@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.json import result
 from ..diagnosis.findings import Finding
 from ..diagnosis.precision import FoundParameter
-from ..places import on, place_of
-from ..results import result
-from ..torque_error import TorqueError, number
+from ..effects.places import on, place_of
+from ..statistics.torque_error import TorqueError, number
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: Parameters that a sentence names.
@@ -144,7 +144,7 @@ class Monitoring:
         return result("ident.monitor/1", body, inputs=self.signals.inputs, warnings=self.warnings)
 
     def __str__(self) -> str:
-        from ..summary import error_table
+        from ..estimate.summary import error_table
 
         lines = [f"verdict: {said(self)}"]
         for i, change in enumerate(self.changes, 1):

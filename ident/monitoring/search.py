@@ -16,7 +16,7 @@ from .candidates import Place
 from .frame import KnownFrame
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
 
 Array = np.ndarray
 #: A total may lie beyond its bound by this many standard deviations.

@@ -20,10 +20,10 @@ from ..diagnosis.search import Hit, Judged, Search
 from ..diagnosis.selection import ranked
 from ..diagnosis.stage import Stage
 from ..diagnosis.weights import weights
+from ..effects.places import on, place_of
 from ..errors import ConfigurationError, DataError
-from ..places import on, place_of
-from ..problem import Problem
-from ..torque_error import TorqueError
+from ..problem.problem import Problem
+from ..statistics.torque_error import TorqueError
 from .candidates import own_changes
 from .frame import KnownFrame, noise_of
 from .left import LEAST_SHARE, crowds, drifts, noises, trust, unknown
@@ -32,9 +32,9 @@ from .result import Change, ChangedParameter, How, Monitoring
 from .search import ChangeSearch, determined, surplus
 
 if TYPE_CHECKING:
-    from ..effect import Effect
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..effects.base import Effect
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 _MOST = 8
@@ -49,7 +49,7 @@ def monitor(
 ) -> Monitoring:
     """Compare new logs with a saved fit.
 
-    `signals`: the new logs, prepared like those of the fit (`ident.session.like(estimate.signals_config)`). `reference`: the
+    `signals`: the new logs, prepared like those of the fit (`ident.study.session.like(estimate.signals_config)`). `reference`: the
     logs of the fit itself, prepared likewise; with them an effect that the model never had is told from one that is new.
     `progress`: called with the share done. Raises ConfigurationError where the robots differ, DataError where rows are too few."""
     if signals.robot.joint_names != estimate.model.robot.joint_names:

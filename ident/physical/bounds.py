@@ -15,7 +15,7 @@ from ..errors import ConfigurationError, unknown_name
 from .pseudo_inertia import from_centre_of_mass, pseudo_inertia, smallest_eigenvalues
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
     from .structure import InertiaStructure
 
 Array = np.ndarray

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from ..regressor.tree import RigidBodyTree
+    from ..robots.tree import RigidBodyTree
 
 Array = np.ndarray
 

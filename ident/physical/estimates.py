@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ConfigurationError
-from ..status import StatusCode
-from ..torque_error import TorqueError
+from ..estimate.status import StatusCode
+from ..statistics.torque_error import TorqueError
 from .bounds import Bounds, Prior, reference_prior
 from .judgement import Subject, subject_of
 from .payload import PayloadEstimate, payload_from_logs
@@ -17,8 +17,8 @@ from .repairs import Repair, RepairMethod, repair, unseen_root
 from .structure import InertiaStructure
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 
@@ -46,7 +46,7 @@ def repair_estimate(
     """Repair an estimate; see `repair`. `held`: prepared signals that no fit saw, on which the error before and after is reported too.
 
     Raises ConfigurationError where method "fit" is asked of an estimate without an information block."""
-    from ..problem import Problem
+    from ..problem.problem import Problem
 
     subject = subject_of(estimate)
     triangle = triangle_of(estimate)

@@ -15,8 +15,8 @@ from .possible import Possible, judge_possible
 from .structure import InertiaStructure
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..robot import Robot
+    from ..estimate.estimate import Estimate
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ConfigurationError, DataError, unknown_name
-from ..parameters import LINK_SYMBOLS, LINK_UNITS
+from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS
 from .conic import ConicProgram, solver_available
 from .pseudo_inertia import UNITS, centre_of_mass, from_pseudo_inertia, pseudo_inertia
 from .structure import InertiaStructure

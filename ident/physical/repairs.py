@@ -27,7 +27,7 @@ from .structure import InertiaStructure
 from .target import Target, covariance_root, mahalanobis
 
 if TYPE_CHECKING:
-    from ..information import Information
+    from ..problem.information import Information
 
 Array = np.ndarray
 

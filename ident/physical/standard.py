@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..parameters import LINK_SYMBOLS
+from ..robots.parameters import LINK_SYMBOLS
 from .bounds import Bounds, Metric, Prior
 from .conic import SolverError, solver_available
 from .consistent import consistent_with_zero, zero_notes

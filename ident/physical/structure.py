@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError
-from ..parameters import LINK_SYMBOLS
+from ..robots.parameters import LINK_SYMBOLS
 from .energy import energy_gradient, energy_rows
 
 if TYPE_CHECKING:
     import pinocchio as pin
 
     from ..model import Model
-    from ..regressor.base import BaseReduction
-    from ..regressor.tree import RigidBodyTree
+    from ..regressor.base_parameters.reduction import BaseReduction
+    from ..robots.tree import RigidBodyTree
 
 Array = np.ndarray
 
@@ -320,9 +320,9 @@ def _inverse(regroup: Array, size: Array, stay: list[int] | None) -> tuple[Array
 
 def _constant_inertia(model: Model) -> tuple[Array, Array, tuple[str, ...]]:
     """Parameters outside the rigid body whose torque is a constant symmetric matrix times acceleration: (indices, matrices, notes)."""
+    from ..effects.motion import Motion
     from ..effects.rigid_body import RigidBody
-    from ..motion import Motion
-    from ..transmission import Side
+    from ..robots.transmission import Side
 
     robot = model.robot
     n = robot.n

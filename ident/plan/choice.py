@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.motion import Coordinates
 from ..excitation.limits import Limits
 from ..model import Model
-from ..motion import Coordinates
-from ..trajectory import FourierTrajectory
-from ..transmission import Side, Transmission
+from ..robots.transmission import Side, Transmission
+from ..simulation.trajectory import FourierTrajectory
 from .rows import Knowledge, RowSampler
 from .trials import Kind, PlannedTest, Sweep, Swing
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 _HARMONICS, _BASE_HZ = 3, 0.5

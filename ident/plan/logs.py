@@ -12,11 +12,11 @@ import numpy as np
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 
 if TYPE_CHECKING:
-    from ..controller import Controller
+    from ..simulation.controller import Controller
     from ..simulation.plant import Plant
     from ..simulation.result import Simulation
-    from ..trajectory import Chained
-    from . import Plan
+    from ..simulation.trajectory import Chained
+    from .plan import Plan
 
 _DEFAULTS: dict[str, Any] = {"rate": 250.0, "control_rate": 1000.0, "step": 1e-3}
 
@@ -66,7 +66,7 @@ def simulate_logs(
 
 
 def _tracked(plant: Plant, ways: list[Chained], seeds: list[int], settings: dict[str, Any]) -> Sequence[Simulation]:
-    from ..simulate import simulate_batch
+    from ..simulation.simulate import simulate_batch
 
     settings.setdefault("controller", servo(plant))
     return simulate_batch(plant, desired=ways, seeds=seeds, **settings)
@@ -76,7 +76,7 @@ def servo(plant: Plant) -> Controller | None:
     """A controller that feeds the whole model forward, friction included: without it a weak loop sticks at creeping speed.
 
     None, for the simulation's own, where the model depends on more than the instant."""
-    from ..controller import PDFeedforward
+    from ..simulation.controller import PDFeedforward
 
     if plant.model.needs:
         return None
@@ -84,7 +84,7 @@ def servo(plant: Plant) -> Controller | None:
 
 
 def _exact(plant: Plant, ways: list[Chained], seeds: list[int], settings: dict[str, Any]) -> Sequence[Simulation]:
-    from ..simulate import Sensors
+    from ..simulation.simulate import Sensors
 
     if plant.extra or plant.flexible is not None or len(plant.schedule.values) > 1:
         raise UnsupportedError("exact tracking knows a model with constant values alone; use tracking = 'controller' for this plant.")
@@ -102,8 +102,8 @@ def _exact(plant: Plant, ways: list[Chained], seeds: list[int], settings: dict[s
 
 def _followed(plant: Plant, way: Chained, rate: float, sensors: Any, seed: int) -> Simulation:
     """One run along its motion, read at `rate` Hz."""
-    from ..motion import Coordinates, Motion
-    from ..simulate import Simulation
+    from ..effects.motion import Coordinates, Motion
+    from ..simulation.simulate import Simulation
 
     robot, model, values = plant.robot, plant.model, plant.schedule.values[0]
     t = np.arange(int(way.duration * rate + 1e-9) + 1) / rate

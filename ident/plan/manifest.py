@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.files import write_atomic
+from .._utils.toml import load_toml, to_toml
 from ..errors import ConfigurationError, unknown_name
-from ..files import write_atomic
-from ..toml_tables import load_toml, to_toml
-from ..transmission import Side
+from ..robots.transmission import Side
 from .trials import Kind, PlannedTest, Sweep, Swing
 
 if TYPE_CHECKING:
-    from . import Plan
+    from .plan import Plan
 
 _PLAN = ("robot", "joints", "effects", "base", "rank", "velocity", "acceleration", "notes", "schema")
 _TEST = ("kind", "moving", "row", "side", "log", "reveals", "gain", "strength", "postures", "segments")
@@ -69,7 +69,7 @@ def write_manifest(plan: Plan, path: Path, *, force: bool) -> Path:
 
 def read_manifest(path: Path) -> Plan:
     """Read a manifest. Raises ConfigurationError."""
-    from . import Plan
+    from .plan import Plan
 
     tables = load_toml(path, "plan")
     head = tables.pop("plan", None)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Need
+from ..effects.base import Need
+from ..effects.motion import Coordinates, Motion
 from ..errors import UnsupportedError
-from ..motion import Coordinates, Motion
-from ..transmission import Side
+from ..robots.transmission import Side
 from .trials import Kind
 
 if TYPE_CHECKING:

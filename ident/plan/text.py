@@ -11,8 +11,8 @@ import numpy as np
 from .trials import Kind, PlannedTest, Sweep
 
 if TYPE_CHECKING:
-    from ..robot import Robot
-    from . import Plan
+    from ..robots.robot import Robot
+    from .plan import Plan
 
 _WIDTH = 120
 _HOW = {

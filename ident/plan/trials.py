@@ -7,8 +7,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from ..trajectory import Chained, Dwell, FourierTrajectory, PointToPoint, Trajectory, Trapezoid
-from ..transmission import Side
+from ..robots.transmission import Side
+from ..simulation.trajectory import Chained, Dwell, FourierTrajectory, PointToPoint, Trajectory, Trapezoid
 
 Array = np.ndarray
 _PAUSE = 0.25

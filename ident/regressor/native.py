@@ -11,9 +11,9 @@ import numpy as np
 
 from .._native import _kernel  # type: ignore[attr-defined, unused-ignore]
 from ..errors import ConfigurationError
+from ..robots.tree import RigidBodyTree
 from .native_tree import compiled
 from .numpy_dynamics import fitting, not_finite, singular
-from .tree import RigidBodyTree
 
 Array = np.ndarray
 

@@ -12,8 +12,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from .._native import _kernel  # type: ignore[attr-defined, unused-ignore]
+from ..robots.tree import RigidBodyTree
 from . import numpy_dynamics
-from .tree import RigidBodyTree
 
 Array = np.ndarray
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ConfigurationError, DataError
-from .tree import RigidBodyTree
+from ..robots.tree import RigidBodyTree
 
 Array = np.ndarray
 

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..robots.tree import RigidBodyTree
 from .numpy_dynamics import CHUNK, regressor
-from .tree import RigidBodyTree
 
 Array = np.ndarray
 

@@ -18,8 +18,8 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from ..errors import ConfigurationError, DataError, UnsupportedError
+from ..robots.tree import RigidBodyTree
 from .kernel_choice import kernel
-from .tree import RigidBodyTree
 
 Array = np.ndarray
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..diagnosis.hidden import by_effect
 from ..diagnosis.text import undecided
-from ..places import on, place_of
-from ..transmission import Side
+from ..effects.places import on, place_of
+from ..robots.transmission import Side
 from .document import Figure, Kind, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from .replayed import replay_sections
 from .rows import Timeline, binned, cloud, contribution, revealing
@@ -18,9 +18,9 @@ from .rows import Timeline, binned, cloud, contribution, revealing
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
     from ..diagnosis.findings import Finding
-    from ..effect import Effect
-    from ..robot import Robot
-    from ..signals import Signals
+    from ..effects.base import Effect
+    from ..robots.robot import Robot
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: Joints over time, rows of the table of parameters, findings with a figure of their own.

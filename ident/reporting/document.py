@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.json import jsonable
 from ..errors import ConfigurationError
-from ..results import jsonable
 
 Array = np.ndarray
 SCHEMA = "ident.report/1"

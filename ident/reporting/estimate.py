@@ -9,7 +9,7 @@ import numpy as np
 from .document import Report, Section, Table, Text, joined, percent, plain, uncertain
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
+    from ..estimate.estimate import Estimate
 
 
 def estimate_report(estimate: Estimate) -> Report:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..places import on, place_of
+from ..effects.places import on, place_of
 from .document import Figure, Kind, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from .rows import Timeline
 

@@ -10,8 +10,8 @@ from ..errors import IdentError
 from .document import Figure, Kind, Layer, Panel, Role, Section, Table, Text, plain
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
     from ..simulation.replay import Replay
 
 Array = np.ndarray

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effect import Axis, Effect, Need
-from ..problem import Problem
-from ..transmission import Side
+from ..effects.base import Axis, Effect, Need
+from ..problem.problem import Problem
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..signals import Signals
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: Points along a time axis, points of a cloud, bins of a mean.

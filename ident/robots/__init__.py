@@ -1,31 +1,26 @@
-"""Robots by name: built-in ones (a folder of data each, beside this file) and those of `example-robot-data`.
-
-A built-in robot's folder holds `robot.toml` (`[robot]`, `[drive]`, `[loop]` as in a study file, and the payloads it offers),
-its URDF, and, where known, `drive.json` (rotor inertia and friction) and `tables.json` (published base parameters)."""
+"""Robots as data: kinematic tree, joints, transmission, and the built-in and example robots by name."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
-from typing import Any
-
-import numpy as np
-
-from ..description import Description, DriveTable, RobotTable, read_loop
-from ..errors import ConfigurationError, unknown_name
-from ..robot import STANDARD_GRAVITY, Robot
-from ..toml_tables import load_toml
-from ..transmission import Side, Transmission
-from .examples import example_names, find_example
-from .nominal import DriveParameters, drive_parameters, nominal_values
-from .payloads import Payload, read_payloads, with_payload
-from .published import PublishedTable, published_tables
+from .library.load import built_in_names, declared_drive, load_robot, payloads, robot_folder, robot_names
+from .library.nominal import DriveParameters, drive_parameters, nominal_values
+from .library.payloads import Payload
+from .library.published import PublishedTable, published_tables
+from .parameters import Parameter, ShapeParameter
+from .robot import Joint, Loop, Robot
+from .transmission import Side, Transmission
 
 __all__ = [
     "DriveParameters",
+    "Joint",
+    "Loop",
+    "Parameter",
     "Payload",
     "PublishedTable",
+    "Robot",
+    "ShapeParameter",
+    "Side",
+    "Transmission",
     "built_in_names",
     "declared_drive",
     "drive_parameters",
@@ -36,121 +31,3 @@ __all__ = [
     "robot_folder",
     "robot_names",
 ]
-
-Array = np.ndarray
-_HERE = Path(__file__).parent
-
-
-def built_in_names() -> tuple[str, ...]:
-    """Names of the built-in robots."""
-    return tuple(sorted(file.parent.name for file in _HERE.glob("*/robot.toml")))
-
-
-def robot_names() -> tuple[str, ...]:
-    """Every name that `load_robot` takes: built-in robots first, then those of example-robot-data, if installed."""
-    mine = built_in_names()
-    return (*mine, *(name for name in example_names() if name not in mine))
-
-
-def robot_folder(name: str) -> Path:
-    """Folder of a built-in robot's data. Raises ConfigurationError with the nearest names."""
-    if name not in built_in_names():
-        raise unknown_name("built-in robot", name, built_in_names())
-    return _HERE / name
-
-
-def declared_drive(name: str) -> DriveTable:
-    """The `[drive]` table of a robot: of a built-in one as its `robot.toml` has it, else empty."""
-    return _read(robot_folder(name))[0].drive if name in built_in_names() else DriveTable()
-
-
-def payloads(name: str) -> dict[str, str]:
-    """Payload name → what it is, for a built-in robot."""
-    return {p.name: p.description for p in _read(robot_folder(name))[1].values()}
-
-
-def load_robot(
-    name: str,
-    *,
-    payload: str | None = None,
-    transmission: Transmission | Array | None = None,
-    measured: Side | str | None = None,
-    gravity: Sequence[float] | None = None,
-    locked: Mapping[str, float] | None = None,
-    joints: Sequence[str] | None = None,
-    loop: Mapping[str, Mapping[str, float]] | None = None,
-    floating_base: bool = False,
-    drive: DriveTable | None = None,
-) -> Robot:
-    """A robot by name: a built-in one, or one of example-robot-data.
-
-    What is given replaces what the robot's own description says, argument by argument; see `Robot.from_urdf` for their
-    meaning. `payload`: one of those that the built-in robot offers (`payloads(name)`). `drive`: a `[drive]` table that
-    completes or replaces the robot's own. Raises ConfigurationError: unknown name (with the nearest), several matches
-    (with the candidates), a package to install, or arguments that do not fit."""
-    if drive is not None and (transmission is not None or measured is not None):
-        raise ConfigurationError("give either a drive table or transmission and measured, not both.")
-    if name in built_in_names():
-        own, offered = _read(robot_folder(name))
-    else:
-        own, offered = Description(RobotTable(urdf=find_example(name))), {}
-    assert own.robot.urdf is not None
-    urdf: Path | str = own.robot.urdf
-    if payload is not None:
-        if payload not in offered:
-            hint = "" if offered else f" (robot {name!r} offers none)"
-            raise unknown_name(f"payload{hint}", payload, offered)
-        urdf = with_payload(own.robot.urdf, payload, offered)
-    arguments: dict[str, Any] = {
-        "gravity": next(g for g in (gravity, own.robot.gravity, STANDARD_GRAVITY) if g is not None),
-        "loop": own.loop if loop is None else loop,
-        "floating_base": floating_base or own.robot.floating_base,
-        "name": name,
-    }
-    robot = Robot.from_urdf(
-        urdf,
-        locked=own.robot.locked if locked is None else locked,
-        joints=own.robot.joints if joints is None else joints,
-        **arguments,
-    )
-    robot = replace(robot, source={**robot.source, "robot": name, "payload": payload})
-    if transmission is not None:
-        if not isinstance(transmission, Transmission):
-            side, given = Side(measured or Side.JOINT), np.asarray(transmission, float)
-            transmission = Transmission.from_ratio(given, side) if given.ndim == 1 else Transmission(given, np.zeros(len(given)), side)
-        return robot.with_transmission(transmission)
-    drive = drive or DriveTable(measured=None if measured is None else Side(measured).value)
-    return robot.with_transmission(_transmission(robot, drive, own, arguments))
-
-
-def _transmission(robot: Robot, drive: DriveTable, own: Description, arguments: dict[str, Any]) -> Transmission:
-    """The asked-for drive over the robot's own; where fewer joints move, its own is cut down to them."""
-    if drive.moves or not own.drive.moves:
-        return drive.over(own.drive).transmission(robot.n)
-    assert own.robot.urdf is not None
-    whole = Robot.from_urdf(own.robot.urdf, locked=own.robot.locked, joints=own.robot.joints, **arguments)
-    if whole.n == robot.n:
-        return drive.over(own.drive).transmission(robot.n)
-    part = own.drive.transmission(whole.n).restricted([whole.joint_index(j) for j in robot.joint_names])
-    gearing = DriveTable(
-        measured=part.measured.value,
-        K=tuple(map(tuple, part.K.tolist())),
-        zero=tuple(part.zero.tolist()),
-        torque_constants=None if part.torque_constants is None else tuple(part.torque_constants.tolist()),
-    )
-    return drive.over(gearing).transmission(robot.n)
-
-
-def _read(folder: Path) -> tuple[Description, dict[str, Payload]]:
-    """A built-in robot's description, and the payloads it offers."""
-    file = folder / "robot.toml"
-    where = f"robot file {file}"
-    data = load_toml(file, "robot file")
-    for table in data:
-        if table not in ("robot", "drive", "loop", "payload"):
-            raise unknown_name(f"table ({where})", table, ("robot", "drive", "loop", "payload"))
-    robot = RobotTable.read(data.get("robot", {}), folder, where)
-    if robot.urdf is None:
-        raise ConfigurationError(f"{where}: [robot] names no urdf.")
-    description = Description(robot, DriveTable.read(data.get("drive", {}), where), read_loop(data.get("loop", {}), where))
-    return description, read_payloads(data.get("payload", {}), where)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..effects.motion import Motion
 from ..errors import ConfigurationError
-from ..motion import Motion
 
 Array = np.ndarray
 

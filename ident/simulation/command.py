@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..controller import Controller, Law, Script
-from ..motion import Coordinates
-from ..transmission import Side
+from ..effects.motion import Coordinates
+from ..robots.transmission import Side
+from .controller import Controller, Law, Script
 
 if TYPE_CHECKING:
     from .dynamics import Dynamics, State

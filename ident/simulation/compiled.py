@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..effect import Factor
-from ..transmission import Side
+from ..effects.base import Factor
+from ..robots.transmission import Side
 from .dynamics import Dynamics, Response, State, singular_inertia
 from .integrator import Phase, diverged
 
 if TYPE_CHECKING:
-    from ..controller import Script
+    from .controller import Script
 
 Array = np.ndarray
 #: What stops a simulation (ident/_native/tree.h).
@@ -145,7 +145,7 @@ class CompiledPlant:
         self, state: State, modes: Array | None, torque: Array, period: float, substeps: int, ends: bool
     ) -> tuple[Phase, State, Array]:
         """One control period under torque (B, n) on the measured side: the phase at its start, the state and modes at its end."""
-        from ..controller import Script
+        from .controller import Script
 
         script = Script(self.dynamics.robot.transmission.measured, np.ascontiguousarray(torque, float)[None])
         kept, after, now = self.run(script, state, modes, period=period, substeps=substeps, ends=ends, first=float(state.t[0]))

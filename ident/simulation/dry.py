@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..motion import Coordinates, Motion
-from ..transmission import Side
+from ..effects.motion import Coordinates, Motion
+from ..robots.transmission import Side
 from .forces import TINY, Term
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.motion import Coordinates, Motion
 from ..errors import ConfigurationError, DataError
-from ..motion import Coordinates, Motion
-from ..transmission import Side
+from ..robots.transmission import Side
 from .contact import resolve
 from .dry import DryFriction, DryTerm
 from .flexible import FlexibleJoints
@@ -24,7 +24,7 @@ from .forces import Term
 from .rigid import RigidDynamics
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
     from .compiled import CompiledPlant
 
 Array = np.ndarray

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ..effect import Effect, Factor, JointEffect, Nature, Need
+from ..effects.base import Effect, Factor, JointEffect, Nature, Need
+from ..effects.motion import Motion
 from ..errors import ConfigurationError, UnsupportedError
-from ..motion import Motion
-from ..transmission import Side
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
     from ..model import Model
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 
@@ -158,7 +158,7 @@ def model_terms(model: Model, values: Array, extra: tuple[ForceModel, ...]) -> t
 
 
 def _made_permanent(effect: Effect, values: Array, robot: Robot) -> Robot:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
     changed = effect.applied(robot, values) if values.any() else robot
     if not isinstance(changed, Robot):

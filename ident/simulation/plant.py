@@ -16,7 +16,7 @@ from .rigid import require_fixed_base
 
 if TYPE_CHECKING:
     from ..model import Model
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 

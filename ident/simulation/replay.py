@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..effect import Nature, Need
+from ..effects.base import Nature, Need
 from ..errors import ConfigurationError, DataError
 from .dynamics import Dynamics, Input, State
 from .forces import Simulated
@@ -19,8 +19,8 @@ from .integrator import advance, begin
 
 if TYPE_CHECKING:
     from ..model import Model
-    from ..robot import Robot
-    from ..signals import Signals
+    from ..robots.robot import Robot
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 _STEP = 2e-3
@@ -180,7 +180,7 @@ def _drive_torque(model: Model, values: Array, signals: Signals, along: list[int
     """Measured torque (N, n), less the torque of effects that act along the measured motion."""
     if not along:
         return signals.torque
-    from ..problem import Problem
+    from ..problem.problem import Problem
 
     problem, robot = Problem(model, signals, reference=values), model.robot
     out = signals.torque.copy()

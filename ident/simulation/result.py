@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
-from ..motion import Coordinates
-from ..transmission import Side
+from ..robots.transmission import Side
 from .sensors import Readings, Sensors
 
 if TYPE_CHECKING:
-    from ..logs import Log
-    from ..robot import Robot
+    from ..logs.log import Log
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 
@@ -107,7 +107,7 @@ class Simulation:
 
     def log(self, name: str = "simulated") -> Log:
         """What the sensors recorded, as a log."""
-        from ..logs import Log
+        from ..logs.log import Log
 
         columns = self._columns()
         return Log(
@@ -147,7 +147,7 @@ def write_log_csv(path: str | Path, t: Array, columns: dict[str, Array], *, forc
     """Write a log of columns (N, n) by the contract's names, completely or not at all; gzip by the suffix `.gz`."""
     import pandas as pd
 
-    from ..files import write_atomic
+    from .._utils.files import write_atomic
 
     target = Path(path)
     table = {"t": t} | {f"{key}{j + 1}": values[:, j] for key, values in columns.items() for j in range(values.shape[1])}

@@ -11,7 +11,7 @@ from ..errors import UnsupportedError
 if TYPE_CHECKING:
     import pinocchio as pin
 
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 

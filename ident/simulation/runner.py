@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
-from ..motion import Coordinates
-from ..transmission import Side
+from ..robots.transmission import Side
 from .actuators import Actuator
 from .compiled import Kept, UnfitError
 from .dynamics import Dynamics, Input, State

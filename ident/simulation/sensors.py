@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
-from ..motion import Coordinates
-from ..transmission import Side
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
-    from ..robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .._utils.files import write_atomic
 from ..errors import ConfigurationError, DataError
-from ..files import write_atomic
 
 #: Name of the folder of unfinished work inside the folder of results.
 NAME = "checkpoint"

@@ -1,4 +1,4 @@
-"""The clock behind time stamps that are on disk: the same numbers as `ident.resample` gives for stamps in memory."""
+"""The clock behind time stamps that are on disk: the same numbers as `ident.signals.resample` gives for stamps in memory."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..resample import Clock, stamp_resolution
+from ..signals.resample import Clock, stamp_resolution
 from .disk import PASS, DiskArray
 
 Array = np.ndarray

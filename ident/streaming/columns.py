@@ -10,11 +10,11 @@ from typing import TypeGuard
 
 import numpy as np
 
-from ..effect import Effect, JointEffect, Need
+from ..effects.base import Effect, JointEffect, Need
+from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
-from ..filters import RowFilter
 from ..model import Model
-from ..motion import Motion
+from ..signals.filters import RowFilter
 
 Array = np.ndarray
 #: Needs that a stretch of samples can meet by itself, wherever it is cut.

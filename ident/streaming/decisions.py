@@ -1,6 +1,6 @@
 """What the whole log decides about its rows, from one pass over its motion: standstill, saturation, joints that never move.
 
-The rules are those of `ident.rows` and `ident.masks`; here the facts are gathered piece by piece."""
+The rules are those of `ident.signals.assemble` and `ident.signals.masks`; here the facts are gathered piece by piece."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from functools import reduce
 
 import numpy as np
 
-from ..cutoff import CutoffChoice
-from ..masks import _MOST, Saturation, Standstill, _longest_usual
-from ..robot import Robot
-from ..rows import _speed_noise
-from ..transmission import Side
+from ..robots.robot import Robot
+from ..robots.transmission import Side
+from ..signals.assemble import _speed_noise
+from ..signals.cutoff import CutoffChoice
+from ..signals.masks import _MOST, Saturation, Standstill, _longest_usual
 from .disk import PASS, over_rows
 from .motion import DerivedRun
 from .workers import Workers

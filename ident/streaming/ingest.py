@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.files import write_atomic
 from ..errors import DataError, UnsupportedError
-from ..files import write_atomic
-from ..log_columns import ColumnPlan, resolve_columns
-from ..log_files import read_header
-from ..log_names import JointNames
-from ..log_repair import Holes, missing_rows, rising_runs
-from ..log_ros import joint_state_columns
-from ..robot import Robot
+from ..logs.columns import ColumnPlan, resolve_columns
+from ..logs.names import JointNames
+from ..logs.readers.ros import joint_state_columns
+from ..logs.readers.tables import read_header
+from ..logs.repair import Holes, missing_rows, rising_runs
+from ..robots.robot import Robot
 from .digest import FileDigest
 from .disk import DiskArray, DiskWriter
 from .stored import StoredLog, log_of, survey_of
@@ -182,7 +182,7 @@ def _present(table: dict[str, Array], side: str, sources: Mapping[int, str], sta
     """The rows with a time stamp and every position, torque finite or NaN; the other rows are noted."""
     first = state.place.rows
     for name, values in table.items():
-        # Infinite torque is as good as none, as in `ident.uniform.Recording`.
+        # Infinite torque is as good as none, as in `ident.signals.uniform.Recording`.
         if name.startswith("tau_") and not (known := np.isfinite(values)).all():
             values[~known] = np.nan
     good = np.isfinite(table["t"])

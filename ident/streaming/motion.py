@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..filters import RowFilter
-from ..preparation import Preparation
+from ..signals.filters import RowFilter
+from ..signals.preparation import Preparation
 from .runs import StoredRun
 
 Array = np.ndarray

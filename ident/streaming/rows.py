@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..filters import RowFilter
+from ..effects.motion import Motion
 from ..model import Model
-from ..motion import Motion
-from ..problem import Rows
-from ..rows import _TURNING_REACH, _TURNING_SHARE, _UNSOUND, _share
-from ..transmission import Side
+from ..problem.problem import Rows
+from ..robots.transmission import Side
+from ..signals.assemble import _TURNING_REACH, _TURNING_SHARE, _UNSOUND, _share
+from ..signals.filters import RowFilter
 from .columns import RowColumns, live_columns
 from .decisions import Decisions
 from .motion import DerivedRun

@@ -1,4 +1,4 @@
-"""Runs at one uniform rate whose samples stay on disk: what `ident.uniform` makes in memory, by the same rules."""
+"""Runs at one uniform rate whose samples stay on disk: what `ident.signals.uniform` makes in memory, by the same rules."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DataError
-from ..logs import measured
-from ..resample import Clock, bridge, flag_at, interpolate, interpolate_torque, thin
-from ..robot import Robot
-from ..uniform import UniformRun, dead_torque, rate_for, resampling_text, torque_notes
+from ..logs.log import measured
+from ..robots.robot import Robot
+from ..signals.resample import Clock, bridge, flag_at, interpolate, interpolate_torque, thin
+from ..signals.uniform import UniformRun, dead_torque, rate_for, resampling_text, torque_notes
 from .clock import clock_of, deviation, longer_steps
 from .disk import PASS, DiskArray, DiskWriter
 from .stored import StoredLog
@@ -26,7 +26,7 @@ _SPLINE_REACH = 128
 
 @dataclass(frozen=True, eq=False)
 class StoredRecording:
-    """A run in the robot's terms, as `ident.uniform.Recording`: joint positions without jumps; `absent` (n,): no torque at all,
+    """A run in the robot's terms, as `ident.signals.uniform.Recording`: joint positions without jumps; `absent` (n,): no torque at all,
     or none that was measured."""
 
     log: StoredLog
@@ -88,7 +88,7 @@ class StoredRun:
         return self.log.arrays["q"]
 
     def read(self, a: int, b: int, within: slice | None = None) -> UniformRun:
-        """Samples `a` … `b` - 1 in memory. With `within`, missing torque is bridged as `ident.resample.bridge` would do it over these
+        """Samples `a` … `b` - 1 in memory. With `within`, missing torque is bridged as `ident.signals.resample.bridge` would do it over these
         samples of the run; `missing` tells where."""
         piece = self.log.read(a, b)
         assert piece.q is not None
@@ -107,7 +107,7 @@ class StoredRun:
 def bridged(
     log: StoredLog, robot: Robot, torque: Array, first: int, within: slice, absent: Array, time_of: Callable[[Array], Array]
 ) -> Array:
-    """Torque (N, n) of the rows from `first` on, NaN replaced as `ident.resample.bridge` would do it over the rows `within`: with the
+    """Torque (N, n) of the rows from `first` on, NaN replaced as `ident.signals.resample.bridge` would do it over the rows `within`: with the
     nearest torque on either side, however far away. `absent` (n,): joints without any. `time_of`: times of rows by their places."""
     stop = first + len(torque)
     places, values = [np.arange(first, stop)], [torque]
@@ -156,7 +156,7 @@ class StoredResampling:
 def stored_runs(
     recordings: Sequence[StoredRecording], rate: float | None, longest_gap: float | None, cutoff: float | None, folder: Path
 ) -> StoredResampling:
-    """Put recordings on one uniform rate; see `ident.uniform.uniform_runs`. Uneven stretches are resampled into files in `folder`."""
+    """Put recordings on one uniform rate; see `ident.signals.uniform.uniform_runs`. Uneven stretches are resampled into files in `folder`."""
     rate = rate_for([(r.name, r.clock) for r in recordings], rate)
     runs: list[StoredRun] = []
     gaps = thinned = 0
@@ -188,7 +188,7 @@ def _uniform(rec: StoredRecording, part: slice, rate: float, name: str, folder: 
 
 
 def _spaced(log: StoredLog, step: float, folder: Path) -> tuple[StoredLog, int]:
-    """Without samples that follow the one before too closely (`ident.resample.thin`), copied where there are any."""
+    """Without samples that follow the one before too closely (`ident.signals.resample.thin`), copied where there are any."""
     nearest = min((float(np.diff(p).min()) for p in log.t.pieces(overlap=1) if len(p) > 1), default=np.inf)
     if nearest >= 0.2 * step:
         return log, 0

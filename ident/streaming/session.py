@@ -1,4 +1,4 @@
-"""A study taken up with its logs on disk: the steps of `ident.session.Session`, in memory that does not grow with the logs."""
+"""A study taken up with its logs on disk: the steps of `ident.study.session.Session`, in memory that does not grow with the logs."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..effect import Need
+from ..effects.base import Need
 from ..errors import DataError, IdentError, UnsupportedError
 from ..estimators.base import Capability, estimator_types
-from ..problem import Problem
-from ..session import HELD_SHARE, Session, like
+from ..problem.problem import Problem
+from ..study.session import HELD_SHARE, Session, like
 from .audit import audit_stored
 from .checkpoint import Checkpoint, key_of
 from .clock import first_at_or_after
@@ -26,11 +26,11 @@ from .tables import is_streamable
 from .workers import Threads, Workers
 
 if TYPE_CHECKING:
-    from ..audit import Audit
-    from ..estimate import Estimate
+    from ..audit.audit import Audit
+    from ..estimate.estimate import Estimate
     from ..model import Model
-    from ..signals import Preparation
-    from ..study import Study
+    from ..signals.preparation import Preparation
+    from ..study.study import Study
 
 Progress = Callable[[float], None]
 

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from ..cutoff import HIGHEST, CutoffChoice
 from ..errors import ConfigurationError, UnsupportedError
 from ..model import Model
-from ..preparation import Preparation, Recorded, Velocity
-from ..prepared import JointReport, PreparationReport, Signals
-from ..robot import Robot
-from ..rows import _half_gain, _warnings, long_enough, raised_shares, require_motion
+from ..robots.robot import Robot
+from ..signals.assemble import _half_gain, _warnings, long_enough, raised_shares, require_motion
+from ..signals.cutoff import HIGHEST, CutoffChoice
+from ..signals.preparation import Preparation, Recorded, Velocity
+from ..signals.signals import JointReport, PreparationReport, Signals
 from .columns import can_filter
 from .decisions import Part, decide
 from .motion import Derivation, DerivedRun, Stretch
@@ -105,7 +105,7 @@ class StreamedSignals(Signals):
 
 
 def _same(a: Model, b: Model) -> bool:
-    from ..estimate_io import model_to_dict
+    from ..estimate.io import model_to_dict
 
     return a.parameters == b.parameters and model_to_dict(a) == model_to_dict(b)
 
@@ -147,7 +147,7 @@ class Streaming:
         choice: CutoffChoice,
         model: Model | None,
     ) -> StreamedSignals:
-        """The chunked counterpart of `ident.rows.assemble`."""
+        """The chunked counterpart of `ident.signals.assemble.assemble`."""
         row_filter, cutoff, rule = derivation.row_filter, derivation.cutoff, prep.standstill
         derived = [derivation.of(run) for run in even.runs]
         kept, short = long_enough(derived, max(len(r) for r in even.runs), even.rate, cutoff, row_filter)
@@ -239,7 +239,7 @@ class Streaming:
 
 def _require(prep: Preparation, rec: StoredRecording) -> None:
     """What `Preparation._require` asks of a recording in memory, from one sample and the quantities logged."""
-    from ..uniform import Recording
+    from ..signals.uniform import Recording
 
     # Only recorded derivatives are asked for; whether they hold NaN is seen where they are used.
     wanted = isinstance(prep, Recorded) or getattr(prep, "velocity", None) == Velocity.RECORDED

@@ -8,9 +8,9 @@ from functools import reduce
 
 import numpy as np
 
-from ..logs import Log
-from ..measured import measured
-from ..transmission import Transmission
+from ..logs.log import Log
+from ..logs.torque import measured
+from ..robots.transmission import Transmission
 from .disk import PASS, DiskArray
 from .survey import Survey, Surveyed
 

@@ -67,7 +67,7 @@ class Survey:
 
     @property
     def wrapped(self) -> Array:
-        """Columns whose jumps are full turns of a counter, by the rule of `ident.logs.unwrapped`, (n,) bool."""
+        """Columns whose jumps are full turns of a counter, by the rule of `ident.logs.log.unwrapped`, (n,) bool."""
         whole = self.odd <= np.maximum(0.3, 1.5 * self.step)
         return (self.jumps > 0) & (self.step < 2.5) & (self.high - self.low <= 2 * np.pi * 1.001) & whole
 

@@ -1,4 +1,4 @@
-"""Log files read piece by piece: CSV (plain or compressed) and Parquet, columns as in `ident.log_files`."""
+"""Log files read piece by piece: CSV (plain or compressed) and Parquet, columns as in `ident.logs.readers.tables`."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from typing import IO
 import numpy as np
 
 from ..errors import DataError, UnsupportedError
-from ..log_columns import ColumnPlan
-from ..log_files import Header, arrow_values, numeric, open_binary, parquet_file, stored_names
+from ..logs.columns import ColumnPlan
+from ..logs.readers.tables import Header, arrow_values, numeric, open_binary, parquet_file, stored_names
 from .text import TextParser
 
 Array = np.ndarray

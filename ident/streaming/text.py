@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
-from ..log_columns import ColumnPlan
-from ..log_files import Header, arrow_columns, bad_text, numbered_rows, open_binary, over_lines, pandas_columns, quotes_stay_open
+from ..logs.columns import ColumnPlan
+from ..logs.readers.tables import Header, arrow_columns, bad_text, numbered_rows, open_binary, over_lines, pandas_columns, quotes_stay_open
 
 Array = np.ndarray
 _COUNTED = 1 << 20

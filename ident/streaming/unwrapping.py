@@ -1,4 +1,4 @@
-"""Positions on disk without jumps of a full turn, and carried from the motors to the joints; as `ident.logs.unwrapped` does."""
+"""Positions on disk without jumps of a full turn, and carried from the motors to the joints; as `ident.logs.log.unwrapped` does."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..robot import Robot
-from ..turns import motor_turn_notes
+from ..logs.unwrap import motor_turn_notes
+from ..robots.robot import Robot
 from .disk import DiskArray, DiskWriter
 from .stored import StoredLog
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from command_line import FRICTION
 
+from ident.estimate.summary import WIDTH
 from ident.robots import robot_folder
-from ident.summary import WIDTH
 
 
 def test_lines_fit_a_wide_terminal(ident):

@@ -116,7 +116,7 @@ def test_lines_fit_a_wide_terminal(ident, fit):
 
 
 def test_expressions_are_cut_at_a_whole_term():
-    from ident.summary import shortened
+    from ident.estimate.summary import shortened
 
     assert shortened("Izz_a + 0.5 m_b", 15) == "Izz_a + 0.5 m_b"
     assert shortened("Izz_a + 0.5 m_b - 0.25 m_c", 20) == "Izz_a + 0.5 m_b …"
@@ -133,7 +133,7 @@ def test_help(ident, command):
 
 
 def test_fit_help_lists_methods_and_effects(ident):
-    from ident.effect import effect_names
+    from ident.effects.base import effect_names
     from ident.estimators import estimator_types
 
     text = ident("fit", "--help").out
@@ -388,9 +388,9 @@ def test_simulate_says_what_it_has_no_value_for(ident, tmp_path):
 
 def test_simulated_torque_is_recorded_as_it_acts(ident, tmp_path):
     """Torque that a controller holds for a period acts half a period late; a record of what it asked for would look early."""
-    from ident.effect import make_effect
-    from ident.logs import read_logs
-    from ident.problem import Problem
+    from ident.effects.base import make_effect
+    from ident.logs.log import read_logs
+    from ident.problem.problem import Problem
     from ident.robots import load_robot, nominal_values
     from ident.signals import ZeroPhase
 

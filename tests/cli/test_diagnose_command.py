@@ -240,8 +240,8 @@ def test_a_failed_command_leaves_no_folder(ident, lacking, tmp_path):
 
 
 def test_artefacts_appear_together_or_not_at_all(tmp_path):
+    from ident._utils.files import staged
     from ident.errors import ConfigurationError
-    from ident.files import staged
 
     folder = tmp_path / "out"
 
@@ -294,8 +294,8 @@ def test_check_strict_finds_what_is_not_declared(ident, lacking, tmp_path):
 
 def test_progress_moves_in_small_steps(lacking):
     import ident as toolkit
-    from ident.session import Session
-    from ident.study import read_study
+    from ident.study.session import Session
+    from ident.study.study import read_study
 
     session = Session(read_study(lacking / "study.toml"))
     shares: list[float] = []

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from command_line import FRICTION, python
 
-from ident.estimate import Estimate
+from ident.estimate.estimate import Estimate
 from ident.physical import judge, solver_available
-from ident.robot import Robot
+from ident.robots.robot import Robot
 
 
 @pytest.fixture(scope="module")

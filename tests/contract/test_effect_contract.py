@@ -16,14 +16,14 @@ import pytest
 from effect_robots import ROBOTS, chain, declared, motion_of
 
 import ident
-from ident.correction import SignalCorrection
-from ident.effect import Axis, Effect, Nature, Need, effect_types, make_effect
+from ident.effects.base import Axis, Effect, Nature, Need, effect_types, make_effect
+from ident.effects.correction import SignalCorrection
+from ident.effects.motion import Coordinates, Motion
+from ident.effects.reference import Reference
 from ident.errors import ConfigurationError
 from ident.model import Model
-from ident.motion import Coordinates, Motion
-from ident.reference import Reference
-from ident.robot import Robot
-from ident.transmission import Side
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side
 
 TYPES = effect_types()
 EVERY = pytest.mark.parametrize("name", list(TYPES))

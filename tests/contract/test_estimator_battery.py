@@ -11,14 +11,14 @@ import pytest
 
 import ident
 import ident.estimators
+from ident.effects.motion import Motion
 from ident.errors import ConfigurationError, IdentError
+from ident.estimate.status import StatusCode
 from ident.estimators import Estimator, estimator_types, make_estimator
 from ident.friction import Coulomb, Viscous
-from ident.logs import Log, LogSet
-from ident.motion import Motion
+from ident.logs.log import Log, LogSet
 from ident.robots import nominal_values
 from ident.signals import Recorded
-from ident.status import StatusCode
 
 TYPES = sorted(estimator_types())
 

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 
 import ident
-from ident.controller import ComputedTorque
+from ident.effects.motion import Coordinates, Motion
 from ident.errors import ConfigurationError, UnsupportedError
 from ident.estimators import Capability, Estimator, Experiment, estimator_types, make_estimator
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.model import Model
-from ident.motion import Coordinates, Motion
 from ident.signals import PreparationReport, Signals
-from ident.simulate import Plant, simulate
-from ident.trajectory import FourierTrajectory
+from ident.simulation.controller import ComputedTorque
+from ident.simulation.simulate import Plant, simulate
+from ident.simulation.trajectory import FourierTrajectory
 
 RATE = 100.0
 
@@ -188,7 +188,7 @@ def test_coverage_over_many_logs(name: str, colour: float) -> None:
 @pytest.mark.parametrize("name", ["iv", *(n for n, kind in sorted(estimator_types().items()) if Capability.STREAMING in kind.capabilities)])
 def test_blocks_of_any_size_give_the_same(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = estimator(name).solve(problem(noisy(1)))
-    monkeypatch.setattr("ident.problem._BLOCK_NUMBERS", 1)
+    monkeypatch.setattr("ident.problem.problem._BLOCK_NUMBERS", 1)
     pieces = estimator(name).solve(problem(noisy(1)))
     assert np.abs((pieces.values - whole.values) / whole.std).max() < 1e-5
     assert pieces.std == pytest.approx(whole.std, rel=1e-5)

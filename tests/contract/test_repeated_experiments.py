@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from ident import Problem
-from ident.controller import PDFeedforward
 from ident.errors import ConfigurationError
 from ident.estimators import Experiment, assumed_experiment, make_estimator
-from ident.logs import LogSet
+from ident.logs.log import LogSet
 from ident.plan import default_model
 from ident.robots import load_robot, nominal_values
 from ident.signals import Recorded
-from ident.simulate import Feedback, Plant, Sensors, simulate_batch
+from ident.simulation.controller import PDFeedforward
 from ident.simulation.sensors import TorqueWindow
-from ident.trajectory import FourierTrajectory
+from ident.simulation.simulate import Feedback, Plant, Sensors, simulate_batch
+from ident.simulation.trajectory import FourierTrajectory
 
 RATE = 200.0
 ROBOT = load_robot("scara")

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from effect_robots import seven
 
-from ident.effect import Nature, Need, effect_types
+from ident.effects.base import Nature, Need, effect_types
+from ident.effects.motion import Motion
 from ident.errors import UnsupportedError
 from ident.friction import RotorInertia, Viscous
 from ident.model import Model
-from ident.motion import Motion
-from ident.robot import Robot
-from ident.simulate import Plant, simulate
+from ident.robots.robot import Robot
 from ident.simulation.forces import Simulated
+from ident.simulation.simulate import Plant, simulate
 
 
 @pytest.mark.parametrize("name", sorted(set(effect_types()) - {"rigid_body", "rotor_inertia"}))

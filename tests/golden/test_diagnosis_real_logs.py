@@ -12,7 +12,7 @@ from conftest import shared_data
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from benchmarks.real.diagnosed import HERE, KNOWN, Missing, lacks_an_answer, limited, told
-from ident.study import read_study
+from ident.study.study import read_study
 
 #: Log → share of the squared held-out error, weighted by noise, that must go.
 LEAST_GAIN = {"emps": 0.8, "double_pendulum": 0.8}

@@ -10,14 +10,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ident.estimate import Estimate
+from ident.estimate.estimate import Estimate
 from ident.estimators import make_estimator
-from ident.export import Identified, export
+from ident.export.export import Identified, export
 from ident.physical import Repair, judge, repair_estimate
 from ident.regressor.rigid import inverse_dynamics
-from ident.robot import Robot
-from ident.session import Session
-from ident.study import read_study
+from ident.robots.robot import Robot
+from ident.study.session import Session
+from ident.study.study import read_study
 
 pytestmark = pytest.mark.slow
 STUDIES = Path(__file__).parents[2] / "benchmarks" / "real"
@@ -93,8 +93,8 @@ def test_what_is_said_of_each(data_folder: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_the_reason_on_the_panda(data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With effects that the declared model lacks, real links cost little, and the constrained fit beats the first unconstrained one."""
-    from ident.effect import make_effect
-    from ident.problem import Problem
+    from ident.effects.base import make_effect
+    from ident.problem.problem import Problem
 
     monkeypatch.setenv("IDENT_DATA", str(data_folder))
     case = fits("panda")

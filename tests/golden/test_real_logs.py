@@ -10,8 +10,8 @@ import pytest
 from conftest import shared_data
 
 from ident import Problem
-from ident.session import Session, like
-from ident.study import read_study
+from ident.study.session import Session, like
+from ident.study.study import read_study
 
 STUDIES = Path(__file__).resolve().parents[2] / "benchmarks" / "real"
 

@@ -11,8 +11,8 @@ from conftest import shared_data
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from benchmarks.real.repeated import EMPS, EMPS_SIMULATED, attempts, emps_experiment, problem, published_friction
 from ident.errors import UnsupportedError
+from ident.estimate.status import StatusCode
 from ident.estimators import make_estimator
-from ident.status import StatusCode
 
 
 @pytest.fixture(scope="module")

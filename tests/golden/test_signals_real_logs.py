@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.audit_checks import position_jumps
+from ident.audit.columns import position_jumps
 from ident.effects.offset import Offset
 from ident.estimators import WeightedLeastSquares
 from ident.friction.drive import Coulomb, RotorInertia, Viscous
-from ident.logs import LogSet, read_logs
-from ident.problem import Problem
-from ident.robot import Robot
+from ident.logs.log import LogSet, read_logs
+from ident.logs.unwrap import unwrapped
+from ident.problem.problem import Problem
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side, Transmission
 from ident.signals import Standstill, ZeroPhase
-from ident.transmission import Side, Transmission
-from ident.turns import unwrapped
 
 #: The published values were fitted with the low speeds in: friction there is weaker than the line through higher speeds.
 PUBLISHED = Standstill(fraction=0.01, share=0.3)

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from structures import compare_row_spaces, mixed_robot, oblique_twists, parallelogram_robot, rotational_robot, sampled_regressor
 
-from ident.regressor import closed_form
-from ident.regressor.structural import base_set
-from ident.robot import Robot
+from ident.regressor.base_parameters import closed_form
+from ident.regressor.base_parameters.structural import base_set
+from ident.robots.robot import Robot
 
 
 def _oblique(rng: np.random.Generator, size: int) -> Robot:

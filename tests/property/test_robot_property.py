@@ -10,9 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ident import Robot, Side, Transmission
-from ident.motion import Motion
-from ident.toml_tables import to_toml
-from ident.urdf import exact_angle
+from ident._utils.toml import to_toml
+from ident.effects.motion import Motion
+from ident.robots.urdf import exact_angle
 
 finite = st.floats(-1e6, 1e6, allow_nan=False)
 

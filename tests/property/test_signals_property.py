@@ -8,13 +8,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.filters import RowFilter, central_differences
-from ident.log_columns import resolve_columns
-from ident.log_units import UNITS, expected_units
-from ident.logs import Log, LogSet
-from ident.prepared import PreparationReport, Signals
-from ident.resample import Clock, grid, interpolate, is_even, stretches, thin
-from ident.robot import Robot
+from ident.logs.columns import resolve_columns
+from ident.logs.log import Log, LogSet
+from ident.logs.units import UNITS, expected_units
+from ident.robots.robot import Robot
+from ident.signals.filters import RowFilter, central_differences
+from ident.signals.resample import Clock, grid, interpolate, is_even, stretches, thin
+from ident.signals.signals import PreparationReport, Signals
 
 ONE = Robot.from_urdf(
     '<robot name="one"><link name="a"/><link name="b"/><joint name="x" type="revolute"><parent link="a"/><child link="b"/>'

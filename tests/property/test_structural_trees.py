@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from structures import compare_row_spaces, random_tree, sampled_regressor, urdf_text
 
-from ident.regressor.structural import base_set
-from ident.robot import Robot
+from ident.regressor.base_parameters.structural import base_set
+from ident.robots.robot import Robot
 
 
 def random_loop(rng: np.random.Generator, size: int) -> dict[str, Any]:

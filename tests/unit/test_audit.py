@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.audit import Audit, Severity
-from ident.filters import zero_phase_lowpass
-from ident.logs import Log, LogSet
-from ident.robot import Robot
+from ident.audit.audit import Audit, Severity
+from ident.logs.log import Log, LogSet
+from ident.robots.robot import Robot
+from ident.signals.filters import zero_phase_lowpass
 
 Array = np.ndarray
 URDF = """<robot name="arm"><link name="base"/><link name="a"/><link name="b"/>

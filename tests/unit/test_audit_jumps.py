@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import ident
-from ident.audit_checks import position_jumps
-from ident.audit_torque import wild_samples
+from ident.audit.columns import position_jumps
+from ident.audit.torque import wild_samples
 from ident.commands.simulate import random_motion
 from ident.robots import nominal_values
-from ident.simulate import Plant, simulate
+from ident.robots.transmission import Side
 from ident.simulation.sensors import Quantisation, Sensors, TorqueNoise
-from ident.transmission import Side
+from ident.simulation.simulate import Plant, simulate
 
 Array = np.ndarray
 RATES = (50.0, 100.0, 200.0, 500.0, 1000.0)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ident.effects.motion import Motion
 from ident.effects.offset import Offset
 from ident.friction import Coulomb, RotorInertia, Stribeck, Viscous
 from ident.model import Model
-from ident.motion import Motion
-from ident.regressor.base import base_reduction, sample_columns
-from ident.robot import Robot
+from ident.regressor.base_parameters.reduction import base_reduction, sample_columns
+from ident.robots.robot import Robot
 
 
 def chain(rpys: list[str], xyzs: list[str], kinds: list[str] | None = None) -> str:

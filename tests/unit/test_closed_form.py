@@ -10,9 +10,9 @@ from conftest import shared_data
 from structures import JointSpec, compare_row_spaces, mixed_robot, random_tree, rotation, sampled_regressor, urdf_text
 
 from ident.errors import UnsupportedError
-from ident.regressor.closed_form import mixed, oblique, parallelogram, rotational
-from ident.robot import Robot
+from ident.regressor.base_parameters.closed_form import mixed, oblique, parallelogram, rotational
 from ident.robots import load_robot, published_tables
+from ident.robots.robot import Robot
 
 HALF = np.pi / 2
 
@@ -169,7 +169,7 @@ def test_refusals_say_why_and_what_to_use(case: str) -> None:
     function, build, text = REFUSED[case]
     with pytest.raises(UnsupportedError, match=text) as refusal:
         function(build())
-    assert "ident.regressor.structural.base_set" in str(refusal.value)
+    assert "ident.regressor.base_parameters.structural.base_set" in str(refusal.value)
     assert refusal.value.exit_code == 2
 
 

@@ -10,11 +10,11 @@ import pytest
 from structures import mixed_robot, parallelogram_robot, random_tree, rotational_robot, urdf_text
 
 from ident.errors import ConfigurationError
-from ident.regressor.base_form import BaseForm
-from ident.regressor.closed_form import inertia_matrix, mixed, oblique, parallelogram, rotational
-from ident.regressor.structural import base_set
-from ident.robot import Robot
+from ident.regressor.base_parameters.base_form import BaseForm
+from ident.regressor.base_parameters.closed_form import inertia_matrix, mixed, oblique, parallelogram, rotational
+from ident.regressor.base_parameters.structural import base_set
 from ident.robots import load_robot
+from ident.robots.robot import Robot
 
 Array = np.ndarray
 

@@ -18,11 +18,11 @@ from ident.diagnosis.motions import Motions
 from ident.diagnosis.search import Search
 from ident.diagnosis.steady import steady_values
 from ident.diagnosis.whitening import plain_whitener
-from ident.effect import effect_types
+from ident.effects.base import effect_types
 from ident.effects.compliance import Backlash
 from ident.estimators import WeightedLeastSquares
-from ident.logs import LogSet
-from ident.problem import Problem
+from ident.logs.log import LogSet
+from ident.problem.problem import Problem
 from ident.signals import ZeroPhase
 
 Array = np.ndarray

@@ -14,9 +14,9 @@ from ident.diagnosis import diagnose
 from ident.diagnosis.analysis import without_reversals
 from ident.diagnosis.both_parts import SAID, halved, together
 from ident.diagnosis.in_plain_sight import ELSEWHERE, above_floor, apart, hinted
-from ident.effect import make_effect
+from ident.effects.base import make_effect
 from ident.estimators import WeightedLeastSquares
-from ident.problem import Problem
+from ident.problem.problem import Problem
 from ident.signals import Signals
 
 LATE = 37.2

@@ -19,10 +19,10 @@ from ident.diagnosis.cross_terms import cross_terms
 from ident.diagnosis.findings import _beyond
 from ident.diagnosis.selection import Selection
 from ident.diagnosis.whitening import plain_whitener
-from ident.effect import make_effect
+from ident.effects.base import make_effect
 from ident.estimators import WeightedLeastSquares
-from ident.logs import LogSet
-from ident.problem import Problem
+from ident.logs.log import LogSet
+from ident.problem.problem import Problem
 from ident.signals import Signals, ZeroPhase
 
 COUPLING = make_effect("gear_coupling", joints="j4", motors=("j1",))

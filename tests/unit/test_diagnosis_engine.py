@@ -15,13 +15,13 @@ from ident.diagnosis.motion_spectrum import noise_share
 from ident.diagnosis.motions import Motions
 from ident.diagnosis.spectral import harmonics, promising_orders
 from ident.diagnosis.whitening import plain_whitener, whitener
-from ident.effect import make_effect
-from ident.logs import Log, LogSet
+from ident.effects.base import make_effect
+from ident.effects.motion import Motion
+from ident.logs.log import Log, LogSet
 from ident.model import Model
-from ident.motion import Motion
-from ident.problem import Problem
+from ident.problem.problem import Problem
 from ident.signals import Signals, ZeroPhase
-from ident.trajectory import FourierTrajectory
+from ident.simulation.trajectory import FourierTrajectory
 
 Array = np.ndarray
 RATE = 200.0

@@ -9,16 +9,16 @@ import pytest
 from effect_robots import ROBOTS, declared
 
 from ident.diagnosis import Diagnosis, diagnose
-from ident.effect import Effect
+from ident.effects.base import Effect
+from ident.effects.motion import Motion
 from ident.effects.offset import Offset
 from ident.estimators import WeightedLeastSquares
 from ident.friction.drive import Coulomb, RotorInertia, Viscous
-from ident.logs import Log, LogSet
+from ident.logs.log import Log, LogSet
 from ident.model import Model
-from ident.motion import Motion
-from ident.problem import Problem
+from ident.problem.problem import Problem
 from ident.signals import Signals, ZeroPhase
-from ident.trajectory import FourierTrajectory
+from ident.simulation.trajectory import FourierTrajectory
 
 RATE = 200.0
 

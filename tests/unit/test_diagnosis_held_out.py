@@ -38,15 +38,15 @@ from ident.diagnosis.stage import Stage, with_effects
 from ident.diagnosis.stand_in import stand_in
 from ident.diagnosis.whitening import plain_whitener, whitener
 from ident.diagnosis.withdrawn import withdrawal, withdrawn, without_guesses
-from ident.effect import Effect, make_effect
+from ident.effects.base import Effect, make_effect
+from ident.effects.motion import Motion
 from ident.effects.springs import Counterbalance
-from ident.estimate import Estimate
+from ident.estimate.estimate import Estimate
 from ident.estimators import WeightedLeastSquares
-from ident.logs import Log, LogSet
-from ident.motion import Motion
-from ident.problem import Problem
+from ident.logs.log import Log, LogSet
+from ident.problem.problem import Problem
 from ident.signals import Signals, ZeroPhase
-from ident.trajectory import FourierTrajectory
+from ident.simulation.trajectory import FourierTrajectory
 
 Array = np.ndarray
 RATE = 200.0

@@ -16,12 +16,12 @@ from ident.diagnosis.evidence import FALSE_ALARM
 from ident.diagnosis.frame import Frame
 from ident.diagnosis.hidden import Hidden, by_effect, hidden
 from ident.diagnosis.stage import Stage, start
+from ident.effects.motion import Motion
 from ident.estimators import WeightedLeastSquares
-from ident.logs import Log, LogSet
-from ident.motion import Motion
-from ident.problem import Problem
+from ident.logs.log import Log, LogSet
+from ident.problem.problem import Problem
 from ident.signals import ZeroPhase
-from ident.trajectory import FourierTrajectory
+from ident.simulation.trajectory import FourierTrajectory
 
 RATE = 200.0
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.audit_checks import position_jumps
-from ident.cutoff import choose_cutoff
+from ident._utils.fixed_point import MOST, Repetition
+from ident.audit.columns import position_jumps
 from ident.diagnosis import diagnose, selection
 from ident.diagnosis.acceptance import Found
 from ident.diagnosis.bank import Bank
@@ -25,18 +25,18 @@ from ident.diagnosis.refit import Refit
 from ident.diagnosis.search import Judged, Search
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.whitening import Whitener, plain_whitener
-from ident.effect import Effect, make_effect
+from ident.effects.base import Effect, make_effect
+from ident.effects.motion import Motion
+from ident.effects.reference import Reference
 from ident.estimators import WeightedLeastSquares
-from ident.fixed_point import MOST, Repetition
-from ident.logs import Log, LogSet
+from ident.logs.log import Log, LogSet
 from ident.model import Model
-from ident.motion import Motion
-from ident.problem import Problem
-from ident.reference import Reference
+from ident.problem.problem import Problem
 from ident.reporting.diagnosis import headline
-from ident.robot import Robot
+from ident.robots.robot import Robot
 from ident.signals import Signals, ZeroPhase
-from ident.trajectory import FourierTrajectory
+from ident.signals.cutoff import choose_cutoff
+from ident.simulation.trajectory import FourierTrajectory
 
 Array = np.ndarray
 RATE = 200.0

@@ -34,11 +34,11 @@ from ident.diagnosis.selection import Selection
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.turning import contradicted, left_out, sticking
 from ident.diagnosis.whitening import plain_whitener, unwhitened_rows, whitener
-from ident.effect import Effect, make_effect
-from ident.estimate import Estimate
+from ident.effects.base import Effect, make_effect
+from ident.estimate.estimate import Estimate
 from ident.estimators import WeightedLeastSquares
-from ident.logs import LogSet
-from ident.problem import Problem
+from ident.logs.log import LogSet
+from ident.problem.problem import Problem
 from ident.signals import Signals, ZeroPhase
 
 Array = np.ndarray

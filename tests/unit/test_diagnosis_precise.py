@@ -26,10 +26,10 @@ from ident.diagnosis.search import Search
 from ident.diagnosis.stage import Stage, at_least, staged
 from ident.diagnosis.total import totalled
 from ident.diagnosis.whitening import plain_whitener, whitener
-from ident.effect import make_effect
+from ident.effects.base import make_effect
 from ident.estimators import WeightedLeastSquares
-from ident.logs import Log, LogSet
-from ident.problem import Problem
+from ident.logs.log import Log, LogSet
+from ident.problem.problem import Problem
 from ident.signals import Signals, ZeroPhase
 
 Array = np.ndarray

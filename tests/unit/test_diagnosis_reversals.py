@@ -16,14 +16,14 @@ from ident.diagnosis.bank import Bank
 from ident.diagnosis.contest import contenders, contested
 from ident.diagnosis.low_speed import near_reversals
 from ident.diagnosis.stage import Stage
-from ident.effect import Effect, make_effect
-from ident.estimate import Estimate
+from ident.effects.base import Effect, make_effect
+from ident.effects.motion import Motion
+from ident.estimate.estimate import Estimate
 from ident.estimators import WeightedLeastSquares
-from ident.logs import Log, LogSet
-from ident.motion import Motion
-from ident.problem import Problem
+from ident.logs.log import Log, LogSet
+from ident.problem.problem import Problem
+from ident.robots.transmission import Side
 from ident.signals import Signals, ZeroPhase
-from ident.transmission import Side
 
 Array = np.ndarray
 RATE = 200.0

@@ -28,10 +28,10 @@ from ident.diagnosis.signatures import line
 from ident.diagnosis.spectral import evenly_drawn
 from ident.diagnosis.stage import Stage
 from ident.diagnosis.whitening import whitener
-from ident.effect import Effect, make_effect
+from ident.effects.base import Effect, make_effect
+from ident.effects.motion import Motion
 from ident.effects.orders import slowest_order
-from ident.motion import Motion
-from ident.transmission import Side
+from ident.robots.transmission import Side
 
 Array = np.ndarray
 

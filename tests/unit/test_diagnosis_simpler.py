@@ -15,7 +15,7 @@ from ident.diagnosis.search import Search
 from ident.diagnosis.selection import Selection
 from ident.diagnosis.simpler import simplified
 from ident.diagnosis.spectral import period_unseen
-from ident.effect import Effect, make_effect
+from ident.effects.base import Effect, make_effect
 
 
 def selected(seed: int, true: str, sizes: list[float], first: str, second: str, twin: str = "") -> Selection:

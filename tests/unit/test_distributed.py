@@ -15,7 +15,7 @@ from ident.errors import DataError
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.robots import nominal_values
 from ident.streaming import StreamedSession
-from ident.study import Study
+from ident.study.study import Study
 
 distributed = pytest.importorskip("dask.distributed", reason="Dask is not installed (pip install ident[dask])")
 

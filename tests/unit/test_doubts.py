@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.doubts import _bounds, _taken_up, doubts, fitted_as_well
-from ident.estimate import Estimate
+from ident.effects.motion import Motion
+from ident.estimate.estimate import Estimate
 from ident.estimators import WeightedLeastSquares
-from ident.logs import Log
-from ident.motion import Motion
-from ident.problem import Problem
+from ident.evaluation.doubts import _bounds, _taken_up, doubts, fitted_as_well
+from ident.logs.log import Log
+from ident.problem.problem import Problem
 from ident.signals import Signals, ZeroPhase
-from ident.trajectory import FourierTrajectory
+from ident.simulation.trajectory import FourierTrajectory
 
 
 def prepared(seed: int, sign: float = 1.0) -> Signals:

@@ -9,16 +9,16 @@ from effect_robots import ROBOTS, declared, smooth
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ident.effect import make_effect
+from ident.effects.base import make_effect
 from ident.effects.flexing import responses
+from ident.effects.motion import Motion
+from ident.effects.reference import Reference
 from ident.effects.timing import derivative, low_pass
 from ident.errors import ConfigurationError
 from ident.friction import Coulomb
-from ident.motion import Motion
-from ident.reference import Reference
-from ident.regressor.structural import base_set
-from ident.robot import Robot
-from ident.transmission import Side
+from ident.regressor.base_parameters.structural import base_set
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side
 
 Array = np.ndarray
 FIXED = ["pendulum", "seven", "scara", "wrist"]

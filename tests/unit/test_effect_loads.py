@@ -7,10 +7,10 @@ import pinocchio as pin
 import pytest
 from effect_robots import ROBOTS, motion_of
 
-from ident.correction import Harmonic, SignalCorrection
-from ident.effect import make_effect
+from ident.effects.base import make_effect
+from ident.effects.correction import Harmonic, SignalCorrection
 from ident.errors import ConfigurationError
-from ident.transmission import Side
+from ident.robots.transmission import Side
 
 
 @pytest.mark.parametrize("carrier", [None, "j2"])

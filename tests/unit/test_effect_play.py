@@ -9,10 +9,10 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, sosfiltfilt
 
 from ident.effects.compliance import Backlash, JointElasticity
+from ident.effects.motion import Motion
 from ident.effects.play import Flights, Jolts, played
-from ident.motion import Motion
-from ident.reference import Reference
-from ident.robot import Robot
+from ident.effects.reference import Reference
+from ident.robots.robot import Robot
 
 Array = np.ndarray
 NOTHING = Jolts((np.zeros(0, int), np.zeros(0)), (np.zeros(0, int), np.zeros(0)), 1)

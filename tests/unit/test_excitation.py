@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from effect_robots import pendulum, seven
 
+from ident.effects.motion import Motion
 from ident.effects.offset import Offset
 from ident.errors import ConfigurationError, UnsupportedError
 from ident.excitation import (
@@ -24,7 +25,6 @@ from ident.excitation.information import MotionInformation
 from ident.excitation.search import Search
 from ident.friction import AsymmetricViscous, Coulomb, RotorInertia, Stribeck, Viscous
 from ident.model import Model
-from ident.motion import Motion
 from ident.robots import load_robot, nominal_values
 
 

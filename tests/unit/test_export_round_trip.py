@@ -13,12 +13,12 @@ from physical_models import random_links
 
 from ident.effects import rigid_body
 from ident.errors import UnsupportedError
-from ident.export import Identified, export
-from ident.export_urdf import source_text
+from ident.export.export import Identified, export
+from ident.export.urdf import source_text
 from ident.model import Model
 from ident.regressor.rigid import inverse_dynamics
-from ident.robot import Robot
 from ident.robots import load_robot
+from ident.robots.robot import Robot
 
 Array = np.ndarray
 

@@ -9,11 +9,11 @@ import pytest
 from structures import random_tree, urdf_text
 
 from ident.errors import ConfigurationError
-from ident.regressor.base_report import base_report
-from ident.regressor.expressions import coefficient_text, expression, link_parameter_names
-from ident.regressor.principal import principal_parameters
-from ident.robot import Robot
+from ident.regressor.base_parameters.expressions import coefficient_text, expression, link_parameter_names
+from ident.regressor.base_parameters.principal import principal_parameters
+from ident.regressor.base_parameters.report import base_report
 from ident.robots import load_robot
+from ident.robots.robot import Robot
 
 NAMES = (*link_parameter_names(["joint3", "joint4", "joint5"]), "Ia_joint3", "Fv_joint3")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident import filters
-from ident.filters import central_differences, zero_phase_lowpass
+from ident.signals import filters
+from ident.signals.filters import central_differences, zero_phase_lowpass
 
 Array = np.ndarray
 pytest.importorskip("ident._native._filters", reason="the compiled filters were not built")

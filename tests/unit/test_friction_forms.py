@@ -10,12 +10,12 @@ import pytest
 from effect_robots import ROBOTS, motion_of
 from scipy.integrate import solve_ivp
 
-from ident.effect import make_effect
+from ident.effects.base import make_effect
+from ident.effects.motion import Motion
 from ident.errors import ConfigurationError
 from ident.friction import Coulomb, Presliding
 from ident.friction.presliding import deflection
 from ident.model import Model
-from ident.motion import Motion
 
 Array = np.ndarray
 

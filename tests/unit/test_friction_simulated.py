@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.effect import make_effect
-from ident.motion import Motion
-from ident.reference import Reference
-from ident.simulate import Hold, Plant, simulate
+from ident.effects.base import make_effect
+from ident.effects.motion import Motion
+from ident.effects.reference import Reference
+from ident.simulation.simulate import Hold, Plant, simulate
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.errors import ConfigurationError
-from ident.information import Information
+from ident.problem.information import Information
 
 
 def sample(seed: int, m: int, n: int, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from command_line import analytic_log, write_csv
 import ident
 from ident.estimators import WeightedLeastSquares
 from ident.friction import Coulomb, RotorInertia, Viscous
-from ident.information import GRAM_CONDITION, Accumulation, Form, Information
+from ident.problem.information import GRAM_CONDITION, Accumulation, Form, Information
 from ident.robots import nominal_values
 
 
@@ -81,8 +81,8 @@ def test_a_fit_by_products_is_that_by_reflections(tmp_path, monkeypatch) -> None
     problem = ident.Problem(model, ident.CentralDifference()(ident.read_logs(write_csv(tmp_path / "log.csv", table), robot=robot)))
     estimates = []
     for limit in (GRAM_CONDITION, 0.0):
-        monkeypatch.setattr("ident.information.GRAM_CONDITION", limit)
-        monkeypatch.setattr("ident.problem._BLOCK_NUMBERS", 100_000)
+        monkeypatch.setattr("ident.problem.information.GRAM_CONDITION", limit)
+        monkeypatch.setattr("ident.problem.problem._BLOCK_NUMBERS", 100_000)
         estimates.append(WeightedLeastSquares().solve(replace(problem)))
     gram, triangle = estimates
     assert gram.information.form == "gram"

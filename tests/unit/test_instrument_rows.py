@@ -10,10 +10,10 @@ import pytest
 from scipy.linalg import solve_triangular, toeplitz
 from scipy.signal import lfilter
 
-from ident.autoregression import burg, by_autocovariance, lower_orders, rising
 from ident.estimators.instrument_rows import _Whitener
 from ident.estimators.moments import WhiteRows, _Windows
-from ident.noise import fit_noise
+from ident.statistics.autoregression import burg, by_autocovariance, lower_orders, rising
+from ident.statistics.noise import fit_noise
 
 
 def spectrum(polynomial: np.ndarray, innovation: float, frequency: np.ndarray) -> np.ndarray:

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from ident import Problem
-from ident.controller import PDFeedforward
 from ident.estimators import Experiment, make_estimator
 from ident.plan import default_model
-from ident.preparation import CentralDifference, ZeroPhase
 from ident.robots import load_robot, nominal_values
-from ident.simulate import Plant, Sensors, simulate
+from ident.robots.transmission import Side
+from ident.signals.preparation import CentralDifference, ZeroPhase
+from ident.simulation.controller import PDFeedforward
 from ident.simulation.sensors import Quantisation, TorqueNoise, TorqueWindow
-from ident.trajectory import FourierTrajectory
-from ident.transmission import Side
+from ident.simulation.simulate import Plant, Sensors, simulate
+from ident.simulation.trajectory import FourierTrajectory
 
 bound = pytest.importorskip("benchmarks.methods.bound")
 RATE, SECONDS, SEEDS = 200.0, 15.0, 10

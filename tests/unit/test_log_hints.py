@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from ident.errors import DataError
-from ident.log_columns import resolve_columns
-from ident.log_hints import lookalikes
-from ident.log_names import JointNames
-from ident.logs import LogSet, read_logs
-from ident.measured import measured
-from ident.robot import Robot
+from ident.logs.columns import resolve_columns
+from ident.logs.hints import lookalikes
+from ident.logs.log import LogSet, read_logs
+from ident.logs.names import JointNames
+from ident.logs.torque import measured
+from ident.robots.robot import Robot
 from ident.streaming.ingest import Reading, store_logs
 
 ARM = ("slide", "shoulder", "elbow", "wrist")

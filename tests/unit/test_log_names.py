@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ident.errors import ConfigurationError, DataError
-from ident.log_columns import ColumnPlan, resolve_columns
-from ident.log_names import JointNames
+from ident.logs.columns import ColumnPlan, resolve_columns
+from ident.logs.names import JointNames
 
 ARM = JointNames(("shoulder", "slide", "elbow"), (False, True, False))
 FROM_ZERO = ["t", "q0", "q1", "q2", "tau0", "tau1", "tau2"]

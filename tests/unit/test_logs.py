@@ -11,16 +11,16 @@ import pytest
 from effect_robots import ROBOTS
 
 from ident.errors import ConfigurationError, DataError
-from ident.log_columns import resolve_columns
-from ident.log_files import read_header
-from ident.log_names import JointNames
-from ident.log_units import split_unit
-from ident.logs import Log, LogSet, measured, read_logs
-from ident.robot import Robot
+from ident.logs.columns import resolve_columns
+from ident.logs.log import Log, LogSet, measured, read_logs
+from ident.logs.names import JointNames
+from ident.logs.readers.tables import read_header
+from ident.logs.units import split_unit
+from ident.logs.unwrap import unwrapped
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side, Transmission
 from ident.signals import ZeroPhase
 from ident.streaming.ingest import Reading, store_logs
-from ident.transmission import Side, Transmission
-from ident.turns import unwrapped
 
 SCARA = """<robot name="slide_arm"><link name="base"/><link name="a"/><link name="b"/>
 <joint name="shoulder" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
@@ -326,7 +326,7 @@ def test_blanks_around_the_names_of_a_parquet_file_are_no_part_of_them(tmp_path:
 
 
 def test_both_csv_readers_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import ident.log_files as files
+    import ident.logs.readers.tables as files
 
     rows = [[k * 0.001, math.pi * k, "" if k == 3 else 1e-300 * k] for k in range(50)]
     path = write(tmp_path / "a.csv", "# a comment\nt, q1 ,tau1", rows)

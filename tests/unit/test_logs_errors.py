@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ident.errors import ConfigurationError, DataError, IdentError
-from ident.logs import read_logs
-from ident.robot import Robot
+from ident.logs.log import read_logs
+from ident.robots.robot import Robot
 
 
 def chain(n: int) -> Robot:

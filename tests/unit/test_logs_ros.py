@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ident.errors import DataError
-from ident.logs import read_logs
-from ident.robot import Robot
+from ident.logs.log import read_logs
+from ident.robots.robot import Robot
 
 ARM = """<robot name="arm"><link name="a"/><link name="b"/><link name="c"/>
 <joint name="elbow" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>

@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from ident.noise import NoiseModel, autocovariance, fit_noise, noise_gram
-from ident.problem import Rows
+from ident.problem.problem import Rows
+from ident.statistics.noise import NoiseModel, autocovariance, fit_noise, noise_gram
 
 
 def test_autocovariance_skips_absent_samples_exactly() -> None:

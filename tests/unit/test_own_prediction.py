@@ -7,13 +7,13 @@ import pytest
 from effect_robots import ROBOTS, declared
 from test_diagnosis_parts import recorded
 
-from ident.effect import make_effect
-from ident.estimate import Estimate
+from ident.effects.base import make_effect
+from ident.estimate.estimate import Estimate
 from ident.estimators import WeightedLeastSquares, own_prediction
 from ident.estimators.base import Capability, estimator_types, make_estimator
 from ident.estimators.own_prediction import Linearised
-from ident.logs import LogSet
-from ident.problem import Problem
+from ident.logs.log import LogSet
+from ident.problem.problem import Problem
 from ident.signals import ZeroPhase
 
 TILT = (0.1, -0.07)

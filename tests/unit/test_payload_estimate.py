@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from physical_models import puma_model, puma_truth, random_structure
 
+from ident.effects.motion import Motion
 from ident.errors import ConfigurationError, DataError
-from ident.motion import Motion
 from ident.physical import InertiaStructure, payload_from_fit, payload_from_fits, payload_from_logs
 from ident.physical.payload import _consistent, _log_cholesky, _scale, payload_columns
 from ident.physical.pseudo_inertia import from_centre_of_mass, smallest_eigenvalues

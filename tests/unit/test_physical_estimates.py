@@ -9,19 +9,19 @@ import pytest
 from physical_models import puma_model
 
 import ident
+from ident.effects.motion import Motion
 from ident.errors import ConfigurationError
+from ident.estimate.status import StatusCode
 from ident.estimators import WeightedLeastSquares, make_estimator
-from ident.export import Identified, export_urdf
-from ident.logs import Log, LogSet
-from ident.motion import Motion
+from ident.export.export import Identified, export_urdf
+from ident.logs.log import Log, LogSet
 from ident.physical import judge, payload_of, repair_estimate, standard_parameters, subject_of, with_repair
 from ident.physical.pseudo_inertia import from_centre_of_mass, smallest_eigenvalues
 from ident.physical.structure import InertiaStructure
-from ident.problem import Problem
-from ident.robot import Robot
+from ident.problem.problem import Problem
 from ident.robots import nominal_values
+from ident.robots.robot import Robot
 from ident.signals import Recorded, Signals
-from ident.status import StatusCode
 
 Array = np.ndarray
 

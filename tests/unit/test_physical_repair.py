@@ -8,22 +8,14 @@ import numpy as np
 import pytest
 from physical_models import puma_model, puma_table, puma_truth
 
+from ident.effects.motion import Motion
 from ident.errors import ConfigurationError, UnsupportedError
-from ident.information import Information
-from ident.motion import Motion
-from ident.physical import (
-    Bounds,
-    InfeasibleError,
-    Repair,
-    RepairMethod,
-    SolverError,
-    judge_possible,
-    repair,
-)
+from ident.physical import Bounds, InfeasibleError, Repair, RepairMethod, SolverError, judge_possible, repair
 from ident.physical.cuts import _least_distance, nearest_by_cuts
 from ident.physical.search import typical_diagonal
 from ident.physical.stepwise import entering_parameters, repair_stepwise
 from ident.physical.target import covariance_root, mahalanobis
+from ident.problem.information import Information
 
 Array = np.ndarray
 

@@ -19,8 +19,8 @@ from ident.physical.pseudo_inertia import (
     pseudo_inertia,
     smallest_eigenvalues,
 )
-from ident.robot import Robot
 from ident.robots import load_robot, nominal_values
+from ident.robots.robot import Robot
 
 Array = np.ndarray
 
@@ -94,7 +94,7 @@ def test_steep_regrouping_keeps_digits() -> None:
     rng = np.random.default_rng(0)
     regroup = np.concatenate([np.eye(10), np.full((10, 10), 0.0)], axis=1)
     regroup[2, 12] = 3e5
-    from ident.regressor.tree import RigidBodyTree
+    from ident.robots.tree import RigidBodyTree
 
     tree = RigidBodyTree(
         np.array([-1, 0]), np.repeat(np.eye(3)[None], 2, 0), rng.uniform(0.1, 0.3, (2, 3)), np.array([[0, 0, 1.0], [1.0, 0, 0]]),

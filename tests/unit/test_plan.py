@@ -8,15 +8,15 @@ from effect_robots import chain, pendulum, seven
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ident.effects.motion import Motion
 from ident.errors import ConfigurationError, UnsupportedError
 from ident.friction import LoadDependentFriction
-from ident.logs import read_logs
-from ident.motion import Motion
+from ident.logs.log import read_logs
 from ident.plan import Kind, Plan, Separation, default_model, make_plan, read_plan, simulate_plan, write_plan
-from ident.robot import Robot
 from ident.robots import load_robot, nominal_values
-from ident.simulate import Plant, Sensors
-from ident.transmission import Side, Transmission
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side, Transmission
+from ident.simulation.simulate import Plant, Sensors
 
 
 @pytest.fixture(scope="module")

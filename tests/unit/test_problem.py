@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import ident
+from ident.effects.motion import Motion
 from ident.effects.offset import Offset
 from ident.errors import ConfigurationError, DataError
 from ident.estimators import WeightedLeastSquares
 from ident.friction import Coulomb, RotorInertia, Viscous
-from ident.information import Information
-from ident.logs import Log, LogSet
-from ident.motion import Motion
-from ident.robot import Robot
+from ident.logs.log import Log, LogSet
+from ident.problem.information import Information
 from ident.robots import nominal_values
+from ident.robots.robot import Robot
 from ident.signals import Recorded, ZeroPhase
 
 SECONDS, RATE = 20.0, 200.0

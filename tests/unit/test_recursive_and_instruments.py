@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from ident import Problem
-from ident.controller import PDFeedforward
+from ident.effects.motion import Motion
+from ident.estimate.status import StatusCode
 from ident.estimators import make_estimator
-from ident.logs import Log, LogSet
-from ident.motion import Motion
+from ident.logs.log import Log, LogSet
 from ident.plan import default_model
 from ident.robots import load_robot, nominal_values
+from ident.robots.transmission import Side
 from ident.signals import CentralDifference, Recorded
-from ident.simulate import Feedback, Plant, Sensors, simulate
+from ident.simulation.controller import PDFeedforward
 from ident.simulation.sensors import Quantisation
-from ident.status import StatusCode
-from ident.trajectory import FourierTrajectory
-from ident.transmission import Side
+from ident.simulation.simulate import Feedback, Plant, Sensors, simulate
+from ident.simulation.trajectory import FourierTrajectory
 
 
 def wave(n: int, seconds: float, seed: int, size: float) -> FourierTrajectory:

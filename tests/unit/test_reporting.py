@@ -12,20 +12,7 @@ import pytest
 
 from ident.errors import ConfigurationError
 from ident.reporting import of, report
-from ident.reporting.document import (
-    Figure,
-    Kind,
-    Layer,
-    Panel,
-    Report,
-    Role,
-    Table,
-    Text,
-    percent,
-    plain,
-    read_report,
-    uncertain,
-)
+from ident.reporting.document import Figure, Kind, Layer, Panel, Report, Role, Table, Text, percent, plain, read_report, uncertain
 from ident.reporting.html import to_html
 from ident.reporting.rows import Timeline, binned, cloud
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident import Side, Transmission
-from ident.reversals import Reversals
+from ident.robots.reversals import Reversals
 
 Array = np.ndarray
 WRIST = np.array([[0.1, 0.0, 0.0], [0.02, -0.2, 0.0], [0.0, 0.0, 0.5]])

@@ -10,7 +10,7 @@ from rigid_models import difference, kernels, oracle, parameters, random_model, 
 import ident
 from ident.errors import ConfigurationError, DataError
 from ident.regressor import rigid
-from ident.robot import Robot
+from ident.robots.robot import Robot
 
 TIGHT = 1e-12
 

@@ -123,7 +123,7 @@ def test_trees_are_freed():
     """A tree that is gone leaves nothing in the cache."""
     import gc
 
-    from ident.regressor.tree import RigidBodyTree
+    from ident.robots.tree import RigidBodyTree
 
     module = native()
     model = ident.load_robot("puma560").model

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import ident
-from ident.description import DriveTable
-from ident.robots import built_in_names, examples, nominal_values, payloads, published_tables, robot_names
+from ident.robots import built_in_names, nominal_values, published_tables, robot_names
+from ident.robots.description import DriveTable
+from ident.robots.library import examples, payloads
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from test_urdf_reading import chain, joint, urdf
 
 from ident import ConfigurationError, Robot, Transmission
-from ident.motion import Motion
+from ident.effects.motion import Motion
 
 THREE = chain(
     '<axis xyz="0 0 1"/>', '<origin xyz="0.3 0 0" rpy="1.5708 0 0"/><axis xyz="0 0 1"/>', '<origin xyz="0.2 0.1 0"/><axis xyz="0 0 1"/>'

@@ -9,14 +9,14 @@ from effect_robots import chain
 from ident import MomentumProblem, Problem
 from ident.errors import ConfigurationError, DataError, UnsupportedError
 from ident.estimators import make_estimator
-from ident.logs import read_logs
+from ident.logs.log import read_logs
 from ident.plan import default_model, make_plan, simulate_plan
-from ident.robot import Robot
 from ident.robots import load_robot, nominal_values
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side
 from ident.signals import Recorded
-from ident.simulate import Plant, Sensors
 from ident.simulation.sensors import TorqueNoise
-from ident.transmission import Side
+from ident.simulation.simulate import Plant, Sensors
 
 
 def planned_logs(robot: Robot, folder, values=None, noise: float = 0.0, seed: int = 0):
@@ -126,7 +126,7 @@ def test_refusals(two) -> None:
     with pytest.raises(UnsupportedError, match="wls"):
         make_estimator("sequential", plan=plan).solve(MomentumProblem(problem.model, problem.signals))
     some = problem.signals.source
-    from ident.logs import LogSet
+    from ident.logs.log import LogSet
 
     with pytest.raises(DataError, match="record what the plan asks for"):
         make_estimator("sequential", plan=plan).solve(Problem(problem.model, Recorded()(LogSet(some.logs[1:], some.robot))))

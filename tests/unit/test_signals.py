@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from ident.errors import ConfigurationError, DataError
-from ident.logs import Log, LogSet
-from ident.robot import Robot
+from ident.logs.log import Log, LogSet
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side, Transmission
 from ident.signals import (
     CentralDifference,
     Preparation,
@@ -22,7 +23,6 @@ from ident.signals import (
     make_preparation,
     preparation_names,
 )
-from ident.transmission import Side, Transmission
 
 Array = np.ndarray
 URDF = """<robot name="pair"><link name="a"/><link name="b"/><link name="c"/>
@@ -147,7 +147,7 @@ class TestChosenCutoff:
 
     def test_sees_noise_that_a_drive_has_filtered(self) -> None:
         """White noise is absent at high frequency; judged there alone, everything would look clean."""
-        from ident.filters import zero_phase_lowpass
+        from ident.signals.filters import zero_phase_lowpass
 
         truth, rate = Truth(seed=6), 1000.0
         t = clock("even", rate, 30.0)

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from ident.errors import ConfigurationError
-from ident.filters import (
-    RowFilter,
-    butterworth_transient,
-    central_differences,
-    savitzky_golay_window,
-    zero_phase_lowpass,
-)
+from ident.signals.filters import RowFilter, butterworth_transient, central_differences, savitzky_golay_window, zero_phase_lowpass
 
 
 @pytest.mark.parametrize("accuracy", [2, 4, 6, 8])

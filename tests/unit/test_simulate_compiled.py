@@ -13,17 +13,17 @@ from rigid_models import kernels, using
 
 import ident
 from ident import friction as fr
-from ident.controller import CascadedPPI, PDFeedforward
-from ident.effect import Axis, effect_types
+from ident.effects.base import Axis, effect_types
+from ident.effects.motion import Coordinates, Motion
 from ident.effects.offset import Offset
 from ident.effects.springs import LinearSpring
 from ident.errors import DataError
-from ident.motion import Coordinates, Motion
 from ident.regressor import rigid
 from ident.regressor.kernel_choice import kernel as kernel_here
-from ident.robot import Robot
-from ident.simulate import Feedback, ForceModel, Hold, Plant, Schedule, simulate, simulate_batch
-from ident.transmission import Side
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side
+from ident.simulation.controller import CascadedPPI, PDFeedforward
+from ident.simulation.simulate import Feedback, ForceModel, Hold, Plant, Schedule, simulate, simulate_batch
 
 pytestmark = pytest.mark.skipif(not kernel_here().compiled, reason="the compiled kernel is not built, or not asked for")
 COMPILED = pytest.mark.parametrize("kernel", [k for k in kernels() if k != "numpy"])
@@ -246,7 +246,7 @@ def test_other_threads_run_meanwhile(puma):
     worker = threading.Thread(target=count)
     try:
         worker.start()
-        from ident.controller import Script
+        from ident.simulation.controller import Script
 
         compiled = plant.dynamics().compiled
         assert compiled is not None

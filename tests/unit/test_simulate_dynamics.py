@@ -10,12 +10,12 @@ from effect_robots import pendulum, seven, slide
 from ident.errors import ConfigurationError, DataError, UnsupportedError
 from ident.friction import Coulomb, LoadDependentFriction, RotorInertia, Viscous
 from ident.model import Model
-from ident.robot import Robot
 from ident.robots import load_robot, nominal_values
-from ident.simulate import Plant, Schedule, simulate
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side, Transmission
 from ident.simulation.forces import ForceModel
 from ident.simulation.rigid import PinocchioTerms, RigidDynamics
-from ident.transmission import Side, Transmission
+from ident.simulation.simulate import Plant, Schedule, simulate
 
 
 def _drive(robot: Robot) -> Model:

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from ident.errors import ConfigurationError
 from ident.friction import AsymmetricCoulomb, Coulomb, LoadDependentFriction, RotorInertia, Stribeck, Viscous
-from ident.robot import Robot
 from ident.robots import load_robot, nominal_values
-from ident.simulate import FlexibleJoints, Plant, simulate
+from ident.robots.robot import Robot
+from ident.robots.transmission import Side, Transmission
 from ident.simulation.contact import resolve
 from ident.simulation.forces import ForceModel
-from ident.transmission import Side, Transmission
+from ident.simulation.simulate import FlexibleJoints, Plant, simulate
 
 
 def _block(friction: float, gravity: tuple[float, float, float] = (0, 0, 0)) -> Plant:

@@ -15,8 +15,8 @@ from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.model import Model
 from ident.robots import load_robot, nominal_values
 from ident.signals import Recorded, Signals
-from ident.simulate import Plant, Simulation, replay, simulate
-from ident.trajectory import FourierTrajectory
+from ident.simulation.simulate import Plant, Simulation, replay, simulate
+from ident.simulation.trajectory import FourierTrajectory
 
 
 def _arm() -> tuple[Model, np.ndarray]:

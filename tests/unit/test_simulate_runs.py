@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from effect_robots import pendulum, slide
 
-from ident.controller import CascadedPPI, ComputedTorque, PDFeedforward, typical_inertia
 from ident.errors import ConfigurationError
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.robots import load_robot, nominal_values
-from ident.simulate import CurrentLoop, Feedback, Gain, Plant, Saturation, Sensors, simulate, simulate_batch
+from ident.robots.transmission import Side
+from ident.simulation.controller import CascadedPPI, ComputedTorque, PDFeedforward, typical_inertia
 from ident.simulation.sensors import Delay, EncoderError, Jitter, Lag, PositionNoise, Quantisation, TorqueNoise, TorqueScale, TorqueWindow
-from ident.trajectory import FourierTrajectory, PointToPoint
-from ident.transmission import Side
+from ident.simulation.simulate import CurrentLoop, Feedback, Gain, Plant, Saturation, Sensors, simulate, simulate_batch
+from ident.simulation.trajectory import FourierTrajectory, PointToPoint
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_controllers_track_and_the_log_satisfies_the_model(puma: Plant, kind: st
 def test_noise_free_simulation_gives_back_every_parameter(puma: Plant) -> None:
     model, values = puma.model, np.asarray(puma.values)
     run = simulate(puma, desired=_wave(3), rate=100.0, control_rate=500.0, step=2e-3)
-    from ident.motion import Motion
+    from ident.effects.motion import Motion
 
     rows = model.columns(Motion.of(puma.robot, run.q, run.dq, run.ddq))
     use = ~run.held
@@ -210,7 +210,7 @@ def test_feedback_through_a_coarse_encoder_still_tracks(puma: Plant) -> None:
 
 
 def test_a_log_goes_to_csv_and_comes_back(puma: Plant, tmp_path) -> None:
-    from ident.logs import read_logs
+    from ident.logs.log import read_logs
 
     way = PointToPoint(np.array([0, -1.2, 1.4, 0, 0.3, 0]), np.array([0.2, -1.0, 1.2, 0.3, 0.1, -0.4]), 0.5)
     motor = Sensors((Quantisation.counts(4000), TorqueNoise(0.01)), Side.MOTOR, Side.MOTOR, ("q", "dq", "tau"))

@@ -24,9 +24,9 @@ from ident.errors import ConfigurationError, DataError, UnsupportedError
 from ident.estimators import Capability, estimator_types
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.robots import nominal_values
-from ident.session import Session
 from ident.streaming import StreamedSession
-from ident.study import Strategy, Study
+from ident.study.session import Session
+from ident.study.study import Strategy, Study
 
 Array = np.ndarray
 

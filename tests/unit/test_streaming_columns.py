@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import ident
-from ident.effect import make_effect
-from ident.filters import RowFilter
+from ident.effects.base import make_effect
+from ident.effects.motion import Motion
 from ident.model import Model
-from ident.motion import Motion
-from ident.robot import Robot
+from ident.robots.robot import Robot
+from ident.signals.filters import RowFilter
 from ident.streaming.columns import RowColumns, can_filter, live_columns
 
 EFFECTS = (

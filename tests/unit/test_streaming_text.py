@@ -15,11 +15,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ident.errors import DataError
-from ident.log_columns import resolve_columns
-from ident.log_files import read_header
-from ident.log_names import JointNames
-from ident.logs import Log, read_logs
-from ident.robot import Robot
+from ident.logs.columns import resolve_columns
+from ident.logs.log import Log, read_logs
+from ident.logs.names import JointNames
+from ident.logs.readers.tables import read_header
+from ident.robots.robot import Robot
 from ident.streaming.ingest import Reading, store_logs
 from ident.streaming.text import TextParser
 

@@ -14,10 +14,10 @@ from conftest import shared_data
 from structures import JointSpec, compare_row_spaces, random_tree, rotation, rotational_robot, sampled_regressor, urdf_text
 
 from ident.errors import ConfigurationError
-from ident.regressor.closed_form import rotational
-from ident.regressor.structural import base_set
-from ident.robot import Robot
+from ident.regressor.base_parameters.closed_form import rotational
+from ident.regressor.base_parameters.structural import base_set
 from ident.robots import load_robot
+from ident.robots.robot import Robot
 
 Array = np.ndarray
 

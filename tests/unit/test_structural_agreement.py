@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from structures import mixed_robot, parallelogram_robot, random_tree, urdf_text
 
-from ident.regressor import agreement as module
-from ident.regressor.agreement import agreement
-from ident.regressor.closed_form import rotational
-from ident.robot import Robot
+from ident.regressor.base_parameters import agreement as module
+from ident.regressor.base_parameters.agreement import agreement
+from ident.regressor.base_parameters.closed_form import rotational
 from ident.robots import load_robot
+from ident.robots.robot import Robot
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from ident import load_robot
-from ident.summary import error_table
-from ident.torque_error import TorqueError
+from ident.estimate.summary import error_table
+from ident.statistics.torque_error import TorqueError
 
 
 def test_error_table_has_a_dash_where_a_joint_has_no_torque() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.errors import ConfigurationError
-from ident.trajectory import BSplineTrajectory, Chained, Dwell, FourierTrajectory, PointToPoint, Trajectory, Trapezoid
+from ident.simulation.trajectory import BSplineTrajectory, Chained, Dwell, FourierTrajectory, PointToPoint, Trajectory, Trapezoid
 
 
 def _all() -> list[Trajectory]:

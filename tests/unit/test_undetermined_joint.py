@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.comparison import compare
+from ident.effects.motion import Motion
 from ident.errors import ConfigurationError
-from ident.estimate import Estimate
+from ident.estimate.estimate import Estimate
 from ident.estimators import WeightedLeastSquares
+from ident.evaluation.comparison import compare
+from ident.evaluation.validation import validate
 from ident.excitation import sample_noise
-from ident.export import Identified, _urdf_dynamics
-from ident.logs import Log, LogSet
+from ident.export.export import Identified, _urdf_dynamics
+from ident.logs.log import Log, LogSet
 from ident.monitoring import monitor
-from ident.motion import Motion
 from ident.physical.estimates import known_rows, repair_estimate, with_repair
 from ident.physical.structure import InertiaStructure
-from ident.problem import Problem
+from ident.problem.problem import Problem
 from ident.signals import Signals, ZeroPhase
-from ident.trajectory import FourierTrajectory
-from ident.validation import validate
+from ident.simulation.trajectory import FourierTrajectory
 
 RATE = 200.0
 #: The joint without rows.

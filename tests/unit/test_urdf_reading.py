@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident import ConfigurationError, Robot
-from ident.urdf import exact_angle, prepare_urdf, read_urdf
+from ident.robots.urdf import exact_angle, prepare_urdf, read_urdf
 
 INERTIAL = '<inertial><mass value="1"/><origin xyz="0.1 0 0"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
 

@@ -1,0 +1,1 @@
+"""Helpers without a place of their own: files, JSON, TOML, text, linear algebra, fixed points."""

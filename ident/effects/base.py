@@ -1,0 +1,333 @@
+"""The effect contract: each term of a model is one small frozen object, and nothing asks which one it is.
+
+To add an effect, subclass `Effect` (or `JointEffect`, for the common case of the same few columns on each joint), give it a
+name and register it with `@register`. The contract tests then find it by themselves."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import pkgutil
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from numbers import Real
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+
+import numpy as np
+
+from ..errors import ConfigurationError, unknown_name
+from ..robots.parameters import Parameter, ShapeParameter
+from ..robots.transmission import Side
+from .motion import Coordinates, Motion
+
+if TYPE_CHECKING:
+    from ..robots.robot import Robot
+    from .correction import SignalCorrection
+
+Array = np.ndarray
+
+
+class Axis(StrEnum):
+    """The quantity against which the residual of a missing effect is best looked at."""
+
+    POSITION = "position"
+    VELOCITY = "velocity"
+    ACCELERATION = "acceleration"
+    LOAD = "load"
+    TIME = "time"
+    MOTOR_ANGLE = "motor angle"
+    TORQUE = "torque"
+
+
+class Need(StrEnum):
+    """What an effect's columns depend on beside the motion at the same instant.
+
+    LOAD: the torque that the links ask for, as the model predicts it (`Motion.load`). REFERENCE: the model's whole
+    prediction, also at other positions or of another robot (`Motion.reference`). HISTORY: the motion before, from the start
+    of the run. NEIGHBOURS: the samples right before and after, uniform in time. TORQUE: the measured torque. TIME: the
+    run's own clock (`Motion.clock`)."""
+
+    LOAD = "load"
+    REFERENCE = "reference"
+    HISTORY = "history"
+    NEIGHBOURS = "neighbours"
+    TORQUE = "torque"
+    TIME = "time"
+
+
+class Nature(StrEnum):
+    """Where in the chain from link to log an effect sits.
+
+    LINK: torque that the links ask for and the gears transmit (rigid body, springs, payload). FRICTION: zero at standstill;
+    columns whose parameter is bounded below by zero take power out. DRIVE: the rest of the drive train. SENSOR: only in
+    what is measured, so that simulating the motion leaves it out."""
+
+    LINK = "link"
+    FRICTION = "friction"
+    DRIVE = "drive"
+    SENSOR = "sensor"
+
+
+class Factor(StrEnum):
+    """What a column of a joint effect can be, where it is nothing but one coordinate of the joint's own motion, on the effect's side."""
+
+    ONE = "one"
+    POSITION = "position"
+    SPEED = "speed"
+    DIRECTION = "direction"
+    ACCELERATION = "acceleration"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect(ABC):
+    """One additive term of the torque equation, linear in its parameters.
+
+    `joints`: names of the joints (or motors) it sits on, None for all. `side`: the side on which its torque acts.
+    `label`: goes into the names of its parameters, so that two effects of one kind can sit on the same joint.
+    Shape (nonlinear) parameters are further fields, declared by `shape`."""
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    axis: ClassVar[Axis]
+    nature: ClassVar[Nature] = Nature.DRIVE
+    needs: ClassVar[frozenset[Need]] = frozenset()
+    #: Whether it sits on joints one by one. If not, it is one thing for the whole robot; `joints`, if it is of use, says where.
+    per_joint: ClassVar[bool] = True
+    #: Whether one cause may put it on all joints alike (one clock for all readings): then it is sought on all of them at once as well.
+    everywhere: ClassVar[bool] = False
+    #: Whether a robot that has it on one joint mostly has it on all: joints that ask for it, each with a value of its own, get it together.
+    usual: ClassVar[bool] = False
+    #: Effects of one such kind are forms of the same thing: a joint has one of them at most ("": it stands for itself).
+    form_of: ClassVar[str] = ""
+    #: Whether it acts now and then, but hard (knocks): a plain fit of a model without it is bent by that.
+    abrupt: ClassVar[bool] = False
+    #: Share by which a response that must have one value may seem to be another, for what is left out of the law.
+    tolerance: ClassVar[float] = 0.4
+
+    joints: tuple[str, ...] | None = None
+    side: Side = Side.MOTOR
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "side", choice(Side, self.side, "side", self.name))
+        if self.joints is not None:
+            object.__setattr__(self, "joints", (self.joints,) if isinstance(self.joints, str) else tuple(self.joints))
+        for parameter in self.shape():
+            value = getattr(self, parameter.name)
+            if isinstance(value, bool) or not (isinstance(value, Real) and parameter.lower <= float(value) <= parameter.upper):
+                raise ConfigurationError(
+                    f"effect {self.name!r}: {parameter.name} must be a number from {parameter.lower:g} to {parameter.upper:g}"
+                    f" ({parameter.unit}), not {value!r}."
+                )
+            object.__setattr__(self, parameter.name, float(value))
+
+    @classmethod
+    def placements(cls, robot: Robot, **configuration: Any) -> Iterator[Self]:
+        """Every smallest thing of this kind that a robot can have: one a joint, or one for the whole robot.
+
+        `configuration`: other fields. Raises ConfigurationError where the robot can have none at all."""
+        if not cls.per_joint:
+            yield cls(**configuration)
+            return
+        for j in cls(**configuration).at(robot):
+            yield cls(joints=(robot.joint_names[j],), **configuration)
+
+    @abstractmethod
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """The linear parameters, in the order of the columns."""
+
+    @abstractmethod
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        """Torque per unit parameter, (N, n, k), on the effect's side."""
+
+    @classmethod
+    def columns_of(cls, effects: Sequence[Self], motion: Motion, robot: Robot) -> Iterable[Array]:
+        """`columns` of several effects of this kind on one motion, one after the other; faster than one by one where work can be shared."""
+        return (effect.columns(motion, robot) for effect in effects)
+
+    def shape(self) -> tuple[ShapeParameter, ...]:
+        """The nonlinear parameters: fields of this effect."""
+        return ()
+
+    def shape_unit(self, parameter: ShapeParameter, robot: Robot) -> str:
+        """Unit of a shape parameter on the joints of this effect: of one that is declared for joints that turn and, in brackets, for those
+        that slide, the one of their kind; both where they are of both kinds."""
+        turning, _, sliding = parameter.unit.partition(" (")
+        counted = getattr(self, "angle", None)  # the side whose angle an order counts
+        side = counted if isinstance(counted, Side) else self.side
+        kinds = {robot.position_unit(j, side) for j in self.at(robot)}
+        if not sliding or len(kinds) != 1:
+            return parameter.unit
+        return sliding.removesuffix(")") if kinds == {"m"} else turning
+
+    def with_shape(self, **values: float) -> Self:
+        """The same effect with other shape parameters."""
+        known = [p.name for p in self.shape()]
+        for name in values:
+            if name not in known:
+                raise unknown_name(f"shape parameter of effect {self.name!r}", name, known)
+        changes: dict[str, Any] = dict(values)
+        return dataclasses.replace(self, **changes)
+
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        """For each shape parameter the range worth searching on these samples, within its bounds."""
+        return self.bounded()
+
+    def bounded(self, **ranges: tuple[float, float]) -> dict[str, tuple[float, float]]:
+        """Ranges of all shape parameters: those given, cut to the bounds; the bounds where none is given or nothing is left."""
+        out = {}
+        for p in self.shape():
+            low, high = ranges.get(p.name, (p.lower, p.upper))
+            low, high = max(low, p.lower), min(high, p.upper)
+            out[p.name] = (low, high) if low < high else (p.lower, p.upper)
+        return out
+
+    def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
+        """Torque (N, n) on the effect's side for parameter values (k,)."""
+        return self.columns(motion, robot) @ values
+
+    def applied(self, robot: Robot, values: Array) -> Robot | SignalCorrection | None:
+        """The finding made permanent, for parameter values (k,): the robot it means, or what to do to the logged signals.
+
+        None: the effect stays a term of the model."""
+        return None
+
+    def twins(self) -> tuple[Self, ...]:
+        """The same effect at other shapes that look much like this one, where a search for the best shape may be caught."""
+        return ()
+
+    def response(self, robot: Robot) -> Array | None:
+        """Values (k,) that the parameters must have for the effect to be what its shape says (a spring's whole response, a filter's own
+        lag); None: they are free."""
+        return None
+
+    def denied_by(self) -> Effect | None:
+        """What would not be there if this is what happens: if its columns gain anything beside this effect's, something else is. None: no
+        such thing is known."""
+        return None
+
+    def memory(self, robot: Robot) -> Array:
+        """Seconds (n,) for which what the prediction was at a moment is in the effect's torque on each joint's row, on the effect's side;
+        negative where it is there before."""
+        return np.zeros(robot.n)
+
+    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
+        """Why fitted values (k,) with these standard deviations cannot be those of such an effect: a response that is not within
+        `tolerance` (and 3 standard deviations) of what it must be; "" if nothing speaks against them. Bounds of parameters are looked
+        at elsewhere."""
+        right = self.response(robot)
+        if right is None:
+            return ""
+        values, size = np.asarray(values), np.abs(right)
+        # Where it must be nothing (a delay of zero: the slope alone) it is what fits in first order, and that may be anything.
+        off = (size > 0.0) & (np.abs(values - right) > self.tolerance * size + 3.0 * np.asarray(std))
+        if not off.any():
+            return ""
+        first = int(np.argmax(off))
+        return f"the response is {float(values[first] / right[first]):.3g} times what {self.title} would give"
+
+    def at(self, robot: Robot) -> list[int]:
+        """Indices of the joints the effect sits on. Raises ConfigurationError for a name the robot does not have."""
+        return list(range(robot.n)) if self.joints is None else [robot.joint_index(j) for j in self.joints]
+
+    def named(self, symbol: str, robot: Robot, j: int) -> str:
+        """Name of a parameter on joint j. Behind a gear, an effect off its usual side is marked J (joint) or M (motor)."""
+        usual = type(self).__dataclass_fields__["side"].default
+        mark = "" if self.side == usual or robot.is_direct(j) else self.side[0].upper()
+        return f"{symbol}{mark}{self.label}_{robot.joint_names[j]}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointEffect(Effect):
+    """An effect with the same few columns on each joint: torque on joint j depends on joint j's own motion."""
+
+    #: For each column: symbol, unit of the parameter, lower bound. In units, `{tau}`, `{q}`, `{inertia}` stand for the units
+    #: of torque, position and inertia, and the names of shape parameters for their values.
+    symbols: ClassVar[tuple[tuple[str, str, float], ...]]
+    #: For each column what it is; empty where one is something else. What is declared here is simulated by compiled code.
+    factors: ClassVar[tuple[Factor, ...]] = ()
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        found = []
+        shape = {p.name: f"{getattr(self, p.name):.6g}" for p in self.shape()}
+        for j in self.at(robot):
+            q, tau = robot.position_unit(j, self.side), robot.force_unit(j, self.side)
+            units = {"q": q, "tau": tau, "inertia": "kg" if q == "m" else "kg m^2", **shape}
+            for symbol, unit, lower in self.symbols:
+                found.append(Parameter(self.named(symbol, robot, j), unit.format(**units), self.name, robot.joint_names[j], lower))
+        return tuple(found)
+
+    @abstractmethod
+    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
+        """For each column its values (N, len(at)) on the joints `at`; `own` is the motion of those on the effect's side."""
+
+    def columns(self, motion: Motion, robot: Robot) -> Array:
+        at = self.at(robot)
+        width = len(self.symbols)
+        out = np.zeros((len(motion), robot.n, width * len(at)))
+        for s, values in enumerate(self.basis(motion.on(self.side).of(at), motion, at)):
+            for i, j in enumerate(at):
+                out[:, j, i * width + s] = values[:, i]
+        return out
+
+    def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
+        at = self.at(robot)
+        out = np.zeros((len(motion), robot.n))
+        each = np.asarray(values, float).reshape(len(at), len(self.symbols))
+        for s, basis in enumerate(self.basis(motion.on(self.side).of(at), motion, at)):
+            out[:, at] += basis * each[:, s]
+        return out
+
+
+_S = TypeVar("_S", bound=StrEnum)
+_E = TypeVar("_E", bound=Effect)
+_REGISTRY: dict[str, type[Effect]] = {}
+
+
+def choice(kind: type[_S], value: str, key: str, effect: str) -> _S:
+    """A member of an enumeration by its text. Raises ConfigurationError with the nearest members."""
+    try:
+        return kind(value)
+    except ValueError:
+        raise unknown_name(f"value of `{key}` of effect {effect!r}", str(value), [str(member) for member in kind]) from None
+
+
+def register(effect: type[_E]) -> type[_E]:
+    """Class decorator: make an effect known by its name (study files, command line, diagnosis)."""
+    known = _REGISTRY.get(effect.name)
+    if known is not None and (known.__module__, known.__qualname__) != (effect.__module__, effect.__qualname__):
+        raise ConfigurationError(f"two effects are named {effect.name!r}: {known.__module__} and {effect.__module__}.")
+    _REGISTRY[effect.name] = effect
+    return effect
+
+
+def _load_all() -> None:
+    for package_name in ("ident.effects", "ident.friction"):
+        package = importlib.import_module(package_name)
+        for module in pkgutil.iter_modules(package.__path__):
+            importlib.import_module(f"{package_name}.{module.name}")
+
+
+def effect_types() -> dict[str, type[Effect]]:
+    """Every registered effect by name, the built-in ones and the user's."""
+    _load_all()
+    return dict(sorted(_REGISTRY.items()))
+
+
+def effect_names() -> tuple[str, ...]:
+    """Names of all registered effects."""
+    return tuple(effect_types())
+
+
+def make_effect(name: str, **configuration: Any) -> Effect:
+    """An effect by its name, as study files give it. Unknown names and keys raise ConfigurationError with the nearest."""
+    types = effect_types()
+    if name not in types:
+        raise unknown_name("effect", name, types)
+    known = {f.name for f in dataclasses.fields(types[name])}
+    for key in configuration:
+        if key not in known:
+            raise unknown_name(f"key of effect {name!r}", key, known)
+    return types[name](**configuration)

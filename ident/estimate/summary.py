@@ -1,0 +1,112 @@
+"""The report of an estimate that a person wants to read."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..statistics.torque_error import TorqueError
+    from .estimate import Estimate
+
+Array = np.ndarray
+#: Columns of a wide terminal; what a line holds beyond is cut (expressions) or wrapped (sentences).
+WIDTH = 160
+
+
+def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
+    """Value ± std, percent, t-ratio, unit and expression of each base parameter; torque errors; strongest correlations; status."""
+    names, std, values = estimate.names, estimate.std, estimate.values
+    width = max((len(n) for n in names), default=4)
+    unit_width = max((len(p.unit) for p in estimate.parameters), default=4)
+    lines = [
+        f"{estimate.method}: {len(values)} parameters from {estimate.samples} rows; condition {estimate.condition:.3g}{_reduced(estimate)}",
+        wrapped(estimate.status.text),
+        *_sticking(estimate.sticking),
+        "",
+        f"{'parameter':<{width}}  {'value':>12} {'std':>10} {'std %':>7} {'|t|':>8}  {'unit':<{unit_width}}  base-parameter expression",
+    ]
+    expressions = estimate.base.expressions
+    cut = False
+    for i, p in enumerate(estimate.parameters):
+        share = 100 * std[i] / abs(values[i]) if values[i] else np.inf
+        ratio = abs(values[i]) / std[i] if std[i] > 0 else np.inf
+        head = f"{names[i]:<{width}}  {values[i]:>12.5g} {std[i]:>10.2g} {share:>7.2g} {ratio:>8.3g}  {p.unit:<{unit_width}}  "
+        shown = shortened(expressions[i], WIDTH - len(head))
+        cut |= shown != expressions[i]
+        lines.append(head + shown)
+    if cut:
+        lines.append("…: cut; `ident base` and the JSON result have the whole expressions.")
+    lines += [
+        "",
+        error_table(estimate, {"fit": estimate.fit_error} | ({"held out": estimate.heldout_error} if estimate.heldout_error else {})),
+    ]
+    if estimate.trace.get("text"):
+        lines += ["", str(estimate.trace["text"])]
+    strongest = _strongest(estimate.correlation, names, correlations)
+    if strongest:
+        lines += ["", wrapped("strongest correlations: " + "; ".join(strongest))]
+    lines += [wrapped(f"warning: {w}") for w in estimate.warnings]
+    return "\n".join(lines)
+
+
+def _reduced(estimate: Estimate) -> str:
+    """How the samples were reduced, where that is known."""
+    from ..problem.information import Form
+
+    if estimate.information is None:
+        return ""
+    return ", from Gram matrices" if estimate.information.form == Form.GRAM else ", by QR"
+
+
+def shortened(expression: str, width: int) -> str:
+    """An expression that fits `width` columns: whole terms, then "…" for the rest. At least the first term is kept."""
+    if len(expression) <= width:
+        return expression
+    terms = re.split(r" (?=[+-] )", expression)
+    kept = terms[0]
+    for term in terms[1:]:
+        if len(kept) + len(term) + 3 > width:
+            break
+        kept += f" {term}"
+    return f"{kept} …"
+
+
+def wrapped(sentence: str) -> str:
+    """A sentence over as many lines as it needs."""
+    return textwrap.fill(sentence, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+
+
+def error_table(estimate: Estimate, errors: dict[str, TorqueError]) -> str:
+    """Torque error per joint, one line per data set; a dash where a joint has no torque to compare with."""
+    joints = estimate.model.robot.joint_names
+    side = estimate.model.robot.transmission.measured.value
+    width = max(len(k) for k in errors)
+    rms = {label: [f"({r:.3g})" if np.isfinite(r) else "" for r in error.rms] for label, error in errors.items()}
+    columns = [max(len(j), 8, *(len(cells[i]) for cells in rms.values())) for i, j in enumerate(joints)]
+    head = " ".join(f"{j:>{w}}" for j, w in zip(joints, columns, strict=True))
+    lines = [f"torque error on the {side} side, relative % (rms)", f"{'':<{width}} {head}      all"]
+    for label, error in errors.items():
+        relative = [f"{100 * r:.2f}" if np.isfinite(r) else "-" for r in (*error.relative, error.relative_all)]
+        cells = " ".join(f"{r:>{w}}" for r, w in zip(relative, (*columns, 8), strict=True))
+        lines.append(f"{label:<{width}} {cells}")
+        cells = " ".join(f"{r:>{w}}" for r, w in zip(rms[label], columns, strict=True))
+        lines.append(f"{'':<{width}} {cells}".rstrip())
+    return "\n".join(lines)
+
+
+def _strongest(correlation: Array, names: tuple[str, ...], count: int) -> list[str]:
+    upper = np.abs(np.triu(correlation, 1))
+    order = np.argsort(upper, axis=None)[::-1][:count]
+    pairs = [tuple(np.unravel_index(int(o), upper.shape)) for o in order]
+    return [f"{names[i]} and {names[j]} {correlation[i, j]:+.3f}" for i, j in pairs if upper[i, j] > 0.8]
+
+
+def _sticking(joints: tuple[str, ...]) -> list[str]:
+    if not joints:
+        return []
+    names = ", ".join(joints)
+    return [f"rows near reversals of {names} are left out: they scatter at least twice as much as the others, as of a joint that sticks."]

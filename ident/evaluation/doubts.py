@@ -1,0 +1,139 @@
+"""Doubts about a fit that a glance raises: values that cannot be, data held out of another kind, data that were not held out at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .opposite_signs import opposite_sign
+
+if TYPE_CHECKING:
+    from ..estimate.estimate import Estimate
+
+Array = np.ndarray
+
+#: A value is beyond its bound by more than scatter where it is so by so many of its standard deviations.
+_SURELY = 5.0
+#: A joint's error on data held out that is so many times that on the fitted ones, and this share of its torque, is no scatter.
+_TIMES = 4.0
+_SHARE = 0.1
+_FEW_ROWS = 30
+#: So many rows of a joint must be left to tell its noise: of five, 95 % lie within 2.6 deviations, not 2.
+_LEFT = 5.0
+#: Coefficients of a sum below this are rounding.
+_ROUNDING = 1e-9
+#: So many names are listed.
+_LISTED = 6
+
+
+def doubts(estimate: Estimate) -> tuple[str, ...]:
+    """Sentences for an estimate's warnings; none where nothing is to be said."""
+    return tuple(said for said in (_impossible(estimate), _turned(estimate), _few(estimate), _apart(estimate)) if said)
+
+
+def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[str, Any]]) -> str:
+    """A sentence on logs that are both fitted and held out, from their inputs (path and SHA-256); "" where there are none."""
+    known = {one["sha256"] for one in fitted if one.get("sha256")}
+    again = dict.fromkeys(str(one["path"]) for one in held if one.get("sha256") in known)
+    if not again:
+        return ""
+    return f"{', '.join(again)} is fitted as well as validated on: the error called held out is that of data the fit has seen."
+
+
+def counted_twice(fitted: Iterable[Mapping[str, Any]]) -> str:
+    """A sentence on fitted logs of the same content under several names, from their inputs; "" where there are none."""
+    first: dict[str, str] = {}
+    same = []
+    for one in fitted:
+        known = first.setdefault(one.get("sha256") or str(one["path"]), str(one["path"]))
+        if known != str(one["path"]):
+            same.append(f"{one['path']} holds what {known} holds")
+    return (
+        f"{', '.join(dict.fromkeys(same))}: its samples count twice, and standard deviations are too small. Leave one out." if same else ""
+    )
+
+
+def _impossible(estimate: Estimate) -> str:
+    """Parameters, and sums of them, that lie beyond their bounds by more than scatter."""
+    margin = np.where(np.isfinite(estimate.std), _SURELY * estimate.std, np.inf)
+    low, high = _bounds(estimate)
+    beyond = (estimate.values < low - margin) | (estimate.values > high + margin)
+    found = [f"{estimate.names[i]} = {estimate.values[i]:.3g} ± {estimate.std[i]:.2g}" for i in np.flatnonzero(beyond)]
+    if not found:
+        return ""
+    listed = ", ".join(found[:_LISTED]) + (f" and {len(found) - _LISTED} more" if len(found) > _LISTED else "")
+    return (
+        f"{listed}: no such thing has that sign, and noise does not explain it. A torque recorded with the opposite sign does that, a wrong"
+        " side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
+    )
+
+
+def _turned(estimate: Estimate) -> str:
+    """A joint whose torque fits far better with the opposite sign."""
+    if estimate.information is None:
+        return ""
+    found = opposite_sign(estimate.information, estimate.base, estimate.model.robot.joint_names)
+    return "" if found is None else str(found)
+
+
+def _bounds(estimate: Estimate) -> tuple[Array, Array]:
+    """Least and largest value (b,) of each base parameter, from the bounds of all that are grouped in it."""
+    share = np.where(np.abs(estimate.base.regroup) > _ROUNDING, estimate.base.regroup, 0.0)
+    lower, upper = (np.array([getattr(p, side) for p in estimate.base.parameters]) for side in ("lower", "upper"))
+    with np.errstate(invalid="ignore"):  # nothing of what has no bound
+        ends = [np.where(share == 0.0, 0.0, share * side) for side in (lower, upper)]
+    return np.minimum(*ends).sum(axis=1), np.maximum(*ends).sum(axis=1)
+
+
+def _few(estimate: Estimate) -> str:
+    """Joints of which the fit takes up nearly all the rows that there are: next to none is left that could tell their noise."""
+    if estimate.information is None:
+        return ""
+    counts, taken = estimate.information.counts, _taken_up(estimate)
+    few = [
+        f"{joint} ({int(counts[j])}; the fit takes up {taken[j]:.2g} of them)"
+        for j, joint in enumerate(estimate.model.robot.joint_names)
+        if counts[j] > 0 and taken[j] >= 1.0 and counts[j] - taken[j] < _LEFT
+    ]
+    if not few:
+        return ""
+    return (
+        f"few rows can be used of {', '.join(few)}: how much they scatter is hardly known, and what they tell may be off by far more than"
+        " the standard deviations say. Log more motion there (`ident check` says why rows were left out)."
+    )
+
+
+def _taken_up(estimate: Estimate) -> Array:
+    """How many of each joint's rows (n,) the fit takes up: the trace of its part of the hat matrix."""
+    from scipy.linalg import solve_triangular
+
+    assert estimate.information is not None
+    names = list(estimate.information.names)
+    information = estimate.information.selected(np.array([names.index(name) for name in estimate.names], int))
+    root = information.combined(estimate.weights)[0]
+    if not np.all(np.abs(np.diag(root)) > 0.0):
+        return np.zeros(information.n)
+    leverage = [solve_triangular(root, own[:-1, :-1].T, trans="T") for own in information.factors]
+    return np.asarray(estimate.weights * [np.sum(own**2) for own in leverage])
+
+
+def _apart(estimate: Estimate) -> str:
+    """Joints on which the error on held-out data is of another kind than that on the fitted ones."""
+    held, fit = estimate.heldout_error, estimate.fit_error
+    if held is None:
+        return ""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        times = held.rms / fit.rms
+    worst = [
+        f"{joint} ({100 * held.relative[j]:.3g} % of its torque, {times[j]:.2g} times that of the fit)"
+        for j, joint in enumerate(estimate.model.robot.joint_names)
+        if times[j] > _TIMES and held.relative[j] > _SHARE and min(held.rows[j], fit.rows[j]) >= _FEW_ROWS
+    ]
+    if not worst:
+        return ""
+    return (
+        f"the error on held-out data is of another kind than that on the fitted ones: {', '.join(worst)}. Either those logs differ (signs,"
+        " units, a load, motion outside the range), or the fitted ones do not tell the parameters that the others ask for."
+    )

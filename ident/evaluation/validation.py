@@ -1,0 +1,138 @@
+"""Validation: how well an estimate predicts data that it did not see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import DataError
+from ..statistics.torque_error import TorqueError
+
+if TYPE_CHECKING:
+    from ..estimate.estimate import Estimate
+    from ..signals.signals import Signals
+    from ..simulation.replay import Replay
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Errors on held-out data.
+
+    `error`: torque error over all runs; `by_run`: the same run by run; `nominal`: the error with the URDF's own inertials and
+    only the drive parameters fitted (None where the URDF has none); `replay`: forward simulation against the measured
+    trajectory, if it was asked for and can be made; `noise_share` (n,): rms error over the rms that the fit left, per joint (1 = as
+    good); `notes`: what was left out, and why."""
+
+    estimate: Estimate
+    error: TorqueError
+    by_run: dict[str, TorqueError]
+    nominal: TorqueError | None
+    replay: Replay | None
+    noise_share: Array
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form (without the common fields)."""
+        return {
+            "method": self.estimate.method,
+            "torque_error": {"fit": self.estimate.fit_error.to_dict(), "heldout": self.error.to_dict()},
+            "by_run": {name: error.to_dict() for name, error in self.by_run.items()},
+            "nominal": None if self.nominal is None else self.nominal.to_dict(),
+            "heldout_over_fit": self.noise_share,
+            "replay": None if self.replay is None else self.replay.to_dict(),
+            "notes": list(self.notes),
+        }
+
+    def __str__(self) -> str:
+        from ..estimate.summary import error_table
+
+        errors = {"fit": self.estimate.fit_error, "held out": self.error}
+        if len(self.by_run) > 1:
+            errors |= {f"  {name}": error for name, error in self.by_run.items()}
+        if self.nominal is not None:
+            errors["URDF inertials"] = self.nominal
+        lines = [error_table(self.estimate, errors)]
+        if self.replay is not None:
+            lines += ["", str(self.replay)]
+        lines += [f"note: {note}" for note in self.notes]
+        return "\n".join(lines)
+
+
+def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) -> Validation:
+    """Predict the torque of held-out signals, and with `simulate` replay them by forward simulation.
+
+    Replay starts windows at the measured state and drives the model with the measured torque; where that cannot be done (a joint without
+    torque), a note says so."""
+    residual = estimate.residual(signals)
+    by_run = {
+        name: TorqueError.of(residual[rows], signals.tau[rows]) for name, rows in _named_runs(signals.run_names, signals.row_runs).items()
+    }
+    replayed: Replay | None = None
+    notes: tuple[str, ...] = ()
+    if simulate:
+        from ..simulation.replay import replay
+
+        try:
+            replayed = replay(estimate.model, estimate.all_values, signals)
+        except DataError as refused:
+            notes = (f"the motion was not replayed: {refused}",)
+    error = TorqueError.of(residual, signals.tau)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = error.rms / estimate.fit_error.rms
+    return Validation(estimate, error, by_run, nominal_error(estimate, signals), replayed, share, notes)
+
+
+def _named_runs(names: tuple[str, ...], rows: tuple[slice, ...]) -> dict[str, slice]:
+    out: dict[str, slice] = {}
+    for name, part in zip(names, rows, strict=True):
+        label, count = name, 2
+        while label in out:
+            label, count = f"{name}#{count}", count + 1
+        out[label] = part
+    return out
+
+
+def nominal_values(estimate: Estimate) -> Array | None:
+    """Base values (b,) with the rigid body as the URDF has it and everything else fitted to the same data; None without inertials.
+
+    A base parameter into which a drive parameter is grouped (Izz + reflected rotor inertia) stays free."""
+    robot, information = estimate.model.robot, estimate.information
+    if robot.nominal is None or information is None:
+        return None
+    base = estimate.model.base
+    if base.names != information.names:
+        return None
+    rigid = np.array([p.effect == "rigid_body" for p in base.parameters])
+    start = np.zeros(len(rigid))
+    start[rigid] = robot.nominal
+    values = base.base_values(start)
+    free = np.flatnonzero(np.any(base.regroup[:, ~rigid] != 0, axis=1))
+    R, z, _ = information.combined(estimate.weights)
+    if len(free):
+        from ..problem.linear_solution import solve_triangle
+
+        part = np.zeros((len(values) + 1, len(free) + 1))
+        part[:-1, :-1] = R[:, free]
+        part[:-1, -1] = z - R @ values
+        Q = np.asarray(np.linalg.qr(part, mode="r"))
+        solution = solve_triangle(Q[: len(free), : len(free)], Q[: len(free), -1])
+        change = np.zeros(len(free))
+        change[solution.columns] = solution.values
+        values = values.copy()
+        values[free] += change
+    return values
+
+
+def nominal_error(estimate: Estimate, signals: Signals) -> TorqueError | None:
+    """Torque error on `signals` with `nominal_values`."""
+    values = nominal_values(estimate)
+    if values is None:
+        return None
+    from ..problem.problem import Problem
+
+    residual = Problem(estimate.model, signals.without_turning(estimate.sticking), reference=estimate.all_values).residual(values)
+    return TorqueError.of(residual, signals.tau)

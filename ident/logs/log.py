@@ -1,0 +1,349 @@
+"""Logs as recorded: reading, splitting into fitted and held-out parts, torque on the measured side."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._utils.files import sha256
+from ..errors import ConfigurationError, DataError, unknown_name
+from ..robots.transmission import Transmission
+from .columns import resolve_columns
+from .names import JointNames
+from .readers.tables import read_columns, read_header
+from .repair import usable_rows
+from .torque import MeasuredTorque, measured
+from .unwrap import motor_turn_notes, unwrapped, wrapping
+
+if TYPE_CHECKING:
+    from ..audit.audit import Audit
+    from ..robots.robot import Robot
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One run as recorded, in SI, joints in the robot's order. N samples, n joints.
+
+    `t` (N,) s, rising, otherwise as recorded; `q` (N, n) on the joint side, or None where only `q_motor` (N, n) was logged.
+    `dq`, `ddq`, `dq_motor` (N, n): measured ones, else None. `tau`: by "joint", "motor" (torque) or "current" → (N, n); a joint
+    without torque has a column of NaN. `source`, `sha256`: the file. `extra`: other numeric columns (N,).
+    `notes`: what was repaired or left out when reading. `origin`: time at which the recording began, where this is a part of it.
+    `hint`: where there is no torque, which columns of the file look like it."""
+
+    name: str
+    t: Array
+    q: Array | None = None
+    q_motor: Array | None = None
+    dq: Array | None = None
+    ddq: Array | None = None
+    dq_motor: Array | None = None
+    tau: Mapping[str, Array] = field(default_factory=dict)
+    source: str = ""
+    sha256: str = ""
+    extra: Mapping[str, Array] = field(default_factory=dict, repr=False)
+    notes: tuple[str, ...] = ()
+    origin: float | None = None
+    hint: str = ""
+
+    def __post_init__(self) -> None:
+        positions = self.q if self.q is not None else self.q_motor
+        if positions is None:
+            raise DataError(f"log {self.name}: holds no positions.")
+        if self.t.ndim != 1 or positions.ndim != 2:
+            raise DataError(f"log {self.name}: time must be (N,) and positions (N, n), not {self.t.shape} and {positions.shape}.")
+        for label, array in (("q", self.q), ("q_motor", self.q_motor), ("dq", self.dq), ("ddq", self.ddq), *self.tau.items()):
+            if array is not None and array.shape != (len(self.t), positions.shape[1]):
+                raise DataError(f"log {self.name}: {label} has shape {array.shape}, expected {(len(self.t), positions.shape[1])}.")
+        unknown = set(self.tau) - {"joint", "motor", "current"}
+        if unknown:
+            raise unknown_name("side of torque", min(unknown), ("joint", "motor", "current"))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        positions = self.q if self.q is not None else self.q_motor
+        assert positions is not None
+        return positions.shape[1]
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last sample."""
+        return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
+
+    @property
+    def began(self) -> float:
+        """Time at which the recording began."""
+        return self.origin if self.origin is not None else float(self.t[0]) if len(self.t) else 0.0
+
+    def position(self, transmission: Transmission) -> Array:
+        """Joint positions (N, n), from the motors' where only those were logged."""
+        if self.q is not None:
+            return self.q
+        assert self.q_motor is not None
+        return transmission.joint_position(unwrapped(self.q_motor))
+
+    def velocity(self, transmission: Transmission) -> Array | None:
+        """Measured joint velocities (N, n), from the motors' where only those were logged; None without any."""
+        if self.dq is not None or self.dq_motor is None:
+            return self.dq
+        return transmission.joint_rate(self.dq_motor)
+
+    def rows(self, selection: slice | Array, name: str | None = None) -> Log:
+        """Some rows of the log, as a log."""
+
+        def cut(a: Array | None) -> Array | None:
+            return None if a is None else a[selection]
+
+        return replace(
+            self,
+            name=self.name if name is None else name,
+            t=self.t[selection],
+            q=cut(self.q),
+            q_motor=cut(self.q_motor),
+            dq=cut(self.dq),
+            ddq=cut(self.ddq),
+            dq_motor=cut(self.dq_motor),
+            tau={k: v[selection] for k, v in self.tau.items()},
+            extra={k: v[selection] for k, v in self.extra.items()},
+            origin=self.began,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LogSet:
+    """Runs of one robot. `robot` is the one they were read for, if it was given."""
+
+    logs: tuple[Log, ...]
+    robot: Robot | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "logs", tuple(self.logs))
+        if not self.logs:
+            raise DataError("there is no log.")
+        counts = {log.n for log in self.logs}
+        if len(counts) > 1:
+            raise DataError("logs of different joint counts: " + ", ".join(f"{log.name} {log.n}" for log in self.logs) + ".")
+
+    def __len__(self) -> int:
+        return len(self.logs)
+
+    def __iter__(self) -> Iterator[Log]:
+        return iter(self.logs)
+
+    def __getitem__(self, i: int) -> Log:
+        return self.logs[i]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.logs[0].n
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the runs."""
+        return tuple(log.name for log in self.logs)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was repaired or left out when reading, each once."""
+        return tuple(dict.fromkeys(note for log in self.logs for note in log.notes))
+
+    @cached_property
+    def inputs(self) -> tuple[dict[str, str], ...]:
+        """Files read, for results: {"path", "sha256"}, each once."""
+        return tuple({"path": s, "sha256": h} for s, h in dict.fromkeys((log.source, log.sha256) for log in self.logs if log.source))
+
+    def with_robot(self, robot: Robot) -> LogSet:
+        """The same logs, of this robot."""
+        if robot.n != self.n:
+            raise DataError(f"the logs have {self.n} joints, but robot {robot.name!r} has {robot.n}: {', '.join(robot.joint_names)}.")
+        return replace(self, robot=robot)
+
+    def select(self, names: Iterable[str]) -> LogSet:
+        """Some runs, by name."""
+        wanted = list(names)
+        for name in wanted:
+            if name not in self.names:
+                raise unknown_name("run", name, self.names)
+        return replace(self, logs=tuple(log for log in self.logs if log.name in wanted))
+
+    def window(self, start: float, stop: float) -> LogSet:
+        """The part of every run between two times (s), counted from the run's first sample. Raises DataError if nothing is left."""
+        parts = []
+        for log in self.logs:
+            from_start = log.t - log.t[0]
+            parts.append(log.rows((from_start >= start) & (from_start <= stop)))
+        kept = tuple(log for log in parts if len(log) >= 2)
+        if not kept:
+            raise DataError(
+                f"no sample lies between {start} s and {stop} s; the runs last"
+                f" {', '.join(f'{log.duration:.3g} s' for log in self.logs[:6])}."
+            )
+        return replace(self, logs=kept)
+
+    def audit(self, robot: Robot | None = None) -> Audit:
+        """Look for what would harm an estimate; see `ident.audit.audit`."""
+        from ..audit.audit import audit
+
+        return audit(self, robot)
+
+    def split(self, by: str = "run", held: float = 0.25, blocks: int = 8) -> tuple[LogSet, LogSet]:
+        """Two sets without a common sample: `(fit, held)`.
+
+        `by`: "run": whole runs are held out, evenly spread; "fraction": the last part of every run; "blocks": of `blocks` equal
+        parts of every run, evenly spread ones. `held` is the share held out. Raises ConfigurationError."""
+        if not 0 < held < 1:
+            raise ConfigurationError(f"split: held = {held} must lie between 0 and 1.")
+        if by == "run":
+            chosen = spread(len(self), held)
+            if not chosen or len(chosen) == len(self):
+                raise ConfigurationError(
+                    f'split: {len(self)} run cannot be split by run; use by="fraction" or by="blocks", or give more logs.'
+                )
+            return (
+                replace(self, logs=tuple(log for i, log in enumerate(self.logs) if i not in chosen)),
+                replace(self, logs=tuple(log for i, log in enumerate(self.logs) if i in chosen)),
+            )
+        if by == "fraction":
+            parts: list[tuple[Log, bool]] = []
+            for log in self.logs:
+                cut = int(np.searchsorted(log.t, log.t[0] + (1 - held) * log.duration))
+                parts += [(log.rows(slice(0, cut)), False), (log.rows(slice(cut, None), f"{log.name} (last part)"), True)]
+        elif by == "blocks":
+            chosen = spread(blocks, held)
+            if not chosen or len(chosen) >= blocks:
+                raise ConfigurationError(f"split: {blocks} blocks cannot hold out a share of {held}.")
+            parts = []
+            for log in self.logs:
+                edges = np.searchsorted(log.t, log.t[0] + log.duration * np.arange(blocks + 1) / blocks)
+                edges[-1] = len(log)
+                parts += [(log.rows(slice(edges[i], edges[i + 1]), f"{log.name} (part {i + 1})"), i in chosen) for i in range(blocks)]
+        else:
+            raise unknown_name("way to split", by, ("run", "fraction", "blocks"))
+        fit, out = (tuple(log for log, h in parts if h == wanted and len(log) >= 2) for wanted in (False, True))
+        if not fit or not out:
+            raise DataError("split: the logs are too short to hold out a part.")
+        return replace(self, logs=fit), replace(self, logs=out)
+
+
+def spread(count: int, share: float) -> set[int]:
+    """About `share` of `count` indices, evenly spread, never the first alone of several."""
+    number = min(count - 1, max(1, round(share * count))) if count > 1 else 0
+    return {int((i + 0.5) * count / number + 0.5 * (count / number > 2)) if number else 0 for i in range(number)} if number else set()
+
+
+def read_logs(
+    paths: str | Path | Sequence[str | Path],
+    robot: Robot | None = None,
+    columns: Mapping[str, Any] | None = None,
+    *,
+    missing: str = "refuse",
+    extra: bool = True,
+) -> LogSet:
+    """Read log files (CSV, also compressed; Parquet; MAT).
+
+    `paths`: a file, a pattern (`runs/*.csv`), or several. `robot`: checks the joint count, matches columns by joint name, and
+    allows motor-side positions to be carried to the joints. `columns`: the study file's [columns] table (`resolve_columns` takes more).
+    `missing`: "refuse" blocks of missing positions, or leave them out as a "gap". `extra`: read columns that are nothing of ours, too.
+    Raises DataError (file, column, row) and ConfigurationError (mapping)."""
+    if missing not in ("refuse", "gap"):
+        raise unknown_name("treatment of missing positions", missing, ("refuse", "gap"))
+    joints = None if robot is None else JointNames.of(robot)
+    logs: list[Log] = []
+    for path in _files(paths):
+        logs += _read(path, joints, columns, missing, extra)
+    names: dict[str, int] = {}
+    for i, log in enumerate(logs):
+        names[log.name] = names.get(log.name, 0) + 1
+        if names[log.name] > 1:
+            logs[i] = replace(log, name=f"{log.name} ({names[log.name]})")
+    if robot is not None:
+        logs = [log if log.q is not None else _joined(log, robot) for log in logs]
+    return LogSet(tuple(logs), robot)
+
+
+def _files(paths: str | Path | Sequence[str | Path]) -> list[Path]:
+    out: list[Path] = []
+    for entry in [paths] if isinstance(paths, (str, Path)) else paths:
+        text = str(entry)
+        if any(c in text for c in "*?[") and not Path(text).exists():
+            found = sorted(glob.glob(text, recursive=True))
+            if not found:
+                raise DataError(f"log {text}: no file matches.")
+            out += [Path(f) for f in found]
+        else:
+            out.append(Path(text))
+    if not out:
+        raise DataError("no log file was given.")
+    return out
+
+
+def _joined(log: Log, robot: Robot) -> Log:
+    """A log of which only motor positions were recorded, with joint positions beside them."""
+    assert log.q_motor is not None
+    notes = (*log.notes, *motor_turn_notes(log.name, robot, wrapping(log.q_motor)))
+    return replace(log, q=log.position(robot.transmission), notes=notes)
+
+
+def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | None, missing: str, extra: bool) -> list[Log]:
+    from .readers.ros import joint_state_columns, read_joint_states
+
+    where = f"log {path}"
+    header = read_header(path)
+    layout = None if columns else joint_state_columns(header)
+    if layout is not None:
+        table = read_joint_states(path, header, layout, joints.names if joints else None)
+        plan = resolve_columns(tuple(table), joints, None, where=where)
+        extras: dict[str, Array] = {}
+    else:
+        plan = resolve_columns(header.names, joints, columns, where=where)
+        table = read_columns(path, header, plan.sources, optional=plan.extra if extra else ())
+        extras = {name: table[name] for name in plan.extra if name in table}
+    arrays = plan.arrays(table)
+    rows = len(arrays["t"])
+    if rows == 0:
+        raise DataError(f"{where}: there is a header, but no row of data.")
+    if rows < 2:
+        raise DataError(f"{where}: one row of data; a log needs many.")
+    side = "q" if "q" in arrays else "q_motor"
+    positions = {c.source: arrays[side][:, c.joint] for c in plan.quantity(side)}
+    pieces = usable_rows(arrays["t"], positions, where, missing=missing)
+    stem = path.name.split(".")[0]
+    digest = sha256(path)
+    whole = len(pieces.rows) == 1 and len(pieces.rows[0]) == rows
+    logs = []
+    for i, index in enumerate(pieces.rows):
+        cut: slice | Array = slice(None) if whole else index
+        recorded = {k: v[cut] for k, v in arrays.items()}
+        logs.append(
+            Log(
+                name=stem if len(pieces.rows) == 1 else f"{stem} run {i + 1}",
+                t=recorded["t"],
+                q=recorded.get("q"),
+                q_motor=recorded.get("q_motor"),
+                dq=recorded.get("dq"),
+                ddq=recorded.get("ddq"),
+                dq_motor=recorded.get("dq_motor"),
+                tau={k.removeprefix("tau_"): v for k, v in recorded.items() if k.startswith("tau_")},
+                source=str(path),
+                sha256=digest,
+                extra={k: v[cut] for k, v in extras.items()},
+                notes=(*plan.notes, *pieces.notes),
+                hint=plan.hint,
+            )
+        )
+    return logs
+
+
+__all__ = ["Log", "LogSet", "MeasuredTorque", "measured", "read_logs", "spread"]

@@ -1,0 +1,1 @@
+"""Readers of log files: names in, columns out."""

@@ -1,0 +1,365 @@
+"""Reading tables from files: CSV (plain or compressed), Parquet, MAT. Names in, float columns out; nothing about robots."""
+
+from __future__ import annotations
+
+import bz2
+import codecs
+import csv
+import gzip
+import io
+import lzma
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from ...errors import ConfigurationError, DataError
+from .mat import mat_columns
+
+Array = np.ndarray
+_MISSING = {"", "nan", "na", "n/a", "null", "none", "-nan", "+nan", "#n/a", "<na>"}
+#: A first line by which spreadsheets are told what separates fields; what else may, and of how many columns at least.
+_SEPARATOR = re.compile(r'"?sep=([,;\t])"?', re.IGNORECASE)
+_OTHER = re.compile(r"\s*\|\s*|\s+")
+_COLUMNS = 2
+#: Characters of a field that messages show.
+_SHOWN = 40
+_OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ", lzma.open))
+
+
+@dataclass(frozen=True)
+class Header:
+    """Column names of a table; for text, on which line they stand (from 1) and what separates fields."""
+
+    names: tuple[str, ...]
+    line: int = 0
+    delimiter: str = ","
+
+
+def check_file(path: Path) -> None:
+    """Raises DataError if `path` is no readable, non-empty file."""
+    if not path.exists():
+        raise DataError(f"log {path}: no such file.")
+    if path.is_dir():
+        raise DataError(f"log {path}: is a folder; give its files, for example {path}/*.csv.")
+    try:
+        if path.stat().st_size == 0:
+            raise DataError(f"log {path}: the file is empty.")
+        with path.open("rb"):
+            pass
+    except OSError as error:
+        raise DataError(f"log {path}: cannot be read ({error.strerror}).") from None
+
+
+def read_header(path: Path) -> Header:
+    """Column names of a file. Raises DataError."""
+    check_file(path)
+    kind = path.suffix.lower()
+    if kind in (".parquet", ".pq"):
+        return Header(tuple(name for name, _ in stored_names(parquet_file(path))))
+    if kind == ".mat":
+        return Header(tuple(mat_columns(path)))
+    return _text_header(path)
+
+
+def read_columns(path: Path, header: Header, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
+    """The named columns as float arrays (missing entries are NaN), and those of `optional` that are numbers.
+
+    Raises DataError naming file, column and row."""
+    kind = path.suffix.lower()
+    if kind in (".parquet", ".pq", ".mat"):
+        if kind == ".mat":
+            columns = mat_columns(path)
+        else:
+            file = parquet_file(path)
+            stored = {name: own for name, own in stored_names(file) if name in (*names, *optional)}
+            table = file.read(columns=list(stored.values()))
+            columns = {name: arrow_values(table.column(own)) for name, own in stored.items()}
+        out = {name: numeric(columns[name], path, name) for name in names}
+        for name in optional:
+            with suppress(DataError):
+                out[name] = seconds(numeric(columns[name], path, name))
+        return out
+    first = [fields for _, fields in islice(rows_of_text(path, header), 5)]
+    place = {name: header.names.index(name) for name in optional}
+    numbers = [n for n, i in place.items() if all(i < len(f) and (f[i].strip().lower() in _MISSING or _is_number(f[i])) for f in first)]
+    if not numbers:
+        return _text_columns(path, header, names)
+    try:
+        return _text_columns(path, header, [*names, *numbers])
+    except DataError:
+        return _text_columns(path, header, names)
+
+
+def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
+    """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists)."""
+    import pandas as pd
+
+    with open_binary(path) as stream:
+        frame = pd.read_csv(
+            stream,
+            sep=header.delimiter,
+            skiprows=header.line,
+            names=list(header.names),
+            usecols=list(names),
+            dtype=str,
+            keep_default_na=False,
+        )
+    return {name: frame[name].to_numpy(dtype=object) for name in names}
+
+
+def open_binary(path: Path) -> IO[bytes]:
+    """The bytes of a file, decompressed if it begins like a gzip, bzip2 or xz file."""
+    with path.open("rb") as raw:
+        start = raw.read(6)
+    for magic, opener in _OPENERS:
+        if start.startswith(magic):
+            return opener(path, "rb")  # type: ignore[no-any-return]
+    return path.open("rb")
+
+
+def _text_header(path: Path) -> Header:
+    try:
+        with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", newline="") as text:
+            number, told = 0, ""
+            for line in text:
+                number += 1
+                if found := _SEPARATOR.fullmatch(line.strip(" \r\n")):
+                    told = found[1]
+                elif line.strip() and not line.startswith("#"):
+                    break
+            else:
+                raise DataError(f"log {path}: the file holds no header row.")
+            more = any(rest.strip() for rest in text)
+    except (UnicodeDecodeError, EOFError, OSError) as error:
+        wide = isinstance(error, UnicodeDecodeError) and error.object[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        remedy = " It begins as UTF-16 does: save it as UTF-8." if wide else ""
+        raise DataError(f"log {path}: is not a text table ({error}).{remedy}") from None
+    delimiter = told or next((d for d in (",", ";", "\t") if d in line), ",")
+    if delimiter not in line and len(_OTHER.split(line.strip())) > _COLUMNS:
+        mark = "'|'" if "|" in line else "spaces"
+        raise DataError(f"log {path}: its columns are separated by {mark} (line {number}); write it with commas, semicolons or tabs.")
+    names = tuple(n.strip() for n in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter)))
+    if all(_is_number(n) for n in names):
+        raise DataError(
+            f"log {path}: line {number} should be a header row with column names, but it holds numbers ({', '.join(names[:4])} …)."
+        )
+    if not more:
+        raise DataError(f"log {path}: there is a header, but no row of data.")
+    return Header(names, number, delimiter)
+
+
+def _is_number(text: str) -> bool:
+    """Whether the readers take a text for a number: `1_0` and digits of other scripts are numbers to Python alone."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text and text.isascii()
+
+
+def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
+    if find_spec("pyarrow") is not None:
+        found = _arrow_columns(path, header, names)
+        if found is not None:
+            return found
+    try:
+        with open_binary(path) as stream:
+            if quotes_stay_open(stream) and over_lines(rows_of_text(path, header), header, names):
+                raise bad_text(path, header, names, "quotes are open at the end of a line")
+        with open_binary(path) as stream:
+            return pandas_columns(stream, header, names, header.line)
+    except (ValueError, OverflowError) as error:
+        raise bad_text(path, header, names, str(error)) from None
+    except (EOFError, OSError) as error:
+        raise DataError(f"log {path}: the file is damaged ({error}).") from None
+
+
+def pandas_columns(stream: IO[bytes], header: Header, names: Sequence[str], skip: int) -> dict[str, Array]:
+    """Columns of a text that follow `skip` lines, leniently: rows may be short. Raises ValueError where one cannot be read."""
+    import pandas as pd
+
+    # Before version 3, pandas rounds the last digit unless told not to.
+    exact: dict[str, Any] = {"float_precision": "round_trip"} if int(pd.__version__.split(".")[0]) < 3 else {}
+    # All columns, not only those wanted: otherwise rows with too many fields would pass unseen.
+    frame = pd.read_csv(
+        stream,
+        sep=header.delimiter,
+        skiprows=skip,
+        names=list(header.names),
+        dtype=dict.fromkeys(names, float),
+        skipinitialspace=True,
+        low_memory=False,
+        **exact,
+    )
+    if not isinstance(frame.index, pd.RangeIndex):
+        raise ValueError("rows have more fields than the header")
+    return {name: frame[name].to_numpy() for name in names}
+
+
+def _arrow_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array] | None:
+    """The fast way; None where it refuses, so that the slower reader can say why or be more lenient."""
+    import pyarrow as pa
+
+    try:
+        with open_binary(path) as stream:
+            return arrow_columns(pa.PythonFile(stream, mode="r"), header, names, header.line)
+    except (pa.ArrowException, OSError, EOFError, ValueError):
+        return None
+
+
+def arrow_columns(
+    source: Any, header: Header, names: Sequence[str], skip: int, *, block: int = 1 << 22, threads: bool = True, pool: Any = None
+) -> dict[str, Array]:
+    """Columns of a text that follow `skip` lines, by Arrow's reader from a file of its own. Raises ArrowException where it refuses."""
+    import pyarrow as pa
+    from pyarrow import csv as arrow
+
+    table = arrow.read_csv(
+        source,
+        read_options=arrow.ReadOptions(column_names=list(header.names), skip_rows=skip, block_size=block, use_threads=threads),
+        parse_options=arrow.ParseOptions(delimiter=header.delimiter),
+        convert_options=arrow.ConvertOptions(include_columns=list(names), column_types=dict.fromkeys(names, pa.float64())),
+        memory_pool=pool,
+    )
+    return {name: arrow_values(table.column(name)) for name in names}
+
+
+def arrow_values(column: Any) -> Array:
+    """The values of an Arrow column; missing numbers are NaN.
+
+    Floats are taken from its buffers: to ask Arrow for an array would load pandas (40 MB, half a second)."""
+    import pyarrow as pa
+
+    if column.type != pa.float64():
+        return np.asarray(column)
+    parts = [part.fill_null(np.nan) if part.null_count else part for part in column.chunks]
+    arrays = [np.frombuffer(p.buffers()[1], np.float64, len(p), 8 * p.offset) for p in parts if len(p)]
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays) if arrays else np.zeros(0)
+
+
+def quotes_stay_open(stream: IO[bytes]) -> bool:
+    """Whether a line opens quotes that it does not close. (Lines are counted only where there are quotes at all.)"""
+    while chunk := stream.read(1 << 20):
+        if b'"' in chunk:
+            stream.seek(0)
+            return any(line.count(b'"') % 2 for line in stream)
+    return False
+
+
+def over_lines(rows: Iterable[tuple[int, list[str]]], header: Header, names: Sequence[str]) -> bool:
+    """Whether in rows (line, fields) a number of these columns, within quotes, goes on over the end of its line: some readers, and some
+    versions of them, take it, others do not."""
+    index = [header.names.index(n) for n in names]
+    return any(i < len(fields) and _goes_on(fields[i]) for _, fields in rows for i in index)
+
+
+def _goes_on(field: str) -> bool:
+    return "\n" in field and _is_number(field)
+
+
+def rows_of_text(path: Path, header: Header) -> Iterator[tuple[int, list[str]]]:
+    """Line number (from 1) and fields of every row of data."""
+    with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", errors="replace", newline="") as text:
+        yield from ((line, fields) for line, fields in numbered_rows(text, header) if line > header.line)
+
+
+def numbered_rows(text: Iterable[str], header: Header, before: int = 0) -> Iterator[tuple[int, list[str]]]:
+    """Rows of a text that are not blank, each with the number of the line on which it begins, after `before` lines."""
+    reader = csv.reader(text, delimiter=header.delimiter)
+    line = before + 1
+    for fields in reader:
+        if any(f.strip() for f in fields):
+            yield line, fields
+        line = before + reader.line_num + 1
+
+
+def bad_text(
+    path: Path, header: Header, names: Sequence[str], reason: str, rows: Iterable[tuple[int, list[str]]] | None = None, first: int = 1
+) -> DataError:
+    """Find the first row that cannot be read and say what is wrong with it. `rows`: those to look at, beginning with data row
+    `first`; by default all."""
+    index = [(header.names.index(n), n) for n in names]
+    for row, (line, fields) in enumerate(rows_of_text(path, header) if rows is None else rows, first):
+        if len(fields) > len(header.names):
+            return DataError(
+                f"log {path}: line {line} (data row {row}) has {len(fields)} fields, but the header has {len(header.names)}; mend that"
+                " line, or take it out: what is missing is bridged or left out."
+            )
+        for i, name in index:
+            text = fields[i].strip() if i < len(fields) else ""
+            if i < len(fields) and _goes_on(fields[i]):
+                return DataError(
+                    f"log {path}: column {name!r}, line {line} (data row {row}): {fields[i]!r} goes on over the end of its line."
+                    " Close the quotes on the line, or leave them out."
+                )
+            if text.lower() not in _MISSING and not _is_number(text):
+                # A quote that is not closed takes in the rest of the file.
+                shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+                remedy = "Correct or remove the row; write a missing value as an empty field."
+                if _is_number(text.replace(",", ".", 1)):
+                    remedy = "It has a decimal comma: write the file with decimal points."
+                elif _is_moment(text):
+                    remedy = "It is a date with a time: write times as seconds (since any moment), in every row."
+                return DataError(f"log {path}: column {name!r}, line {line} (data row {row}): {shown!r} is not a number. {remedy}")
+    return DataError(f"log {path}: cannot be read as a table of numbers: {reason}.")
+
+
+def _is_moment(text: str) -> bool:
+    """Whether a text is a date with a time, as ISO 8601 writes them."""
+    try:
+        datetime.fromisoformat(text)
+    except ValueError:
+        return False
+    return ":" in text
+
+
+def numeric(values: Array, path: Path, name: str, first: int = 1) -> Array:
+    """A column as float64, but for time stamps and durations, which know their own unit. `first`: data row (from 1) of its first value, for
+    messages. Raises DataError."""
+    if values.dtype.kind in "fiub":
+        return values.astype(float)
+    if values.dtype.kind in "mM":
+        return values
+    for row, value in enumerate(values.tolist(), first):
+        if value is not None and not isinstance(value, (int, float)) and not (isinstance(value, str) and _is_number(value)):
+            raise DataError(f"log {path}: column {name!r}, data row {row}: {value!r} is not a number.")
+    return np.array([np.nan if v is None else float(v) for v in values.tolist()])
+
+
+def seconds(values: Array) -> Array:
+    """Time stamps (since 1970) and durations in seconds, NaN where there is none; numbers as they are."""
+    kind = values.dtype.kind
+    if kind not in "mM":
+        return values
+    # All dtypes of numpy's time count from the same moment; in seconds and what is beyond them no digit is lost that a float could hold.
+    whole = values.astype(f"{kind}8[s]")
+    rest = (values - whole).astype("m8[ns]").astype(np.int64)
+    return np.where(np.isnat(values), np.nan, whole.astype(np.int64) + 1e-9 * rest)
+
+
+def parquet_file(path: Path) -> Any:
+    """A Parquet file, opened. Raises DataError, and ConfigurationError without pyarrow."""
+    if find_spec("pyarrow") is None:
+        raise ConfigurationError(f"log {path}: reading Parquet needs pyarrow: pip install pyarrow. Or export the log as CSV.")
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        return parquet.ParquetFile(path)
+    except (pa.ArrowException, OSError) as error:
+        raise DataError(f"log {path}: is not a Parquet file ({str(error).splitlines()[0]}).") from None
+
+
+def stored_names(file: Any) -> tuple[tuple[str, str], ...]:
+    """What the columns of a Parquet file are called here, without blanks around it as in a text, and what they are called there."""
+    stored = file.schema.names
+    bare = [name.strip() for name in stored]
+    return tuple((name if bare.count(name) == 1 else own, own) for name, own in zip(bare, stored, strict=True))

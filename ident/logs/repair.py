@@ -1,0 +1,179 @@
+"""What recorded time and positions may suffer from, and what is done about it: repaired and said, or refused and said where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import DataError
+
+Array = np.ndarray
+#: Missing positions are bridged like a gap in time if no more rows than this follow each other, and few do overall.
+_ISOLATED = 10
+_SHARE = 0.01
+#: Where more rows than this share repeat the stamp before them, and this share of those not its positions, stamps are rounded too coarsely.
+_ROUNDED = 0.2
+_MOVED = 0.1
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Rows of a table that are used, as one index array per run (in order), and what was said about the rest."""
+
+    rows: tuple[Array, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass
+class Holes:
+    """Flagged rows of a table, gathered piece by piece: `blocks` [first, stop) from 0, in order."""
+
+    blocks: list[list[int]] = field(default_factory=list)
+
+    def add(self, flag: Array, first: int = 0) -> None:
+        """Rows `first` … of which some are flagged."""
+        if not flag.any():
+            return
+        for block in _blocks(flag):
+            start, stop = first + int(block[0]), first + int(block[-1]) + 1
+            if self.blocks and self.blocks[-1][1] == start:
+                self.blocks[-1][1] = stop
+            else:
+                self.blocks.append([start, stop])
+
+    def __bool__(self) -> bool:
+        return bool(self.blocks)
+
+    @property
+    def count(self) -> int:
+        return sum(stop - start for start, stop in self.blocks)
+
+    @property
+    def longest(self) -> int:
+        return max((stop - start for start, stop in self.blocks), default=0)
+
+    def flag(self, rows: int) -> Array:
+        """The flags (rows,) themselves."""
+        out = np.zeros(rows, bool)
+        for start, stop in self.blocks:
+            out[start:stop] = True
+        return out
+
+    def __str__(self) -> str:
+        return _ranges(self.blocks)
+
+
+def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing: str = "refuse") -> Pieces:
+    """Rows with a position and a rising time stamp, as runs.
+
+    `positions`: column name → (N,) for every position column. `missing`: "refuse" (an error beyond isolated rows) or "gap" (rows
+    without position are left out, however many). Raises DataError naming the rows."""
+    unstamped = Holes()
+    unstamped.add(~np.isfinite(t))
+    holes = {name: Holes() for name in positions}
+    present = np.isfinite(t)
+    for name, values in positions.items():
+        hole = ~np.isfinite(values)
+        holes[name].add(hole)
+        present &= ~hole
+    notes = missing_rows(unstamped, holes, len(t), where, missing=missing)
+
+    def moved(rows: Array) -> Array:
+        return np.any([values[rows] != values[rows - 1] for values in positions.values()], axis=0)
+
+    return rising_runs(t, np.flatnonzero(present), where, notes, moved)
+
+
+def missing_rows(unstamped: Holes, holes: Mapping[str, Holes], rows: int, where: str, *, missing: str) -> list[str]:
+    """Notes on rows left out for want of a time stamp or a position. Raises DataError where there are too many."""
+    notes: list[str] = []
+    if unstamped:
+        notes.append(f"{where}: {unstamped.count} rows without a time stamp are left out ({unstamped}).")
+        if unstamped.count > _SHARE * rows:
+            raise DataError(f"{where}: {unstamped.count} of {rows} rows have no time stamp ({unstamped}).")
+    for name, hole in holes.items():
+        if not hole:
+            continue
+        if missing == "refuse" and (hole.longest > _ISOLATED or hole.count > max(_ISOLATED, _SHARE * rows)):
+            raise DataError(
+                f"{where}: column {name!r} has no number in {hole.count} of {rows} rows ({hole})."
+                ' A position that is missing cannot be used. Cut the log there, or read it with missing = "gap" (--missing gap)'
+                " to leave these rows out as a gap."
+            )
+        notes.append(f"{where}: column {name!r} has no number in {hole.count} rows ({hole}); they are left out as a gap.")
+    return notes
+
+
+def rising_runs(t: Array, index: Array, where: str, notes: list[str], moved: Callable[[Array], Array]) -> Pieces:
+    """The rows `index` of stamps `t` (N,) as runs of rising time. `moved`: which of some rows hold another position than the row before
+    them. Raises DataError naming the rows."""
+    if len(index) < 2:
+        raise DataError(f"{where}: {len(index)} usable rows; at least a few hundred are needed.")
+    step = np.diff(t[index])
+    back = np.flatnonzero(step < 0)
+    pieces = [index] if not len(back) else _runs(t, index, back, where, notes)
+    out = []
+    for piece in pieces:
+        # A stamp must be later than all before it; equal stamps are the same sample twice.
+        keep = np.r_[True, np.diff(t[piece]) > 0]
+        if not keep.all():
+            dropped = np.zeros(len(t), bool)
+            dropped[piece[~keep]] = True
+            again = np.flatnonzero(dropped)
+            if keep.sum() > 1 and len(again) > _ROUNDED * len(piece) and np.mean(moved(again)) > _MOVED:
+                raise DataError(
+                    f"{where}: {len(again)} of {len(piece)} rows repeat the time stamp before them ({ranges(dropped)}), but not its"
+                    " positions: the stamps are rounded to more than the time between samples, and no speed can be had from them."
+                    " Write them with more digits; or, if the samples are evenly spaced, give the time as row number / rate."
+                )
+            notes.append(
+                f"{where}: {int((~keep).sum())} rows repeat the time stamp before them ({ranges(dropped)}); the first of each is used."
+            )
+        out.append(piece[keep])
+    if all(len(p) < 2 for p in out):
+        raise DataError(f"{where}: the time stamp is the same in every row ({t[index[0]]:g} s).")
+    return Pieces(tuple(p for p in out if len(p) >= 2), tuple(notes))
+
+
+def _runs(t: Array, index: Array, back: Array, where: str, notes: list[str]) -> list[Array]:
+    """Split where time starts again, if that is what its steps back are; else refuse."""
+    starts = np.r_[0, back + 1]
+    lengths = np.diff(np.r_[starts, len(index)])
+    first = t[index[0]]
+    # Runs written one after the other all start near the first one's start, and each is long.
+    typical = float(np.median(np.abs(np.diff(t[index]))))
+    span = float(np.max(t[index]) - np.min(t[index]))
+    restart = np.abs(t[index[starts]] - first) <= max(0.02 * span, 10 * typical)
+    # Each goes on at once from where it starts: a stray stamp does not.
+    goes_on = t[index[np.minimum(starts + 1, len(index) - 1)]] - t[index[starts]] <= 5 * typical
+    # And it takes back nearly all of the run before: two rows that changed places do not.
+    before = t[index[back]]
+    restart[1:] &= before - t[index[back + 1]] >= 0.5 * (before - t[index[starts[:-1]]])
+    if restart.all() and goes_on.all() and lengths.min() >= 20:
+        at = ", ".join(str(int(index[s]) + 1) for s in starts[1:6])
+        notes.append(f"{where}: time starts again at data row {at}: taken as {len(starts)} runs.")
+        return np.split(index, starts[1:])
+    row = int(index[back[0] + 1])
+    raise DataError(
+        f"{where}: time runs backwards at data row {row + 1} ({t[index[back[0]]]:.12g} s, then {t[row]:.12g} s), in"
+        f" {len(back)} place{'s' * (len(back) > 1)}."
+        " Sort or cut the log; several runs in one file must each start near the first one's time."
+    )
+
+
+def _blocks(flag: Array) -> list[Array]:
+    index = np.flatnonzero(flag)
+    return np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
+
+
+def ranges(flag: Array) -> str:
+    """Flagged rows in words, counted from 1: "data rows 12, 40-52 …"."""
+    return _ranges([[int(b[0]), int(b[-1]) + 1] for b in _blocks(flag)])
+
+
+def _ranges(blocks: list[list[int]], most: int = 4) -> str:
+    text = ", ".join(f"{a + 1}" if b - a == 1 else f"{a + 1}-{b}" for a, b in blocks[:most])
+    rows = sum(b - a for a, b in blocks)
+    return f"data row{'s' * (rows > 1)} {text}" + (" …" if len(blocks) > most else "")

@@ -1,0 +1,65 @@
+"""Torque on the measured side of the transmission, from whatever a log holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ConfigurationError, DataError
+from ..robots.transmission import Side, Transmission
+
+if TYPE_CHECKING:
+    from .log import Log
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class MeasuredTorque:
+    """Torque (N, n) on the measured side, NaN where none was logged, and how it was obtained."""
+
+    torque: Array
+    notes: tuple[str, ...] = ()
+
+
+def measured(log: Log, transmission: Transmission) -> MeasuredTorque:
+    """Torque on the transmission's measured side.
+
+    Taken as logged on that side; else currents times torque constants (motor side); else carried through K from the other
+    side, which is said. Raises DataError without torque, ConfigurationError for currents without torque constants."""
+    side = transmission.measured
+    if side.value in log.tau:
+        return MeasuredTorque(log.tau[side.value])
+    other = Side.MOTOR if side == Side.JOINT else Side.JOINT
+    if other.value in log.tau:
+        torque = _through(log.tau[other.value], transmission.torque_map(other, side))
+        note = (
+            ""
+            if np.allclose(transmission.K, np.eye(transmission.n))
+            else f"log {log.name}: torque was logged on the {other} side and is carried to the {side} side through K."
+        )
+        return MeasuredTorque(torque, (note,) if note else ())
+    if "current" in log.tau:
+        if transmission.torque_constants is None:
+            raise ConfigurationError(
+                f"log {log.name} holds currents, but the drive has no torque constants. Give [drive] torque_constants ="
+                " [...] in N m/A, one a motor."
+            )
+        torque = log.tau["current"] * transmission.torque_constants
+        if side == Side.MOTOR:
+            return MeasuredTorque(torque, (f"log {log.name}: motor torque is current times torque constant.",))
+        torque = _through(torque, transmission.torque_map(Side.MOTOR, Side.JOINT))
+        return MeasuredTorque(torque, (f"log {log.name}: torque is current times torque constant, carried to the joint side through K.",))
+    asked = f"; {log.hint}" if log.hint else ". Name the columns under [columns] of a study file."
+    raise DataError(f"log {log.name}: holds no torque or current (tau1, tau_m1 or i1 …); there is nothing to fit to{asked}")
+
+
+def _through(torque: Array, T: Array) -> Array:
+    """Map torque by T; a joint without torque spoils only the rows that need it."""
+    finite = np.isfinite(torque)
+    out = np.where(finite, torque, 0.0) @ T.T
+    if not finite.all():
+        out[((~finite).astype(float) @ (T != 0).T.astype(float)) > 0] = np.nan
+    return out

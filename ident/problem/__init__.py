@@ -1,0 +1,10 @@
+"""Problems: a model and prepared signals, reduced to information on base parameters."""
+
+from __future__ import annotations
+
+from .check import ProblemCheck
+from .information import Form, Information
+from .integrated import EnergyProblem, MomentumProblem
+from .problem import Problem
+
+__all__ = ["EnergyProblem", "Form", "Information", "MomentumProblem", "Problem", "ProblemCheck"]

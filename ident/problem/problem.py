@@ -1,0 +1,234 @@
+"""A problem: a model and prepared signals, reduced sample by sample to information on base parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..effects.base import Need
+from ..effects.motion import Motion
+from ..effects.reference import Reference
+from ..effects.rigid_body import RigidBody
+from ..errors import ConfigurationError, DataError
+from ..model import Model
+from ..robots.transmission import Side
+from ..statistics.noise import row_shape
+from ..statistics.torque_error import TorqueError
+from .information import Accumulation, Form, Information
+
+if TYPE_CHECKING:
+    from ..regressor.base_parameters.reduction import BaseReduction
+    from ..signals.signals import Signals
+    from ..streaming.rows import StoredRows
+    from .check import ProblemCheck
+
+Array = np.ndarray
+#: Full-rate samples held in memory at a time are limited so that their columns stay below this many numbers.
+_BLOCK_NUMBERS = 4_000_000
+#: Samples a row up to which products instead of reflections save time worth having.
+_FEW_SAMPLES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """A block of rows: `columns` (m, n, b) over base parameters, `tau` (m, n), `valid` (m, n), `place` in the signals' rows, `run`."""
+
+    columns: Array
+    tau: Array
+    valid: Array
+    place: slice
+    run: int
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """τ = Φ p on the measured side: `model` on `signals`.
+
+    `reference` (k,): values of all parameters from which the predicted load is taken, where an effect needs it.
+    `progress`: called with the share done (0 … 1) during a pass over the samples. Raises DataError if nothing can be used."""
+
+    model: Model
+    signals: Signals
+    reference: Array | None = None
+    progress: Callable[[float], None] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.signals.robot.joint_names != self.model.robot.joint_names:
+            raise ConfigurationError(
+                f"the signals are of robot {self.signals.robot.name!r} ({', '.join(self.signals.robot.joint_names)}), the model is of"
+                f" {self.model.robot.name!r} ({', '.join(self.model.robot.joint_names)})."
+            )
+
+    @property
+    def base(self) -> BaseReduction:
+        """Base parameters of the model, from its structure."""
+        return self.model.base
+
+    @property
+    def tau(self) -> Array:
+        """Left side of the rows, (M, n)."""
+        return self.signals.tau
+
+    @property
+    def valid(self) -> Array:
+        """Which rows may be used, (M, n) bool."""
+        return self.signals.valid
+
+    @property
+    def row_runs(self) -> tuple[slice, ...]:
+        """The rows of each run."""
+        return self.signals.row_runs
+
+    @property
+    def row_time(self) -> Array:
+        """Time (M,) of each row, s."""
+        return self.signals.row_time
+
+    @property
+    def row_shape(self) -> Array | None:
+        """Autocorrelation that the row filter gives to white torque noise; None where rows are the samples themselves."""
+        row_filter = self.signals.row_filter
+        return None if row_filter is None else row_shape(row_filter.taps, row_filter.factor)
+
+    def rows(self) -> Iterable[Rows]:
+        """All rows, block by block, columns over base parameters, filtered like the torque."""
+        stored = self._stored
+        return self._made_rows() if stored is None else stored
+
+    @property
+    def _stored(self) -> StoredRows | None:
+        """Rows made before and kept on disk, where the signals are streamed."""
+        return self.signals.stored_rows(self.model)
+
+    def _made_rows(self) -> Iterator[Rows]:
+        from ..streaming.columns import RowColumns
+
+        signals, model = self.signals, self.model
+        keep = self.base.independent
+        size = max(64, _BLOCK_NUMBERS // (model.robot.n * len(model.parameters)))
+        whole_runs = Need.HISTORY in model.needs
+        total = max(1, len(self.valid))
+        # Where there are links the kernel makes the base columns alone, filtered on the way.
+        by_kernel = not whole_runs and any(isinstance(effect, RigidBody) for effect in model.effects)
+        make = RowColumns(model, signals.row_filter, None)
+        for block in signals.blocks(None if whole_runs else size):
+            motion = self.motion(block.samples)
+            columns = make(motion) if by_kernel else block.reduce(model.columns(motion)[:, :, keep])
+            yield Rows(columns, signals.tau[block.rows], signals.valid[block.rows], block.rows, block.run)
+            if self.progress is not None:
+                self.progress(min(1.0, block.rows.stop / total))
+
+    def motion(self, samples: slice, needs: frozenset[Need] = frozenset()) -> Motion:
+        """The motion of a range of full-rate samples, with what the model's effects (and `needs`) ask for."""
+        s, model = self.signals, self.model
+        run = next(i for i, r in enumerate(s.runs) if r.start <= samples.start < r.stop)
+        motion = Motion.of(
+            model.robot,
+            s.q[samples],
+            s.dq[samples],
+            s.ddq[samples],
+            s.t[samples],
+            rate=s.rate,
+            torque=s.torque[samples],
+            start=s.origins[run],
+            cutoff_hz=s.report.cutoff_hz,
+        )
+        if (model.needs | needs) & {Need.LOAD, Need.REFERENCE}:
+            reference = np.zeros(len(model.parameters)) if self.reference is None else self.reference
+            motion = motion.with_reference(Reference(model, reference))
+        return motion
+
+    @cached_property
+    def information(self) -> Information:
+        """Information on the base parameters, one triangular factor per measured row."""
+        total = Information.empty(self.valid.shape[1], self.base.names)
+        # Other formulations of the rows (`IntegratedProblem`) have columns of their own.
+        plain = type(self) is Problem and not self.model.needs and self._stored is None
+        if plain and self.model.effects and isinstance(self.model.effects[0], RigidBody):
+            total = self._instant_information()
+        else:
+            for r in self.rows():
+                total = total + Information.empty(total.n, total.names).with_rows(r.columns, r.tau, r.valid)
+        if not total.counts.any():
+            why = next((w for w in self.signals.report.warnings if w.startswith("no row of")), "`ident check` tells why.")
+            raise DataError(f"no row of the log can be used: every torque is missing or masked. {why[0].upper()}{why[1:]}")
+        if not total.torque_squares().any():
+            runs = ", ".join(self.signals.run_names[:4])
+            raise DataError(
+                f"torque is exactly zero in every row that can be used ({runs}): it was not recorded, or the drives were off. Name the"
+                " right columns under [columns] of a study file, or give logs of driven motion."
+            )
+        return total
+
+    def _instant_information(self) -> Information:
+        """Information where columns depend on the instant alone: links and row filter by the kernel, which never writes columns out.
+
+        By products rather than reflections where the condition allows it and many rows make it worth while."""
+        row_filter = self.signals.row_filter
+        found = Accumulation(self.base.names, self.valid.shape[1], row_filter is None or row_filter.factor <= _FEW_SAMPLES)
+        self._accumulate(found)
+        if not found.sound:  # what came later was worse conditioned than the beginning
+            found = Accumulation(self.base.names, self.valid.shape[1], may_square=False)
+            self._accumulate(found)
+        return found.information
+
+    def _accumulate(self, into: Accumulation) -> None:
+        from ..regressor.rigid import information
+
+        signals, model, robot = self.signals, self.model, self.model.robot
+        others = Model(robot, model.effects[1:])
+        rows = robot.transmission.torque_map(Side.JOINT, robot.transmission.measured) @ robot.loop.W.T
+        row_filter = signals.row_filter
+        size = max(4096, _BLOCK_NUMBERS // (robot.n * max(1, len(others.parameters)) + 4 * robot.n))
+        for block in signals.blocks(size):
+            motion, s = self.motion(block.samples), block.samples
+            factors, counts = information(
+                robot.tree,
+                robot.tree_position(signals.q[s]),
+                robot.tree_rate(signals.dq[s]),
+                robot.tree_rate(signals.ddq[s]),
+                signals.tau[block.rows],
+                rows=rows,
+                columns=self.base.independent,
+                extra=others.columns(motion) if others.effects else None,
+                valid=signals.valid[block.rows],
+                taps=None if row_filter is None else row_filter.taps,
+                factor=1 if row_filter is None else row_filter.factor,
+                form="gram" if into.form == Form.GRAM else "triangle",
+            )
+            into.add(factors, counts)
+            if self.progress is not None:
+                self.progress(min(1.0, block.rows.stop / max(1, len(self.valid))))
+
+    def predict(self, values: Array) -> Array:
+        """Torque (M, n) on the measured side, filtered like the measured one, for base values (b,)."""
+        out = np.empty(self.tau.shape)
+        for rows in self.rows():
+            out[rows.place] = rows.columns @ values
+        return out
+
+    def residual(self, values: Array) -> Array:
+        """Measured minus predicted torque (M, n); NaN in rows that are not used."""
+        return np.where(self.valid, self.tau - self.predict(values), np.nan)
+
+    def at_rows(self, signal: Array) -> Array:
+        """Any signal at full rate (N, …), carried to the rows (M, …) like the columns are."""
+        return self.signals.filtered(signal)
+
+    def torque_error(self, values: Array, residual: Array | None = None) -> TorqueError:
+        """Error of the torque itself for base values (b,); `residual` if it is known."""
+        return TorqueError.of(self.residual(values) if residual is None else residual, self.tau)
+
+    def with_reference(self, values: Array) -> Problem:
+        """The same problem with the load predicted from all parameters' values (k,)."""
+        return replace(self, reference=np.asarray(values, float))
+
+    def check(self) -> ProblemCheck:
+        """Rank, condition, base parameters and excitation, before anything is estimated."""
+        from .check import check_problem
+
+        return check_problem(self)

@@ -1,0 +1,1 @@
+"""Base parameters: numeric reduction, structural set, closed forms, expressions."""

@@ -1,0 +1,189 @@
+"""Base parameters of a whole model by rank-revealing orthogonalisation: which parameters stay, and what is grouped into them.
+
+Columns are sampled at random states within the joint limits, scaled, and taken in a fixed order of preference (Gautier's rule:
+from the base to the tip, moments before masses): a column stays if it is independent of those that stayed before. Ranks are
+decided by the gap in the distances, not by a bare tolerance (Gautier, 1991; SCIENCE.md 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...effects.motion import Motion
+from ...robots.parameters import Parameter
+from .expressions import LINK_PREFERENCE
+
+if TYPE_CHECKING:
+    from ...model import Model
+    from ...robots.robot import Robot
+
+Array = np.ndarray
+
+_ZERO = 1e-15
+#: States, beside those at any speed, at which every joint is slower than those by up to so many decades: friction near standstill
+#: (Stribeck) of a motor behind a large gear is nothing at all at a usual speed of its joint.
+_SLOW_STATES = 60
+_DECADES = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class BaseReduction:
+    """Base parameters p = regroup @ (all k parameters).
+
+    `parameters`: all k. `independent` (b,): indices of those that stay, in the model's order. `regroup` (b, k): 1 at the
+    stayer, coefficients of what is grouped into it, 0 elsewhere. `zero`: indices without any effect on a torque. `gap`: (smallest
+    distance kept, largest dropped), relative; `notes` say when the decision was not clear."""
+
+    parameters: tuple[Parameter, ...]
+    independent: Array
+    regroup: Array
+    zero: Array
+    gap: tuple[float, float]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def count(self) -> int:
+        return len(self.independent)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each base parameter: that of the parameter that stayed."""
+        return tuple(self.parameters[i].name for i in self.independent)
+
+    @cached_property
+    def expressions(self) -> tuple[str, ...]:
+        """Readable grouped expressions, e.g. `Izz_joint3 + Iyy_joint4`."""
+        from .expressions import expression
+
+        names = tuple(p.name for p in self.parameters)
+        return tuple(expression(row, names) for row in self.regroup)
+
+    def base_values(self, values: Array) -> Array:
+        """Base values (b,) of all parameters' values (k,)."""
+        return self.regroup @ values
+
+    def expand(self, base_values: Array) -> Array:
+        """All parameters (k,) that give the base values (b,), with everything grouped set to zero: same torques, not physical."""
+        out = np.zeros(len(self.parameters))
+        out[self.independent] = base_values
+        return out
+
+    @property
+    def grouped(self) -> tuple[int, ...]:
+        """Indices of parameters that act only in combination with others."""
+        stay = set(self.independent.tolist()) | set(self.zero.tolist())
+        return tuple(i for i in range(len(self.parameters)) if i not in stay)
+
+
+def preference(parameters: tuple[Parameter, ...]) -> list[int]:
+    """Order in which parameters may stay: rigid body from base to tip, then everything else in the model's order."""
+    rigid = [i for i, p in enumerate(parameters) if p.effect == "rigid_body"]
+    order = [rigid[10 * link + s] for link in range(len(rigid) // 10) for s in LINK_PREFERENCE]
+    chosen = set(order)
+    return order + [i for i in range(len(parameters)) if i not in chosen]
+
+
+def random_motion(robot: Robot, count: int, seed: int = 0) -> Motion:
+    """So many states that have nothing to do with each other: positions within the limits, where the robot has them."""
+    rng = np.random.default_rng(seed)
+    lower = np.array([j.lower if np.isfinite(j.lower) else (-1.0 if j.prismatic else -np.pi) for j in robot.joints])
+    upper = np.array([j.upper if np.isfinite(j.upper) else (1.0 if j.prismatic else np.pi) for j in robot.joints])
+    q = rng.uniform(lower, upper, (count, robot.n))
+    return Motion.of(robot, q, rng.normal(size=q.shape) * 2.0, rng.normal(size=q.shape) * 5.0)
+
+
+def sample_columns(model: Model, seed: int = 0) -> Array:
+    """Columns at random states of all speeds, stacked to (samples * n, k)."""
+    robot, count = model.robot, 4 * len(model.parameters) // model.robot.n + 60
+    slower = random_motion(robot, _SLOW_STATES, seed + 1).joint
+    share = 10.0 ** np.random.default_rng(seed).uniform(-_DECADES, 0.0, slower.dq.shape)
+    motions = random_motion(robot, count, seed), Motion.of(robot, slower.q, share * slower.dq, slower.ddq)
+    return np.concatenate([model.columns(m).reshape(-1, len(model.parameters)) for m in motions])
+
+
+def reduce_columns(columns: Array, parameters: tuple[Parameter, ...], order: list[int]) -> BaseReduction:
+    """Base reduction of sampled columns (rows, k); `order` says which column may stay before which."""
+    R = np.linalg.qr(columns, mode="r")  # the same column relations in k rows
+    scale = np.linalg.norm(R, axis=0)
+    zero = scale <= 1e-11 * max(scale.max(initial=0.0), 1e-300)
+    unit = np.divide(R, scale, out=np.zeros_like(R), where=~zero)
+    live = [i for i in order if not zero[i]]
+    kept, _, distance = _orthogonalise(unit, live, 1e-8)
+    threshold, gap, notes = _threshold(distance, [parameters[i].name for i in live])
+    if abs(np.log10(threshold / 1e-8)) > 1e-9:
+        kept, _, distance = _orthogonalise(unit, live, threshold)
+    independent = np.array(sorted(kept), dtype=int)
+    regroup = np.zeros((len(independent), len(parameters)))
+    if len(independent):
+        q_factor, r_factor = np.linalg.qr(unit[:, independent])
+        for i in live:
+            if i in kept:
+                regroup[np.searchsorted(independent, i), i] = 1.0
+            else:
+                beta = np.linalg.solve(r_factor, q_factor.T @ unit[:, i]) * scale[i] / scale[independent]
+                noise = 1e-9 * scale[i] / scale[independent]
+                regroup[:, i] = np.where(np.abs(beta) > noise, beta, 0.0)
+    return BaseReduction(parameters, independent, regroup, np.flatnonzero(zero), gap, notes)
+
+
+def base_reduction(model: Model, seed: int = 0) -> BaseReduction:
+    """Base reduction of the whole model: rigid body, drive train and everything else together.
+
+    Columns that need history or the predicted load cannot be sampled at random states; they count as independent here, and
+    the data decide (`Problem.check`)."""
+    sampled = [e for e in model.effects if not e.needs]
+    parameters = model.parameters
+    static = [i for e, s in zip(model.effects, model.slices, strict=True) if any(e is x for x in sampled) for i in range(s.start, s.stop)]
+    from ...model import Model
+
+    part = Model(model.robot, tuple(sampled))
+    names = part.parameters
+    found = reduce_columns(sample_columns(part, seed), names, preference(names))
+    if len(static) == len(parameters):
+        return found
+    index = np.array(static, dtype=int)
+    rest = [i for i in range(len(parameters)) if i not in set(static)]
+    independent = np.array(sorted(index[found.independent].tolist() + rest), dtype=int)
+    regroup = np.zeros((len(independent), len(parameters)))
+    rows = np.searchsorted(independent, index[found.independent])
+    regroup[np.ix_(rows, index)] = found.regroup
+    regroup[np.searchsorted(independent, rest), rest] = 1.0
+    return BaseReduction(parameters, independent, regroup, index[found.zero], found.gap, found.notes)
+
+
+def _orthogonalise(unit: Array, order: list[int], threshold: float) -> tuple[set[int], Array, Array]:
+    """Greedy Gram-Schmidt with one repetition: which columns stay, their basis, and every column's distance from those before."""
+    basis = np.zeros((unit.shape[0], min(unit.shape)))
+    kept: set[int] = set()
+    distance = np.empty(len(order))
+    for place, i in enumerate(order):
+        Q = basis[:, : len(kept)]
+        v = unit[:, i] - Q @ (Q.T @ unit[:, i])
+        v -= Q @ (Q.T @ v)
+        distance[place] = np.linalg.norm(v)
+        if distance[place] > threshold and len(kept) < basis.shape[1]:
+            basis[:, len(kept)] = v / distance[place]
+            kept.add(i)
+    return kept, basis[:, : len(kept)], distance
+
+
+def _threshold(distance: Array, names: list[str]) -> tuple[float, tuple[float, float], tuple[str, ...]]:
+    """Where to cut: the widest gap below 1e-4. Distances between are near-degenerate geometry, and are said."""
+    d = np.maximum(np.sort(distance)[::-1], _ZERO)
+    if not len(d) or d[-1] > 1e-7:
+        return 1e-8, (float(d[-1]) if len(d) else 1.0, 0.0), ()
+    ratios = d[:-1] / d[1:]
+    allowed = d[1:] < 1e-6
+    cut = int(np.argmax(np.where(allowed, ratios, 0.0))) if allowed.any() else -1
+    high, low = (float(d[cut]), float(d[cut + 1])) if cut >= 0 else (1.0, float(d[0]))
+    notes = []
+    near = [name for name, x in zip(names, distance, strict=True) if low < x < 1e-5 or 1e-12 < x <= low]
+    if near:
+        notes.append(
+            f"nearly degenerate geometry: {', '.join(near[:6])} differ from other columns by less than 1e-5 of their size;"
+            f" the rank was cut at the widest gap ({high:.1e} kept, {low:.1e} dropped)."
+        )
+    return float(np.sqrt(high * low)), (high, low), tuple(notes)

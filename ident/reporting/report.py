@@ -1,0 +1,60 @@
+"""Reports for people: one HTML file that needs nothing else, and its figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .._utils.files import write_atomic
+from ..errors import ConfigurationError
+from .document import Report, read_report
+
+if TYPE_CHECKING:
+    from ..diagnosis import Diagnosis
+    from ..estimate.estimate import Estimate
+    from ..monitoring import Monitoring
+
+__all__ = ["Report", "read_report", "report"]
+
+
+def report(
+    result: Diagnosis | Estimate | Monitoring | Report, path: str | Path, *, figures: str | Path | None = None, force: bool = False
+) -> Path:
+    """Write a report as HTML. `result`: a diagnosis, an estimate, what monitoring found, or a report made before.
+
+    `figures`: a folder for its figures as SVG files. Returns the path. Raises ConfigurationError without matplotlib (the `report`
+    extra), or if a file exists and `force` is false."""
+    from .figures import draw, require_matplotlib
+    from .html import to_html
+
+    require_matplotlib()
+    path = Path(path)
+    if path.exists() and not force:
+        raise ConfigurationError(f"{path} exists; nothing was written. Choose another name, or allow overwriting (--force, force=True).")
+    document = result if isinstance(result, Report) else of(result)
+    drawn = {f.name: draw(f) for f in document.figures}
+    page = to_html(document, drawn)
+    if figures is not None:
+        folder = Path(figures)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, svg in drawn.items():
+            write_atomic(folder / f"{name}.svg", svg, force=force)
+    return write_atomic(path, page, force=force)
+
+
+def of(result: object) -> Report:
+    """The report of a result: a diagnosis, an estimate, what monitoring found. Raises ConfigurationError for anything else."""
+    from ..diagnosis import Diagnosis
+    from ..estimate.estimate import Estimate
+    from ..monitoring import Monitoring
+    from .diagnosis import diagnosis_report
+    from .estimate import estimate_report
+    from .monitoring import monitoring_report
+
+    if isinstance(result, Diagnosis):
+        return diagnosis_report(result)
+    if isinstance(result, Estimate):
+        return estimate_report(result)
+    if isinstance(result, Monitoring):
+        return monitoring_report(result)
+    raise ConfigurationError(f"there is no report of a {type(result).__name__}; give a Diagnosis, an Estimate or a Monitoring.")

@@ -1,0 +1,8 @@
+"""Studies: what to identify, from which logs and how; and the session that carries one out."""
+
+from __future__ import annotations
+
+from .session import Session
+from .study import Study, read_study, write_study
+
+__all__ = ["Session", "Study", "read_study", "write_study"]

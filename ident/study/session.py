@@ -1,0 +1,152 @@
+"""From a study to a problem: the steps that every command takes, in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from ..errors import DataError
+from ..evaluation.doubts import counted_twice, doubts, fitted_as_well
+from ..problem.problem import Problem
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ..audit.audit import Audit
+    from ..estimate.estimate import Estimate
+    from ..evaluation.validation import Validation
+    from ..logs.log import LogSet
+    from ..model import Model
+    from ..robots.robot import Robot
+    from ..signals.preparation import Preparation
+    from ..signals.signals import Signals
+    from .study import Study
+
+#: Share of each log that is held out (its last part) where no validation log is given.
+HELD_SHARE = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A study taken up: robot, model, logs and signals, each made when it is first needed."""
+
+    study: Study
+    progress: Callable[[float], None] | None = None
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot behind its drive."""
+        return self.study.robot()
+
+    @cached_property
+    def model(self) -> Model:
+        """The declared model."""
+        return self.study.model(self.robot)
+
+    @cached_property
+    def recorded(self) -> LogSet:
+        """The logs named for fitting, whole."""
+        self.study.make_estimator().check_robot(self.robot)
+        return self._read(self.study.fit_files())
+
+    @cached_property
+    def _parts(self) -> tuple[LogSet, LogSet | None]:
+        """What is fitted and what is held out; None where nothing of the logs can be."""
+        files = self.study.validation_files()
+        if files:
+            return self.recorded, self._read(files)
+        if self.study.make_estimator().whole_logs:
+            return self.recorded, None
+        return self.recorded.split(by="fraction", held=HELD_SHARE)
+
+    def _read(self, files: Iterable[Path]) -> LogSet:
+        from ..logs.log import read_logs
+
+        return read_logs([*map(str, files)], self.robot, self.study.columns or None, **self.study.logs.reading())
+
+    @property
+    def held_by_split(self) -> bool:
+        """Whether the held-out data are the last part of the fitted logs, for want of validation logs."""
+        return not self.study.validation_files()
+
+    @cached_property
+    def audit(self) -> Audit:
+        """Audit of the logs named for fitting."""
+        return self.recorded.audit(self.robot)
+
+    @cached_property
+    def fit_signals(self) -> Signals:
+        """The signals that are fitted."""
+        return self.study.make_preparation()(self._parts[0])
+
+    @cached_property
+    def held_signals(self) -> Signals:
+        """The signals that no fit sees, prepared like the fitted ones (the same cut-off). Raises DataError where they are too short."""
+        held = self._parts[1]
+        if held is None:
+            method = self.study.make_estimator().name
+            raise DataError(f"method {method!r} needs its logs whole; name logs to validate on with --validate, or in [logs] validate.")
+        try:
+            return like(self.fit_signals.report.to_dict())(held)
+        except DataError as error:
+            what = f"the last {HELD_SHARE:.0%} of the logs" if self.held_by_split else ", ".join(map(str, self.study.validation_files()))
+            raise DataError(f"held-out data ({what}): {error}") from None
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The declared model on the fitted signals."""
+        return Problem(self.model, self.fit_signals, progress=self.progress)
+
+    @cached_property
+    def estimate(self) -> Estimate:
+        """The estimate that the study asks for, with its error on held-out data and its inputs.
+
+        Where no validation log is given and the part held out is too short to be used, a warning stands for that error."""
+        found = self.study.make_estimator().solve(self.problem)
+        found = replace(found, inputs=self.inputs, signals_config=self.fit_signals.report.to_dict())
+        said = []
+        try:
+            found = found.with_heldout(found.torque_error(self.held_signals))
+        except DataError as error:
+            if not self.held_by_split:
+                raise
+            said.append(f"no error on data held out. {str(error)[0].upper()}{str(error)[1:]}")
+        if again := fitted_as_well(*self.inputs_apart):
+            said.append(again)
+        said += self.repeated
+        return replace(found, warnings=(*found.warnings, *self.robot.doubts, *said, *doubts(found)))
+
+    @property
+    def repeated(self) -> list[str]:
+        """What to say of logs that are named twice, or hold the same."""
+        return [text for text in (self.study.repeated(), counted_twice(self.inputs_apart[0])) if text]
+
+    @property
+    def inputs_apart(self) -> tuple[tuple[dict[str, Any], ...], tuple[dict[str, Any], ...]]:
+        """Paths and SHA-256 of the logs that are fitted, and of those named to validate on."""
+        fit, held = self._parts
+        return fit.inputs, () if self.held_by_split or held is None else held.inputs
+
+    @property
+    def inputs(self) -> tuple[dict[str, Any], ...]:
+        """Paths and SHA-256 of every log used, each once."""
+        fit, held = self.inputs_apart
+        return (*fit, *(one for one in held if one not in fit))
+
+    def validation(self, *, simulate: bool) -> Validation:
+        """The estimate on held-out data."""
+        from ..evaluation.validation import validate
+
+        return validate(self.estimate, self.held_signals, simulate=simulate)
+
+
+def like(report: Mapping[str, Any]) -> Preparation:
+    """The preparation that a report (`PreparationReport.to_dict`) tells of, with the cut-offs that it chose."""
+    from ..signals.preparation import make_preparation
+
+    chosen = {"cutoff_hz": report["cutoff_hz"]}
+    if report["cutoff_hz"] is None:  # nothing that the row filter's would follow from
+        chosen["row_cutoff_hz"] = report["row_cutoff_hz"]
+    return make_preparation(**{**report["config"], **chosen})

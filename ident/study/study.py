@@ -1,0 +1,263 @@
+"""Studies: what to identify, from which logs and how, as a TOML file or as command-line flags (DESIGN.md 3.2)."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .._utils.files import write_atomic
+from .._utils.toml import Unfit, anything, check_options, check_table, load_toml, table_of, text, texts, to_toml
+from ..errors import ConfigurationError, DataError
+from ..robots.description import Description, DriveTable, RobotTable, effect_entry, read_drive, read_loop
+
+if TYPE_CHECKING:
+    from ..effects.base import Effect
+    from ..estimators import Estimator
+    from ..model import Model
+    from ..robots.robot import Robot
+    from ..signals.preparation import Preparation
+
+DEFAULT_PREPARATION = "zero_phase"
+DEFAULT_METHOD = "wls"
+
+
+@dataclass(frozen=True)
+class LogsTable:
+    """`[logs]`: files or patterns, relative ones joined to the folder of the study. `missing`: see `read_logs`; None: refuse."""
+
+    fit: tuple[str, ...] = ()
+    validate: tuple[str, ...] = ()
+    missing: str | None = None
+
+    def reading(self) -> dict[str, Any]:
+        """How `read_logs` is to read them (its keyword arguments)."""
+        return {} if self.missing is None else {"missing": self.missing}
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """A strategy by its name, with its options: `[signals]` or `[estimator]`. Name None: the usual one."""
+
+    method: str | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is identified, from what, and how. Read it with `read_study`, or make it with `Study.from_flags`.
+
+    `path`: the file it came from. `description`: the robot, its drive and its loops. `columns`: canonical log column →
+    column of the file."""
+
+    path: Path | None = None
+    description: Description = field(default_factory=Description)
+    logs: LogsTable = field(default_factory=LogsTable)
+    signals: Strategy = field(default_factory=Strategy)
+    estimator: Strategy = field(default_factory=Strategy)
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def from_flags(
+        cls,
+        *,
+        robot: str | None = None,
+        urdf: str | Path | None = None,
+        drive: str | Path | None = None,
+        logs: Iterable[str | Path] = (),
+        validate: Iterable[str | Path] = (),
+        method: str | None = None,
+        effects: Iterable[str] | None = None,
+    ) -> Study:
+        """A study from what the command line gives; see `with_flags`."""
+        return cls().with_flags(robot=robot, urdf=urdf, drive=drive, logs=logs, validate=validate, method=method, effects=effects)
+
+    def with_flags(
+        self,
+        *,
+        robot: str | None = None,
+        urdf: str | Path | None = None,
+        drive: str | Path | None = None,
+        logs: Iterable[str | Path] = (),
+        validate: Iterable[str | Path] = (),
+        method: str | None = None,
+        effects: Iterable[str] | None = None,
+    ) -> Study:
+        """The same study with some things replaced; what is not given stays.
+
+        `drive`: a drive file (`read_drive`). `effects`: names, one or several a text, separated by commas.
+        Raises ConfigurationError."""
+        if robot is not None and urdf is not None:
+            raise ConfigurationError("a robot by name and a URDF are both given; give one of them.")
+        table, gearing = self.description.robot, self.description.drive
+        if robot is not None or urdf is not None:
+            table = replace(table, name=robot, urdf=None if urdf is None else Path(urdf))
+        if drive is not None:
+            gearing = read_drive(Path(drive)).over(gearing)
+        if effects is not None:
+            names = [name.strip() for entry in effects for name in entry.split(",")]
+            gearing = replace(gearing, effects=tuple({"name": name} for name in names if name))
+        fit, held = tuple(map(str, logs)), tuple(map(str, validate))
+        return replace(
+            self,
+            description=replace(self.description, robot=table, drive=gearing),
+            logs=replace(self.logs, fit=fit or self.logs.fit, validate=held or self.logs.validate),
+            estimator=self.estimator if method is None else Strategy(method),
+        )
+
+    def with_effects(self, effects: Iterable[Effect]) -> Study:
+        """The same study with these effects declared beside the rigid body (an extended model)."""
+        entries = tuple(effect_entry(e) for e in effects if e.name != "rigid_body")
+        return replace(self, description=replace(self.description, drive=replace(self.description.drive, effects=entries)))
+
+    def robot(self) -> Robot:
+        """The robot, behind its drive. Raises ConfigurationError."""
+        return self.description.build()
+
+    def model(self, robot: Robot | None = None) -> Model:
+        """The declared model: the rigid body and the declared effects, else those of the robot's own description, else the
+        usual ones (rotor inertia, viscous and Coulomb friction). Raises ConfigurationError for unknown effects or joints."""
+        model = (self.robot() if robot is None else robot).rigid_body()
+        for effect in self.description.whole_drive().make_effects():
+            model = model + effect
+        return model
+
+    def make_estimator(self) -> Estimator:
+        """The estimator that `[estimator]` asks for; weighted least squares if it names none."""
+        from ..estimators import estimator_types, make_estimator
+
+        name = self.estimator.method or DEFAULT_METHOD
+        kind = estimator_types().get(name)
+        if kind is not None:
+            check_options(kind, self.estimator.options, "[estimator]", {"method"})
+        options = dict(self.estimator.options)
+        for key in options.keys() & (frozenset() if kind is None or self.path is None else kind.files):
+            if isinstance(options[key], str) and self.path is not None:
+                options[key] = _from_folder(self.path.parent, options[key])
+        return make_estimator(name, **options)
+
+    def make_preparation(self) -> Preparation:
+        """The strategy that turns logs into signals, as `[signals]` asks for; zero-phase filtering if it names none."""
+        from ..signals.preparation import Preparation, make_preparation
+
+        name, options = self.signals.method or DEFAULT_PREPARATION, dict(self.signals.options)
+        kind = next((k for k in Preparation.__subclasses__() if k.method == name), None)
+        if kind is not None:
+            check_options(kind, options, "[signals]", {"method"})
+        return make_preparation(name, **options)
+
+    def fit_files(self) -> tuple[Path, ...]:
+        """The logs to fit, patterns expanded; where none are named, those that the estimator's own plan names.
+
+        Raises ConfigurationError if there are none, DataError for a pattern without a match."""
+        own = () if self.logs.fit else self.make_estimator().own_logs()
+        if own:
+            return own
+        if not self.logs.fit:
+            raise ConfigurationError("no log to fit is given; name it in [logs] fit, or with --log.")
+        return _expand(self.logs.fit, "[logs] fit")
+
+    def repeated(self) -> str:
+        """A sentence on files that are named more than once; "" where none is."""
+        found = []
+        for key, entries in (("fit", self.logs.fit), ("validate", self.logs.validate)):
+            files = _all_files(entries, f"[logs] {key}")
+            found += [str(f) for f in dict.fromkeys(files) if files.count(f) > 1]
+        return f"{', '.join(found)} {'is' if len(found) == 1 else 'are'} named more than once, and read once." if found else ""
+
+    def validation_files(self) -> tuple[Path, ...]:
+        """The logs to validate on, patterns expanded; empty where a part of the fitted logs is to be held out."""
+        return _expand(self.logs.validate, "[logs] validate")
+
+    def to_toml(self, folder: Path | None = None) -> str:
+        """The study as TOML text. Paths are written relative to `folder` (default: as they are held)."""
+        robot, drive = self.description.robot, self.description.drive
+        tables: dict[str, dict[str, Any]] = {
+            "robot": {f.name: getattr(robot, f.name) or None for f in fields(robot)},
+            "drive": {f.name: getattr(drive, f.name) for f in fields(drive)},
+            "loop": dict(self.description.loop),
+            "logs": {
+                **{key: [_relative(p, folder) for p in getattr(self.logs, key)] or None for key in ("fit", "validate")},
+                "missing": self.logs.missing,
+            },
+            "signals": {"method": self.signals.method, **self.signals.options},
+            "estimator": {"method": self.estimator.method, **self.estimator.options},
+            "columns": dict(self.columns),
+        }
+        if robot.urdf is not None:
+            tables["robot"]["urdf"] = _relative(str(robot.urdf), folder)
+        if drive.effects is not None:
+            tables["drive"]["effects"] = [e["name"] if len(e) == 1 else e for e in drive.effects]
+        return to_toml(tables)
+
+
+def read_study(path: str | Path) -> Study:
+    """Read a study file. Relative paths in it start at its folder.
+
+    Raises ConfigurationError: no such file, not TOML, unknown tables or keys (with the nearest), wrong types."""
+    path = Path(path)
+    where = f"study {path}"
+    schema = dict.fromkeys(("robot", "drive", "loop", "logs", "signals", "estimator", "columns"), anything)
+    data = check_table(load_toml(path, "study"), schema, "", where)
+    logs = check_table(data.get("logs", {}), {"fit": texts, "validate": texts, "missing": text}, "logs", where)
+    missing = logs.pop("missing", None)
+    strategies = {table: _strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
+    try:
+        columns = table_of(text, 'a table of column = "name in the file", with a unit as in q1_deg = "..."')(data.get("columns", {}))
+    except Unfit as expected:
+        raise ConfigurationError(f"{where}: [columns] must be {expected}.") from None
+    return Study(
+        path,
+        Description(
+            RobotTable.read(data.get("robot", {}), path.parent, where),
+            DriveTable.read(data.get("drive", {}), where),
+            read_loop(data.get("loop", {}), where),
+        ),
+        LogsTable(**{key: tuple(_from_folder(path.parent, entry) for entry in entries) for key, entries in logs.items()}, missing=missing),
+        strategies["signals"],
+        strategies["estimator"],
+        columns,
+    )
+
+
+def write_study(path: str | Path, study: Study, *, force: bool = False) -> Path:
+    """Write a study file; its paths are written relative to its folder. Raises ConfigurationError if the file exists."""
+    path = Path(path)
+    return write_atomic(path, study.to_toml(path.parent), force=force)
+
+
+def _strategy(data: Any, table: str, where: str) -> Strategy:
+    options = check_table(data, dict.fromkeys(data, anything) if isinstance(data, Mapping) else {}, table, where)
+    method = options.pop("method", None)
+    if method is not None and not isinstance(method, str):
+        raise ConfigurationError(f"{where}: [{table}] method must be a text, not {method!r}.")
+    return Strategy(method, {k: tuple(v) if isinstance(v, list) else v for k, v in options.items()})
+
+
+def _from_folder(folder: Path, entry: str) -> str:
+    pattern = glob.has_magic(entry) and not (folder / entry).exists()
+    return str(Path(glob.escape(str(folder)) if pattern else folder) / entry)
+
+
+def _relative(entry: str, folder: Path | None) -> str:
+    return entry if folder is None else os.path.relpath(os.path.abspath(entry), os.path.abspath(folder))
+
+
+def _expand(entries: Iterable[str], key: str) -> tuple[Path, ...]:
+    return tuple(dict.fromkeys(_all_files(entries, key)))
+
+
+def _all_files(entries: Iterable[str], key: str) -> list[Path]:
+    found: list[Path] = []
+    for entry in entries:
+        if not glob.has_magic(entry) or Path(entry).exists():
+            found.append(Path(entry))
+            continue
+        matches = sorted(Path(p) for p in glob.glob(entry, recursive=True))
+        if not matches:
+            raise DataError(f"{key}: no file matches {entry!r}.")
+        found += matches
+    return found
