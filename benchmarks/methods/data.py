@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.estimators import Experiment
 from ident.logs.log import Log
-from ident.plan import Separation, make_plan
+from ident.planning import Separation, make_plan
 from ident.problem.problem import Problem
 from ident.signals.preparation import Recorded, ZeroPhase
 from ident.simulation.simulate import Feedback

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.effects.motion import Motion
 from ident.excitation import DOptimality, Excitation, FourierFamily, excite, random_excitation
-from ident.plan import default_model
+from ident.planning import default_model
 from ident.problem.problem import Problem
 from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side

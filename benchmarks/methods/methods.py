@@ -22,7 +22,7 @@ from ident.estimators import (
     WeightedLeastSquares,
 )
 from ident.logs.log import Log
-from ident.plan import Plan
+from ident.planning import Plan
 from ident.problem.integrated import formulate
 from ident.problem.problem import Problem
 from ident.signals.preparation import CentralDifference, Preparation, ZeroPhase

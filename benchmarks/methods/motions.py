@@ -11,7 +11,7 @@ import numpy as np
 from ident.effects.motion import Coordinates
 from ident.logs.log import Log
 from ident.model import Model
-from ident.plan import Plan, PlannedTest
+from ident.planning import Plan, PlannedTest
 from ident.robots.transmission import Side
 from ident.simulation.controller import PDFeedforward
 from ident.simulation.simulate import Feedback, Hold, Sensors, Simulation, simulate_batch

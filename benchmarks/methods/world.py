@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.model import Model
-from ident.plan import default_model
+from ident.planning import default_model
 from ident.problem.problem import Problem
 from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side

@@ -14,7 +14,7 @@ def result(
     schema: str, body: Mapping[str, Any], *, inputs: Iterable[Mapping[str, Any]] = (), warnings: Iterable[str] = ()
 ) -> dict[str, Any]:
     """A result with its common fields. `inputs`: {"path", "sha256"} each, paths as given."""
-    from .. import __version__
+    from .version import __version__
 
     return {
         "schema": schema,

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..export.export import export
+    from ..exporting.export import export
 
     out = Output(args)
     estimate = Estimate.load(args.fit)

@@ -92,11 +92,11 @@ def _reference(args: argparse.Namespace, study: Study, estimate: Estimate) -> tu
 
 
 def _keep(folder: Path, out: Output, found: Monitoring) -> None:
-    from ..reporting import of, report
+    from ..reporting import report, report_of
 
     write_atomic(folder / "monitor.json", json.dumps(found.to_dict(), indent=2) + "\n")
     write_atomic(folder / "monitor.txt", f"{found}\n")
-    document = of(found)
+    document = report_of(found)
     write_atomic(folder / "report.json", document.to_json())
     try:
         report(document, folder / "report.html", figures=folder / "figures")

@@ -12,7 +12,7 @@ from ..errors import ConfigurationError
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
 
 if TYPE_CHECKING:
-    from ..plan.plan import Plan
+    from ..planning.plan import Plan
 
 HELP = "plan a step-by-step identification: every test, what moves where, and what it reveals"
 
@@ -38,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from ..excitation.limits import Limits
-    from ..plan.plan import make_plan, write_plan
-    from ..plan.text import plan_text
+    from ..planning.plan import make_plan, write_plan
+    from ..planning.text import plan_text
 
     if args.motion is not None and (args.out is None or not args.motion > 0):
         raise ConfigurationError("--motion HZ needs a positive rate, and --out DIR for the files.")

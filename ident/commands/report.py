@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _document(path: Path, args: argparse.Namespace) -> Report:
-    from ..reporting import of
+    from ..reporting import report_of
     from ..reporting.document import read_report
 
     if path.is_dir():
@@ -61,7 +61,7 @@ def _document(path: Path, args: argparse.Namespace) -> Report:
         case "ident.fit/1":
             from ..estimate.estimate import Estimate
 
-            return of(Estimate.load(path))
+            return report_of(Estimate.load(path))
         case schema if (path.parent / _KEPT).exists() and schema in ("ident.diagnosis/1", "ident.monitor/1"):
             return read_report(path.parent / _KEPT)
         case schema:
@@ -72,13 +72,13 @@ def _document(path: Path, args: argparse.Namespace) -> Report:
 
 
 def _of_study(path: Path, args: argparse.Namespace) -> Report:
-    from ..reporting import of
+    from ..reporting import report_of
     from ..study.session import Session
     from ..study.study import read_study
     from .diagnose import diagnosis_of
 
     out = Output(args)
-    return of(diagnosis_of(Session(read_study(path), out.progress("fitting")), out))
+    return report_of(diagnosis_of(Session(read_study(path), out.progress("fitting")), out))
 
 
 def _schema(path: Path) -> str:

@@ -17,7 +17,7 @@ from .common import Output, add_output_arguments, add_study_arguments, inputs_of
 if TYPE_CHECKING:
     from ..effects.motion import Coordinates
     from ..model import Model
-    from ..plan.plan import Plan
+    from ..planning.plan import Plan
     from ..simulation.sensors import Sensors
     from ..simulation.trajectory import FourierTrajectory
 
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _planned(args: argparse.Namespace) -> int:
     """The tests of a plan: one log each, and the manifest beside them."""
-    from ..plan.plan import read_plan, simulate_plan
+    from ..planning.plan import read_plan, simulate_plan
     from ..simulation.sensors import TorqueWindow
     from ..simulation.simulate import Plant
 

@@ -44,7 +44,7 @@ _STRETCHES = 10
 
 def jumps(signals: Signals) -> tuple[Unexplained, ...]:
     """Joints whose recorded position jumps (an encoder that slips, a wrong sample): what is around a jump is lost to any fit."""
-    from ..audit.columns import position_jumps, positions
+    from ..auditing.columns import position_jumps, positions
     from ..logs.unwrap import unwrapped
 
     found: dict[str, Unexplained] = {}

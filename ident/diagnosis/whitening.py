@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..statistics.noise import autocovariance
+from ..statistics.autoregression import autocovariance
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

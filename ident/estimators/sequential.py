@@ -17,7 +17,7 @@ from .step_rows import StepRows, check_joints, check_plan, planned_rows, unplann
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
-    from ..plan.plan import Plan
+    from ..planning.plan import Plan
     from ..problem.problem import Problem
     from ..robots.robot import Robot
 
@@ -57,7 +57,7 @@ class StepByStep(Estimator):
 
     def _read(self) -> Plan | None:
         if isinstance(self.plan, str):
-            from ..plan.plan import read_plan
+            from ..planning.plan import read_plan
 
             return read_plan(self.plan)
         return self.plan

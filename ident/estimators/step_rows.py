@@ -17,8 +17,8 @@ from ..problem.integrated import smooth_window
 from ..robots.transmission import Side
 
 if TYPE_CHECKING:
-    from ..plan.plan import Plan
-    from ..plan.trials import PlannedTest
+    from ..planning.plan import Plan
+    from ..planning.trials import PlannedTest
     from ..problem.problem import Problem
     from ..robots.robot import Robot
 
@@ -82,7 +82,7 @@ def unplanned_rows(problem: Problem) -> Iterator[StepRows]:
 
 
 def _test_rows(problem: Problem, plan: Plan, test: PlannedTest) -> StepRows:
-    from ..plan.trials import Kind
+    from ..planning.trials import Kind
 
     robot = problem.model.robot
     run = _run_of(problem, test)

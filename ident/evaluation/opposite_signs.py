@@ -42,7 +42,8 @@ class OppositeSign:
 def opposite_sign(information: Information, base: BaseReduction, joints: Sequence[str]) -> OppositeSign | None:
     """The joint whose torque explains all the rows far better with the opposite sign, or None. `information`: over all columns of `base`.
 
-    Where a joint shares no link with any other, both signs fit alike: then its own parameters have the wrong sign (`ident.evaluation.doubts`)."""
+    Where a joint shares no link with any other, both signs fit alike: then its own parameters have the wrong sign
+    (`ident.evaluation.doubts`)."""
     from ..problem.linear_solution import order_of
 
     used = information.counts >= _FEW_ROWS

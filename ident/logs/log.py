@@ -22,7 +22,7 @@ from .torque import MeasuredTorque, measured
 from .unwrap import motor_turn_notes, unwrapped, wrapping
 
 if TYPE_CHECKING:
-    from ..audit.audit import Audit
+    from ..auditing.audit import Audit
     from ..robots.robot import Robot
 
 Array = np.ndarray
@@ -193,8 +193,8 @@ class LogSet:
         return replace(self, logs=kept)
 
     def audit(self, robot: Robot | None = None) -> Audit:
-        """Look for what would harm an estimate; see `ident.audit.audit`."""
-        from ..audit.audit import audit
+        """Look for what would harm an estimate; see `ident.auditing.audit`."""
+        from ..auditing.audit import audit
 
         return audit(self, robot)
 

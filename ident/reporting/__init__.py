@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
+from .build import report, report_of
 from .document import Report, read_report
-from .report import report
 
-__all__ = ["Report", "read_report", "report"]
+__all__ = ["Report", "read_report", "report", "report_of"]

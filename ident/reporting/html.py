@@ -15,7 +15,7 @@ _LONG = 18
 
 def to_html(report: Report, drawn: dict[str, bytes] | None = None) -> str:
     """The whole page. `drawn`: SVG of figures by name, where they are at hand. Raises ConfigurationError without matplotlib."""
-    from .. import __version__
+    from .._utils.version import __version__
 
     style = resources.files(__package__).joinpath("report.css").read_text()
     drawn = {f.name: draw(f) for f in report.figures} if drawn is None else drawn

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..audit.audit import Audit, Finding, Severity, _merged
-from ..audit.columns import _limits, check_columns
-from ..audit.motion import check_motion
-from ..audit.time import Stamps, repairs, stamp_findings
+from ..auditing.audit import Audit, Finding, Severity, _merged
+from ..auditing.columns import _limits, check_columns
+from ..auditing.motion import check_motion
+from ..auditing.time import Stamps, repairs, stamp_findings
 from ..logs.spacing import GAP
 from ..robots.robot import Robot
 from .clock import clock_of, deviation, steps_of
@@ -29,7 +29,7 @@ _WHOLE = {"outside_limits", "torque_nan", "constant"}
 
 
 def audit_stored(logs: Sequence[StoredLog], robot: Robot) -> Audit:
-    """Audit logs on disk, run by run; see `ident.audit.audit.audit`."""
+    """Audit logs on disk, run by run; see `ident.auditing.audit.audit`."""
     found: list[Finding] = []
     for log in logs:
         found += repairs(log.name, log.notes)

@@ -22,7 +22,7 @@ _KEY = "key.json"
 
 def key_of(files: Iterable[Path], settings: dict[str, Any]) -> dict[str, Any]:
     """What a piece of work depends on: every file (path, size, time of change, digest of its beginning), the settings, and the version."""
-    from .. import __version__
+    from .._utils.version import __version__
 
     return {"ident_version": __version__, "settings": settings, "files": [_file_key(path) for path in files]}
 

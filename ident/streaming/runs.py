@@ -88,7 +88,7 @@ class StoredRun:
         return self.log.arrays["q"]
 
     def read(self, a: int, b: int, within: slice | None = None) -> UniformRun:
-        """Samples `a` … `b` - 1 in memory. With `within`, missing torque is bridged as `ident.signals.resample.bridge` would do it over these
+        """Samples `a` … `b` - 1 in memory. With `within`, missing torque is bridged as `ident.signals.resample.bridge` does over these
         samples of the run; `missing` tells where."""
         piece = self.log.read(a, b)
         assert piece.q is not None
@@ -107,8 +107,8 @@ class StoredRun:
 def bridged(
     log: StoredLog, robot: Robot, torque: Array, first: int, within: slice, absent: Array, time_of: Callable[[Array], Array]
 ) -> Array:
-    """Torque (N, n) of the rows from `first` on, NaN replaced as `ident.signals.resample.bridge` would do it over the rows `within`: with the
-    nearest torque on either side, however far away. `absent` (n,): joints without any. `time_of`: times of rows by their places."""
+    """Torque (N, n) of the rows from `first` on, NaN replaced as `ident.signals.resample.bridge` would do it over the rows `within`: with
+    the nearest torque on either side, however far away. `absent` (n,): joints without any. `time_of`: times of rows by their places."""
     stop = first + len(torque)
     places, values = [np.arange(first, stop)], [torque]
     missing = np.isnan(torque) & ~absent
@@ -156,7 +156,7 @@ class StoredResampling:
 def stored_runs(
     recordings: Sequence[StoredRecording], rate: float | None, longest_gap: float | None, cutoff: float | None, folder: Path
 ) -> StoredResampling:
-    """Put recordings on one uniform rate; see `ident.signals.uniform.uniform_runs`. Uneven stretches are resampled into files in `folder`."""
+    """Put recordings on one uniform rate; see `signals.uniform.uniform_runs`. Uneven stretches are resampled into files in `folder`."""
     rate = rate_for([(r.name, r.clock) for r in recordings], rate)
     runs: list[StoredRun] = []
     gaps = thinned = 0

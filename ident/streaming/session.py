@@ -26,7 +26,7 @@ from .tables import is_streamable
 from .workers import Threads, Workers
 
 if TYPE_CHECKING:
-    from ..audit.audit import Audit
+    from ..auditing.audit import Audit
     from ..estimate.estimate import Estimate
     from ..model import Model
     from ..signals.preparation import Preparation

@@ -14,7 +14,7 @@ from ..problem.problem import Problem
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..audit.audit import Audit
+    from ..auditing.audit import Audit
     from ..estimate.estimate import Estimate
     from ..evaluation.validation import Validation
     from ..logs.log import LogSet

@@ -12,7 +12,7 @@ from ident import Problem
 from ident.errors import ConfigurationError
 from ident.estimators import Experiment, assumed_experiment, make_estimator
 from ident.logs.log import LogSet
-from ident.plan import default_model
+from ident.planning import default_model
 from ident.robots import load_robot, nominal_values
 from ident.signals import Recorded
 from ident.simulation.controller import PDFeedforward

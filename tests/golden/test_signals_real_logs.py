@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.audit.columns import position_jumps
+from ident.auditing.columns import position_jumps
 from ident.effects.offset import Offset
 from ident.estimators import WeightedLeastSquares
 from ident.friction.drive import Coulomb, RotorInertia, Viscous

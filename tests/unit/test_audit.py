@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.audit.audit import Audit, Severity
+from ident.auditing.audit import Audit, Severity
 from ident.logs.log import Log, LogSet
 from ident.robots.robot import Robot
 from ident.signals.filters import zero_phase_lowpass

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ident
-from ident.audit.columns import position_jumps
-from ident.audit.torque import wild_samples
+from ident.auditing.columns import position_jumps
+from ident.auditing.torque import wild_samples
 from ident.commands.simulate import random_motion
 from ident.robots import nominal_values
 from ident.robots.transmission import Side

@@ -9,7 +9,7 @@ import pytest
 from effect_robots import ROBOTS, declared
 
 from ident._utils.fixed_point import MOST, Repetition
-from ident.audit.columns import position_jumps
+from ident.auditing.columns import position_jumps
 from ident.diagnosis import diagnose, selection
 from ident.diagnosis.acceptance import Found
 from ident.diagnosis.bank import Bank

@@ -13,9 +13,9 @@ from physical_models import puma_model, random_links
 
 from ident import friction as fr
 from ident.errors import ConfigurationError, UnsupportedError
-from ident.export.export import Identified, export, export_urdf
-from ident.export.mjcf import mjcf_text
-from ident.export.urdf import patch_urdf, source_text
+from ident.exporting.export import Identified, export, export_urdf
+from ident.exporting.mjcf import mjcf_text
+from ident.exporting.urdf import patch_urdf, source_text
 from ident.physical.pseudo_inertia import smallest_eigenvalues
 from ident.regressor.rigid import inverse_dynamics, mass_matrix
 from ident.robots import load_robot, nominal_values
@@ -338,7 +338,7 @@ def test_mjcf_diagonal_gears_loops_and_refusals() -> None:
 
 
 def test_quaternions() -> None:
-    from ident.export.mjcf import _quaternion
+    from ident.exporting.mjcf import _quaternion
 
     rng = np.random.default_rng(0)
     for _ in range(50):

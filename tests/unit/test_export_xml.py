@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from ident.errors import ConfigurationError
-from ident.export.xml_patch import NewElement, XmlPatch
+from ident.exporting.xml_patch import NewElement, XmlPatch
 
 
 def patched(text: str, change) -> str:  # type: ignore[no-untyped-def]

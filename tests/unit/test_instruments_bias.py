@@ -10,7 +10,7 @@ import pytest
 
 from ident import Problem
 from ident.estimators import Experiment, make_estimator
-from ident.plan import default_model
+from ident.planning import default_model
 from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side
 from ident.signals.preparation import CentralDifference, ZeroPhase

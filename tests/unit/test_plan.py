@@ -12,7 +12,7 @@ from ident.effects.motion import Motion
 from ident.errors import ConfigurationError, UnsupportedError
 from ident.friction import LoadDependentFriction
 from ident.logs.log import read_logs
-from ident.plan import Kind, Plan, Separation, default_model, make_plan, read_plan, simulate_plan, write_plan
+from ident.planning import Kind, Plan, Separation, default_model, make_plan, read_plan, simulate_plan, write_plan
 from ident.robots import load_robot, nominal_values
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side, Transmission

@@ -12,7 +12,7 @@ from ident.effects.motion import Motion
 from ident.estimate.status import StatusCode
 from ident.estimators import make_estimator
 from ident.logs.log import Log, LogSet
-from ident.plan import default_model
+from ident.planning import default_model
 from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side
 from ident.signals import CentralDifference, Recorded

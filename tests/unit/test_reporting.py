@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ident.errors import ConfigurationError
-from ident.reporting import of, report
+from ident.reporting import report, report_of
 from ident.reporting.document import Figure, Kind, Layer, Panel, Report, Role, Table, Text, percent, plain, read_report, uncertain
 from ident.reporting.html import to_html
 from ident.reporting.rows import Timeline, binned, cloud
@@ -65,7 +65,7 @@ def test_files(tmp_path):
         report(document(), tmp_path / "r.html")
     report(document(), tmp_path / "r.html", figures=tmp_path / "figures", force=True)
     with pytest.raises(ConfigurationError, match="no report of a dict"):
-        of({})
+        report_of({})
 
 
 def test_a_band_of_single_rows_is_still_seen():

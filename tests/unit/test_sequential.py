@@ -10,7 +10,7 @@ from ident import MomentumProblem, Problem
 from ident.errors import ConfigurationError, DataError, UnsupportedError
 from ident.estimators import make_estimator
 from ident.logs.log import read_logs
-from ident.plan import default_model, make_plan, simulate_plan
+from ident.planning import default_model, make_plan, simulate_plan
 from ident.robots import load_robot, nominal_values
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side

@@ -59,7 +59,7 @@ class BaseForm:
 
     @cached_property
     def expressions(self) -> tuple[str, ...]:
-        """Each base parameter as a combination of link parameters (and rotor inertias), in words of `ident.regressor.base_parameters.expressions`."""
+        """Each base parameter as a combination of link parameters (and rotor inertias), in words of `.expressions`."""
         columns = self.columns
         return tuple(expression(row, columns) for row in self.full)
 

@@ -31,7 +31,7 @@ def report(
     path = Path(path)
     if path.exists() and not force:
         raise ConfigurationError(f"{path} exists; nothing was written. Choose another name, or allow overwriting (--force, force=True).")
-    document = result if isinstance(result, Report) else of(result)
+    document = result if isinstance(result, Report) else report_of(result)
     drawn = {f.name: draw(f) for f in document.figures}
     page = to_html(document, drawn)
     if figures is not None:
@@ -42,7 +42,7 @@ def report(
     return write_atomic(path, page, force=force)
 
 
-def of(result: object) -> Report:
+def report_of(result: object) -> Report:
     """The report of a result: a diagnosis, an estimate, what monitoring found. Raises ConfigurationError for anything else."""
     from ..diagnosis import Diagnosis
     from ..estimate.estimate import Estimate

@@ -215,7 +215,7 @@ def export(
         content, more = mjcf_text(found.robot, found.inertial, found.drive())
         notes += more
     else:
-        from .. import __version__
+        from .._utils.version import __version__
 
         body = {"schema": "ident.parameters/1", "ident_version": __version__, **found.to_dict()}
         content, left = json.dumps(jsonable(body), indent=1, allow_nan=False) + "\n", ()
