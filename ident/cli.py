@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 
+from ._utils.version import __version__
 from .errors import IdentError
 
 #: Commands in the order of a session; each is a module of `ident.commands`.
@@ -34,8 +35,6 @@ COMMANDS = (
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     """The parser. `only`: load the arguments of this command alone (start-up stays fast)."""
-    from . import __version__
-
     parser = argparse.ArgumentParser(
         prog="ident",
         description="Identify a robot's dynamics from logs, and find what its model lacks.",

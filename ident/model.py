@@ -12,6 +12,7 @@ import numpy as np
 
 from .effects.base import Effect, Nature, Need
 from .effects.motion import Motion
+from .effects.reduction import base_reduction
 from .effects.reference import Reference
 from .errors import ConfigurationError
 from .robots.parameters import Parameter
@@ -75,9 +76,15 @@ class Model:
     @cached_property
     def base(self) -> BaseReduction:
         """Base parameters of the whole model, from its structure."""
-        from .regressor.base_parameters.reduction import base_reduction
-
         return base_reduction(self)
+
+    def of(self, effects: tuple[Effect, ...]) -> Model:
+        """A model of the same robot with these effects alone."""
+        return replace(self, effects=effects)
+
+    def of_robot(self, robot: Robot) -> Model:
+        """The same effects on another robot."""
+        return replace(self, robot=robot)
 
     def replacing(self, old: Effect, new: Effect) -> Model:
         """The same model with one effect (by identity) replaced."""

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from .version import __version__
+
 
 def result(
     schema: str, body: Mapping[str, Any], *, inputs: Iterable[Mapping[str, Any]] = (), warnings: Iterable[str] = ()
 ) -> dict[str, Any]:
     """A result with its common fields. `inputs`: {"path", "sha256"} each, paths as given."""
-    from .version import __version__
-
     return {
         "schema": schema,
         "ident_version": __version__,

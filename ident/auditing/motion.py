@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import IdentError
 from ..logs.log import Log
 from ..logs.unwrap import unwrapped
+from ..regressor.rigid import regressor
 from ..robots.robot import Robot
 from ..robots.transmission import Side
 from ..signals.cutoff import HIGHEST, CutoffChoice, choose_cutoff
@@ -239,8 +240,6 @@ def _minimum(lags: Array, left: Array) -> tuple[float, bool]:
 
 def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
     """Torque against what the robot's structure can explain: the delay that fits best, and torque that hardly drives the motion."""
-    from ..regressor.rigid import regressor
-
     step = max(1, len(m.q) // _MOST_ROWS)
     q, dq, ddq = m.q[::step], m.dq[::step], m.ddq[::step]
     if robot.floating_base:

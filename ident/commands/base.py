@@ -5,6 +5,11 @@ from __future__ import annotations
 import argparse
 
 from .._utils.json import result
+from ..logs.log import read_logs
+from ..problem.base_report import base_report
+from ..problem.problem import Problem
+from ..regressor.base_parameters.principal import principal_parameters
+from ..signals.preparation import ZeroPhase
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
 
 HELP = "base parameters of a robot in readable expressions, and what cannot be identified"
@@ -24,8 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..regressor.base_parameters.report import base_report
-
     out = Output(args)
     study = study_from(args)
     robot = study.robot()
@@ -47,11 +50,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _principal(files, robot):  # type: ignore[no-untyped-def]
     import numpy as np
-
-    from ..logs.log import read_logs
-    from ..problem.problem import Problem
-    from ..regressor.base_parameters.principal import principal_parameters
-    from ..signals.preparation import ZeroPhase
 
     problem = Problem(robot.rigid_body(), ZeroPhase()(read_logs(files, robot)))
     information = problem.information

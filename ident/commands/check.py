@@ -7,8 +7,10 @@ from typing import Any
 
 from .._utils.json import result
 from ..errors import ConfigurationError, DataError
+from ..streaming.session import StreamedSession
 from ..study.session import Session
 from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .diagnose import diagnosis_of
 from .streaming import add_streaming_arguments, session_from
 
 HELP = "audit the logs and check what they can reveal of the declared model"
@@ -33,8 +35,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
-    from ..streaming.session import StreamedSession
-
     if args.strict and isinstance(session, StreamedSession):
         raise ConfigurationError(
             "check --strict looks for effects that are not declared, which needs the logs whole; leave out --stream (or add --no-stream),"
@@ -84,8 +84,6 @@ def _undeclared(session: Session, out: Output) -> tuple[dict[str, Any] | None, s
     """What the declared model lacks, for the result, and why the gate is closed ("" if it is not).
 
     Data that are good enough to be checked may be too few for a diagnosis: then nobody knows, and the gate stays closed."""
-    from .diagnose import diagnosis_of
-
     out.say()
     try:
         diagnosis = diagnosis_of(session, out)

@@ -15,7 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from .._utils.files import sha256, staged, write_atomic
+from .._utils.text import WIDTH, wrapped
 from ..errors import ConfigurationError
+from ..estimators import make_estimator
+from ..study.study import Study, read_study
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -61,8 +64,6 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
 
 def study_from(args: argparse.Namespace) -> Study:
     """The study that the arguments describe; flags override the file."""
-    from ..study.study import Study, read_study
-
     if not (args.study or args.robot or args.urdf):
         raise ConfigurationError(
             "no study file and no robot given. Name a study file, or use --robot NAME or --urdf FILE (and --log FILE)."
@@ -79,8 +80,6 @@ def study_from(args: argparse.Namespace) -> Study:
     )
     followed = getattr(args, "followed", None)
     if followed is not None:
-        from ..estimators import make_estimator
-
         method, path = study.estimator.method or "sequential", os.path.abspath(followed)
         make_estimator(method, plan=path)  # a method that follows no plan says which does
         study = replace(study, estimator=replace(study.estimator, method=method, options={**study.estimator.options, "plan": path}))
@@ -171,8 +170,6 @@ class Output:
 
     def say_wrapped(self, text: object) -> None:
         """The same with lines that are too long for a wide terminal broken, further lines indented."""
-        from ..estimate.summary import WIDTH, wrapped
-
         self.say("\n".join(wrapped(line) if len(line) > WIDTH else line for line in str(text).splitlines()))
 
     def note(self, text: object) -> None:

@@ -12,6 +12,10 @@ import numpy as np
 from .._utils.json import result
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
+from ..evaluation.comparison import compare
+from ..logs.log import read_logs
+from ..study.session import like
+from ..study.study import Study, read_study
 from .common import Output, add_output_arguments
 
 if TYPE_CHECKING:
@@ -34,9 +38,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..evaluation.comparison import compare
-    from ..study.session import like
-
     out = Output(args)
     before, after = Estimate.load(args.before), Estimate.load(args.after)
     here, there = before.model.robot, after.model.robot
@@ -70,9 +71,6 @@ def run(args: argparse.Namespace) -> int:
 
 def logs_for(args: argparse.Namespace, estimate: Estimate) -> LogSet:
     """The logs named by `--log` or by the study, as an estimate's robot reads them. Raises ConfigurationError if there are none."""
-    from ..logs.log import read_logs
-    from ..study.study import Study, read_study
-
     study = read_study(Path(args.study)) if args.study else Study()
     if args.missing:
         study = replace(study, logs=replace(study.logs, missing=args.missing))

@@ -6,7 +6,9 @@ import argparse
 
 from .._utils.json import result
 from ..robots.library.load import robot_folder
+from ..robots.library.nominal import nominal_values
 from ..study.session import Session
+from ..study.study import Study
 from .common import Output, add_output_arguments
 
 HELP = "audit, fit, held-out error and replay on a bundled PUMA 560 log"
@@ -17,8 +19,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..study.study import Study
-
     out = Output(args)
     folder = robot_folder("puma560") / "demo"
     study = Study().with_flags(robot="puma560", logs=[folder / "train.csv.gz"], validate=[folder / "validate.csv.gz"])
@@ -45,6 +45,5 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _truth(session: Session):  # type: ignore[no-untyped-def]
-    from ..robots.library.nominal import nominal_values
 
     return session.estimate.base.base_values(nominal_values(session.model))

@@ -8,8 +8,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from .._utils.files import write_atomic
+from .._utils.text import wrapped
+from ..diagnosis import diagnose
 from ..errors import ConfigurationError, DataError
-from ..estimate.summary import wrapped
+from ..reporting import report
+from ..reporting.diagnosis import diagnosis_report
 from ..study.session import HELD_SHARE, Session
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 
@@ -49,7 +52,6 @@ def run(args: argparse.Namespace) -> int:
 
 def diagnosis_of(session: Session, out: Output, *, verbose: bool = False) -> Diagnosis:
     """The diagnosis of a session's estimate, with the audit's warnings in it."""
-    from ..diagnosis import diagnose
 
     def note(step: str) -> None:
         # Candidates are indented; what was accepted, dropped or replaced is of use to everyone who waits.
@@ -75,9 +77,6 @@ def _held(session: Session) -> Signals | None:
 
 def _keep(folder: Path, out: Output, diagnosis: Diagnosis, session: Session) -> None:
     """The artefacts: the result, its text, the fit with the findings, the extended study ready for the next log, the report."""
-    from ..reporting import report
-    from ..reporting.diagnosis import diagnosis_report
-
     write_atomic(folder / "diagnosis.json", json.dumps(diagnosis.to_dict(), indent=2) + "\n")
     write_atomic(folder / "diagnosis.txt", f"{diagnosis}\n")
     diagnosis.before.save(folder / "before.fit.json")

@@ -9,6 +9,10 @@ from .._utils.json import result
 from ..effects.base import make_effect
 from ..errors import ConfigurationError, unknown_name
 from ..estimate.estimate import Estimate
+from ..excitation.design import excite, tell_apart
+from ..excitation.families import BSplineFamily, FourierFamily
+from ..excitation.noise import sample_noise
+from ..excitation.objective import Both, ConditionNumber, DOptimality
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, positive, study_from, whole
 
 if TYPE_CHECKING:
@@ -47,9 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..excitation.design import excite
-    from ..excitation.noise import sample_noise
-
     out = Output(args)
     target = out.target(args.trajectory, _TRAJECTORY)
     if target.exists() and not args.force:
@@ -87,15 +88,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _family(args: argparse.Namespace) -> Family:
-    from ..excitation.families import BSplineFamily, FourierFamily
-
     return FourierFamily(args.seconds) if args.family == "fourier" else BSplineFamily(args.seconds)
 
 
 def _measure(args: argparse.Namespace, model: Model) -> tuple[Model, Measure]:
-    from ..excitation.design import tell_apart
-    from ..excitation.objective import Both, ConditionNumber, DOptimality
-
     if args.separate and args.sharpen:
         raise ConfigurationError("--separate and --sharpen ask for different trajectories; give one of them.")
     if args.separate:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from .._utils.json import result
 from ..estimate.estimate import Estimate
+from ..exporting.export import export
 from .common import Output, add_output_arguments
 
 HELP = "write a saved fit as URDF, MJCF or JSON, with physically consistent standard parameters"
@@ -21,8 +22,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..exporting.export import export
-
     out = Output(args)
     estimate = Estimate.load(args.fit)
     written = export(estimate, Path(args.target), urdf=args.urdf, allow_inconsistent=args.allow_inconsistent, force=args.force)

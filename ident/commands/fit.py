@@ -6,8 +6,10 @@ import argparse
 import textwrap
 from dataclasses import replace
 
+from .._utils.text import wrapped
+from ..effects.base import effect_names
 from ..estimate.status import StatusCode
-from ..estimate.summary import wrapped
+from ..estimators import estimator_types
 from ..study.session import HELD_SHARE, Session
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from
@@ -64,8 +66,6 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
 
 def _methods() -> str:
     """One line a method: its name and the first sentence of what it says of itself."""
-    from ..estimators import estimator_types
-
     kinds = estimator_types()
     width = max(map(len, kinds))
     return "\n".join(f"  {name:<{width}}  {_sentence(kind.__doc__ or '')}" for name, kind in kinds.items())
@@ -77,6 +77,4 @@ def _sentence(text: str) -> str:
 
 
 def _effects() -> str:
-    from ..effects.base import effect_names
-
     return textwrap.fill(", ".join(n for n in effect_names() if n != "rigid_body"), 110, subsequent_indent="  ")

@@ -7,10 +7,15 @@ import json
 from typing import TYPE_CHECKING
 
 from .._utils.json import result
+from .._utils.text import wrapped
 from ..errors import ConfigurationError, unknown_name
 from ..estimate.estimate import Estimate
-from ..estimate.summary import wrapped
+from ..physical import Bounds, judge, nominal_prior, published_subject, repair, repair_estimate, subject_of, with_repair
+from ..robots.library.load import load_robot
+from ..robots.library.published import published_tables
+from ..study.session import like
 from .common import Output, add_output_arguments
+from .compare import logs_for
 
 if TYPE_CHECKING:
     from ..physical import Bounds, Prior, Repair, Subject
@@ -41,8 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..physical import judge
-
     out = Output(args)
     estimate, subject = _subject(args)
     if not args.repair and (args.validate or args.study or args.total_mass or args.spread):
@@ -58,8 +61,6 @@ def run(args: argparse.Namespace) -> int:
         inputs = (*inputs, *held.inputs)
     repaired: Estimate | None = None
     if args.repair:
-        from ..physical import with_repair
-
         found = _repair(args, estimate, subject, held, bounds, prior)
         out.say()
         for line in found.text().splitlines():
@@ -82,10 +83,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _subject(args: argparse.Namespace) -> tuple[Estimate | None, Subject]:
-    from ..physical import published_subject, subject_of
-    from ..robots.library.load import load_robot
-    from ..robots.library.published import published_tables
-
     if args.fit and not args.robot and not args.table:
         estimate = Estimate.load(args.fit)
         return estimate, subject_of(estimate)
@@ -100,9 +97,6 @@ def _subject(args: argparse.Namespace) -> tuple[Estimate | None, Subject]:
 
 def _held(args: argparse.Namespace, estimate: Estimate | None) -> Signals | None:
     """Held-out logs, prepared as those of the fit were."""
-    from ..study.session import like
-    from .compare import logs_for
-
     if not (args.validate or args.study):
         return None
     if estimate is None:
@@ -112,8 +106,6 @@ def _held(args: argparse.Namespace, estimate: Estimate | None) -> Signals | None
 
 
 def _knowledge(args: argparse.Namespace, estimate: Estimate | None) -> tuple[Bounds | None, Prior | None]:
-    from ..physical import Bounds, nominal_prior
-
     bounds = Bounds(total_mass=(args.total_mass[0], args.total_mass[1])) if args.total_mass else None
     if args.spread is None:
         return bounds, None
@@ -126,8 +118,6 @@ def _knowledge(args: argparse.Namespace, estimate: Estimate | None) -> tuple[Bou
 def _repair(
     args: argparse.Namespace, estimate: Estimate | None, subject: Subject, held: Signals | None, bounds: Bounds | None, prior: Prior | None
 ) -> Repair:
-    from ..physical import repair, repair_estimate
-
     if estimate is None:
         return repair(subject.structure, subject.values, subject.covariance, args.repair, bounds=bounds, prior=prior, limits=args.limits)
     return repair_estimate(estimate, args.repair, held=held, bounds=bounds, prior=prior, limits=args.limits)

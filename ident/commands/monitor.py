@@ -11,6 +11,11 @@ from typing import TYPE_CHECKING
 from .._utils.files import sha256, write_atomic
 from ..errors import ConfigurationError, IdentError
 from ..estimate.estimate import Estimate
+from ..logs.log import read_logs
+from ..monitoring import monitor
+from ..reporting import report, report_of
+from ..study.session import like
+from ..study.study import Study, read_study
 from .common import Output, add_output_arguments
 
 if TYPE_CHECKING:
@@ -40,10 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..monitoring import monitor
-    from ..study.session import like
-    from ..study.study import Study, read_study
-
     out = Output(args)
     estimate = Estimate.load(args.fit)
     study = read_study(Path(args.study)) if args.study else Study()
@@ -67,16 +68,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read(files: list[str], study: Study, estimate: Estimate) -> LogSet:
-    from ..logs.log import read_logs
-
     return read_logs(files, estimate.model.robot, study.columns or None, **study.logs.reading())
 
 
 def _reference(args: argparse.Namespace, study: Study, estimate: Estimate) -> tuple[Signals | None, str]:
     """The fit's own logs: those named, else those that the fit names, as long as they are still what they were; and what is to be
     said where they are not at hand."""
-    from ..study.session import like
-
     preparation = like(estimate.signals_config)
     if args.reference:
         named = study.with_flags(logs=args.reference).fit_files()
@@ -92,8 +89,6 @@ def _reference(args: argparse.Namespace, study: Study, estimate: Estimate) -> tu
 
 
 def _keep(folder: Path, out: Output, found: Monitoring) -> None:
-    from ..reporting import report, report_of
-
     write_atomic(folder / "monitor.json", json.dumps(found.to_dict(), indent=2) + "\n")
     write_atomic(folder / "monitor.txt", f"{found}\n")
     document = report_of(found)

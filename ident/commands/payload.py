@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Any
 from .._utils.json import result
 from ..errors import ConfigurationError, DataError
 from ..estimate.estimate import Estimate
+from ..logs.log import read_logs
+from ..physical import payload_of
+from ..problem.problem import Problem
 from ..study.session import like
+from ..study.study import Study, read_study
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 
 if TYPE_CHECKING:
@@ -39,8 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..physical import payload_of
-
     out = Output(args)
     if not args.log:
         raise ConfigurationError("no log with the load is given; name it with --log FILE.")
@@ -71,8 +73,6 @@ def _of_logs(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
 
 def _of_saved(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
     """A saved fit, and the fit of the same model to the logs with the load."""
-    from ..study.study import Study, read_study
-
     if args.without or args.robot or args.urdf or args.drive or args.effects or args.cutoff:
         raise ConfigurationError(
             "--fit brings its own robot, model and cut-off; leave out --without, --robot, --urdf, --drive, --effects and --cutoff."
@@ -86,8 +86,6 @@ def _of_saved(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
 
 
 def _read(study: Study, robot: Robot, which: str) -> LogSet:
-    from ..logs.log import read_logs
-
     try:
         return read_logs([*map(str, study.fit_files())], robot, study.columns or None, **study.logs.reading())
     except DataError as error:
@@ -95,7 +93,5 @@ def _read(study: Study, robot: Robot, which: str) -> LogSet:
 
 
 def _solved(study: Study, model: Model, signals: Signals) -> Estimate:
-    from ..problem.problem import Problem
-
     found = study.make_estimator().solve(Problem(model, signals))
     return replace(found, inputs=signals.inputs, signals_config=signals.report.to_dict())

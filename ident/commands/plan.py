@@ -9,6 +9,10 @@ import numpy as np
 
 from .._utils.json import result
 from ..errors import ConfigurationError
+from ..excitation.limits import Limits
+from ..planning.plan import make_plan, write_plan
+from ..planning.text import plan_text
+from ..simulation.result import write_log_csv
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
 
 if TYPE_CHECKING:
@@ -37,10 +41,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..excitation.limits import Limits
-    from ..planning.plan import make_plan, write_plan
-    from ..planning.text import plan_text
-
     if args.motion is not None and (args.out is None or not args.motion > 0):
         raise ConfigurationError("--motion HZ needs a positive rate, and --out DIR for the files.")
     if not 0 < args.share <= 1:
@@ -70,8 +70,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write_motion(plan: Plan, out: Output, rate: float) -> None:
-    from ..simulation.result import write_log_csv
-
     for test in plan.tests:
         way = plan.trajectory(test)[0]
         t = np.arange(int(way.duration * rate + 1e-9) + 1) / rate

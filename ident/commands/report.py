@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ConfigurationError
+from ..estimate.estimate import Estimate
+from ..reporting import report, report_of
+from ..reporting.document import read_report
+from ..reporting.figures import require_matplotlib
+from ..study.session import Session
+from ..study.study import read_study
 from .common import Output
+from .diagnose import diagnosis_of
 
 if TYPE_CHECKING:
     from ..reporting.document import Report
@@ -29,9 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..reporting import report
-    from ..reporting.figures import require_matplotlib
-
     require_matplotlib()
     target = Path(args.output)
     if target.exists() and not args.force:
@@ -42,9 +46,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _document(path: Path, args: argparse.Namespace) -> Report:
-    from ..reporting import report_of
-    from ..reporting.document import read_report
-
     if path.is_dir():
         if not (path / _KEPT).exists() and (path / "fit.json").exists():
             raise ConfigurationError(f"{path} holds a fit, and no {_KEPT}; the report of a fit: `ident report {path / 'fit.json'}`.")
@@ -59,8 +60,6 @@ def _document(path: Path, args: argparse.Namespace) -> Report:
         case "ident.report/1":
             return read_report(path)
         case "ident.fit/1":
-            from ..estimate.estimate import Estimate
-
             return report_of(Estimate.load(path))
         case schema if (path.parent / _KEPT).exists() and schema in ("ident.diagnosis/1", "ident.monitor/1"):
             return read_report(path.parent / _KEPT)
@@ -72,11 +71,6 @@ def _document(path: Path, args: argparse.Namespace) -> Report:
 
 
 def _of_study(path: Path, args: argparse.Namespace) -> Report:
-    from ..reporting import report_of
-    from ..study.session import Session
-    from ..study.study import read_study
-    from .diagnose import diagnosis_of
-
     out = Output(args)
     return report_of(diagnosis_of(Session(read_study(path), out.progress("fitting")), out))
 

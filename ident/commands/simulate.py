@@ -9,9 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._utils.json import result
+from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
+from ..logs.log import read_logs
+from ..planning.plan import read_plan, simulate_plan
+from ..robots.library.nominal import nominal_values
+from ..robots.transmission import Side
 from ..robots.urdf import some
+from ..simulation.sensors import Quantisation, Sensors, TorqueNoise, TorqueWindow
+from ..simulation.simulate import Plant, simulate
+from ..simulation.trajectory import FourierTrajectory
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, study_from
 
 if TYPE_CHECKING:
@@ -63,9 +71,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from ..simulation.sensors import TorqueWindow
-    from ..simulation.simulate import Plant, simulate
-
     if args.plan:
         return _planned(args)
     if args.tests:
@@ -104,10 +109,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _planned(args: argparse.Namespace) -> int:
     """The tests of a plan: one log each, and the manifest beside them."""
-    from ..planning.plan import read_plan, simulate_plan
-    from ..simulation.sensors import TorqueWindow
-    from ..simulation.simulate import Plant
-
     if args.trajectory:
         raise ConfigurationError("--plan and --trajectory are different motions; give one of them.")
     if args.log is not None:
@@ -164,9 +165,6 @@ def _named(model: Model, values: Array) -> dict[str, float]:
 
 def _sensors(model: Model, counts: float | None, noise: Array, colour: float) -> Sensors:
     """Encoders on the motors, and torque noise (n,). `counts` None: fine enough for every joint, gearless ones included."""
-    from ..robots.transmission import Side
-    from ..simulation.sensors import Quantisation, Sensors, TorqueNoise
-
     rounding: tuple[Quantisation, ...] = ()
     if counts is None:
         finest = np.array([1e-5 if j.prismatic else 1e-4 for j in model.robot.joints])
@@ -186,7 +184,6 @@ def _plant(args: argparse.Namespace) -> tuple[Model, Array]:
     if args.fit:
         estimate = Estimate.load(args.fit)
         return estimate.model, estimate.all_values
-    from ..robots.library.nominal import nominal_values
 
     study = study_from(args)
     model = study.model()
@@ -209,8 +206,6 @@ def _note_unknown(out: Output, model: Model, values: Array) -> None:
 
 def random_motion(model: Model, seed: int, seconds: float, base_hz: float = 0.1, harmonics: int = 5) -> FourierTrajectory:
     """Random Fourier motion over most of the joint ranges (half a turn or half a metre each way at the most) and of the speed limits."""
-    from ..simulation.trajectory import FourierTrajectory
-
     robot = model.robot
     rng = np.random.default_rng(seed)
     widest = np.array([0.5 if j.prismatic else np.pi for j in robot.joints])
@@ -231,9 +226,6 @@ def random_motion(model: Model, seed: int, seconds: float, base_hz: float = 0.1,
 def _followed(file: str, model: Model) -> Coordinates:
     """The motion in a CSV file, resampled to the controller's rate by splines."""
     from scipy.interpolate import CubicSpline
-
-    from ..effects.motion import Coordinates
-    from ..logs.log import read_logs
 
     log = read_logs(file, model.robot)[0]
     spline = CubicSpline(log.t, log.position(model.robot.transmission))

@@ -9,6 +9,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..errors import ConfigurationError, IdentError
+from ..logs.log import read_logs
+from ..streaming.checkpoint import Checkpoint
+from ..streaming.session import THRESHOLD, StreamedSession, size_of, stored_signals, why_not
 from ..study.session import Session, like
 from .common import Output
 
@@ -43,14 +46,10 @@ def add_streaming_arguments(parser: argparse.ArgumentParser) -> None:
 
 def wants_streaming(args: argparse.Namespace, study: Study, out: Output) -> bool:
     """Whether to stream: as asked, else by the size of the logs, which is then said."""
-    from ..streaming.session import why_not
-
     return _large(args, study, out, lambda: why_not(study))
 
 
 def _large(args: argparse.Namespace, study: Study, out: Output, why_not: Callable[[], str] = str) -> bool:
-    from ..streaming.session import THRESHOLD, size_of
-
     if args.stream is not None:
         return bool(args.stream)
     if args.resume or args.skip_bad_files:
@@ -78,14 +77,10 @@ def job_count(args: argparse.Namespace) -> int:
 @contextmanager
 def signals_from(args: argparse.Namespace, study: Study, out: Output, estimate: Estimate) -> Iterator[Signals]:
     """The study's logs as signals for a fit that was saved, prepared as that fit's were."""
-    from ..logs.log import read_logs
-
     robot, prep = estimate.model.robot, like(estimate.signals_config)
     if not _large(args, study, out):
         yield prep(read_logs([*map(str, study.fit_files())], robot, study.columns or None, **study.logs.reading()))
         return
-    from ..streaming.checkpoint import Checkpoint
-    from ..streaming.session import stored_signals
 
     checkpoint = Checkpoint.scratch()
     try:
@@ -100,7 +95,6 @@ def session_from(args: argparse.Namespace, study: Study, out: Output, label: str
     if not wants_streaming(args, study, out):
         yield Session(study, out.progress(label))
         return
-    from ..streaming.session import StreamedSession
 
     session = StreamedSession.of(
         study,

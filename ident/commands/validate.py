@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 from .._utils.json import result
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
+from ..evaluation.validation import validate
+from ..study.study import Study, read_study
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from, signals_from
 
@@ -51,9 +53,6 @@ def _told(validation: Validation, inputs: Iterable[Mapping[str, Any]], args: arg
 
 
 def _of_saved(args: argparse.Namespace, out: Output) -> int:
-    from ..evaluation.validation import validate
-    from ..study.study import Study, read_study
-
     estimate = Estimate.load(args.fit)
     study = read_study(Path(args.study)) if args.study else Study()
     study = study.with_flags(logs=args.log or (), validate=args.validate or ())

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..effects.base import Effect, Need
 from ..effects.places import motors_of, place_of_joints
+from ..effects.reduction import random_motion
 from ..effects.reference import Reference
-from ..regressor.base_parameters.reduction import random_motion
 from .advice import motion_for
 from .evidence import FALSE_ALARM
 from .stage import Stage

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.text import wrapped
 from ..effects.places import on
-from ..estimate.summary import wrapped
 from .findings import HELD_OUT
 from .hidden import by_effect
 

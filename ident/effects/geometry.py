@@ -111,7 +111,7 @@ class GearCoupling(Effect):
         the slope at half way times the whole way is then the whole change."""
         there = self.applied(robot, 0.5 * values)
         moved = self._behind(motion, there)
-        return there, moved, replace(reference, model=replace(reference.model, robot=there))
+        return there, moved, replace(reference, model=reference.model.of_robot(there))
 
     def _behind(self, motion: Motion, other: Robot) -> Motion:
         """The motion that was measured, behind another transmission."""

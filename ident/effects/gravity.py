@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..regressor.base_parameters.structural import base_set
 from ..robots.parameters import LINK_UNITS, Parameter
 from ..robots.transmission import Side
 from .base import Axis, Effect, Need, register
 from .motion import Motion
+from .reference import Reference
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -84,8 +86,6 @@ class BaseTilt(_Mounting):
         return [-np.sum([share * np.cross(axis, there) for share, there in on_the_way], axis=0) for axis in axes]
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
-        from .reference import Reference
-
         rigid, fields = robot.rigid_body(), tilt_fields(self.gravity(robot))
         torque = [Reference(rigid, m.inertia).gravity(motion, fields[m.axis]) for m in newly_shown(robot)]
         more = [robot.transmission.torque(t, Side.JOINT, self.side)[:, :, None] for t in torque]
@@ -137,8 +137,6 @@ class Moment:
 def newly_shown(robot: Robot) -> tuple[Moment, ...]:
     """What only a tilted base shows: independent combinations of link parameters that the declared robot's torques do not hold."""
     from scipy.linalg import qr
-
-    from ..regressor.base_parameters.structural import base_set
 
     base = base_set(robot)
     width = base.matrix.shape[1]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..regressor.rigid import inverse_dynamics, regressor
 from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS, Parameter, ShapeParameter
 from ..robots.transmission import Side
 from .base import Axis, Effect, Nature, Need, register
@@ -65,15 +66,11 @@ class Payload(_Carried):
         )
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
-        from ..regressor.rigid import regressor
-
         Y = regressor(robot.tree, *_tree_motion(motion, robot))
         own = [10 * body + s for body in self.bodies(robot) for s in range(10)]
         return self._on_side(np.einsum("tj,Ntk->Njk", robot.loop.W, Y[:, :, own]), robot)
 
     def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
-        from ..regressor.rigid import inverse_dynamics
-
         inertia = np.zeros(10 * robot.tree.nb)
         for i, body in enumerate(self.bodies(robot)):
             inertia[10 * body : 10 * body + 10] += values[10 * i : 10 * i + 10]
@@ -182,8 +179,6 @@ class ExternalForce(_Carried):
 
     def _holding(self, motion: Motion, robot: Robot, body: int, force: Array) -> Array:
         """Torque (N, n) on the effect's side that holds against a force (3,): a unit mass at the point, in a field of that strength."""
-        from ..regressor.rigid import inverse_dynamics
-
         still = np.zeros_like(motion.joint.q)
         mass = np.zeros(10 * robot.tree.nb)
         mass[10 * body : 10 * body + 4] = (1.0, *self.point)

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..robots.transmission import Side
+from .base import Nature, Need
 
 if TYPE_CHECKING:
-    from ..model import Model
     from ..robots.robot import Robot
     from .base import Effect
+    from .composed import ComposedModel
     from .motion import Motion
 
 Array = np.ndarray
@@ -32,7 +33,7 @@ class Reference:
     Effects of the model that are corrections themselves (`Need.REFERENCE`) are left out: a correction is taken of what the
     rest predicts."""
 
-    model: Model
+    model: ComposedModel
     values: Array
 
     def values_of(self, effect: Effect, robot: Robot) -> Array:
@@ -113,8 +114,6 @@ class Reference:
 
         `link_only`: those of the links; `acting`: those that act on that side. The motor side of `motion` must be that of
         `robot` (`Motion.moved`)."""
-        from .base import Nature, Need
-
         robot = robot or self.model.robot
         side = side or robot.transmission.measured
         chosen: list[tuple[Effect, Array]] = []

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ..regressor.rigid import inverse_dynamics, regressor
 from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS, Parameter
 from ..robots.transmission import Side
 from .base import Axis, Effect, Nature, register
@@ -39,15 +40,11 @@ class RigidBody(Effect):
         )
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
-        from ..regressor.rigid import regressor
-
         own = motion.joint
         Y = regressor(robot.tree, robot.tree_position(own.q), robot.tree_rate(own.dq), robot.tree_rate(own.ddq))
         return Y if robot.loop.is_trivial else np.einsum("tj,Ntk->Njk", robot.loop.W, Y)
 
     def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
-        from ..regressor.rigid import inverse_dynamics
-
         own = motion.joint
         tau = inverse_dynamics(robot.tree, values, robot.tree_position(own.q), robot.tree_rate(own.dq), robot.tree_rate(own.ddq))
         return tau if robot.loop.is_trivial else tau @ robot.loop.W

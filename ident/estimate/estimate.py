@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import unknown_name
 from ..problem.information import Information
+from ..problem.problem import Problem
 from ..regressor.base_parameters.reduction import BaseReduction
 from ..robots.parameters import Parameter
 from ..statistics.noise import NoiseModel
 from ..statistics.torque_error import TorqueError
 from .status import Status
+from .summary import estimate_summary
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -87,8 +90,6 @@ class Estimate:
 
     def index(self, name: str) -> int:
         """Place of a base parameter. Raises ConfigurationError for an unknown one."""
-        from ..errors import unknown_name
-
         if name not in self.names:
             raise unknown_name("base parameter", name, self.names)
         return self.names.index(name)
@@ -114,8 +115,6 @@ class Estimate:
 
     def problem_on(self, signals: Signals) -> Problem:
         """The estimate's model on prepared signals, as it was fitted: without rows near reversals of joints that stick."""
-        from ..problem.problem import Problem
-
         return Problem(self.model, signals.without_turning(self.sticking), reference=self.all_values)
 
     @cached_property
@@ -128,8 +127,6 @@ class Estimate:
 
     def summary(self) -> str:
         """A report for people: value ± std, unit, t-ratio, expression, status."""
-        from .summary import estimate_summary
-
         return estimate_summary(self)
 
     def __str__(self) -> str:

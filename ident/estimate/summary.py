@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import re
-import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from .._utils.text import WIDTH, shortened, wrapped
+from ..problem.information import Form
 
 if TYPE_CHECKING:
     from ..statistics.torque_error import TorqueError
     from .estimate import Estimate
 
 Array = np.ndarray
-#: Columns of a wide terminal; what a line holds beyond is cut (expressions) or wrapped (sentences).
-WIDTH = 160
 
 
 def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
@@ -55,29 +54,9 @@ def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
 
 def _reduced(estimate: Estimate) -> str:
     """How the samples were reduced, where that is known."""
-    from ..problem.information import Form
-
     if estimate.information is None:
         return ""
     return ", from Gram matrices" if estimate.information.form == Form.GRAM else ", by QR"
-
-
-def shortened(expression: str, width: int) -> str:
-    """An expression that fits `width` columns: whole terms, then "…" for the rest. At least the first term is kept."""
-    if len(expression) <= width:
-        return expression
-    terms = re.split(r" (?=[+-] )", expression)
-    kept = terms[0]
-    for term in terms[1:]:
-        if len(kept) + len(term) + 3 > width:
-            break
-        kept += f" {term}"
-    return f"{kept} …"
-
-
-def wrapped(sentence: str) -> str:
-    """A sentence over as many lines as it needs."""
-    return textwrap.fill(sentence, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
 def error_table(estimate: Estimate, errors: dict[str, TorqueError]) -> str:

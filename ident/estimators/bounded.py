@@ -11,10 +11,11 @@ import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
 from ..estimate.status import StatusCode
-from ..problem.linear_solution import LinearSolution, finish, order_of, solve_triangle
+from ..problem.linear_solution import LinearSolution, order_of, solve_triangle
+from ..problem.reweighting import residual_weights
 from ..robots.parameters import Parameter
 from .base import Capability, Estimator, register
-from .least_squares import residual_weights
+from .finish import finish
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate

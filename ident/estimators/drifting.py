@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
-from ..problem.linear_solution import finish, full_values
+from ..problem.linear_solution import full_values
 from ..statistics.noise import fit_noise
 from .base import Capability, Estimator, register
+from .finish import finish
 from .least_squares import weighted_solution
 from .random_walk import RandomWalk
 

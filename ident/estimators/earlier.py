@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..estimate.estimate import Estimate
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -18,8 +19,6 @@ Array = np.ndarray
 
 def load_earlier(prior: Estimate | str | Path) -> Estimate:
     """An estimate, or the one saved at a path."""
-    from ..estimate.estimate import Estimate
-
     return prior if isinstance(prior, Estimate) else Estimate.load(prior)
 
 

@@ -12,6 +12,11 @@ import numpy as np
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.transmission import Side
+from ..signals.filters import zero_phase_lowpass
+from ..signals.uniform import Recording
+from ..simulation.controller import PDFeedforward
+from ..simulation.sensors import TorqueWindow
+from ..simulation.simulate import Feedback, Hold, Plant, Sensors, simulate_batch
 
 if TYPE_CHECKING:
     from ..logs.log import Log
@@ -47,8 +52,6 @@ class Desired:
                 raise unknown_name(f"column of log {log.name}", column, log.extra)
         q = np.stack([np.asarray(log.extra[c], float) for c in columns], axis=1)
         if cutoff_hz is not None:
-            from ..signals.filters import zero_phase_lowpass
-
             q = zero_phase_lowpass(q, cutoff_hz, 1.0 / float(np.median(np.diff(log.t))))
         spline = make_interp_spline(log.t, q, k=5)
         return cls(log.t, Coordinates(q, spline(log.t, 1), spline(log.t, 2)))
@@ -137,8 +140,6 @@ class Experiment:
         return found
 
     def _closed(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[tuple[Coordinates, Array]]:
-        from ..simulation.simulate import Plant, simulate_batch
-
         every = max(1, round((self.control_rate or signals.rate) / signals.rate))
         control = every * signals.rate
         names = {i: name for name, run in zip(signals.run_names, signals.runs, strict=True) for i in range(run.start, run.stop)}
@@ -158,16 +159,11 @@ class Experiment:
         return [(Coordinates(m.q[settle:], m.dq[settle:], m.ddq[settle:]), torque[settle:]) for m, torque in made]
 
     def _unrounded(self) -> Feedback:
-        from ..simulation.simulate import Feedback
-
         if self.sensing is None or self.sensing.counts is None:
             return self.sensing or Feedback()
         return replace(self.sensing, counts=max(_FINE, self.sensing.counts))
 
     def _recording(self) -> Sensors:
-        from ..simulation.sensors import TorqueWindow
-        from ..simulation.simulate import Sensors
-
         return Sensors((TorqueWindow(self.torque_window),) if self.torque_window else (), Side.JOINT)
 
     def _recorded(self, run: Simulation) -> tuple[Coordinates, Array]:
@@ -179,8 +175,6 @@ class Experiment:
         return Coordinates(run.q, run.dq, (ends[1].dq - ends[0].dq) / span[:, None]), run.readings.tau
 
     def _open(self, model: Model, values: Array, signals: Signals, windows: list[tuple[int, int]]) -> list[tuple[Coordinates, Array]]:
-        from ..simulation.simulate import Hold, Plant, simulate_batch
-
         samples = max(b - a for a, b in windows)
         last = len(signals.t) - 1
         at = np.minimum(np.array([a for a, _ in windows])[None, :] + np.arange(samples)[:, None], last)
@@ -227,10 +221,6 @@ def assumed_experiment(
     The cut-off must pass the motion and stop the encoders' noise, or the estimate is biased as least squares is. What the motion
     has above it, starts and reversals, is missing in the simulated torque."""
     from scipy.interpolate import make_interp_spline
-
-    from ..signals.filters import zero_phase_lowpass
-    from ..signals.uniform import Recording
-    from ..simulation.controller import PDFeedforward
 
     desired: dict[str, Trajectory | Desired] = {}
     for log in logs:

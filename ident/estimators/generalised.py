@@ -10,13 +10,15 @@ import numpy as np
 
 from ..errors import ConfigurationError
 from ..problem.information import stack_triangles
-from ..problem.linear_solution import LinearSolution, finish, full_values, order_of, solve_triangle, step_size
+from ..problem.linear_solution import LinearSolution, full_values, order_of, solve_triangle, step_size
 from .base import Capability, Estimator, register
+from .finish import finish
 from .least_squares import weighted_solution
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
-    from ..problem.problem import Problem, Rows
+    from ..problem.problem import Problem
+    from ..signals.rows import Rows
 
 Array = np.ndarray
 #: Least eigenvalue of the correlation across joints that is believed; a smaller one gives all weight to one combination.

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..errors import DataError
 from ..estimate.status import StatusCode
-from ..problem.linear_solution import LinearSolution, finish
+from ..problem.linear_solution import LinearSolution
+from .finish import finish
 from .instrument_rows import InstrumentRows
 from .instrument_system import InstrumentSystem
 from .instrument_tests import DifferenceTest, difference_test, shea_strength

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..problem.problem import Rows
+from ..signals.rows import Rows
 from ..statistics.autoregression import Autoregression, lower_orders, rising
 from ..statistics.noise import NoiseModel, fit_noise, noise_gram
 from .instruments import paired

@@ -13,8 +13,11 @@ from ..effects.base import Nature, Need
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, DataError
 from ..model import Model
-from ..problem.problem import Problem, Rows
+from ..problem.problem import Problem
 from ..robots.transmission import Side
+from ..signals.rows import Rows
+from .experiment import Experiment
+from .possible import MARGIN
 
 if TYPE_CHECKING:
     from .experiment import Experiment
@@ -82,7 +85,6 @@ def _forward_dynamics(problem: Problem, values: Array, possible: Possible, exper
         # Between the postures of the repair an eigenvalue may still be small: it is held at half the margin.
         shaped = (joint + joint.swapaxes(1, 2)) / (2 * np.outer(possible.scale, possible.scale))
         least, vectors = np.linalg.eigh(shaped)
-        from .possible import MARGIN
 
         response = np.einsum("sij,sj->si", vectors.swapaxes(1, 2), force / possible.scale) / np.maximum(least, MARGIN / 2)
         ddq[part] = np.einsum("sij,sj->si", vectors, response) / possible.scale
@@ -114,8 +116,6 @@ def _along_measured(problem: Problem, values: Array) -> Array:
 
 
 def _simulation(problem: Problem, values: Array, possible: Possible, experiment: Experiment | None) -> Coordinates:
-    from .experiment import Experiment
-
     return repeated(problem, values, experiment or Experiment())[0]
 
 

@@ -11,7 +11,8 @@ from ..statistics.autoregression import filtered
 from ..statistics.noise import fit_noise
 
 if TYPE_CHECKING:
-    from ..problem.problem import Problem, Rows
+    from ..problem.problem import Problem
+    from ..signals.rows import Rows
 
 Array = np.ndarray
 

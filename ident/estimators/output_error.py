@@ -9,9 +9,11 @@ import numpy as np
 
 from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..estimate.status import Status, StatusCode
-from ..problem.linear_solution import LinearSolution, finish, full_values, order_of, solve_triangle
+from ..problem.linear_solution import LinearSolution, full_values, order_of, solve_triangle
+from ..problem.problem import Problem
 from .base import Capability, Estimator, register
 from .experiment import Experiment, require_experiment
+from .finish import finish
 from .instruments import along, repeated
 from .least_squares import weighted_solution
 from .possible import possible_along
@@ -69,7 +71,6 @@ class OutputError(Estimator):
                 " cutoff_hz) supposes them. Both are Python objects (ident.estimators), which neither a study file nor the command line can"
                 " give: there, use 'iv' for torque-driven logs, else 'wls'."
             )
-        from ..problem.problem import Problem
 
         if type(problem) is not Problem:
             raise UnsupportedError(

@@ -15,7 +15,8 @@ import numpy as np
 from .._utils.fixed_point import MOST, Repetition
 from ..effects.base import Need
 from ..model import Model
-from ..problem.problem import Problem, Rows
+from ..problem.problem import Problem
+from ..signals.rows import Rows
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate

@@ -7,11 +7,23 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..estimate.status import StatusCode
-from ..problem.linear_solution import LinearSolution, finish, order_of, solve_triangle
+from ..physical.binding import binding_constraints
+from ..physical.bounds import Bounds, Metric, nominal_prior, reference_prior
+from ..physical.conic import SolverError, solver_available
+from ..physical.consistent import judge_consistent
+from ..physical.constrained import ConsistentFit, Settling
+from ..physical.judgement import subject_of
+from ..physical.repairs import consistent_fit
+from ..physical.structure import InertiaStructure
+from ..physical.target import Target
+from ..problem.linear_solution import LinearSolution, order_of, solve_triangle
+from ..problem.reweighting import residual_weights
 from .base import Capability, Estimator, register
-from .least_squares import residual_weights, weighted_solution
+from .finish import finish
+from .least_squares import weighted_solution
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -45,9 +57,6 @@ class PhysicalLeastSquares(Estimator):
     solver: str = "auto"
 
     def check(self, problem: Problem) -> None:
-        from ..effects.rigid_body import RigidBody
-        from ..physical.bounds import Metric
-
         if self.solver not in ("auto", "lmi", "log_cholesky"):
             raise unknown_name("solver", self.solver, ("auto", "lmi", "log_cholesky"))
         if self.metric not in list(Metric):
@@ -62,12 +71,6 @@ class PhysicalLeastSquares(Estimator):
             )
 
     def _solve(self, problem: Problem) -> Estimate:
-        from ..physical.bounds import reference_prior
-        from ..physical.constrained import ConsistentFit, Settling
-        from ..physical.repairs import consistent_fit
-        from ..physical.structure import InertiaStructure
-        from ..physical.target import Target
-
         structure = InertiaStructure.from_model(problem.model, problem.base)
         bounds, prior = self._knowledge(problem)
         near, notes = reference_prior(problem.model.robot, structure) if prior is None else (None, ())
@@ -115,8 +118,6 @@ class PhysicalLeastSquares(Estimator):
         return replace(estimate, status=replace(estimate.status, code=code, details=(*estimate.status.details, *details)))
 
     def _knowledge(self, problem: Problem) -> tuple[Bounds | None, Prior | None]:
-        from ..physical.bounds import Bounds, Metric, nominal_prior
-
         bounds = None if self.total_mass == (None, None) else Bounds(total_mass=self.total_mass)
         if self.spread is None:
             return bounds, None
@@ -125,11 +126,6 @@ class PhysicalLeastSquares(Estimator):
 
 def _binding(unconstrained: Estimate, bounds: Bounds | None) -> Binding | None:
     """Which links and signs hold the fit back, in standard deviations of the unconstrained estimate; None without the solver."""
-    from ..physical.binding import binding_constraints
-    from ..physical.conic import SolverError, solver_available
-    from ..physical.judgement import subject_of
-    from ..physical.target import Target
-
     if not solver_available():
         return None
     subject = subject_of(unconstrained)
@@ -144,9 +140,6 @@ def _binding(unconstrained: Estimate, bounds: Bounds | None) -> Binding | None:
 
 def _already(structure: InertiaStructure, free: LinearSolution) -> bool:
     """Whether the unconstrained solution is consistent as it stands."""
-    from ..physical.conic import solver_available
-    from ..physical.consistent import judge_consistent
-
     if not solver_available() or len(free.columns) < structure.b:
         return False
     return judge_consistent(structure, free.values).consistent

@@ -9,9 +9,10 @@ import numpy as np
 
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..problem.information import triangle
-from ..problem.linear_solution import LinearSolution, finish, full_values, score_gram
+from ..problem.linear_solution import LinearSolution, full_values, score_gram
 from ..statistics.noise import fit_noise
 from .base import Capability, Estimator, register
+from .finish import finish
 from .inertial_metric import METRICS, nominal_root
 from .least_squares import weighted_solution
 

@@ -11,18 +11,21 @@ import numpy as np
 
 from ..effects.base import Need
 from ..effects.motion import Motion
+from ..effects.reduction import base_reduction
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..problem.information import Information
-from ..problem.linear_solution import LinearSolution, finish, order_of
+from ..problem.linear_solution import LinearSolution, order_of
+from ..problem.reweighting import reweighted, solve_with_prior
 from .base import Capability, Estimator, per_joint, register
 from .earlier import load_earlier, prior_rows
-from .least_squares import reweighted, solve_with_prior
+from .finish import finish
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
     from ..model import Model
-    from ..problem.problem import Problem, Rows
+    from ..problem.problem import Problem
     from ..regressor.base_parameters.reduction import BaseReduction
+    from ..signals.rows import Rows
 
 Array = np.ndarray
 
@@ -69,8 +72,6 @@ class RecursiveLeastSquares(Estimator):
 
     def start(self, model: Model, base: BaseReduction | None = None, rows: int | None = None) -> RecursiveState:
         """A recursion over the base parameters of a model (`base` if they are known), before the first sample."""
-        from ..regressor.base_parameters.reduction import base_reduction
-
         base = base_reduction(model) if base is None else base
         n = model.robot.n if rows is None else rows
         known = None if self.prior is None else prior_rows(base, load_earlier(self.prior))

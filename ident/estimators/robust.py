@@ -10,9 +10,10 @@ import numpy as np
 from ..errors import ConfigurationError, unknown_name
 from ..estimate.status import StatusCode
 from ..problem.information import Information
-from ..problem.linear_solution import LinearSolution, finish, full_values, order_of, sandwich, score_gram, solve_triangle, step_size
+from ..problem.linear_solution import LinearSolution, full_values, order_of, sandwich, score_gram, solve_triangle, step_size
 from ..statistics.noise import fit_noise
 from .base import Capability, Estimator, register
+from .finish import finish
 from .least_squares import weighted_solution
 
 if TYPE_CHECKING:

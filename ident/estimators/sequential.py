@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..errors import ConfigurationError, DataError, UnsupportedError, unknown_name
+from ..planning.plan import read_plan
 from ..problem.information import triangle
-from ..problem.linear_solution import LinearSolution, finish, order_of, solve_triangle
+from ..problem.linear_solution import LinearSolution, order_of, solve_triangle
+from ..problem.problem import Problem as Plain
 from .base import Capability, Estimator, register
+from .finish import finish
 from .step_report import steps_text, told
 from .step_rows import StepRows, check_joints, check_plan, planned_rows, unplanned_rows
 
@@ -57,8 +60,6 @@ class StepByStep(Estimator):
 
     def _read(self) -> Plan | None:
         if isinstance(self.plan, str):
-            from ..planning.plan import read_plan
-
             return read_plan(self.plan)
         return self.plan
 
@@ -82,8 +83,6 @@ class StepByStep(Estimator):
             check_joints(robot, plan)
 
     def check(self, problem: Problem) -> None:
-        from ..problem.problem import Problem as Plain
-
         if type(problem) is not Plain:
             raise UnsupportedError(
                 f"method 'sequential' makes windowed rows itself, not from those of {type(problem).__name__}; give it the torque form"

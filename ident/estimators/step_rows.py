@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..errors import ConfigurationError, DataError
+from ..planning.trials import Kind
 from ..problem.formulations import model_parts
 from ..problem.integrated import smooth_window
 from ..robots.transmission import Side
@@ -82,8 +83,6 @@ def unplanned_rows(problem: Problem) -> Iterator[StepRows]:
 
 
 def _test_rows(problem: Problem, plan: Plan, test: PlannedTest) -> StepRows:
-    from ..planning.trials import Kind
-
     robot = problem.model.robot
     run = _run_of(problem, test)
     t = problem.signals.t

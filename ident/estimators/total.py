@@ -11,15 +11,17 @@ from ..effects.base import Need
 from ..errors import ConfigurationError, UnsupportedError
 from ..estimate.status import StatusCode
 from ..problem.information import Information, triangle
-from ..problem.linear_solution import LinearSolution, finish, full_values, sandwich
+from ..problem.linear_solution import LinearSolution, full_values, sandwich
 from .base import Capability, Estimator, per_joint, register
+from .finish import finish
 from .least_squares import weighted_solution
 from .long_run import long_run_gram
 from .motion_noise import column_noise
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
-    from ..problem.problem import Problem, Rows
+    from ..problem.problem import Problem
+    from ..signals.rows import Rows
 
 Array = np.ndarray
 #: Share of a column's energy below which its noise counts as none.

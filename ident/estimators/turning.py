@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..problem.linear_solution import order_of, solve_triangle
+from ..problem.problem import Problem as Plain
+
 if TYPE_CHECKING:
     from ..problem.problem import Problem
 
@@ -21,9 +24,6 @@ _FEWEST = 10
 
 def without_sticking(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
     """The problem without the rows in which a joint sticks, and these joints."""
-    from ..problem.linear_solution import order_of, solve_triangle
-    from ..problem.problem import Problem as Plain
-
     turning = problem.signals.turning
     if type(problem) is not Plain or turning is None or not (turning & problem.valid).any():
         return problem, ()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..estimate.summary import error_table
 from ..statistics.torque_error import TorqueError, number
 
 if TYPE_CHECKING:
@@ -78,8 +79,6 @@ class Comparison:
         }  # fmt: skip
 
     def __str__(self) -> str:
-        from ..estimate.summary import error_table
-
         lines = [error_table(self.after, {"before": self.error_before, "after": self.error_after})]
         doubt = f" ± {100 * self.gain_std:.1f}" if np.isfinite(self.gain_std) else ""
         change = "falls" if self.gain >= 0 else "grows"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .opposite_signs import opposite_sign
+from ..problem.opposite_signs import opposite_sign
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate

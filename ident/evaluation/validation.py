@@ -8,6 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DataError
+from ..estimate.summary import error_table
+from ..problem.linear_solution import solve_triangle
+from ..problem.problem import Problem
+from ..simulation.replay import replay
 from ..statistics.torque_error import TorqueError
 
 if TYPE_CHECKING:
@@ -48,8 +52,6 @@ class Validation:
         }
 
     def __str__(self) -> str:
-        from ..estimate.summary import error_table
-
         errors = {"fit": self.estimate.fit_error, "held out": self.error}
         if len(self.by_run) > 1:
             errors |= {f"  {name}": error for name, error in self.by_run.items()}
@@ -74,8 +76,6 @@ def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) ->
     replayed: Replay | None = None
     notes: tuple[str, ...] = ()
     if simulate:
-        from ..simulation.replay import replay
-
         try:
             replayed = replay(estimate.model, estimate.all_values, signals)
         except DataError as refused:
@@ -113,8 +113,6 @@ def nominal_values(estimate: Estimate) -> Array | None:
     free = np.flatnonzero(np.any(base.regroup[:, ~rigid] != 0, axis=1))
     R, z, _ = information.combined(estimate.weights)
     if len(free):
-        from ..problem.linear_solution import solve_triangle
-
         part = np.zeros((len(values) + 1, len(free) + 1))
         part[:-1, :-1] = R[:, free]
         part[:-1, -1] = z - R @ values
@@ -132,7 +130,6 @@ def nominal_error(estimate: Estimate, signals: Signals) -> TorqueError | None:
     values = nominal_values(estimate)
     if values is None:
         return None
-    from ..problem.problem import Problem
 
     residual = Problem(estimate.model, signals.without_turning(estimate.sticking), reference=estimate.all_values).residual(values)
     return TorqueError.of(residual, signals.tau)

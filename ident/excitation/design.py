@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, UnsupportedError
+from ..robots.library.nominal import nominal_values
 from .families import BSplineFamily, Family, FourierFamily
 from .information import MotionInformation
 from .limits import Limits
@@ -126,8 +128,6 @@ def _prepared(
     if limits.n != robot.n:
         raise ConfigurationError(f"excitation: limits of {limits.n} joints are given for a robot of {robot.n}.")
     if values is None and robot.nominal is not None:
-        from ..robots.library.nominal import nominal_values
-
         values = nominal_values(model)
     if values is not None and np.shape(values) != (len(model.parameters),):
         raise ConfigurationError(f"excitation: the model has {len(model.parameters)} parameters, but values are {np.shape(values)}.")
@@ -151,7 +151,6 @@ def _usual_noise(model: Model, values: Array | None, limits: Limits) -> Array:
     dq = 0.5 * limits.velocity * rng.normal(size=q.shape)
     ddq = 0.5 * limits.acceleration * rng.normal(size=q.shape)
     info = MotionInformation(model, values, np.ones(robot.n))
-    from ..effects.motion import Coordinates
 
     torque = info.columns(info.motion(np.arange(200) * 0.01, Coordinates(q, dq, ddq))) @ values
     rms = np.sqrt(np.mean(torque**2, axis=0))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..simulation.result import write_log_csv
 from ..simulation.trajectory import Trajectory
 from .limits import Limits
 from .objective import chosen_parameters, condition_number
@@ -73,8 +74,6 @@ class Excitation:
 
     def to_csv(self, path: str | Path, *, force: bool = False) -> Path:
         """Write the trajectory at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
-        from ..simulation.result import write_log_csv
-
         count = round(self.trajectory.duration * self.rate) + 1
         t = np.arange(count) / self.rate
         motion = self.trajectory.sample(t)

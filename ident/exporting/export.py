@@ -15,11 +15,16 @@ import numpy as np
 
 from .._utils.files import write_atomic
 from .._utils.json import jsonable
+from .._utils.version import __version__
+from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError, unknown_name
 from ..physical.bounds import Bounds, Metric, reference_prior
 from ..physical.conic import InfeasibleError
 from ..physical.pseudo_inertia import centre_of_mass, smallest_eigenvalues
+from ..physical.standard import StandardParameters, standard_parameters
+from ..physical.structure import InertiaStructure
 from ..robots.parameters import LINK_SYMBOLS
+from ..robots.tree import link_names
 from .mjcf import mjcf_text
 from .urdf import Attached, BodyExport, patch_urdf, source_text
 
@@ -60,9 +65,6 @@ class Identified:
         Standard parameters need their `model`.
 
         Raises ConfigurationError where no real links give the estimate's base parameters."""
-        from ..physical.standard import StandardParameters, standard_parameters
-        from ..physical.structure import InertiaStructure
-
         if isinstance(source, StandardParameters):
             if model is None:
                 raise ConfigurationError("standard parameters are exported with their model: give model=.")
@@ -85,8 +87,6 @@ class Identified:
     @property
     def inertial(self) -> Array:
         """Inertial parameters (10 nb,) of the moving bodies, in Pinocchio's order."""
-        from ..effects.rigid_body import RigidBody
-
         part = next(s for e, s in zip(self.model.effects, self.model.slices, strict=True) if isinstance(e, RigidBody))
         return self.values[part]
 
@@ -115,7 +115,6 @@ class Identified:
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data (`ident.parameters/1`): links, drive, every parameter by name."""
         robot = self.robot
-        from ..physical.structure import link_names
 
         links = []
         joints = (("floating base",) if robot.floating_base else ()) + tuple(j.name for j in robot.tree_joints)
@@ -215,8 +214,6 @@ def export(
         content, more = mjcf_text(found.robot, found.inertial, found.drive())
         notes += more
     else:
-        from .._utils.version import __version__
-
         body = {"schema": "ident.parameters/1", "ident_version": __version__, **found.to_dict()}
         content, left = json.dumps(jsonable(body), indent=1, allow_nan=False) + "\n", ()
         unreal = np.flatnonzero(smallest_eigenvalues(found.inertial) <= 0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import ConfigurationError, UnsupportedError
 from ..physical.pseudo_inertia import centre_of_mass, smallest_eigenvalues
+from ..robots.tree import link_names
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -117,8 +118,6 @@ def _closure(root: object, robot: Robot) -> list[str]:
 
 
 def _body_names(robot: Robot) -> tuple[str, ...]:
-    from ..physical.structure import link_names
-
     return link_names(robot.model)
 
 

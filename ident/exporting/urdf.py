@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..physical.energy import skew
 from ..physical.pseudo_inertia import centre_of_mass, displaced, from_centre_of_mass, smallest_eigenvalues
-from ..robots.urdf import exact_angle
+from ..robots.robot import _held
+from ..robots.urdf import exact_angle, prepare_urdf
 from .xml_patch import Element, NewElement, XmlPatch
 
 if TYPE_CHECKING:
@@ -152,9 +154,6 @@ class _Body:
 
 def _bodies(data: bytes, root: Element, where: str, robot: Robot) -> list[_Body]:
     """The moving bodies in the robot's order: joint, main link, attached links with their placement in the main link's frame."""
-    from ..robots.robot import _held
-    from ..robots.urdf import prepare_urdf
-
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
     moving = [j.name for j in robot.tree_joints]
     for name in moving:
@@ -230,7 +229,6 @@ def _placement(joint: Element, position: float) -> tuple[Array, Array]:
     axis = axis / np.linalg.norm(axis)
     if kind == "prismatic":
         return R, xyz + R @ axis * position
-    from ..physical.energy import skew
 
     K = skew(axis)
     return R @ (np.eye(3) + np.sin(position) * K + (1.0 - np.cos(position)) * K @ K), xyz

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.force import ForceModel
 from ..effects.motion import Motion
 from ..robots.transmission import Side
-from ..simulation.forces import ForceModel
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

@@ -11,6 +11,7 @@ import numpy as np
 from ..effects.base import Axis, JointEffect, Nature, Need, register
 from ..effects.motion import Coordinates, Motion
 from ..robots.parameters import ShapeParameter
+from .bristle import BristleForce
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -48,8 +49,6 @@ class Presliding(JointEffect):
 
     def force_model(self, robot: Robot, values: Array) -> BristleForce:
         """The same law with the bristles' deflection as states, for simulation."""
-        from .bristle import BristleForce
-
         return BristleForce(side=self.side, at=tuple(self.at(robot)), level=np.asarray(values, float), z_s=self.z_s)
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:

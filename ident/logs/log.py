@@ -16,13 +16,13 @@ from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.transmission import Transmission
 from .columns import resolve_columns
 from .names import JointNames
+from .readers.ros import joint_state_columns, read_joint_states
 from .readers.tables import read_columns, read_header
 from .repair import usable_rows
 from .torque import MeasuredTorque, measured
 from .unwrap import motor_turn_notes, unwrapped, wrapping
 
 if TYPE_CHECKING:
-    from ..auditing.audit import Audit
     from ..robots.robot import Robot
 
 Array = np.ndarray
@@ -192,12 +192,6 @@ class LogSet:
             )
         return replace(self, logs=kept)
 
-    def audit(self, robot: Robot | None = None) -> Audit:
-        """Look for what would harm an estimate; see `ident.auditing.audit`."""
-        from ..auditing.audit import audit
-
-        return audit(self, robot)
-
     def split(self, by: str = "run", held: float = 0.25, blocks: int = 8) -> tuple[LogSet, LogSet]:
         """Two sets without a common sample: `(fit, held)`.
 
@@ -297,8 +291,6 @@ def _joined(log: Log, robot: Robot) -> Log:
 
 
 def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | None, missing: str, extra: bool) -> list[Log]:
-    from .readers.ros import joint_state_columns, read_joint_states
-
     where = f"log {path}"
     header = read_header(path)
     layout = None if columns else joint_state_columns(header)

@@ -12,6 +12,7 @@ from .._utils.json import result
 from ..diagnosis.findings import Finding
 from ..diagnosis.precision import FoundParameter
 from ..effects.places import on, place_of
+from ..estimate.summary import error_table
 from ..statistics.torque_error import TorqueError, number
 
 if TYPE_CHECKING:
@@ -144,8 +145,6 @@ class Monitoring:
         return result("ident.monitor/1", body, inputs=self.signals.inputs, warnings=self.warnings)
 
     def __str__(self) -> str:
-        from ..estimate.summary import error_table
-
         lines = [f"verdict: {said(self)}"]
         for i, change in enumerate(self.changes, 1):
             lines.append(f"{i}. {change}; confidence {change.confidence:.2f}")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
+from ..robots.tree import link_names
 from .pseudo_inertia import from_centre_of_mass, pseudo_inertia, smallest_eigenvalues
 
 if TYPE_CHECKING:
@@ -142,8 +143,6 @@ class Prior:
 
 def nominal_prior(robot: Robot, metric: Metric | str = Metric.QUADRATIC, spread: float = 0.5) -> tuple[Prior | None, tuple[str, ...]]:
     """The URDF's own links as a prior, and notes: links that are no real bodies count as unknown. None where nothing is known."""
-    from .structure import link_names
-
     if robot.nominal is None:
         return None, ()
     nominal = robot.nominal.copy().reshape(-1, 10)

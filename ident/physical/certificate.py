@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .chain import Cross, Stage, build_stages, gram_freedom, gram_multiplier, spatial_units
+from .chain import Cross, Stage, _independent_rows, build_stages, gram_freedom, gram_multiplier, spatial_units
 from .conic import Block, ConicProgram, InfeasibleError, Solution, SolverError, solver_available, symmetric_basis
 from .structure import InertiaStructure
 
@@ -157,8 +157,6 @@ class ChainProgram:
 
 def _tree_rows(structure: InertiaStructure) -> dict[int, int]:
     """Independent velocity of a tree rate."""
-    from .chain import _independent_rows
-
     return {row: j for j, row in enumerate(_independent_rows(structure))}
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import ConfigurationError
 from ..estimate.status import StatusCode
+from ..problem.problem import Problem
 from ..statistics.torque_error import TorqueError
 from .bounds import Bounds, Prior, reference_prior
 from .judgement import Subject, subject_of
@@ -46,8 +47,6 @@ def repair_estimate(
     """Repair an estimate; see `repair`. `held`: prepared signals that no fit saw, on which the error before and after is reported too.
 
     Raises ConfigurationError where method "fit" is asked of an estimate without an information block."""
-    from ..problem.problem import Problem
-
     subject = subject_of(estimate)
     triangle = triangle_of(estimate)
     near, notes = reference_prior(estimate.model.robot, subject.structure)

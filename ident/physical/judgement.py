@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..friction import Coulomb, RotorInertia, Viscous
 from .conic import solver_available
 from .consistent import Consistent, judge_consistent
 from .possible import Possible, judge_possible
@@ -111,8 +112,6 @@ def published_subject(robot: Robot, values: Mapping[str, float], name: str = "pu
     """A set in the dissertation's notation (`J3z`, `J3(x-y)`, `R2x`, `h3`, `b1`, `c1` …, number = joint) for a robot in its frames.
 
     Raises ConfigurationError where the names are not the base parameters of the robot with rotor inertia, viscous and Coulomb friction."""
-    from ..friction import Coulomb, RotorInertia, Viscous
-
     model = robot.rigid_body() + RotorInertia() + Viscous() + Coulomb()
     base = model.base
     structure = InertiaStructure.from_model(model, base)

@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS
 from .conic import ConicProgram, solver_available
+from .consistent import link_scales
 from .pseudo_inertia import UNITS, centre_of_mass, from_pseudo_inertia, pseudo_inertia
 from .structure import InertiaStructure
 from .target import covariance_root
@@ -233,8 +234,6 @@ def _column_basis(M: Array) -> Array:
 
 def _scale(structure: InertiaStructure) -> Array:
     """Size (10,) of a payload's parameters: a kilogram at a tenth of the arm's links."""
-    from .consistent import link_scales
-
     length = float(1.0 / link_scales(structure)[0, 0])
     return np.array([1.0] + [length] * 3 + [length**2] * 6)
 

@@ -11,13 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..effects.motion import Motion
+from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
+from ..regressor.rigid import mass_matrix, regressor
 from ..robots.parameters import LINK_SYMBOLS
+from ..robots.transmission import Side
+from ..robots.tree import link_names
 from .energy import energy_gradient, energy_rows
 
 if TYPE_CHECKING:
-    import pinocchio as pin
-
     from ..model import Model
     from ..regressor.base_parameters.reduction import BaseReduction
     from ..robots.tree import RigidBodyTree
@@ -116,8 +119,6 @@ class InertiaStructure:
     @classmethod
     def from_model(cls, model: Model, base: BaseReduction) -> InertiaStructure:
         """From a model and its base reduction. Effects whose torque is a constant matrix times acceleration count as inertia."""
-        from ..effects.rigid_body import RigidBody
-
         robot = model.robot
         rigid = [s for e, s in zip(model.effects, model.slices, strict=True) if isinstance(e, RigidBody)]
         if len(rigid) != 1:
@@ -220,8 +221,6 @@ class InertiaStructure:
 
     def inertia_matrix(self, values: Array, q: Array) -> Array:
         """H (N, nv, nv) on the joint side, reflected rotor inertia included, for joint positions (N, n)."""
-        from ..regressor.rigid import mass_matrix
-
         M = mass_matrix(self.tree, self.lift[self.inertial] @ values, self.tree_position(q))
         if self.has_loop:
             M = np.matmul(np.matmul(self.projection.T, M), self.projection)
@@ -229,8 +228,6 @@ class InertiaStructure:
 
     def parameter_matrices(self, q: Array) -> Array:
         """H per unit base parameter at one position (n,): (b, nv, nv)."""
-        from ..regressor.rigid import regressor
-
         state = np.repeat(self.tree_position(np.asarray(q, float)[None]), self.nv, axis=0)
         # Unit accelerations; what is left at rest is gravity, which is taken out.
         Y = regressor(self.tree, state, np.zeros((self.nv, self.tree.nv)), self.projection.T)
@@ -249,15 +246,6 @@ class InertiaStructure:
         """d(v' H(q) v)/dq: (N, n), at fixed rates (N, nv)."""
         slope = energy_gradient(self.tree, self.lift[self.inertial] @ values, self.tree_position(q), v @ self.projection.T)
         return slope @ self.projection[6 * self.tree.floating :, 6 * self.tree.floating :]
-
-
-def link_names(model: pin.Model) -> tuple[str, ...]:
-    """URDF link that each moving body is named after: the child link of its joint."""
-    found = {}
-    for frame in model.frames:
-        if str(frame.type) == "BODY" and frame.parentJoint > 0 and frame.parentJoint not in found:
-            found[frame.parentJoint] = frame.name
-    return tuple(found.get(i, model.names[i]) for i in range(1, model.njoints))
 
 
 def parameter_names(body_names: tuple[str, ...]) -> tuple[str, ...]:
@@ -320,10 +308,6 @@ def _inverse(regroup: Array, size: Array, stay: list[int] | None) -> tuple[Array
 
 def _constant_inertia(model: Model) -> tuple[Array, Array, tuple[str, ...]]:
     """Parameters outside the rigid body whose torque is a constant symmetric matrix times acceleration: (indices, matrices, notes)."""
-    from ..effects.motion import Motion
-    from ..effects.rigid_body import RigidBody
-    from ..robots.transmission import Side
-
     robot = model.robot
     n = robot.n
     rng = np.random.default_rng(0)

@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..effects.motion import Coordinates, Motion
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
+from ..simulation.controller import PDFeedforward
+from ..simulation.simulate import Sensors, Simulation, simulate_batch
+from .manifest import write_manifest
 
 if TYPE_CHECKING:
     from ..simulation.controller import Controller
@@ -42,8 +46,6 @@ def simulate_logs(
     settings: Mapping[str, Any],
 ) -> Path:
     """Simulate, write logs and manifest; the manifest's path."""
-    from .manifest import write_manifest
-
     if plant.robot.joint_names != plan.joints:
         raise ConfigurationError(
             f"the plan is for joints {', '.join(plan.joints)}, but the robot has {', '.join(plant.robot.joint_names)}."
@@ -66,8 +68,6 @@ def simulate_logs(
 
 
 def _tracked(plant: Plant, ways: list[Chained], seeds: list[int], settings: dict[str, Any]) -> Sequence[Simulation]:
-    from ..simulation.simulate import simulate_batch
-
     settings.setdefault("controller", servo(plant))
     return simulate_batch(plant, desired=ways, seeds=seeds, **settings)
 
@@ -76,16 +76,12 @@ def servo(plant: Plant) -> Controller | None:
     """A controller that feeds the whole model forward, friction included: without it a weak loop sticks at creeping speed.
 
     None, for the simulation's own, where the model depends on more than the instant."""
-    from ..simulation.controller import PDFeedforward
-
     if plant.model.needs:
         return None
     return PDFeedforward.tuned(plant.model, plant.schedule.values[0])
 
 
 def _exact(plant: Plant, ways: list[Chained], seeds: list[int], settings: dict[str, Any]) -> Sequence[Simulation]:
-    from ..simulation.simulate import Sensors
-
     if plant.extra or plant.flexible is not None or len(plant.schedule.values) > 1:
         raise UnsupportedError("exact tracking knows a model with constant values alone; use tracking = 'controller' for this plant.")
     settings = {k: v for k, v in settings.items() if k not in ("control_rate", "step")}
@@ -102,9 +98,6 @@ def _exact(plant: Plant, ways: list[Chained], seeds: list[int], settings: dict[s
 
 def _followed(plant: Plant, way: Chained, rate: float, sensors: Any, seed: int) -> Simulation:
     """One run along its motion, read at `rate` Hz."""
-    from ..effects.motion import Coordinates, Motion
-    from ..simulation.simulate import Simulation
-
     robot, model, values = plant.robot, plant.model, plant.schedule.values[0]
     t = np.arange(int(way.duration * rate + 1e-9) + 1) / rate
     link = way.sample(t)

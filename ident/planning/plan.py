@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError, unknown_name
-from .choice import Separation
-from .logs import Tracking
+from ..excitation.limits import Limits
+from ..friction import Coulomb, RotorInertia, Viscous
+from ..robots.robot import Robot
+from .choice import Chooser, Separation
+from .logs import Tracking, simulate_logs
+from .manifest import plan_tables, read_manifest, write_manifest
 from .trials import Kind, PlannedTest, Segment, Sweep, Swing
 
 if TYPE_CHECKING:
@@ -79,8 +83,6 @@ class Plan:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
-        from .manifest import plan_tables
-
         tables = plan_tables(self)
         return {"schema": "ident.plan/1", **tables.pop("plan"), "tests": [{"name": name, **table} for name, table in tables.items()]}
 
@@ -100,8 +102,6 @@ class Plan:
 
 def default_model(robot: Robot) -> Model:
     """Rigid body, rotor inertia, viscous and Coulomb friction on every joint: what the step-by-step method identifies."""
-    from ..friction import Coulomb, RotorInertia, Viscous
-
     return robot.rigid_body() + RotorInertia() + Viscous() + Coulomb()
 
 
@@ -118,10 +118,6 @@ def make_plan(
     Static tests, constant velocity, and motion of one or two joints with the others frozen at `postures` postures or more; as
     many as it takes to determine every base parameter, decided by ranks within `limits` (by default nine tenths of what the
     robot's description allows). Collisions are not looked at. Raises UnsupportedError for effects that a plan cannot hold."""
-    from ..excitation.limits import Limits
-    from ..robots.robot import Robot
-    from .choice import Chooser
-
     if isinstance(model, Robot):
         model = default_model(model)
     robot = model.robot
@@ -149,15 +145,11 @@ def make_plan(
 
 def write_plan(plan: Plan, path: str | Path, *, force: bool = False) -> Path:
     """Write a plan as its manifest (TOML). Raises ConfigurationError if the file exists and `force` is false."""
-    from .manifest import write_manifest
-
     return write_manifest(plan, Path(path), force=force)
 
 
 def read_plan(path: str | Path) -> Plan:
     """Read a manifest. Raises ConfigurationError that names the file, the test and the key."""
-    from .manifest import read_manifest
-
     return read_manifest(Path(path))
 
 
@@ -177,6 +169,4 @@ def simulate_plan(
     `plant`: what is tested; `tests`: names, by default all; `tracking`: see `Tracking`. `settings` go to `simulate_batch`
     (sensors, controller, rate, feedback …); with exact tracking only rate (Hz), sensors and progress mean something. Test
     number i takes the seed `seed` + i. Raises ConfigurationError for other joints or existing files."""
-    from .logs import simulate_logs
-
     return simulate_logs(plan, plant, Path(folder), tests, tracking, seed, force, settings)

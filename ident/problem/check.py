@@ -7,11 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..evaluation.opposite_signs import opposite_sign
+from .._utils.text import WIDTH, shortened
 from ..regressor.base_parameters.reduction import BaseReduction
+from ..statistics.torque_error import number
+from .advice import advice
+from .agreement import agreement
+from .linear_solution import order_of, row_variances, solve_triangle
+from .opposite_signs import opposite_sign
 
 if TYPE_CHECKING:
-    from ..regressor.base_parameters.agreement import Agreement
+    from .agreement import Agreement
     from .problem import Problem
 
 Array = np.ndarray
@@ -41,8 +46,6 @@ class ProblemCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
-        from ..statistics.torque_error import number
-
         return {
             "structural_rank": self.base.count,
             "rank": self.rank,
@@ -63,7 +66,6 @@ class ProblemCheck:
         lines = [f"{self.base.count} base parameters of {len(self.base.parameters)}; these data determine {self.rank}"]
         lines.append(f"condition {self.condition:.3g} (columns scaled); smallest kept distance {kept:.1e}, largest dropped {dropped:.1e}")
         lines += str(self.agreement).splitlines()
-        from ..estimate.summary import WIDTH, shortened
 
         width = max(len(n) for n in self.base.names)
         for name, text, spread in zip(self.base.names, self.base.expressions, self.expected_relative_std, strict=True):
@@ -77,10 +79,6 @@ class ProblemCheck:
 def check_problem(problem: Problem) -> ProblemCheck:
     """Check a problem: one pass over its samples."""
     from scipy.linalg import solve_triangular
-
-    from ..regressor.base_parameters.agreement import agreement
-    from .advice import advice
-    from .linear_solution import order_of, row_variances, solve_triangle
 
     base, information = problem.base, problem.information
     start = np.where(information.counts > 0, information.counts / np.maximum(information.torque_squares(), 1e-300), 0.0)

@@ -18,6 +18,7 @@ from ..effects.motion import Coordinates, Motion
 from ..effects.rigid_body import RigidBody
 from ..errors import UnsupportedError
 from ..regressor.numpy_dynamics import CHUNK, _Chunk, _cross, _into
+from ..regressor.rigid import regressor
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -123,8 +124,6 @@ def _inertia_times(effect: Effect, place: Motion, robot: Robot, motion: Motion) 
 
 @parts.register(RigidBody)
 def _(effect: RigidBody, motion: Motion, robot: Robot) -> Parts:
-    from ..regressor.rigid import regressor
-
     if robot.floating_base:
         raise UnsupportedError(
             f"robot {robot.name!r} has a floating base: the momentum and energy forms are for fixed bases; use the torque form."

@@ -15,6 +15,7 @@ from enum import StrEnum
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..regressor.rigid import stacked_information
 
 Array = np.ndarray
 #: Largest condition of [Φ τ], columns of equal length, at which products may stand for rows. Rounding then moves an estimate by about
@@ -62,8 +63,6 @@ class Information:
 
     def with_rows(self, columns: Array, tau: Array, valid: Array | None = None) -> Information:
         """Add samples: `columns` (m, n, k), `tau` (m, n), `valid` (m, n) bool (rows that count)."""
-        from ..regressor.rigid import stacked_information
-
         factors, counts = stacked_information(columns, tau, valid=valid)
         return self + Information(factors, counts, self.names)
 

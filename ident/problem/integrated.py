@@ -17,10 +17,11 @@ import numpy as np
 
 from ..effects.base import Need
 from ..errors import ConfigurationError, DataError, unknown_name
+from ..signals.rows import Rows
 from ..statistics.noise import row_shape
 from ..statistics.torque_error import TorqueError
 from .formulations import Parts, model_parts
-from .problem import Problem, Rows
+from .problem import Problem
 
 if TYPE_CHECKING:
     from ..model import Model

@@ -15,15 +15,18 @@ from ..effects.reference import Reference
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError, DataError
 from ..model import Model
+from ..regressor.rigid import information
 from ..robots.transmission import Side
+from ..signals.rows import KeptRows, Rows
+from ..signals.signals import Signals
 from ..statistics.noise import row_shape
 from ..statistics.torque_error import TorqueError
+from .check import check_problem
+from .columns import RowColumns
 from .information import Accumulation, Form, Information
 
 if TYPE_CHECKING:
     from ..regressor.base_parameters.reduction import BaseReduction
-    from ..signals.signals import Signals
-    from ..streaming.rows import StoredRows
     from .check import ProblemCheck
 
 Array = np.ndarray
@@ -31,17 +34,6 @@ Array = np.ndarray
 _BLOCK_NUMBERS = 4_000_000
 #: Samples a row up to which products instead of reflections save time worth having.
 _FEW_SAMPLES = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """A block of rows: `columns` (m, n, b) over base parameters, `tau` (m, n), `valid` (m, n), `place` in the signals' rows, `run`."""
-
-    columns: Array
-    tau: Array
-    valid: Array
-    place: slice
-    run: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,13 +92,11 @@ class Problem:
         return self._made_rows() if stored is None else stored
 
     @property
-    def _stored(self) -> StoredRows | None:
+    def _stored(self) -> KeptRows | None:
         """Rows made before and kept on disk, where the signals are streamed."""
         return self.signals.stored_rows(self.model)
 
     def _made_rows(self) -> Iterator[Rows]:
-        from ..streaming.columns import RowColumns
-
         signals, model = self.signals, self.model
         keep = self.base.independent
         size = max(64, _BLOCK_NUMBERS // (model.robot.n * len(model.parameters)))
@@ -177,8 +167,6 @@ class Problem:
         return found.information
 
     def _accumulate(self, into: Accumulation) -> None:
-        from ..regressor.rigid import information
-
         signals, model, robot = self.signals, self.model, self.model.robot
         others = Model(robot, model.effects[1:])
         rows = robot.transmission.torque_map(Side.JOINT, robot.transmission.measured) @ robot.loop.W.T
@@ -229,6 +217,4 @@ class Problem:
 
     def check(self) -> ProblemCheck:
         """Rank, condition, base parameters and excitation, before anything is estimated."""
-        from .check import check_problem
-
         return check_problem(self)

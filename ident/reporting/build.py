@@ -6,8 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._utils.files import write_atomic
+from ..diagnosis import Diagnosis
 from ..errors import ConfigurationError
+from ..estimate.estimate import Estimate
+from ..monitoring import Monitoring
+from .diagnosis import diagnosis_report
 from .document import Report, read_report
+from .estimate import estimate_report
+from .figures import draw, require_matplotlib
+from .html import to_html
+from .monitoring import monitoring_report
 
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
@@ -24,9 +32,6 @@ def report(
 
     `figures`: a folder for its figures as SVG files. Returns the path. Raises ConfigurationError without matplotlib (the `report`
     extra), or if a file exists and `force` is false."""
-    from .figures import draw, require_matplotlib
-    from .html import to_html
-
     require_matplotlib()
     path = Path(path)
     if path.exists() and not force:
@@ -44,13 +49,6 @@ def report(
 
 def report_of(result: object) -> Report:
     """The report of a result: a diagnosis, an estimate, what monitoring found. Raises ConfigurationError for anything else."""
-    from ..diagnosis import Diagnosis
-    from ..estimate.estimate import Estimate
-    from ..monitoring import Monitoring
-    from .diagnosis import diagnosis_report
-    from .estimate import estimate_report
-    from .monitoring import monitoring_report
-
     if isinstance(result, Diagnosis):
         return diagnosis_report(result)
     if isinstance(result, Estimate):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..diagnosis.analysis import without_reversals
 from ..diagnosis.hidden import by_effect
 from ..diagnosis.text import undecided
 from ..effects.places import on, place_of
@@ -106,8 +107,6 @@ def _hidden(d: Diagnosis) -> list[Section]:
 
 
 def _errors(d: Diagnosis) -> Table:
-    from ..diagnosis.analysis import without_reversals
-
     robot, c = d.before.model.robot, d.comparison
     # The floor is that of rows away from reversals, and so is what it is compared with.
     away = without_reversals(d.signals if d.held is None else d.held)

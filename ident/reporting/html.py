@@ -6,6 +6,7 @@ import base64
 from html import escape
 from importlib import resources
 
+from .._utils.version import __version__
 from .document import Figure, Report, Section, Table, Text
 from .figures import draw
 
@@ -15,8 +16,6 @@ _LONG = 18
 
 def to_html(report: Report, drawn: dict[str, bytes] | None = None) -> str:
     """The whole page. `drawn`: SVG of figures by name, where they are at hand. Raises ConfigurationError without matplotlib."""
-    from .._utils.version import __version__
-
     style = resources.files(__package__).joinpath("report.css").read_text()
     drawn = {f.name: draw(f) for f in report.figures} if drawn is None else drawn
     sections = "\n".join(_section(s, drawn) for s in report.sections)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..effects.places import on, place_of
+from ..monitoring.result import said
 from .document import Figure, Kind, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from .rows import Timeline
 
@@ -18,8 +19,6 @@ _JOINTS = 8
 
 def monitoring_report(found: Monitoring) -> Report:
     """What changed, by how much; errors per joint; the residual over time."""
-    from ..monitoring.result import said
-
     robot = found.estimate.model.robot
     sections: list[Section] = [*_changes(found), *_left(found), _errors(found), _over_time(found)]
     if found.known:

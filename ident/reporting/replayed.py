@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import IdentError
+from ..simulation.replay import replay
 from .document import Figure, Kind, Layer, Panel, Role, Section, Table, Text, plain
 
 if TYPE_CHECKING:
@@ -24,8 +25,6 @@ TITLE = "Replayed motion"
 
 def replay_sections(before: Estimate, after: Estimate, signals: Signals, data: str) -> tuple[Section, ...]:
     """A table of errors and the trajectories of the joints that move most; a word of why, where nothing can be replayed."""
-    from ..simulation.replay import replay
-
     try:
         old, new = (replay(e.model, e.all_values, signals, windows=_WINDOWS, most=_MOST_EVALUATIONS) for e in (before, after))
     except IdentError as error:

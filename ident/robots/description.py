@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from .._utils.toml import Kind, Unfit, check_options, check_table, flag, load_toml, matrix, number, numbers, one_of, table_of, text, texts
+from .._utils.toml import Kind, Unfit, check_table, flag, load_toml, matrix, number, numbers, one_of, table_of, text, texts
 from ..errors import ConfigurationError
+from .robot import STANDARD_GRAVITY, Robot
 from .transmission import Side, Transmission
 
 if TYPE_CHECKING:
-    from ..effects.base import Effect
     from .robot import Robot
 
 #: The model beside the rigid body where nothing is declared: what every geared joint has.
 DEFAULT_EFFECTS = ("rotor_inertia", "viscous", "coulomb")
 
 
-def _effects(value: Any) -> tuple[Mapping[str, Any], ...]:
+def effect_entries(value: Any) -> tuple[Mapping[str, Any], ...]:
+    """Effects as a file gives them (a name, a table, or a list of both), each as a table with its name."""
     entries = [value] if isinstance(value, str | Mapping) else value
     expected = 'a list of effect names or tables such as { name = "coulomb", joints = ["joint1"] }'
     if not isinstance(entries, list | tuple):
@@ -92,7 +92,7 @@ class DriveTable:
         "K": matrix,
         "zero": numbers(),
         "torque_constants": numbers(),
-        "effects": _effects,
+        "effects": effect_entries,
     }
 
     @classmethod
@@ -130,19 +130,6 @@ class DriveTable:
         zero = np.zeros(n) if self.zero is None else np.array(self.zero)
         return Transmission(K, zero, Side(self.measured or Side.JOINT), constants)
 
-    def make_effects(self) -> tuple[Effect, ...]:
-        """The declared effects, or the usual ones where none are declared. Raises ConfigurationError for unknown ones."""
-        from ..effects.base import effect_types, make_effect
-
-        known = effect_types()
-        made = []
-        for entry in self.effects if self.effects is not None else _effects(list(DEFAULT_EFFECTS)):
-            name, options = entry["name"], {k: v for k, v in entry.items() if k != "name"}
-            if name in known:
-                check_options(known[name], options, f"effect {name!r} ([drive] effects)", {"name"})
-            made.append(make_effect(name, **options))
-        return tuple(made)
-
 
 @dataclass(frozen=True)
 class Description:
@@ -161,7 +148,6 @@ class Description:
     def build(self) -> Robot:
         """The robot, behind its drive. Raises ConfigurationError."""
         from .library.load import load_robot
-        from .robot import STANDARD_GRAVITY, Robot
 
         table = self.robot
         if table.name is not None:
@@ -188,16 +174,6 @@ class Description:
             floating_base=table.floating_base,
         )
         return robot.with_transmission(self.drive.transmission(robot.n))
-
-
-def effect_entry(effect: Effect) -> dict[str, Any]:
-    """An effect as `[drive] effects` writes it: its name and whatever differs from the usual."""
-    entry: dict[str, Any] = {"name": effect.name}
-    for item in fields(effect):
-        value = getattr(effect, item.name)
-        if value != item.default:
-            entry[item.name] = list(value) if isinstance(value, tuple) else str(value) if isinstance(value, StrEnum) else value
-    return entry
 
 
 def read_loop(data: Any, where: str) -> dict[str, dict[str, float]]:

@@ -77,3 +77,12 @@ class RigidBodyTree:
             np.array(model.gravity.linear, float),
             floating,
         )
+
+
+def link_names(model: pin.Model) -> tuple[str, ...]:
+    """URDF link that each moving body is named after: the child link of its joint."""
+    found = {}
+    for frame in model.frames:
+        if str(frame.type) == "BODY" and frame.parentJoint > 0 and frame.parentJoint not in found:
+            found[frame.parentJoint] = frame.name
+    return tuple(found.get(i, model.names[i]) for i in range(1, model.njoints))

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError, DataError, unknown_name
+from ..logs.log import spread
 from .filters import RowFilter
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
     from ..model import Model
     from ..robots.robot import Robot
-    from ..streaming.rows import StoredRows
+    from .rows import KeptRows
 
 Array = np.ndarray
 
@@ -185,7 +186,7 @@ class Signals:
                     slice(run.start + support.start, run.start + support.stop), slice(rows.start + first, rows.start + last), i, filter_
                 )
 
-    def stored_rows(self, model: Model) -> StoredRows | None:
+    def stored_rows(self, model: Model) -> KeptRows | None:
         """The rows of a model, where they were made before and are kept on disk (`ident.streaming`); None here."""
         return None
 
@@ -239,8 +240,6 @@ class Signals:
     def split(self, by: str = "fraction", held: float = 0.25, blocks: int = 8) -> tuple[Signals, Signals]:
         """`(fit, held)` without a common sample. `by`: "fraction" (the last part of every run), "blocks" (evenly spread ones of
         `blocks` parts of every run) or "run". Prefer splitting logs before preparing them; this is for cross-validation."""
-        from ..logs.log import spread
-
         if by == "run":
             out = spread(len(self.runs), held)
             if not out:

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..effects.base import Factor
+from ..regressor.kernel_choice import kernel
 from ..robots.transmission import Side
+from .controller import Script
 from .dynamics import Dynamics, Response, State, singular_inertia
 from .integrator import Phase, diverged
 
@@ -63,8 +65,6 @@ class CompiledPlant:
     @classmethod
     def of(cls, dynamics: Dynamics) -> CompiledPlant | None:
         """The plant, or None where some force of it is not of the kind, or the kernel was not built."""
-        from ..regressor.kernel_choice import kernel
-
         chosen = kernel()
         plain = dynamics.flexible is None and dynamics.robot.loop.is_trivial and not dynamics.dry.redundant
         if not chosen.compiled or not plain or any(not t.idle and t.parts is None for t in dynamics.terms):
@@ -145,8 +145,6 @@ class CompiledPlant:
         self, state: State, modes: Array | None, torque: Array, period: float, substeps: int, ends: bool
     ) -> tuple[Phase, State, Array]:
         """One control period under torque (B, n) on the measured side: the phase at its start, the state and modes at its end."""
-        from .controller import Script
-
         script = Script(self.dynamics.robot.transmission.measured, np.ascontiguousarray(torque, float)[None])
         kept, after, now = self.run(script, state, modes, period=period, substeps=substeps, ends=ends, first=float(state.t[0]))
         none = np.zeros((len(torque), 0))

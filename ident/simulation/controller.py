@@ -12,6 +12,8 @@ import numpy as np
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
 from ..robots.transmission import Side
+from ..robots.tree import link_names
+from .plant import Plant
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -80,8 +82,6 @@ def typical_inertia(model: Model, values: Array, side: Side) -> Array:
     """What each joint (n,) has to move on a side, drives included: the mean diagonal of the inertia matrix over postures within the joint
     limits, or less, where others give way: two wrist joints in line share one inertia, and gains that each has for all of it are
     too much for both. Then what a joint moves by itself, D_i = s / (H⁻¹)_ii in the worst posture, s as large as λ(H⁻¹ D) allows."""
-    from .plant import Plant
-
     robot = model.robot
     rng = np.random.default_rng(0)
     lower = np.array([max(j.lower, -np.pi) for j in robot.joints])
@@ -109,8 +109,6 @@ def typical_inertia(model: Model, values: Array, side: Side) -> Array:
 
 def _require_inertia(model: Model, H: Array) -> None:
     """Raises ConfigurationError where inertia matrices (m, n, n) leave a motion without inertia: nothing can follow a command then."""
-    from ..physical.structure import link_names
-
     robot = model.robot
     scale = np.sqrt(np.abs(np.diagonal(H, axis1=1, axis2=2)).max(axis=0))
     scaled = H / np.outer(np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0))
@@ -225,8 +223,6 @@ class ComputedTorque(Controller):
     kd: tuple[float, ...] | float
 
     def law(self, robot: Robot, desired: Coordinates, period: float) -> Law:
-        from .plant import Plant
-
         if self.side != Side.JOINT:
             raise ConfigurationError("a computed-torque controller acts on the joint side.")
         kp, kd = _gains("kp", self.kp, robot.n), _gains("kd", self.kd, robot.n)

@@ -5,16 +5,18 @@ by asking it, so that simulation treats every effect alike."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..effects.base import Effect, Factor, JointEffect, Nature, Need
+from ..effects.force import ForceModel, Simulated
 from ..effects.motion import Motion
+from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError, UnsupportedError
+from ..robots.robot import Robot
 from ..robots.transmission import Side
 
 if TYPE_CHECKING:
@@ -26,44 +28,6 @@ Array = np.ndarray
 #: A speed that has a sign and nothing else.
 TINY = 1e-200
 _PROBES = 48
-
-
-class ForceModel(ABC):
-    """A torque that loads the drive, like an effect's, but of any form and with states of its own if it needs them.
-
-    Subclass it (a frozen dataclass is best) and pass instances to `Plant(extra=...)`. All arrays have one row per parallel
-    run (B). The torque has the sign of an effect's: what the drive must supply for it. It may jump where a speed on its side
-    changes sign (dry friction); simulation finds this and treats standstill properly. States integrate with the motion
-    through `rate`, or, where they follow the path and not the clock (a bristle, a memory), through `carried`."""
-
-    #: The side on which the torque acts.
-    side: Side = Side.MOTOR
-
-    @abstractmethod
-    def torque(self, motion: Motion, state: Array, robot: Robot) -> Array:
-        """Torque (B, n) on `side` at the motion (B rows) and the own states (B, s)."""
-
-    def start(self, motion: Motion, robot: Robot) -> Array:
-        """Own states (B, s) at the start; none by default."""
-        return np.zeros((len(motion), 0))
-
-    def rate(self, motion: Motion, state: Array, robot: Robot) -> Array:
-        """Time derivative (B, s) of the own states."""
-        return np.zeros_like(state)
-
-    def carried(self, before: Motion, state: Array, now: Motion, robot: Robot) -> Array | None:
-        """Own states (B, s) after the path from `before`, where they were `state`, to `now`; None where `rate` says it.
-
-        Called for every stage of an integration step, always from the step's start."""
-        return None
-
-
-@runtime_checkable
-class Simulated(Protocol):
-    """An effect with memory: it brings its own forward model, for the values (k,) of its linear parameters."""
-
-    def force_model(self, robot: Robot, values: Array) -> ForceModel:
-        """The force that these values of the effect's parameters make."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +93,6 @@ def model_terms(model: Model, values: Array, extra: tuple[ForceModel, ...]) -> t
     """The robot to simulate, all terms beside its rigid body, and the inertial parameters (10 nb,), zero if the model has none.
 
     What only concerns measuring is left out, and what means another robot (a base that is tilted) becomes that robot."""
-    from ..effects.rigid_body import RigidBody
-
     robot = model.robot
     for effect, part in zip(model.effects, model.slices, strict=True):
         if Need.REFERENCE in effect.needs and effect.nature != Nature.SENSOR:
@@ -158,8 +120,6 @@ def model_terms(model: Model, values: Array, extra: tuple[ForceModel, ...]) -> t
 
 
 def _made_permanent(effect: Effect, values: Array, robot: Robot) -> Robot:
-    from ..robots.robot import Robot
-
     changed = effect.applied(robot, values) if values.any() else robot
     if not isinstance(changed, Robot):
         raise UnsupportedError(

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.force import ForceModel
 from ..errors import ConfigurationError
 from .dynamics import Dynamics, Input, State
 from .flexible import FlexibleJoints
-from .forces import ForceModel, model_terms
+from .forces import model_terms
+from .integrator import begin
 from .rigid import require_fixed_base
 
 if TYPE_CHECKING:
@@ -89,8 +91,6 @@ class Plant:
         """Link accelerations (B, n) at q, dq with torque tau, all (B, n), tau on the measured side.
 
         Dry friction at rest holds as long as its limits allow."""
-        from .integrator import begin
-
         dynamics = self.dynamics(t)
         q, dq, tau = (np.atleast_2d(np.asarray(x, float)) for x in (q, dq, tau))
         state: State = dynamics.start(np.full(len(q), t), q, dq)

@@ -12,10 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..effects.base import Nature, Need
+from ..effects.force import Simulated
 from ..errors import ConfigurationError, DataError
+from ..model import Model
+from ..problem.problem import Problem
 from .dynamics import Dynamics, Input, State
-from .forces import Simulated
 from .integrator import advance, begin
+from .plant import Plant
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -140,7 +143,6 @@ def replay(
             " give a shorter window, or logs in which the torque of all joints is recorded."
         )
     rows = first[None, :] + stride * np.arange(length + 1)[:, None]
-    from .plant import Plant
 
     dynamics = Plant(forward, own).dynamics()
     measured, rate = signals.q[rows], signals.dq[rows]
@@ -163,8 +165,6 @@ def replay(
 
 def _divided(model: Model, values: Array) -> tuple[Model, Array, list[int]]:
     """The part of a model that runs forward, its values, and the effects (by place) that only act along the measured motion."""
-    from ..model import Model
-
     along: list[int] = []
     stays: list[int] = []
     for i, effect in enumerate(model.effects):
@@ -180,7 +180,6 @@ def _drive_torque(model: Model, values: Array, signals: Signals, along: list[int
     """Measured torque (N, n), less the torque of effects that act along the measured motion."""
     if not along:
         return signals.torque
-    from ..problem.problem import Problem
 
     problem, robot = Problem(model, signals, reference=values), model.robot
     out = signals.torque.copy()

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.files import write_atomic
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
+from ..logs.log import Log
 from ..robots.transmission import Side
 from .sensors import Readings, Sensors
 
@@ -107,8 +109,6 @@ class Simulation:
 
     def log(self, name: str = "simulated") -> Log:
         """What the sensors recorded, as a log."""
-        from ..logs.log import Log
-
         columns = self._columns()
         return Log(
             name=name,
@@ -146,8 +146,6 @@ class Simulation:
 def write_log_csv(path: str | Path, t: Array, columns: dict[str, Array], *, force: bool = False) -> Path:
     """Write a log of columns (N, n) by the contract's names, completely or not at all; gzip by the suffix `.gz`."""
     import pandas as pd
-
-    from .._utils.files import write_atomic
 
     target = Path(path)
     table = {"t": t} | {f"{key}{j + 1}": values[:, j] for key, values in columns.items() for j in range(values.shape[1])}

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..errors import UnsupportedError
+from ..regressor import rigid
+from ..regressor.kernel_choice import kernel
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -26,9 +28,6 @@ class RigidDynamics:
     `inertia` (10 nb,): linear parameters of all bodies; they need not be physical. Raises UnsupportedError for a free-flyer."""
 
     def __init__(self, robot: Robot, inertia: Array) -> None:
-        from ..regressor import rigid
-        from ..regressor.kernel_choice import kernel
-
         require_fixed_base(robot)
         self._robot = robot
         self._trivial = robot.loop.is_trivial

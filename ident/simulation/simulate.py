@@ -10,17 +10,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.force import ForceModel
 from ..effects.motion import Coordinates
+from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
+from ..model import Model
 from .actuators import Actuator, CurrentLoop, Gain, Saturation
 from .command import Command, Feedback, GivenTorque, Tracking
 from .controller import Controller, PDFeedforward
 from .flexible import FlexibleJoints
-from .forces import ForceModel
 from .plant import Plant, Schedule
 from .replay import Replay, replay
 from .result import Simulation
+from .runner import run
 from .sensors import Sensors
+from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -143,7 +147,6 @@ def simulate_batch(
     seeds = list(range(lanes)) if seeds is None else list(seeds)
     if len(seeds) != lanes:
         raise ConfigurationError(f"{len(seeds)} seeds are given for {lanes} runs.")
-    from .runner import run
 
     linear = Hold(hold) == Hold.FIRST_ORDER
     with np.errstate(over="ignore", invalid="ignore"):  # a motion that grows without bound is reported as such
@@ -153,8 +156,6 @@ def simulate_batch(
 
 def _sampled(desired: Sequence[Trajectory | Coordinates], control_rate: float, duration: float | None, n: int) -> Coordinates:
     """Desired motions (K, B, n) at the control instants; a shorter one stands still at its end."""
-    from .trajectory import Trajectory
-
     if duration is None:
         duration = max(d.duration if isinstance(d, Trajectory) else (len(d.q) - 1) / control_rate for d in desired)
     count = round(duration * control_rate) + 1
@@ -170,9 +171,6 @@ def _sampled(desired: Sequence[Trajectory | Coordinates], control_rate: float, d
 
 
 def _default_controller(plant: Plant) -> Controller:
-    from ..effects.rigid_body import RigidBody
-    from ..model import Model
-
     model = plant.model
     keep = [(e, s) for e, s in zip(model.effects, model.slices, strict=True) if isinstance(e, RigidBody) or e.name == "rotor_inertia"]
     part = Model(model.robot, tuple(e for e, _ in keep))

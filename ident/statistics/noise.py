@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..signals.rows import KeptRows, Rows
 from .autoregression import (
     autocovariance,
     burg,
@@ -20,10 +20,6 @@ from .autoregression import (
     in_line,
     levinson,
 )
-
-if TYPE_CHECKING:
-    from ..problem.problem import Rows
-    from ..streaming.rows import StoredRows
 
 Array = np.ndarray
 #: Numbers of a run's columns that are held at a time.
@@ -162,9 +158,7 @@ def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array, residual
     With `residual` (M, n) the innovations' own squares stand for their variance, so that noise which is larger in some
     parts of the motion (reversals, quick motion) counts where it is (White, 1980, on prewhitened rows). Runs too long to
     be held, and innovations whose past is masked, take the stationary variance."""
-    from ..streaming.rows import StoredRows
-
-    if isinstance(rows, StoredRows) and residual is not None:
+    if isinstance(rows, KeptRows) and residual is not None:
         return _gram_by_blocks(noise, rows, weights, residual)
     n = noise.ar.shape[0]
     root = _root(noise.innovation)
@@ -191,11 +185,11 @@ def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array, residual
     return np.zeros((0, 0)) if gram is None else gram
 
 
-def _gram_by_blocks(noise: NoiseModel, rows: StoredRows, weights: Array, residual: Array) -> Array:
+def _gram_by_blocks(noise: NoiseModel, rows: KeptRows, weights: Array, residual: Array) -> Array:
     """`noise_gram` with one block of rows in memory at a time, by the same rules."""
-    root, n, b = _root(noise.innovation), noise.ar.shape[0], rows.model.base.count
+    root, n, b = _root(noise.innovation), noise.ar.shape[0], rows.count
     gram = np.zeros((b, b))
-    for number, run in enumerate(rows.signals.row_runs):
+    for number, run in enumerate(rows.row_runs):
         stationary = (run.stop - run.start) * n * b > _HELD_NUMBERS
         innovation = _innovations(residual[run], noise.ar)
         state = np.zeros((n, noise.order, b))

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .._utils.files import write_atomic
+from .._utils.version import __version__
 from ..errors import ConfigurationError, DataError
 
 #: Name of the folder of unfinished work inside the folder of results.
@@ -22,8 +23,6 @@ _KEY = "key.json"
 
 def key_of(files: Iterable[Path], settings: dict[str, Any]) -> dict[str, Any]:
     """What a piece of work depends on: every file (path, size, time of change, digest of its beginning), the settings, and the version."""
-    from .._utils.version import __version__
-
     return {"ident_version": __version__, "settings": settings, "files": [_file_key(path) for path in files]}
 
 

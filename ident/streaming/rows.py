@@ -13,11 +13,11 @@ import numpy as np
 
 from ..effects.motion import Motion
 from ..model import Model
-from ..problem.problem import Rows
+from ..problem.columns import RowColumns, live_columns
 from ..robots.transmission import Side
 from ..signals.assemble import _TURNING_REACH, _TURNING_SHARE, _UNSOUND, _share
 from ..signals.filters import RowFilter
-from .columns import RowColumns, live_columns
+from ..signals.rows import Rows
 from .decisions import Decisions
 from .motion import DerivedRun
 
@@ -126,6 +126,16 @@ class StoredRows:
     parts: Sequence[RowPart]
     model: Model
     signals: StreamedSignals
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return self.model.base.count
+
+    @property
+    def row_runs(self) -> tuple[slice, ...]:
+        """The rows of each run."""
+        return self.signals.row_runs
 
     def __iter__(self) -> Iterator[Rows]:
         return map(self._rows, self._groups(self.parts))

@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 
 from ..errors import ConfigurationError, UnsupportedError
+from ..estimate.io import model_to_dict
 from ..model import Model
+from ..problem.columns import can_filter
 from ..robots.robot import Robot
 from ..signals.assemble import _half_gain, _warnings, long_enough, raised_shares, require_motion
 from ..signals.cutoff import HIGHEST, CutoffChoice
 from ..signals.preparation import Preparation, Recorded, Velocity
 from ..signals.signals import JointReport, PreparationReport, Signals
-from .columns import can_filter
+from ..signals.uniform import Recording
 from .decisions import Part, decide
 from .motion import Derivation, DerivedRun, Stretch
 from .rows import MakeRows, RowFacts, RowPart, StoredRows, packed_bytes, rows_in
@@ -105,8 +107,6 @@ class StreamedSignals(Signals):
 
 
 def _same(a: Model, b: Model) -> bool:
-    from ..estimate.io import model_to_dict
-
     return a.parameters == b.parameters and model_to_dict(a) == model_to_dict(b)
 
 
@@ -239,8 +239,6 @@ class Streaming:
 
 def _require(prep: Preparation, rec: StoredRecording) -> None:
     """What `Preparation._require` asks of a recording in memory, from one sample and the quantities logged."""
-    from ..signals.uniform import Recording
-
     # Only recorded derivatives are asked for; whether they hold NaN is seen where they are used.
     wanted = isinstance(prep, Recorded) or getattr(prep, "velocity", None) == Velocity.RECORDED
     if not wanted:

@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from ..auditing.audit import Audit, audit
 from ..errors import DataError
 from ..evaluation.doubts import counted_twice, doubts, fitted_as_well
+from ..evaluation.validation import validate
+from ..logs.log import read_logs
 from ..problem.problem import Problem
+from ..signals.preparation import make_preparation
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..auditing.audit import Audit
     from ..estimate.estimate import Estimate
     from ..evaluation.validation import Validation
     from ..logs.log import LogSet
@@ -62,8 +65,6 @@ class Session:
         return self.recorded.split(by="fraction", held=HELD_SHARE)
 
     def _read(self, files: Iterable[Path]) -> LogSet:
-        from ..logs.log import read_logs
-
         return read_logs([*map(str, files)], self.robot, self.study.columns or None, **self.study.logs.reading())
 
     @property
@@ -74,7 +75,7 @@ class Session:
     @cached_property
     def audit(self) -> Audit:
         """Audit of the logs named for fitting."""
-        return self.recorded.audit(self.robot)
+        return audit(self.recorded, self.robot)
 
     @cached_property
     def fit_signals(self) -> Signals:
@@ -137,15 +138,11 @@ class Session:
 
     def validation(self, *, simulate: bool) -> Validation:
         """The estimate on held-out data."""
-        from ..evaluation.validation import validate
-
         return validate(self.estimate, self.held_signals, simulate=simulate)
 
 
 def like(report: Mapping[str, Any]) -> Preparation:
     """The preparation that a report (`PreparationReport.to_dict`) tells of, with the cut-offs that it chose."""
-    from ..signals.preparation import make_preparation
-
     chosen = {"cutoff_hz": report["cutoff_hz"]}
     if report["cutoff_hz"] is None:  # nothing that the row filter's would follow from
         chosen["row_cutoff_hz"] = report["row_cutoff_hz"]

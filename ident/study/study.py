@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from .._utils.files import write_atomic
 from .._utils.toml import Unfit, anything, check_options, check_table, load_toml, table_of, text, texts, to_toml
+from ..effects.declared import declared_effects, effect_entry
 from ..errors import ConfigurationError, DataError
-from ..robots.description import Description, DriveTable, RobotTable, effect_entry, read_drive, read_loop
+from ..estimators import estimator_types, make_estimator
+from ..robots.description import Description, DriveTable, RobotTable, read_drive, read_loop
+from ..signals.preparation import Preparation, make_preparation
 
 if TYPE_CHECKING:
     from ..effects.base import Effect
@@ -121,14 +124,12 @@ class Study:
         """The declared model: the rigid body and the declared effects, else those of the robot's own description, else the
         usual ones (rotor inertia, viscous and Coulomb friction). Raises ConfigurationError for unknown effects or joints."""
         model = (self.robot() if robot is None else robot).rigid_body()
-        for effect in self.description.whole_drive().make_effects():
+        for effect in declared_effects(self.description.whole_drive()):
             model = model + effect
         return model
 
     def make_estimator(self) -> Estimator:
         """The estimator that `[estimator]` asks for; weighted least squares if it names none."""
-        from ..estimators import estimator_types, make_estimator
-
         name = self.estimator.method or DEFAULT_METHOD
         kind = estimator_types().get(name)
         if kind is not None:
@@ -141,8 +142,6 @@ class Study:
 
     def make_preparation(self) -> Preparation:
         """The strategy that turns logs into signals, as `[signals]` asks for; zero-phase filtering if it names none."""
-        from ..signals.preparation import Preparation, make_preparation
-
         name, options = self.signals.method or DEFAULT_PREPARATION, dict(self.signals.options)
         kind = next((k for k in Preparation.__subclasses__() if k.method == name), None)
         if kind is not None:

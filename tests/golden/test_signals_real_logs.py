@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident.auditing import audit
 from ident.auditing.columns import position_jumps
 from ident.effects.offset import Offset
 from ident.estimators import WeightedLeastSquares
@@ -94,22 +95,22 @@ def test_chosen_cutoffs_are_those_of_experts(data_folder: Path) -> None:
 
 
 def test_audit_of_tx40_panda_and_pendulum(data_folder: Path) -> None:
-    audit = tx40(data_folder).audit()
-    assert audit.ok
+    found = audit(tx40(data_folder))
+    assert found.ok
     assert not audit.of("unit")
     panda = Robot.from_urdf(data_folder / "panda_gaz/panda_mdh.urdf")
-    audit = read_logs(data_folder / "panda_gaz/panda_exciting_traj1.csv.gz", panda).audit()
-    assert audit.of("jitter")[0].value > 0.1
-    lags = [f.value for f in audit.of("velocity_lag")]
+    found = audit(read_logs(data_folder / "panda_gaz/panda_exciting_traj1.csv.gz", panda))
+    assert found.of("jitter")[0].value > 0.1
+    lags = [f.value for f in found.of("velocity_lag")]
     assert len(lags) >= 6
     assert np.median(lags) == pytest.approx(5.4e-3, abs=1e-3)
     pendulum = Robot.from_urdf(data_folder / "dfki_double_pendulum/dp_designA.urdf")
-    swing = read_logs(data_folder / "dfki_double_pendulum/dp_A0_0815_traj00.csv.gz", pendulum).audit()
+    swing = audit(read_logs(data_folder / "dfki_double_pendulum/dp_A0_0815_traj00.csv.gz", pendulum))
     assert swing.of("free_motion"), "almost free swings, on which least squares shrinks"
-    driven = read_logs(data_folder / "dfki_double_pendulum/dp_A0_0812_slow75s.csv.gz", pendulum).audit()
+    driven = audit(read_logs(data_folder / "dfki_double_pendulum/dp_A0_0812_slow75s.csv.gz", pendulum))
     assert not driven.of("free_motion")
     assert driven.of("quantisation")[0].value == pytest.approx(2 * np.pi / 4096 / 4, rel=0.02)
-    off = read_logs(data_folder / "dfki_double_pendulum/dp_A0_0812_exc1.csv.gz", pendulum).audit()
+    off = audit(read_logs(data_folder / "dfki_double_pendulum/dp_A0_0812_exc1.csv.gz", pendulum))
     assert off.of("torque_zero")[0].value == pytest.approx(0.5, abs=0.01)
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ident.auditing import audit
 from ident.auditing.audit import Audit, Severity
 from ident.logs.log import Log, LogSet
 from ident.robots.robot import Robot
@@ -51,7 +52,7 @@ def good(robot: Robot, rate: float = 500.0, duration: float = 30.0, noise: float
 
 
 def look(log: Log, robot: Robot | None) -> Audit:
-    return LogSet((log,)).audit(robot)
+    return audit(LogSet((log,)), robot)
 
 
 def test_a_good_log_is_called_good(robot: Robot) -> None:
@@ -199,7 +200,7 @@ def test_missing_samples_are_no_jitter(robot: Robot, rate: float, share: float) 
     assert found.severity == (Severity.WARNING if share > 0.01 else Severity.INFO)
     assert "bridged" in found.text
     assert not audit.of("jitter")
-    assert not audit.of("gaps")
+    assert not found.of("gaps")
     assert not audit.of("spike")
     assert audit.of("sample_rate")[0].value == pytest.approx(rate, rel=1e-9)
 
@@ -359,20 +360,20 @@ def test_several_runs_are_told_once(robot: Robot) -> None:
     fault, _, _ = CASES["gaps"]
     logs = [replace(fault(good(robot)), name=f"run{k}") for k in range(3)]
     logs[1] = replace(good(robot).rows(np.flatnonzero((good(robot).t < 10) | (good(robot).t > 11.5))), name="run1")
-    audit = LogSet(tuple(logs)).audit(robot)
-    assert len(audit.of("gaps")) == 1
-    assert audit.of("gaps")[0].run == "run1 and 2 more", "the worst is named"
-    assert audit.of("gaps")[0].value == pytest.approx(1.5, abs=0.01)
+    found = audit(LogSet(tuple(logs)), robot)
+    assert len(found.of("gaps")) == 1
+    assert found.of("gaps")[0].run == "run1 and 2 more", "the worst is named"
+    assert found.of("gaps")[0].value == pytest.approx(1.5, abs=0.01)
 
 
 def test_table_and_json(robot: Robot) -> None:
     fault, _, _ = CASES["unit"]
-    audit = look(fault(good(robot)), robot)
-    text = str(audit)
+    found = look(fault(good(robot)), robot)
+    text = str(found)
     assert text.splitlines()[0].startswith("Audit of 1 run (good): ")
     assert max(len(line) for line in text.splitlines()) <= 140
     assert text.index("warning") < text.index("info")
-    data = json.loads(json.dumps(audit.to_dict()))
+    data = json.loads(json.dumps(found.to_dict()))
     assert data["ok"] is True
     assert {"code", "severity", "where", "run", "text", "value"} == set(data["findings"][0])
     assert any("shoulder" in w for w in audit.warnings)
@@ -394,9 +395,9 @@ def test_joints_held_still_on_purpose_are_no_warning(robot: Robot) -> None:
     runs = [one_at_a_time(robot, j) for j in (0, 1)]
     held = {f.where for f in look(runs[0], robot).findings if f.severity == Severity.WARNING}
     assert held == {"slide"}
-    both = LogSet(tuple(runs)).audit(robot)
+    both = audit(LogSet(tuple(runs)), robot)
     assert not both.warnings, both.warnings
     assert {f.where for f in both.findings if "other runs" in f.text} == {"shoulder", "slide"}
     # A joint that moves in no run is warned of, however many there are.
-    again = LogSet((runs[0], replace(runs[0], name="again"))).audit(robot)
+    again = audit(LogSet((runs[0], replace(runs[0], name="again"))), robot)
     assert {f.where for f in again.findings if f.severity == Severity.WARNING} == {"slide"}

@@ -7,9 +7,9 @@ import pytest
 
 from ident.effects.motion import Motion
 from ident.effects.offset import Offset
+from ident.effects.reduction import base_reduction, sample_columns
 from ident.friction import Coulomb, RotorInertia, Stribeck, Viscous
 from ident.model import Model
-from ident.regressor.base_parameters.reduction import base_reduction, sample_columns
 from ident.robots.robot import Robot
 
 

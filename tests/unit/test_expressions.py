@@ -9,9 +9,9 @@ import pytest
 from structures import random_tree, urdf_text
 
 from ident.errors import ConfigurationError
+from ident.problem.base_report import base_report
 from ident.regressor.base_parameters.expressions import coefficient_text, expression, link_parameter_names
 from ident.regressor.base_parameters.principal import principal_parameters
-from ident.regressor.base_parameters.report import base_report
 from ident.robots import load_robot
 from ident.robots.robot import Robot
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from ident.auditing import audit
 from ident.errors import DataError
 from ident.logs.columns import resolve_columns
 from ident.logs.hints import lookalikes
@@ -137,5 +138,5 @@ def test_a_log_without_torque_asks(tmp_path: Path, robot: Robot, torques: list[s
         measured(log, robot.transmission)
     assert said in str(caught.value)
     assert ("did you mean" in str(caught.value)) == ("load" not in torques)
-    assert said in LogSet((log,)).audit(robot).of("torque_missing")[0].text
-    assert ("did you mean" in LogSet((log,)).audit().of("torque_missing")[0].text) == ("load" not in torques), "without a robot, too"
+    assert said in audit(LogSet((log,)), robot).of("torque_missing")[0].text
+    assert ("did you mean" in audit(LogSet((log,))).of("torque_missing")[0].text) == ("load" not in torques), "without a robot, too"

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from ident.problem.problem import Rows
+from ident.signals.rows import Rows
 from ident.statistics.noise import NoiseModel, autocovariance, fit_noise, noise_gram
 
 

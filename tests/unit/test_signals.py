@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from ident.auditing import audit
 from ident.errors import ConfigurationError, DataError
 from ident.logs.log import Log, LogSet
 from ident.robots.robot import Robot
@@ -514,9 +515,9 @@ def test_stamps_that_cannot_be_seconds_are_refused(unit: str, size: float) -> No
         DataError, match=rf"log run: the time stamps are .* s apart.*They look like {unit}, not s: name the column t_{unit}"
     ):
         ZeroPhase()(replace(log, t=log.t * size), robot())
-    found = LogSet((replace(log, t=log.t * size),)).audit(robot()).of("time_unit")
+    found = audit(LogSet((replace(log, t=log.t * size),)), robot()).of("time_unit")
     assert [f.severity.value for f in found] == ["error"]
-    assert not LogSet((log,)).audit(robot()).of("time_unit")
+    assert not audit(LogSet((log,)), robot()).of("time_unit")
 
 
 def test_rounded_stamps_are_not_jitter() -> None:

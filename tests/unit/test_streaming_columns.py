@@ -9,9 +9,9 @@ import ident
 from ident.effects.base import make_effect
 from ident.effects.motion import Motion
 from ident.model import Model
+from ident.problem.columns import RowColumns, can_filter, live_columns
 from ident.robots.robot import Robot
 from ident.signals.filters import RowFilter
-from ident.streaming.columns import RowColumns, can_filter, live_columns
 
 EFFECTS = (
     "rotor_inertia",

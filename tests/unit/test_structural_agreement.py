@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from structures import mixed_robot, parallelogram_robot, random_tree, urdf_text
 
-from ident.regressor.base_parameters import agreement as module
-from ident.regressor.base_parameters.agreement import agreement
+from ident.problem import agreement as module
+from ident.problem.agreement import agreement
 from ident.regressor.base_parameters.closed_form import rotational
 from ident.robots import load_robot
 from ident.robots.robot import Robot

@@ -8,25 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.motion import Motion
 from ...robots.parameters import Parameter
-from .expressions import LINK_PREFERENCE
-
-if TYPE_CHECKING:
-    from ...model import Model
-    from ...robots.robot import Robot
+from .expressions import LINK_PREFERENCE, expression
 
 Array = np.ndarray
 
 _ZERO = 1e-15
-#: States, beside those at any speed, at which every joint is slower than those by up to so many decades: friction near standstill
-#: (Stribeck) of a motor behind a large gear is nothing at all at a usual speed of its joint.
-_SLOW_STATES = 60
-_DECADES = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +46,6 @@ class BaseReduction:
     @cached_property
     def expressions(self) -> tuple[str, ...]:
         """Readable grouped expressions, e.g. `Izz_joint3 + Iyy_joint4`."""
-        from .expressions import expression
-
         names = tuple(p.name for p in self.parameters)
         return tuple(expression(row, names) for row in self.regroup)
 
@@ -86,24 +74,6 @@ def preference(parameters: tuple[Parameter, ...]) -> list[int]:
     return order + [i for i in range(len(parameters)) if i not in chosen]
 
 
-def random_motion(robot: Robot, count: int, seed: int = 0) -> Motion:
-    """So many states that have nothing to do with each other: positions within the limits, where the robot has them."""
-    rng = np.random.default_rng(seed)
-    lower = np.array([j.lower if np.isfinite(j.lower) else (-1.0 if j.prismatic else -np.pi) for j in robot.joints])
-    upper = np.array([j.upper if np.isfinite(j.upper) else (1.0 if j.prismatic else np.pi) for j in robot.joints])
-    q = rng.uniform(lower, upper, (count, robot.n))
-    return Motion.of(robot, q, rng.normal(size=q.shape) * 2.0, rng.normal(size=q.shape) * 5.0)
-
-
-def sample_columns(model: Model, seed: int = 0) -> Array:
-    """Columns at random states of all speeds, stacked to (samples * n, k)."""
-    robot, count = model.robot, 4 * len(model.parameters) // model.robot.n + 60
-    slower = random_motion(robot, _SLOW_STATES, seed + 1).joint
-    share = 10.0 ** np.random.default_rng(seed).uniform(-_DECADES, 0.0, slower.dq.shape)
-    motions = random_motion(robot, count, seed), Motion.of(robot, slower.q, share * slower.dq, slower.ddq)
-    return np.concatenate([model.columns(m).reshape(-1, len(model.parameters)) for m in motions])
-
-
 def reduce_columns(columns: Array, parameters: tuple[Parameter, ...], order: list[int]) -> BaseReduction:
     """Base reduction of sampled columns (rows, k); `order` says which column may stay before which."""
     R = np.linalg.qr(columns, mode="r")  # the same column relations in k rows
@@ -127,31 +97,6 @@ def reduce_columns(columns: Array, parameters: tuple[Parameter, ...], order: lis
                 noise = 1e-9 * scale[i] / scale[independent]
                 regroup[:, i] = np.where(np.abs(beta) > noise, beta, 0.0)
     return BaseReduction(parameters, independent, regroup, np.flatnonzero(zero), gap, notes)
-
-
-def base_reduction(model: Model, seed: int = 0) -> BaseReduction:
-    """Base reduction of the whole model: rigid body, drive train and everything else together.
-
-    Columns that need history or the predicted load cannot be sampled at random states; they count as independent here, and
-    the data decide (`Problem.check`)."""
-    sampled = [e for e in model.effects if not e.needs]
-    parameters = model.parameters
-    static = [i for e, s in zip(model.effects, model.slices, strict=True) if any(e is x for x in sampled) for i in range(s.start, s.stop)]
-    from ...model import Model
-
-    part = Model(model.robot, tuple(sampled))
-    names = part.parameters
-    found = reduce_columns(sample_columns(part, seed), names, preference(names))
-    if len(static) == len(parameters):
-        return found
-    index = np.array(static, dtype=int)
-    rest = [i for i in range(len(parameters)) if i not in set(static)]
-    independent = np.array(sorted(index[found.independent].tolist() + rest), dtype=int)
-    regroup = np.zeros((len(independent), len(parameters)))
-    rows = np.searchsorted(independent, index[found.independent])
-    regroup[np.ix_(rows, index)] = found.regroup
-    regroup[np.searchsorted(independent, rest), rest] = 1.0
-    return BaseReduction(parameters, independent, regroup, index[found.zero], found.gap, found.notes)
 
 
 def _orthogonalise(unit: Array, order: list[int], threshold: float) -> tuple[set[int], Array, Array]:

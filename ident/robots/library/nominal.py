@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -14,9 +14,39 @@ from ..parameters import LINK_SYMBOLS
 from ..transmission import Side
 
 if TYPE_CHECKING:
-    from ...model import Model
+    from ..parameters import Parameter
+    from ..robot import Robot
 
 Array = np.ndarray
+
+
+class _Part(Protocol):
+    """An effect, as far as its values may be known: its kind and its side."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def side(self) -> Side: ...
+
+
+class NamedParameters(Protocol):
+    """A model, as far as its parameters' names go."""
+
+    @property
+    def robot(self) -> Robot: ...
+
+    @property
+    def effects(self) -> Sequence[_Part]: ...
+
+    @property
+    def slices(self) -> Sequence[slice]: ...
+
+    @property
+    def parameters(self) -> Sequence[Parameter]: ...
+
+    @property
+    def names(self) -> Sequence[str]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +73,7 @@ def drive_parameters(name: str) -> DriveParameters:
     return DriveParameters(tuple(data["joints"]), data["side"], values, data["units"], data["source"])
 
 
-def nominal_values(model: Model, drive: DriveParameters | None = None) -> Array:
+def nominal_values(model: NamedParameters, drive: DriveParameters | None = None) -> Array:
     """Values (k,) of all parameters of a model: inertial ones from the robot's URDF, drive ones from `drive` (by default those of the
     built-in robot it was loaded as, else viscous and Coulomb friction of the URDF's <dynamics>), zero for whatever is not known.
 
@@ -70,7 +100,7 @@ def nominal_values(model: Model, drive: DriveParameters | None = None) -> Array:
     return np.array([known.get(name, 0.0) for name in model.names])
 
 
-def _declared_friction(model: Model) -> dict[str, float]:
+def _declared_friction(model: NamedParameters) -> dict[str, float]:
     """Parameter → value of viscous and Coulomb friction from the URDF's <dynamics>, which are of the joint side. Motors that share joints
     have none there: a URDF cannot say how such friction is divided. Where a model has a kind twice on a joint, the first one takes it."""
     robot, found, given = model.robot, dict[str, float](), set[tuple[str, str]]()

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..regressor.base_parameters.base_form import BaseForm
+from ..regressor.base_parameters.expressions import parameter_unit, split_name
+from ..regressor.base_parameters.principal import PrincipalParameters
+from ..regressor.base_parameters.structural import StructuralSet, base_set
 from .agreement import Agreement, agreement
-from .base_form import BaseForm
-from .expressions import parameter_unit, split_name
-from .principal import PrincipalParameters
-from .structural import StructuralSet, base_set
 
 if TYPE_CHECKING:
-    from ...robots.robot import Robot
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 _PROBED = "part of the loop closure has too many functions of position to be resolved one by one; it was probed at generic positions."

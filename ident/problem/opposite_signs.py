@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .linear_solution import order_of
+from .reweighting import reweighted
+
 if TYPE_CHECKING:
-    from ..problem.information import Information
     from ..regressor.base_parameters.reduction import BaseReduction
+    from .information import Information
 
 Array = np.ndarray
 #: Nothing is looked for where every joint's relative error lies below this.
@@ -44,8 +47,6 @@ def opposite_sign(information: Information, base: BaseReduction, joints: Sequenc
 
     Where a joint shares no link with any other, both signs fit alike: then its own parameters have the wrong sign
     (`ident.evaluation.doubts`)."""
-    from ..problem.linear_solution import order_of
-
     used = information.counts >= _FEW_ROWS
     order = order_of(base)
     if used.sum() < 2 or information.k != base.count:
@@ -68,8 +69,6 @@ def opposite_sign(information: Information, base: BaseReduction, joints: Sequenc
 
 def _errors(information: Information, order: list[int]) -> Array:
     """Relative error of each row (n,) after weighted least squares; 1 where there is no torque."""
-    from ..estimators.least_squares import reweighted
-
     solution, _ = reweighted(information, order, iterations=_PASSES)
     values = np.zeros(information.k)
     values[solution.columns] = solution.values

@@ -14,6 +14,7 @@ from ..effects.base import Effect, JointEffect, Need
 from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
 from ..model import Model
+from ..regressor.rigid import row_columns
 from ..signals.filters import RowFilter
 
 Array = np.ndarray
@@ -36,8 +37,6 @@ class RowColumns:
 
     def __call__(self, motion: Motion) -> Array:
         """Columns at the rows of a stretch of samples, measured side."""
-        from ..regressor.rigid import row_columns
-
         model, robot, keep = self.model, self.model.robot, self.model.base.independent
         drive, tree, row_filter = robot.transmission, robot.tree, self.row_filter
         out = np.zeros((len(motion) if row_filter is None else row_filter.count(len(motion)), robot.n, len(keep)))

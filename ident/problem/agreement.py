@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import UnsupportedError
-from .base_form import BaseForm
-from .closed_form import mixed, oblique, parallelogram, rotational
-from .expressions import expression
-from .structural import StructuralSet, base_set
+from ..effects.reduction import base_reduction
+from ..errors import UnsupportedError
+from ..friction.drive import RotorInertia
+from ..regressor.base_parameters.base_form import BaseForm
+from ..regressor.base_parameters.closed_form import mixed, oblique, parallelogram, rotational
+from ..regressor.base_parameters.expressions import expression
+from ..regressor.base_parameters.structural import StructuralSet, base_set
+from ..regressor.rigid import regressor
 
 if TYPE_CHECKING:
-    from ...robots.robot import Robot
-    from .reduction import BaseReduction
+    from ..regressor.base_parameters.reduction import BaseReduction
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 
@@ -152,9 +155,6 @@ def closed_forms(robot: Robot) -> tuple[tuple[BaseForm, ...], tuple[tuple[str, s
 
 
 def _reduction(robot: Robot, rotor_inertia: bool) -> BaseReduction:
-    from ...friction.drive import RotorInertia
-    from .reduction import base_reduction
-
     model = robot.rigid_body()
     return base_reduction(model + RotorInertia() if rotor_inertia else model)
 
@@ -175,8 +175,6 @@ def sampled_space(robot: Robot, rotor_inertia: bool = False, seed: int = 0) -> S
 
 
 def _sampled_rows(robot: Robot, rotor_inertia: bool, rng: np.random.Generator) -> Array:
-    from ..rigid import regressor
-
     tree, n, free = robot.tree, robot.n, 6 * robot.floating_base
     width = 10 * tree.nb + n * rotor_inertia
     count = 3 * width // (n + free) + 20

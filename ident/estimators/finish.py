@@ -1,0 +1,126 @@
+"""From a linear solution to an estimate: noise model, covariance under its colour, torque error, status. Shared by every estimator that
+ends in one linear system."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..estimate.estimate import Estimate
+from ..estimate.status import Status, StatusCode
+from ..problem.advice import advice
+from ..problem.linear_solution import LinearSolution, Score, coloured_covariance, full_values
+from ..problem.problem import Problem
+from ..regressor.base_parameters.reduction import BaseReduction
+from ..statistics.noise import NoiseModel, fit_noise
+
+Array = np.ndarray
+#: Relative torque error of a joint that moves, from which its parameters are not to be relied on.
+_UNEXPLAINED = 0.3
+
+
+def finish(
+    problem: Problem,
+    solution: LinearSolution,
+    weights: Array,
+    method: str,
+    *,
+    score: Score | None = None,
+    covariance: Array | None = None,
+    noise: NoiseModel | None = None,
+    warnings: tuple[str, ...] = (),
+    code: StatusCode = StatusCode.OK,
+    details: tuple[str, ...] = (),
+    trace: dict[str, Any] | None = None,
+    unexplained: Array | None = None,
+) -> Estimate:
+    """Build the estimate: noise model from the residual, covariance under its colour, torque error, status.
+
+    `score`: of rows whose solution is not plain weighted least squares (default weights times columns). `covariance` over
+    the solution's columns, and `noise`, where the estimator has its own. `unexplained` (n,): relative torque error that judges
+    the fit, where the residual's own also holds noise of the motion."""
+    base = problem.base
+    full = full_values(problem, solution)
+    residual = problem.residual(full)
+    if noise is None:
+        noise = fit_noise(residual, problem.row_runs, problem.row_shape)
+        if covariance is None:
+            noise, covariance = coloured_covariance(problem, solution, weights, noise, score, residual)
+    elif covariance is None:
+        covariance = coloured_covariance(problem, solution, weights, noise, score, residual)[1]
+    reduced = BaseReduction(
+        base.parameters, base.independent[solution.columns], solution.regroup @ base.regroup, base.zero, base.gap, base.notes
+    )
+    names = base.names
+    kept = set(solution.columns.tolist())
+    dropped = tuple(names[i] for i in range(base.count) if i not in kept)
+    error = problem.torque_error(full, residual)
+    status = _status(code, details, dropped, solution, covariance, noise, problem, reduced)
+    poor = _explained(problem, error.relative if unexplained is None else unexplained)
+    # Whatever else is wrong: that next to nothing is explained is never left unsaid.
+    status = poor if status.code == StatusCode.OK else replace(status, details=(*status.details, *poor.details))
+    return Estimate(
+        method=method,
+        model=problem.model,
+        base=reduced,
+        values=solution.values,
+        covariance=covariance,
+        status=status,
+        fit_error=error,
+        noise=noise,
+        weights=weights,
+        condition=solution.condition,
+        samples=int(problem.valid.sum()),
+        information=problem.information,
+        reference=problem.reference,
+        dropped=dropped,
+        warnings=(*problem.signals.report.warnings, *base.notes, *warnings),
+        trace=trace or {},
+    )
+
+
+def _status(
+    code: StatusCode,
+    details: tuple[str, ...],
+    dropped: tuple[str, ...],
+    solution: LinearSolution,
+    covariance: Array,
+    noise: NoiseModel,
+    problem: Problem,
+    base: BaseReduction,
+) -> Status:
+    if code != StatusCode.OK:
+        return Status(code, details)
+    rows = problem.valid.sum(axis=0)
+    # A residual within round-off says nothing about noise.
+    exact = noise.variance * rows <= 1e-20 * np.sum(np.where(problem.valid, problem.tau, 0.0) ** 2, axis=0)
+    effective = float(np.sum(np.where(exact, rows, rows / noise.correlation_time)))
+    if effective < 1.5 * len(solution.values):
+        return Status(StatusCode.FEW_SAMPLES, (f"About {effective:.0f} independent samples for {len(solution.values)} parameters.",))
+    if dropped:
+        kept = ", ".join(dropped[:8]) + (" …" if len(dropped) > 8 else "")
+        return Status(StatusCode.RANK_DEFICIENT, (f"Not determined alone: {kept}.", *advice(problem.model.robot, base, dropped)))
+    std = np.sqrt(np.maximum(np.diag(covariance), 0))
+    # The torque a parameter causes, against its own uncertainty: a value near zero that is known well is not poorly excited.
+    gain = np.linalg.norm(solution.root, axis=0)
+    contribution = std * gain / np.sqrt(max(1.0, float(rows.sum())))
+    weak = [i for i in range(len(std)) if std[i] > np.abs(solution.values[i]) and contribution[i] > 0.3]
+    if weak:
+        names = [base.names[i] for i in weak]
+        listed = ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
+        return Status(StatusCode.POORLY_EXCITED, (f"Poorly excited: {listed}.", *advice(problem.model.robot, base, tuple(names))))
+    return Status(StatusCode.OK)
+
+
+def _explained(problem: Problem, relative: Array) -> Status:
+    """OK, or which joints' torque the model leaves unexplained although they move."""
+    names = problem.model.robot.joint_names
+    q = problem.signals.q
+    # A few samples tell, and signals on disk are read by slices only.
+    moving = np.ptp(np.concatenate([q[i : i + 1] for i in np.linspace(0, len(q) - 1, 64).astype(int).tolist()]), axis=0) > 0
+    poor = [f"{name} {share:.0%}" for name, share, moves in zip(names, relative, moving, strict=True) if moves and share > _UNEXPLAINED]
+    if not poor:
+        return Status(StatusCode.OK)
+    return Status(StatusCode.POOR_FIT, (f"Relative torque error above {_UNEXPLAINED:.0%}: {', '.join(poor)}.",))
