@@ -22,7 +22,6 @@ from ..study.study import Study, read_study
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
-    from ..study.study import Study
 
 
 def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -> None:

@@ -18,7 +18,7 @@ from .common import Output, add_output_arguments
 from .compare import logs_for
 
 if TYPE_CHECKING:
-    from ..physical import Bounds, Prior, Repair, Subject
+    from ..physical import Prior, Repair, Subject
     from ..signals.signals import Signals
 
 HELP = "judge whether an estimate is physically possible and consistent; repair it"

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ..logs.log import LogSet
     from ..monitoring import Monitoring
     from ..signals.signals import Signals
-    from ..study.study import Study
 
 HELP = "compare new logs with a saved fit and say what changed"
 

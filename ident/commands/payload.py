@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from ..model import Model
     from ..robots.robot import Robot
     from ..signals.signals import Signals
-    from ..study.study import Study
 
 HELP = "identify a payload: ten parameters of a real body, with uncertainty, from logs without and with it"
 

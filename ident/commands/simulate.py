@@ -23,11 +23,8 @@ from ..simulation.trajectory import FourierTrajectory
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, study_from
 
 if TYPE_CHECKING:
-    from ..effects.motion import Coordinates
     from ..model import Model
     from ..planning.plan import Plan
-    from ..simulation.sensors import Sensors
-    from ..simulation.trajectory import FourierTrajectory
 
 Array = np.ndarray
 #: Encoder counts a motor turn, where nothing asks for more.

@@ -21,7 +21,6 @@ from .summary import estimate_summary
 
 if TYPE_CHECKING:
     from ..model import Model
-    from ..problem.problem import Problem
     from ..signals.signals import Signals
 
 Array = np.ndarray

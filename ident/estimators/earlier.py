@@ -11,7 +11,6 @@ from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 
 if TYPE_CHECKING:
-    from ..estimate.estimate import Estimate
     from ..regressor.base_parameters.reduction import BaseReduction
 
 Array = np.ndarray

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..model import Model
     from ..signals.signals import Signals
     from ..simulation.controller import Controller
-    from ..simulation.simulate import Feedback, Sensors, Simulation
+    from ..simulation.simulate import Simulation
     from ..simulation.trajectory import Trajectory
 
 Array = np.ndarray

@@ -20,7 +20,6 @@ from .experiment import Experiment
 from .possible import MARGIN
 
 if TYPE_CHECKING:
-    from .experiment import Experiment
     from .possible import Possible
 
 Array = np.ndarray

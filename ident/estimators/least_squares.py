@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..problem.linear_solution import LinearSolution, order_of, solve_triangle
+from ..problem.reweighting import reweighted
 from .base import Capability, Estimator, per_joint, register
 from .finish import finish
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
-    from ..problem.reweighting import reweighted
-from ..problem.problem import Problem
+    from ..problem.problem import Problem
 
 Array = np.ndarray
 

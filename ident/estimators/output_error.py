@@ -21,7 +21,6 @@ from .possible import possible_along
 if TYPE_CHECKING:
     from ..effects.motion import Coordinates
     from ..estimate.estimate import Estimate
-    from ..problem.problem import Problem
 
 Array = np.ndarray
 #: A step below this many standard deviations ends the iteration.

@@ -28,8 +28,7 @@ from .least_squares import weighted_solution
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
     from ..physical.binding import Binding
-    from ..physical.bounds import Bounds, Prior
-    from ..physical.structure import InertiaStructure
+    from ..physical.bounds import Prior
     from ..problem.problem import Problem
 
 Array = np.ndarray

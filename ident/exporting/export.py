@@ -31,7 +31,6 @@ from .urdf import Attached, BodyExport, patch_urdf, source_text
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
     from ..model import Model
-    from ..physical.standard import StandardParameters
     from ..robots.robot import Robot
 
 Array = np.ndarray

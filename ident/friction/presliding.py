@@ -15,7 +15,6 @@ from .bristle import BristleForce
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
-    from .bristle import BristleForce
 
 Array = np.ndarray
 

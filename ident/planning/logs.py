@@ -12,13 +12,13 @@ import numpy as np
 from ..effects.motion import Coordinates, Motion
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..simulation.controller import PDFeedforward
-from ..simulation.simulate import Sensors, Simulation, simulate_batch
+from ..simulation.result import Simulation
+from ..simulation.simulate import Sensors, simulate_batch
 from .manifest import write_manifest
 
 if TYPE_CHECKING:
     from ..simulation.controller import Controller
     from ..simulation.plant import Plant
-    from ..simulation.result import Simulation
     from ..simulation.trajectory import Chained
     from .plan import Plan
 

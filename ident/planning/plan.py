@@ -19,9 +19,7 @@ from .manifest import plan_tables, read_manifest, write_manifest
 from .trials import Kind, PlannedTest, Segment, Sweep, Swing
 
 if TYPE_CHECKING:
-    from ..excitation.limits import Limits
     from ..model import Model
-    from ..robots.robot import Robot
     from ..simulation.plant import Plant
     from ..simulation.trajectory import Chained
 

@@ -18,9 +18,7 @@ from .html import to_html
 from .monitoring import monitoring_report
 
 if TYPE_CHECKING:
-    from ..diagnosis import Diagnosis
-    from ..estimate.estimate import Estimate
-    from ..monitoring import Monitoring
+    pass
 
 __all__ = ["Report", "read_report", "report"]
 

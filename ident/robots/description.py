@@ -15,7 +15,7 @@ from .robot import STANDARD_GRAVITY, Robot
 from .transmission import Side, Transmission
 
 if TYPE_CHECKING:
-    from .robot import Robot
+    pass
 
 #: The model beside the rigid body where nothing is declared: what every geared joint has.
 DEFAULT_EFFECTS = ("rotor_inertia", "viscous", "coulomb")

@@ -19,7 +19,7 @@ from .dynamics import Dynamics, Response, State, singular_inertia
 from .integrator import Phase, diverged
 
 if TYPE_CHECKING:
-    from .controller import Script
+    pass
 
 Array = np.ndarray
 #: What stops a simulation (ident/_native/tree.h).

@@ -21,7 +21,6 @@ from ..robots.transmission import Side
 
 if TYPE_CHECKING:
     from ..model import Model
-    from ..robots.robot import Robot
 
 Array = np.ndarray
 

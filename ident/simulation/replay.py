@@ -21,7 +21,6 @@ from .integrator import advance, begin
 from .plant import Plant
 
 if TYPE_CHECKING:
-    from ..model import Model
     from ..robots.robot import Robot
     from ..signals.signals import Signals
 

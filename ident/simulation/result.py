@@ -17,7 +17,6 @@ from ..robots.transmission import Side
 from .sensors import Readings, Sensors
 
 if TYPE_CHECKING:
-    from ..logs.log import Log
     from ..robots.robot import Robot
 
 Array = np.ndarray

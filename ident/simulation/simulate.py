@@ -27,7 +27,7 @@ from .sensors import Sensors
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from .trajectory import Trajectory
+    pass
 
 Array = np.ndarray
 _EXACT = Feedback()

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ..estimators import Estimator
     from ..model import Model
     from ..robots.robot import Robot
-    from ..signals.preparation import Preparation
 
 DEFAULT_PREPARATION = "zero_phase"
 DEFAULT_METHOD = "wls"
