@@ -4,37 +4,18 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import importlib.util
 import os
 import sys
 import warnings
 from collections.abc import Sequence
 
 from ._utils.version import __version__
+from .commands import COMMANDS
 from .errors import IdentError
-
-#: Commands in the order of a session; each is a module of `ident.commands`.
-COMMANDS = (
-    "demo",
-    "check",
-    "base",
-    "fit",
-    "validate",
-    "diagnose",
-    "compare",
-    "judge",
-    "payload",
-    "simulate",
-    "excite",
-    "plan",
-    "monitor",
-    "export",
-    "report",
-)
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
-    """The parser. `only`: load the arguments of this command alone (start-up stays fast)."""
+    """The parser. `only`: load the arguments of this command alone (none for a name that is no command), so that start-up stays fast."""
     parser = argparse.ArgumentParser(
         prog="ident",
         description="Identify a robot's dynamics from logs, and find what its model lacks.",
@@ -42,21 +23,19 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"ident {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in COMMANDS:
-        if importlib.util.find_spec(f"ident.commands.{name}") is None:
-            continue
-        module = importlib.import_module(f"ident.commands.{name}")
-        sub = commands.add_parser(name, help=module.HELP, description=module.HELP)
+    for name, what in COMMANDS.items():
+        sub = commands.add_parser(name, help=what, description=what)
         if only in (None, name):
+            module = importlib.import_module(f"ident.commands.{name}")
             module.add_arguments(sub)
-        sub.set_defaults(run=module.run)
+            sub.set_defaults(run=module.run)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; every error of the user's is one clear text on standard error."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    command = next((a for a in given if not a.startswith("-")), None)
+    command = next((a for a in given if not a.startswith("-")), "")
     args = build_parser(command).parse_args(given)
     warnings.showwarning = _show_warning
     try:

@@ -12,8 +12,6 @@ from ..regressor.base_parameters.principal import principal_parameters
 from ..signals.preparation import ZeroPhase
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
 
-HELP = "base parameters of a robot in readable expressions, and what cannot be identified"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)

@@ -13,8 +13,6 @@ from .common import Output, add_output_arguments, add_study_arguments, study_fro
 from .diagnose import diagnosis_of
 from .streaming import add_streaming_arguments, session_from
 
-HELP = "audit the logs and check what they can reveal of the declared model"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from ..logs.log import LogSet
     from ..robots.transmission import Transmission
 
-HELP = "compare two saved fits (before, after) on held-out logs: torque error per joint, how the parameters moved"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("before", help="saved fit (fit.json), e.g. of the declared model")

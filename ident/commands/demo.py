@@ -11,8 +11,6 @@ from ..study.session import Session
 from ..study.study import Study
 from .common import Output, add_output_arguments
 
-HELP = "audit, fit, held-out error and replay on a bundled PUMA 560 log"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output_arguments(parser)

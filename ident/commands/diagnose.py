@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
     from ..signals.signals import Signals
 
-HELP = "find what the declared model lacks, refit with it, and compare before and after on held-out data"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)

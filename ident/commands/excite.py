@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from ..excitation.objective import Measure
     from ..model import Model
 
-HELP = "design an exciting trajectory within limits, and tell the accuracy to expect"
 _FAMILIES = ("fourier", "bspline")
 _MEASURES = ("both", "volume", "condition")
 #: Name of the file, where none is given.

@@ -10,8 +10,6 @@ from ..estimate.estimate import Estimate
 from ..exporting.export import export
 from .common import Output, add_output_arguments
 
-HELP = "write a saved fit as URDF, MJCF or JSON, with physically consistent standard parameters"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("fit", help="saved fit (fit.json)")

@@ -14,8 +14,6 @@ from ..study.session import HELD_SHARE, Session
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from
 
-HELP = "estimate base and drive parameters from logs, with uncertainty and held-out error"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)

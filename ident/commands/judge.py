@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from ..physical import Prior, Repair, Subject
     from ..signals.signals import Signals
 
-HELP = "judge whether an estimate is physically possible and consistent; repair it"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("fit", nargs="?", help="saved fit (fit.json)")

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from ..monitoring import Monitoring
     from ..signals.signals import Signals
 
-HELP = "compare new logs with a saved fit and say what changed"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fit", metavar="FILE", required=True, help="saved fit (fit.json, or after.fit.json of a diagnosis)")

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
     from ..signals.signals import Signals
 
-HELP = "identify a payload: ten parameters of a real body, with uncertainty, from logs without and with it"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)

@@ -18,8 +18,6 @@ from .common import Output, add_output_arguments, add_study_arguments, inputs_of
 if TYPE_CHECKING:
     from ..planning.plan import Plan
 
-HELP = "plan a step-by-step identification: every test, what moves where, and what it reveals"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)

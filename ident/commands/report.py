@@ -20,7 +20,6 @@ from .diagnose import diagnosis_of
 if TYPE_CHECKING:
     from ..reporting.document import Report
 
-HELP = "write the report of a kept result (folder of `ident diagnose --out`, saved fit) or of a study as one HTML file"
 _KEPT = "report.json"
 
 

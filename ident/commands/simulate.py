@@ -31,7 +31,6 @@ Array = np.ndarray
 _COUNTS = 4000.0
 #: Name of the log, where none is given.
 _LOG = "simulated.csv"
-HELP = "simulate a robot along a trajectory in closed loop and write the log"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -19,8 +19,6 @@ from .streaming import add_streaming_arguments, session_from, signals_from
 if TYPE_CHECKING:
     from ..evaluation.validation import Validation
 
-HELP = "predict held-out logs with a fit: torque error per joint, replayed motion"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)
