@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 from .._utils.toml import check_options
-from ..robots.description import DEFAULT_EFFECTS, DriveTable, effect_entries
+from ..robots.tables import DEFAULT_EFFECTS, DriveTable, effect_entries
 from .base import Effect, effect_types, make_effect
 
 

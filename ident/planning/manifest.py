@@ -67,10 +67,8 @@ def write_manifest(plan: Plan, path: Path, *, force: bool) -> Path:
     return write_atomic(path, to_toml(plan_tables(plan)), force=force)
 
 
-def read_manifest(path: Path) -> Plan:
-    """Read a manifest. Raises ConfigurationError."""
-    from .plan import Plan
-
+def read_manifest(path: Path) -> dict[str, Any]:
+    """Fields of the plan that a manifest holds. Raises ConfigurationError."""
     tables = load_toml(path, "plan")
     head = tables.pop("plan", None)
     if not isinstance(head, dict) or head.get("schema") != _SCHEMA:
@@ -79,17 +77,17 @@ def read_manifest(path: Path) -> Plan:
     joints = tuple(_need(head, "joints", f"plan {path}: [plan]"))
     tests = tuple(_test(name, table, joints, path) for name, table in tables.items())
     where = f"plan {path}: [plan]"
-    return Plan(
-        str(_need(head, "robot", where)),
-        joints,
-        tuple(_need(head, "effects", where)),
-        tuple(_need(head, "base", where)),
-        tests,
-        int(_need(head, "rank", where)),
-        _array(head, "velocity", (len(joints),), where),
-        _array(head, "acceleration", (len(joints),), where),
-        tuple(head.get("notes", ())),
-    )
+    return {
+        "robot": str(_need(head, "robot", where)),
+        "joints": joints,
+        "effects": tuple(_need(head, "effects", where)),
+        "base": tuple(_need(head, "base", where)),
+        "tests": tests,
+        "rank": int(_need(head, "rank", where)),
+        "velocity": _array(head, "velocity", (len(joints),), where),
+        "acceleration": _array(head, "acceleration", (len(joints),), where),
+        "notes": tuple(head.get("notes", ())),
+    }
 
 
 def _test(name: str, table: Any, joints: tuple[str, ...], path: Path) -> PlannedTest:

@@ -148,7 +148,7 @@ def write_plan(plan: Plan, path: str | Path, *, force: bool = False) -> Path:
 
 def read_plan(path: str | Path) -> Plan:
     """Read a manifest. Raises ConfigurationError that names the file, the test and the key."""
-    return read_manifest(Path(path))
+    return Plan(**read_manifest(Path(path)))
 
 
 def simulate_plan(

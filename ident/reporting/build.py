@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .._utils.files import write_atomic
 from ..diagnosis import Diagnosis
@@ -16,9 +15,6 @@ from .estimate import estimate_report
 from .figures import draw, require_matplotlib
 from .html import to_html
 from .monitoring import monitoring_report
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["Report", "read_report", "report"]
 

@@ -7,7 +7,7 @@ position and speed, or dry friction of constant level, driven by given torque or
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from ..robots.transmission import Side
 from .controller import Script
 from .dynamics import Dynamics, Response, State, singular_inertia
 from .integrator import Phase, diverged
-
-if TYPE_CHECKING:
-    pass
 
 Array = np.ndarray
 #: What stops a simulation (ident/_native/tree.h).

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,9 +24,6 @@ from .result import Simulation
 from .runner import run
 from .sensors import Sensors
 from .trajectory import Trajectory
-
-if TYPE_CHECKING:
-    pass
 
 Array = np.ndarray
 _EXACT = Feedback()

@@ -14,7 +14,8 @@ from .._utils.toml import Unfit, anything, check_options, check_table, load_toml
 from ..effects.declared import declared_effects, effect_entry
 from ..errors import ConfigurationError, DataError
 from ..estimators import estimator_types, make_estimator
-from ..robots.description import Description, DriveTable, RobotTable, read_drive, read_loop
+from ..robots.description import Description
+from ..robots.tables import DriveTable, RobotTable, read_drive, read_loop
 from ..signals.preparation import Preparation, make_preparation
 
 if TYPE_CHECKING:

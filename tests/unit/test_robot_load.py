@@ -9,8 +9,8 @@ import pytest
 
 import ident
 from ident.robots import built_in_names, nominal_values, published_tables, robot_names
-from ident.robots.description import DriveTable
 from ident.robots.library import examples, payloads
+from ident.robots.tables import DriveTable
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from test_urdf_reading import chain
 
 import ident
 from ident import ConfigurationError, DataError, Study, read_study
-from ident.robots.description import read_drive
+from ident.robots.tables import read_drive
 from ident.study.study import write_study
 
 FULL = """

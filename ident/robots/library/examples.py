@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 from ...errors import ConfigurationError, unknown_name
+from .folders import built_in_names
 
 _PACKAGE = "example-robot-data"
 _WHY_NOT = {
@@ -71,8 +72,6 @@ def find_example(name: str) -> Path:
     A name is a file's stem (`tiago`, `ur5` for ur5_robot.urdf), `folder/stem`, or a folder that holds one URDF; letter case
     and hyphens do not matter. Raises ConfigurationError: unknown (with the nearest names), several matches (with all of
     them), not a URDF, or package not installed."""
-    from .load import built_in_names
-
     if name.lower().endswith((".urdf", ".xml")):
         raise ConfigurationError(f"{name!r} is a file, not a robot's name; give it as a URDF (--urdf, urdf = …, Robot.from_urdf).")
     try:

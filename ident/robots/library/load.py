@@ -6,7 +6,7 @@ its URDF, and, where known, `drive.json` (rotor inertia and friction) and `table
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,11 @@ import numpy as np
 
 from ..._utils.toml import load_toml
 from ...errors import ConfigurationError, unknown_name
-from ..description import Description, DriveTable, RobotTable, read_loop
 from ..robot import STANDARD_GRAVITY, Robot
+from ..tables import DriveTable, RobotTable, read_loop
 from ..transmission import Side, Transmission
 from .examples import example_names, find_example
+from .folders import built_in_names, robot_folder
 from .nominal import DriveParameters, drive_parameters, nominal_values
 from .payloads import Payload, read_payloads, with_payload
 from .published import PublishedTable, published_tables
@@ -38,25 +39,21 @@ __all__ = [
 ]
 
 Array = np.ndarray
-_HERE = Path(__file__).parent
 
 
-def built_in_names() -> tuple[str, ...]:
-    """Names of the built-in robots."""
-    return tuple(sorted(file.parent.name for file in _HERE.glob("*/robot.toml")))
+@dataclass(frozen=True)
+class _Own:
+    """What a robot's own folder says of it."""
+
+    robot: RobotTable
+    drive: DriveTable = field(default_factory=DriveTable)
+    loop: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 def robot_names() -> tuple[str, ...]:
     """Every name that `load_robot` takes: built-in robots first, then those of example-robot-data, if installed."""
     mine = built_in_names()
     return (*mine, *(name for name in example_names() if name not in mine))
-
-
-def robot_folder(name: str) -> Path:
-    """Folder of a built-in robot's data. Raises ConfigurationError with the nearest names."""
-    if name not in built_in_names():
-        raise unknown_name("built-in robot", name, built_in_names())
-    return _HERE / name
 
 
 def declared_drive(name: str) -> DriveTable:
@@ -93,7 +90,7 @@ def load_robot(
     if name in built_in_names():
         own, offered = _read(robot_folder(name))
     else:
-        own, offered = Description(RobotTable(urdf=find_example(name))), {}
+        own, offered = _Own(RobotTable(urdf=find_example(name))), {}
     assert own.robot.urdf is not None
     urdf: Path | str = own.robot.urdf
     if payload is not None:
@@ -123,7 +120,7 @@ def load_robot(
     return robot.with_transmission(_transmission(robot, drive, own, arguments))
 
 
-def _transmission(robot: Robot, drive: DriveTable, own: Description, arguments: dict[str, Any]) -> Transmission:
+def _transmission(robot: Robot, drive: DriveTable, own: _Own, arguments: dict[str, Any]) -> Transmission:
     """The asked-for drive over the robot's own; where fewer joints move, its own is cut down to them."""
     if drive.moves or not own.drive.moves:
         return drive.over(own.drive).transmission(robot.n)
@@ -141,7 +138,7 @@ def _transmission(robot: Robot, drive: DriveTable, own: Description, arguments: 
     return drive.over(gearing).transmission(robot.n)
 
 
-def _read(folder: Path) -> tuple[Description, dict[str, Payload]]:
+def _read(folder: Path) -> tuple[_Own, dict[str, Payload]]:
     """A built-in robot's description, and the payloads it offers."""
     file = folder / "robot.toml"
     where = f"robot file {file}"
@@ -152,5 +149,5 @@ def _read(folder: Path) -> tuple[Description, dict[str, Payload]]:
     robot = RobotTable.read(data.get("robot", {}), folder, where)
     if robot.urdf is None:
         raise ConfigurationError(f"{where}: [robot] names no urdf.")
-    description = Description(robot, DriveTable.read(data.get("drive", {}), where), read_loop(data.get("loop", {}), where))
-    return description, read_payloads(data.get("payload", {}), where)
+    own = _Own(robot, DriveTable.read(data.get("drive", {}), where), read_loop(data.get("loop", {}), where))
+    return own, read_payloads(data.get("payload", {}), where)

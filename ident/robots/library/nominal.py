@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import ConfigurationError
 from ..parameters import LINK_SYMBOLS
 from ..transmission import Side
+from .folders import built_in_names, robot_folder
 
 if TYPE_CHECKING:
     from ..parameters import Parameter
@@ -63,8 +64,6 @@ class DriveParameters:
 
 def drive_parameters(name: str) -> DriveParameters:
     """Nominal drive parameters of a built-in robot. Raises ConfigurationError where none are known."""
-    from .load import robot_folder
-
     file = robot_folder(name) / "drive.json"
     if not file.is_file():
         raise ConfigurationError(f"no drive parameters are known for robot {name!r}; give rotor inertia and friction yourself.")
@@ -87,8 +86,6 @@ def nominal_values(model: NamedParameters, drive: DriveParameters | None = None)
         for symbol, value in zip(LINK_SYMBOLS, link, strict=True)
     }
     if drive is None and "robot" in robot.source:
-        from .load import built_in_names
-
         name = str(robot.source["robot"])
         drive = drive_parameters(name) if name in built_in_names() else None
     if drive is not None:

@@ -6,6 +6,8 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from .folders import robot_folder
+
 
 @dataclass(frozen=True)
 class PublishedTable:
@@ -26,8 +28,6 @@ def published_tables(name: str) -> dict[str, PublishedTable]:
     """Published tables of a built-in robot by their number ("1", "2", …); empty if there are none.
 
     Raises ConfigurationError for a robot that is not built in."""
-    from .load import robot_folder
-
     file = robot_folder(name) / "tables.json"
     if not file.is_file():
         return {}

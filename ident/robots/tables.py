@@ -1,0 +1,141 @@
+"""The tables that describe a robot and its drive, as study files, drive files and built-in robots write them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from .._utils.toml import Kind, Unfit, check_table, flag, load_toml, matrix, number, numbers, one_of, table_of, text, texts
+from ..errors import ConfigurationError
+from .transmission import Side, Transmission
+
+#: The model beside the rigid body where nothing is declared: what every geared joint has.
+DEFAULT_EFFECTS = ("rotor_inertia", "viscous", "coulomb")
+
+
+def effect_entries(value: Any) -> tuple[Mapping[str, Any], ...]:
+    """Effects as a file gives them (a name, a table, or a list of both), each as a table with its name."""
+    entries = [value] if isinstance(value, str | Mapping) else value
+    expected = 'a list of effect names or tables such as { name = "coulomb", joints = ["joint1"] }'
+    if not isinstance(entries, list | tuple):
+        raise Unfit(expected)
+    found = []
+    for entry in entries:
+        named = {"name": entry} if isinstance(entry, str) else entry
+        if not isinstance(named, Mapping) or not isinstance(named.get("name"), str):
+            raise Unfit(expected)
+        found.append(dict(named))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class RobotTable:
+    """`[robot]`: which robot, and how it stands. None: as the robot's own description has it.
+
+    `name`: built-in or of example-robot-data; `urdf`: file instead; `gravity` (3,) m/s²; `locked`: joint → position of
+    joints that are not identified; `joints`: those to keep; `payload`: one that the built-in robot offers."""
+
+    name: str | None = None
+    urdf: Path | None = None
+    gravity: tuple[float, ...] | None = None
+    locked: Mapping[str, float] | None = None
+    joints: tuple[str, ...] | None = None
+    payload: str | None = None
+    floating_base: bool = False
+
+    SCHEMA: ClassVar[Mapping[str, Kind]] = {
+        "name": text,
+        "urdf": text,
+        "gravity": numbers(3),
+        "locked": table_of(number, "a table of joint = position"),
+        "joints": texts,
+        "payload": text,
+        "floating_base": flag,
+    }
+
+    @classmethod
+    def read(cls, data: Any, folder: Path, where: str) -> RobotTable:
+        """From a TOML table; `folder` is where relative paths start."""
+        values = check_table(data, cls.SCHEMA, "robot", where)
+        if "name" in values and "urdf" in values:
+            raise ConfigurationError(f"{where}: [robot] has both name and urdf; give one of them.")
+        if "urdf" in values:
+            values["urdf"] = folder / values["urdf"]
+        return cls(**values)
+
+
+@dataclass(frozen=True)
+class DriveTable:
+    """`[drive]`: the transmission as data, and the declared effects. None: not given.
+
+    `measured`: side of the logged torque; `ratio` (n,): motor turns per joint turn, or `K` (n, n): θ = K θ_m; `zero` (n,):
+    joint positions at motor zero; `torque_constants` (n,) N m/A; `effects`: {"name": …, key: value, …} each."""
+
+    measured: str | None = None
+    ratio: tuple[float, ...] | None = None
+    K: tuple[tuple[float, ...], ...] | None = None
+    zero: tuple[float, ...] | None = None
+    torque_constants: tuple[float, ...] | None = None
+    effects: tuple[Mapping[str, Any], ...] | None = None
+
+    SCHEMA: ClassVar[Mapping[str, Kind]] = {
+        "measured": one_of("motor", "joint"),
+        "ratio": numbers(),
+        "K": matrix,
+        "zero": numbers(),
+        "torque_constants": numbers(),
+        "effects": effect_entries,
+    }
+
+    @classmethod
+    def read(cls, data: Any, where: str) -> DriveTable:
+        """From a TOML table."""
+        values = check_table(data, cls.SCHEMA, "drive", where)
+        if "ratio" in values and "K" in values:
+            raise ConfigurationError(f"{where}: [drive] has both ratio and K; give one of them.")
+        return cls(**values)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it says how motors and joints are geared."""
+        return self.ratio is not None or self.K is not None
+
+    def over(self, other: DriveTable) -> DriveTable:
+        """This table, completed by another. A gearing replaces the whole gearing of the other, its zero included."""
+        hidden = {"ratio", "K", "zero"} if self.moves else set()
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return DriveTable(**{k: getattr(other, k) if v is None and k not in hidden else v for k, v in values.items()})
+
+    def transmission(self, n: int) -> Transmission:
+        """The transmission of a robot with n joints. Raises ConfigurationError for sizes and values that do not fit."""
+        if self.ratio is not None:
+            K = Transmission.from_ratio(np.array(self.ratio)).K
+        elif self.K is not None:
+            K = np.array(self.K)
+        else:
+            K = np.eye(n)
+        if len(K) != n:
+            raise ConfigurationError(
+                f"[drive] {'ratio' if self.ratio is not None else 'K'} describes {len(K)} joints, but the robot has {n}."
+            )
+        constants = None if self.torque_constants is None else np.array(self.torque_constants)
+        zero = np.zeros(n) if self.zero is None else np.array(self.zero)
+        return Transmission(K, zero, Side(self.measured or Side.JOINT), constants)
+
+
+def read_loop(data: Any, where: str) -> dict[str, dict[str, float]]:
+    """`[loop]`: dependent joint → {independent joint: factor, "offset": constant}."""
+    rule = table_of(number, "a table of joint = factor, and offset = constant")
+    if not isinstance(data, Mapping):
+        raise ConfigurationError(f"{where}: [loop] must be a table, not {data!r}.")
+    return check_table(data, dict.fromkeys(data, rule), "loop", where)
+
+
+def read_drive(path: Path) -> DriveTable:
+    """A drive file: a `[drive]` table, or its keys at top level. Raises ConfigurationError."""
+    data = load_toml(path, "drive file")
+    return DriveTable.read(data.get("drive", data), f"drive file {path}")
