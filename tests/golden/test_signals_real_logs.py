@@ -97,7 +97,7 @@ def test_chosen_cutoffs_are_those_of_experts(data_folder: Path) -> None:
 def test_audit_of_tx40_panda_and_pendulum(data_folder: Path) -> None:
     found = audit(tx40(data_folder))
     assert found.ok
-    assert not audit.of("unit")
+    assert not found.of("unit")
     panda = Robot.from_urdf(data_folder / "panda_gaz/panda_mdh.urdf")
     found = audit(read_logs(data_folder / "panda_gaz/panda_exciting_traj1.csv.gz", panda))
     assert found.of("jitter")[0].value > 0.1

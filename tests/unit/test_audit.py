@@ -200,7 +200,7 @@ def test_missing_samples_are_no_jitter(robot: Robot, rate: float, share: float) 
     assert found.severity == (Severity.WARNING if share > 0.01 else Severity.INFO)
     assert "bridged" in found.text
     assert not audit.of("jitter")
-    assert not found.of("gaps")
+    assert not audit.of("gaps")
     assert not audit.of("spike")
     assert audit.of("sample_rate")[0].value == pytest.approx(rate, rel=1e-9)
 
@@ -376,7 +376,7 @@ def test_table_and_json(robot: Robot) -> None:
     data = json.loads(json.dumps(found.to_dict()))
     assert data["ok"] is True
     assert {"code", "severity", "where", "run", "text", "value"} == set(data["findings"][0])
-    assert any("shoulder" in w for w in audit.warnings)
+    assert any("shoulder" in w for w in found.warnings)
 
 
 def one_at_a_time(robot: Robot, moving: int, noise: float = 2e-5) -> Log:

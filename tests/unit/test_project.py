@@ -62,7 +62,7 @@ def test_data_files_are_packaged(project):
 
 
 def test_one_version(project):
-    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "ident.__version__"}
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "ident._utils.version.__version__"}
     try:
         installed = importlib.metadata.version("ident")
     except importlib.metadata.PackageNotFoundError:

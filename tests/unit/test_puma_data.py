@@ -12,8 +12,7 @@ import pytest
 import ident
 from ident.effects.motion import Motion
 from ident.physical import published_subject
-from ident.robots import declared_drive, drive_parameters, nominal_values, published_tables, robot_folder
-from ident.robots.library import payloads
+from ident.robots import declared_drive, drive_parameters, nominal_values, payloads, published_tables, robot_folder
 
 CLUSTERS = ((0,), (1, 2), (3,), (4,), (5,))  # links between which the axis turns by 90 degrees
 ARMS = {1: (0.432, -0.15), 3: (0.0, 0.433)}  # link index → Lx, Lz; all others 0

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import ident
-from ident.robots import built_in_names, nominal_values, published_tables, robot_names
-from ident.robots.library import examples, payloads
+from ident.robots import built_in_names, nominal_values, payloads, published_tables, robot_names
+from ident.robots.library import examples
 from ident.robots.tables import DriveTable
 
 
