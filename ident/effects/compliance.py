@@ -27,7 +27,7 @@ from .play import Flights, Jolts, played
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
-    from .reference import Reference
+    from .motion import Prediction
 
 Array = np.ndarray
 
@@ -105,7 +105,7 @@ class _Compliance(Effect):
                 target[:, j] -= one.rotor * delta[2]
         return out
 
-    def _link(self, j: int, motion: Motion, reference: Reference) -> _Link | None:
+    def _link(self, j: int, motion: Motion, reference: Prediction) -> _Link | None:
         """What hangs behind joint (or motor) j; None where the model gives it no inertia."""
         robot = reference.model.robot
         along = self.moves(robot, j)
@@ -120,7 +120,7 @@ class _Compliance(Effect):
         first = float(resting @ along) - (self.rotor * float(acceleration[0]) if begun else 0.0)
         return _Link(load, first, own, acceleration, motion.rate, motion.cutoff_hz)
 
-    def _inertia(self, j: int, motion: Motion, reference: Reference) -> Array:
+    def _inertia(self, j: int, motion: Motion, reference: Prediction) -> Array:
         return reference.inertia(motion, self.moves(reference.model.robot, j))
 
     def _rotors(self, motion: Motion, robot: Robot) -> tuple[float, float]:
@@ -129,7 +129,7 @@ class _Compliance(Effect):
         most = max([*usual, _NO_INERTIA])
         return _ROTORS[0] * most, _ROTORS[1] * most
 
-    def _first_load(self, motion: Motion, reference: Reference) -> tuple[Array, bool]:
+    def _first_load(self, motion: Motion, reference: Prediction) -> tuple[Array, bool]:
         """Load (n,) under which the links are at rest when the run starts, the static one where the robot starts from rest, however
         abruptly, else that of the first sample; and whether it is in motion then."""
         one = Coordinates(*(x[:1] for x in (motion.joint.q, motion.joint.dq, motion.joint.ddq)))

@@ -17,7 +17,7 @@ from .motion import Coordinates, Motion
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
-    from .reference import Reference
+    from .motion import Prediction
 
 Array = np.ndarray
 
@@ -106,12 +106,12 @@ class GearCoupling(Effect):
             out[:, :, column] = declared.torque(slope, side, self.side)
         return out
 
-    def _half_way(self, motion: Motion, robot: Robot, reference: Reference, values: Array) -> tuple[Robot, Motion, Reference]:
+    def _half_way(self, motion: Motion, robot: Robot, reference: Prediction, values: Array) -> tuple[Robot, Motion, Prediction]:
         """Robot, motion and prediction with half of what the reference holds of these entries: the torque is all but quadratic in K, and
         the slope at half way times the whole way is then the whole change."""
         there = self.applied(robot, 0.5 * values)
         moved = self._behind(motion, there)
-        return there, moved, replace(reference, model=reference.model.of_robot(there))
+        return there, moved, reference.of_robot(there)
 
     def _behind(self, motion: Motion, other: Robot) -> Motion:
         """The motion that was measured, behind another transmission."""
@@ -121,7 +121,7 @@ class GearCoupling(Effect):
         joint = Coordinates(drive.joint_position(motor.q), drive.joint_rate(motor.dq), drive.joint_rate(motor.ddq))
         return replace(motion.moved(other, joint), motor=motor)
 
-    def _drive(self, motion: Motion, reference: Reference, entry: Array, pair: tuple[int, int]) -> Array:
+    def _drive(self, motion: Motion, reference: Prediction, entry: Array, pair: tuple[int, int]) -> Array:
         """Slope (N, n), on the sensor's side, of what acts on the motors, over an entry of K, at the motion that was measured."""
         robot = reference.model.robot
         transmission, (i, j) = robot.transmission, pair

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from ..robots.transmission import Side, Transmission
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
-    from .reference import Reference
 
 Array = np.ndarray
 _T = TypeVar("_T")
@@ -47,6 +46,43 @@ class Coordinates:
         return Coordinates(self.q[:, joints], self.dq[:, joints], self.ddq[:, joints], self.direction[:, joints])
 
 
+class Prediction(Protocol):
+    """What the model itself predicts along a motion: `ident.effects.reference.Reference` says what each of these is."""
+
+    @property
+    def model(self) -> Any: ...
+
+    def of_robot(self, robot: Robot) -> Prediction: ...
+
+    def torque(self, motion: Motion, side: Side | None = None) -> Array: ...
+
+    def load(self, motion: Motion, robot: Robot | None = None) -> Array: ...
+
+    def gravity(self, motion: Motion, gravity: Array) -> Array: ...
+
+    def inertia(self, motion: Motion, direction: Array) -> Array: ...
+
+    def values_of(self, effect: Any, robot: Robot) -> Array: ...
+
+    def sensitivity(
+        self, motion: Motion, direction: Array, *, link_only: bool = False, acting: Side | None = None
+    ) -> tuple[Array, Array, Array]: ...
+
+    def along(
+        self,
+        motion: Motion,
+        direction: Array,
+        shift: tuple[Array, Array, Array],
+        *,
+        link_only: bool = False,
+        acting: Side | None = None,
+    ) -> Array: ...
+
+    def part(
+        self, motion: Motion, side: Side | None = None, robot: Robot | None = None, *, link_only: bool = False, acting: Side | None = None
+    ) -> Array: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """N samples of a robot's motion, in time order.
@@ -64,7 +100,7 @@ class Motion:
     load: Array | None = None
     torque: Array | None = None
     rate: float = 0.0
-    reference: Reference | None = None
+    reference: Prediction | None = None
     start: float = 0.0
     transmission: Transmission | None = None
     cutoff_hz: float = float("inf")
@@ -104,7 +140,7 @@ class Motion:
         """The same motion with the predicted torque of the links (N, n), joint side."""
         return replace(self, load=load)
 
-    def with_reference(self, reference: Reference) -> Motion:
+    def with_reference(self, reference: Prediction) -> Motion:
         """The same motion with the model's prediction, and the load that it predicts."""
         return replace(self, reference=reference, load=reference.load(self))
 
@@ -157,7 +193,7 @@ class Motion:
             )
         return self.transmission.torque(self.torque, self.transmission.measured, side)
 
-    def needed_reference(self, what: str) -> Reference:
+    def needed_reference(self, what: str) -> Prediction:
         """The reference. Raises ConfigurationError where it is missing; `what` needs it."""
         if self.reference is None:
             raise ConfigurationError(

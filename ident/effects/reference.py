@@ -43,6 +43,10 @@ class Reference:
         found = [names.index(p.name) if p.name in names else -1 for p in effect.parameters(robot)]
         return np.array([self.values[i] if i >= 0 else 0.0 for i in found])
 
+    def of_robot(self, robot: Robot) -> Reference:
+        """The same values for another robot."""
+        return replace(self, model=self.model.of_robot(robot))
+
     def torque(self, motion: Motion, side: Side | None = None) -> Array:
         """Predicted torque (N, n) on a side (the measured one if None)."""
         return self.part(motion, side)

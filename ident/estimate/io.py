@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,14 +20,15 @@ from ..robots.robot import Robot
 from ..robots.transmission import Transmission
 from ..statistics.noise import NoiseModel
 from ..statistics.torque_error import TorqueError, number
-from .estimate import Estimate
+from .record import EstimateRecord
 from .status import Status, StatusCode
 
 Array = np.ndarray
 SCHEMA = "ident.fit/1"
+_E = TypeVar("_E", bound=EstimateRecord)
 
 
-def to_dict(estimate: Estimate) -> dict[str, Any]:
+def to_dict(estimate: EstimateRecord) -> dict[str, Any]:
     """The result as `ident fit --json` prints it."""
     nothing: dict[str, Any] = {"rms": [], "relative": [], "relative_all": None}
     body = {
@@ -61,7 +62,7 @@ def to_dict(estimate: Estimate) -> dict[str, Any]:
     return result(SCHEMA, body, inputs=estimate.inputs, warnings=estimate.warnings)
 
 
-def save(estimate: Estimate, path: Path, *, force: bool) -> Path:
+def save(estimate: EstimateRecord, path: Path, *, force: bool) -> Path:
     """Write result and state as one JSON file, atomically."""
     state = {
         "model": model_to_dict(estimate.model),
@@ -90,8 +91,8 @@ def save(estimate: Estimate, path: Path, *, force: bool) -> Path:
     return write_atomic(path, json.dumps({**to_dict(estimate), "state": jsonable(state)}), force=force)
 
 
-def load(path: Path) -> Estimate:
-    """Read what `save` wrote."""
+def load(kind: type[_E], path: Path) -> _E:
+    """Read what `save` wrote, as an estimate of class `kind`."""
     try:
         data = json.loads(Path(path).read_text())
     except FileNotFoundError:
@@ -103,14 +104,14 @@ def load(path: Path) -> Estimate:
             f"fit {path}: is not a saved fit ({SCHEMA} with its state). Write one with `ident fit --out DIR` or Estimate.save."
         )
     try:
-        return _restored(data)
+        return _restored(kind, data)
     except (KeyError, IndexError, TypeError, AttributeError) as error:
         raise ConfigurationError(
             f"fit {path}: is damaged, or another version of ident wrote it ({type(error).__name__}: {error}). Fit again."
         ) from None
 
 
-def _restored(data: dict[str, Any]) -> Estimate:
+def _restored(kind: type[_E], data: dict[str, Any]) -> _E:
     state = data["state"]
     model = model_from_dict(state["model"])
     base = state["base"]
@@ -129,7 +130,7 @@ def _restored(data: dict[str, Any]) -> Estimate:
         information = Information(factors, np.array(state["information"]["counts"], np.int64), names, form)
     noise = {key: np.array(value, float) for key, value in state["noise"].items()}
     heldout = data["torque_error"]["heldout"]
-    return Estimate(
+    return kind(
         method=data["method"],
         model=model,
         base=reduction,

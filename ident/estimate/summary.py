@@ -11,12 +11,12 @@ from ..problem.information import Form
 
 if TYPE_CHECKING:
     from ..statistics.torque_error import TorqueError
-    from .estimate import Estimate
+    from .record import EstimateRecord
 
 Array = np.ndarray
 
 
-def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
+def estimate_summary(estimate: EstimateRecord, correlations: int = 5) -> str:
     """Value ± std, percent, t-ratio, unit and expression of each base parameter; torque errors; strongest correlations; status."""
     names, std, values = estimate.names, estimate.std, estimate.values
     width = max((len(n) for n in names), default=4)
@@ -52,14 +52,14 @@ def estimate_summary(estimate: Estimate, correlations: int = 5) -> str:
     return "\n".join(lines)
 
 
-def _reduced(estimate: Estimate) -> str:
+def _reduced(estimate: EstimateRecord) -> str:
     """How the samples were reduced, where that is known."""
     if estimate.information is None:
         return ""
     return ", from Gram matrices" if estimate.information.form == Form.GRAM else ", by QR"
 
 
-def error_table(estimate: Estimate, errors: dict[str, TorqueError]) -> str:
+def error_table(estimate: EstimateRecord, errors: dict[str, TorqueError]) -> str:
     """Torque error per joint, one line per data set; a dash where a joint has no torque to compare with."""
     joints = estimate.model.robot.joint_names
     side = estimate.model.robot.transmission.measured.value

@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from ..model import Model
     from ..problem.problem import Problem
     from ..robots.robot import Robot
-    from .recursive import RecursiveState
 
 
 Array = np.ndarray
@@ -46,6 +45,24 @@ class Capability(StrEnum):
     NOISY_REGRESSOR = "noisy regressor"
     DRIFT = "drift"
     PHYSICAL = "physical"
+
+
+class OnlineState(Protocol):
+    """Where a recursion stands: every update gives the next state."""
+
+    def update(self, columns: Array, tau: Array, valid: Array | None = None) -> Self:
+        """Take m instants: `columns` (m, n, b), `tau` (m, n), `valid` (m, n) bool (None: all)."""
+        ...
+
+    @property
+    def values(self) -> Array:
+        """Base parameters (b,) by the samples so far."""
+        ...
+
+    @property
+    def std(self) -> Array:
+        """Their standard deviations (b,)."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +96,7 @@ class Estimator(ABC):
         found = standing(problem, estimate, self._solve, by_rows)
         return replace(found, sticking=sticking, problem=asked)
 
-    def start(self, model: Model) -> RecursiveState:
+    def start(self, model: Model) -> OnlineState:
         """Begin a recursion that takes samples as they come. Raises UnsupportedError unless the estimator is RECURSIVE."""
         raise UnsupportedError(
             f"method {self.name!r} fits whole logs and cannot take samples one by one; methods that can: {_able(Capability.RECURSIVE)}."

@@ -20,7 +20,7 @@ from .experiment import Experiment
 from .possible import MARGIN
 
 if TYPE_CHECKING:
-    from .possible import Possible
+    from .possible import NearestPossible
 
 Array = np.ndarray
 _CHUNK = 20_000
@@ -40,7 +40,9 @@ class Instruments(StrEnum):
     REFERENCE = "reference"
 
 
-def instrument_problem(problem: Problem, possible: Possible, source: Instruments, experiment: Experiment | None) -> tuple[Problem, Array]:
+def instrument_problem(
+    problem: Problem, possible: NearestPossible, source: Instruments, experiment: Experiment | None
+) -> tuple[Problem, Array]:
     """The problem along the instruments' motion, and which rows (M, n) have instruments and may be used."""
     values = problem.base.expand(possible.values)
     motion = _MAKERS[source](problem, values, possible, experiment)
@@ -67,7 +69,7 @@ def paired(problem: Problem, instruments: Problem, usable: Array) -> Iterator[tu
         yield replace(rows, valid=valid), np.where(valid[:, :, None], other.columns, 0.0)
 
 
-def _forward_dynamics(problem: Problem, values: Array, possible: Possible, experiment: Experiment | None) -> Coordinates:
+def _forward_dynamics(problem: Problem, values: Array, possible: NearestPossible, experiment: Experiment | None) -> Coordinates:
     s = problem.signals
     torque = s.torque - _along_measured(problem, values)
     present = np.isfinite(torque).all(axis=1)
@@ -114,7 +116,7 @@ def _along_measured(problem: Problem, values: Array) -> Array:
     return out
 
 
-def _simulation(problem: Problem, values: Array, possible: Possible, experiment: Experiment | None) -> Coordinates:
+def _simulation(problem: Problem, values: Array, possible: NearestPossible, experiment: Experiment | None) -> Coordinates:
     return repeated(problem, values, experiment or Experiment())[0]
 
 
@@ -128,13 +130,13 @@ def repeated(problem: Problem, values: Array, experiment: Experiment) -> tuple[C
     return motion, torque + follow
 
 
-def _reference(problem: Problem, values: Array, possible: Possible, experiment: Experiment | None) -> Coordinates:
+def _reference(problem: Problem, values: Array, possible: NearestPossible, experiment: Experiment | None) -> Coordinates:
     if experiment is None or not experiment.desired:
         raise ConfigurationError("instruments 'reference' need the desired motion: experiment = Experiment(controller=…, desired=…).")
     return experiment.desired_motion(problem.signals)
 
 
-_MAKERS: dict[Instruments, Callable[[Problem, Array, Possible, Experiment | None], Coordinates]] = {
+_MAKERS: dict[Instruments, Callable[[Problem, Array, NearestPossible, Experiment | None], Coordinates]] = {
     Instruments.FORWARD_DYNAMICS: _forward_dynamics,
     Instruments.SIMULATION: _simulation,
     Instruments.REFERENCE: _reference,

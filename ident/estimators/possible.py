@@ -30,7 +30,7 @@ _CUTS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class Possible:
+class NearestPossible:
     """`values` (b,) after the repair; `scale` (n,): square root of each joint's typical inertia; `moved`: the change in
     standard deviations of the information, 0 where nothing was wrong; `worst`: least eigenvalue before (relative to `scale`)."""
 
@@ -40,7 +40,7 @@ class Possible:
     worst: float
 
 
-def possible_along(problem: Problem, values: Array, root: Array, margin: float = MARGIN) -> Possible:
+def possible_along(problem: Problem, values: Array, root: Array, margin: float = MARGIN) -> NearestPossible:
     """Nearest base values (b,) to `values` with positive inertia at the log's postures and friction that takes power.
 
     `root` (b, b): upper triangular, rootᵀ root the information that measures nearness. Raises DataError where there is none."""
@@ -55,7 +55,7 @@ def possible_along(problem: Problem, values: Array, root: Array, margin: float =
     least, vectors = np.linalg.eigh(shaped @ values)
     worst = float(least[:, 0].min())
     if worst >= margin and not violated:
-        return Possible(values, scale, 0.0, worst)
+        return NearestPossible(values, scale, 0.0, worst)
     for _ in range(_CUTS):
         bad = np.flatnonzero(least[:, 0] < margin * (1 - 1e-6))
         chosen = bad[np.argsort(least[bad, 0])][:20]
@@ -64,7 +64,7 @@ def possible_along(problem: Problem, values: Array, root: Array, margin: float =
         found = nearest(values, root, rows, bounds)
         least, vectors = np.linalg.eigh(shaped @ found)
         if least[:, 0].min() >= margin * (1 - 1e-6):
-            return Possible(found, scale, float(np.linalg.norm(root @ (found - values))), worst)
+            return NearestPossible(found, scale, float(np.linalg.norm(root @ (found - values))), worst)
     raise DataError("the first estimate is too far from any possible robot to make instruments from it; start from the momentum form.")
 
 

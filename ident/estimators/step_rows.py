@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..errors import ConfigurationError, DataError
-from ..planning.trials import Kind
+from ..planning.trials import MotionKind
 from ..problem.formulations import model_parts
 from ..problem.integrated import smooth_window
 from ..robots.transmission import Side
@@ -31,7 +31,7 @@ _WINDOW_S, _ROWS_PER_WINDOW, _WINDOW_SAMPLES = 0.3, 3, 40
 _LEAST = 20
 
 
-class Stretch(Protocol):
+class SteadyStretch(Protocol):
     """A part of a test's log: seconds in the log's time, number of the posture, direction ±1 (`ident.plan.Segment`)."""
 
     begin: float
@@ -97,7 +97,7 @@ def _test_rows(problem: Problem, plan: Plan, test: PlannedTest) -> StepRows:
         start, stop = (run.start + int(i) for i in np.searchsorted(t[run], (segment.begin, segment.end)))
         if stop - start < _LEAST:
             continue
-        if test.kind == Kind.ACCELERATED:
+        if test.kind == MotionKind.ACCELERATED:
             columns, torque, gain, overlap = _sliding(problem, slice(start, stop))
             found.append((np.einsum("j,mjb->mb", to_side, columns), _combined(to_side, torque), gain))
         else:
@@ -105,7 +105,7 @@ def _test_rows(problem: Problem, plan: Plan, test: PlannedTest) -> StepRows:
             mean = to_side @ columns, _combined(to_side, torque[None]), spread
             means.setdefault((segment.posture, segment.speed), {})[segment.direction] = mean
     # Static: the mean of both directions holds the posture. Constant velocity: half their difference is friction.
-    sign = 1.0 if test.kind == Kind.STATIC else -1.0
+    sign = 1.0 if test.kind == MotionKind.STATIC else -1.0
     for pair in means.values():
         if len(pair) == 2:
             (forward, ahead, one), (backward, behind, two) = pair[1], pair[-1]

@@ -16,7 +16,7 @@ from .limits import Limits
 from .noise import sample_noise
 from .objective import Both, ConditionNumber, DOptimality, Measure, condition_number
 from .result import Excitation
-from .search import Candidate, Search
+from .search import TrajectoryCandidate, TrajectorySearch
 
 if TYPE_CHECKING:
     from ..effects.base import Effect
@@ -68,7 +68,7 @@ def excite(
     check the trajectory before it is run. Raises ConfigurationError for limits within which the robot cannot move."""
     search, noise_std = _prepared(model, limits, values, noise, family, measure)
     rng = np.random.default_rng(seed)
-    found: list[Candidate] = []
+    found: list[TrajectoryCandidate] = []
     for start in range(max(1, starts)):
         found.append(search.run(rng, iterations))
         if progress is not None:
@@ -122,7 +122,7 @@ def _prepared(
     noise: Sequence[float] | float | None,
     family: Family,
     measure: Measure,
-) -> tuple[Search, Array]:
+) -> tuple[TrajectorySearch, Array]:
     robot = model.robot
     limits = limits or Limits.of(robot)
     if limits.n != robot.n:
@@ -138,7 +138,7 @@ def _prepared(
         std = np.broadcast_to(np.asarray(noise, float), (robot.n,)).copy()
         if not np.all(std > 0):
             raise ConfigurationError("excitation: the noise must be positive on every joint.")
-    return Search(MotionInformation(model, values, std), limits, family, measure), std
+    return TrajectorySearch(MotionInformation(model, values, std), limits, family, measure), std
 
 
 def _usual_noise(model: Model, values: Array | None, limits: Limits) -> Array:
@@ -157,7 +157,7 @@ def _usual_noise(model: Model, values: Array | None, limits: Limits) -> Array:
     return 0.01 * np.maximum(rms, 1e-3 * rms.max(initial=1e-12))
 
 
-def _result(search: Search, best: Candidate, noise: Array, rate: float, values: tuple[float, ...]) -> Excitation:
+def _result(search: TrajectorySearch, best: TrajectoryCandidate, noise: Array, rate: float, values: tuple[float, ...]) -> Excitation:
     info, limits = search.information, search.limits
     trajectory = search.family.build(best.offset, best.coefficients)
     t = np.arange(round(trajectory.duration * rate) + 1) / rate

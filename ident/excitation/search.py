@@ -27,7 +27,7 @@ _TORQUE_MARGIN = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class TrajectoryCandidate:
     """A trajectory of a family: `offset` (n,), `coefficients` (C, n), the value of the measure."""
 
     offset: Array
@@ -35,7 +35,7 @@ class Candidate:
     value: float
 
 
-class Search:
+class TrajectorySearch:
     """One search problem. `limited_torque`: whether the parameter values allow a torque limit."""
 
     def __init__(self, information: MotionInformation, limits: Limits, family: Family, measure: Measure) -> None:
@@ -163,21 +163,21 @@ class Search:
                 outside = middle
         return inside * coefficients if inside > 0 else None
 
-    def random(self, rng: np.random.Generator, share: float = 1.0) -> Candidate:
+    def random(self, rng: np.random.Generator, share: float = 1.0) -> TrajectoryCandidate:
         """A random trajectory scaled to use `share` of the limits. Raises ConfigurationError if gravity alone exceeds the torque limits."""
         reach = 0.5 * (self.limits.upper - self.limits.lower)
         for _ in range(200):
             offset = self.limits.middle + rng.uniform(-0.5, 0.5, self.n) * reach
             coefficients = self.scaled(offset, self.family.random(self.n, rng), share)
             if coefficients is not None:
-                return Candidate(offset, coefficients, self.value(offset, coefficients))
+                return TrajectoryCandidate(offset, coefficients, self.value(offset, coefficients))
         raise ConfigurationError(
             "excitation: in 200 random postures the torque limits do not even carry the robot; raise the torque limits or give others."
         )
 
     # --- search -------------------------------------------------------------------------------------------------------
 
-    def run(self, rng: np.random.Generator, iterations: int) -> Candidate:
+    def run(self, rng: np.random.Generator, iterations: int) -> TrajectoryCandidate:
         """Descent from the best of some random trajectories."""
         first = min((self.random(rng, 0.7) for _ in range(_CANDIDATES)), key=lambda c: c.value)
         x = np.concatenate([first.coefficients.reshape(-1), first.offset])
@@ -189,7 +189,7 @@ class Search:
             return first
         # The largest motion is not always the best conditioned.
         own = coefficients if np.linalg.norm(coefficients) <= np.linalg.norm(full) else full
-        return min((Candidate(offset, c, self.value(offset, c)) for c in (full, own)), key=lambda c: c.value)
+        return min((TrajectoryCandidate(offset, c, self.value(offset, c)) for c in (full, own)), key=lambda c: c.value)
 
 
 def descend(function: Callable[[Array, bool], tuple[float, Array | None]], x: Array, iterations: int) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..physical.energy import skew
 from ..physical.pseudo_inertia import centre_of_mass, displaced, from_centre_of_mass, smallest_eigenvalues
-from ..robots.robot import _held
+from ..robots.robot import held_joints
 from ..robots.urdf import exact_angle, prepare_urdf
 from .xml_patch import Element, NewElement, XmlPatch
 
@@ -164,7 +164,7 @@ def _bodies(data: bytes, root: Element, where: str, robot: Robot) -> list[_Body]
     source = robot.source
     prepared = prepare_urdf(data, where)
     movable = [name for name, kind in prepared.kinds.items() if kind != "fixed"]
-    held = _held(prepared, movable, source.get("locked") or {}, source.get("joints"), source.get("loop") or {})
+    held = held_joints(prepared, movable, source.get("locked") or {}, source.get("joints"), source.get("loop") or {})
     loose = [name for name in movable if name not in moving and name not in held]
     if loose:
         raise ConfigurationError(

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from ..errors import ConfigurationError, DataError
 from ..robots.transmission import Side, Transmission
 
-if TYPE_CHECKING:
-    from .log import Log
-
 Array = np.ndarray
+
+
+class TorqueColumns(Protocol):
+    """A log, as far as its torque is concerned: its name, torque or current by side, and a hint where there is neither."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def tau(self) -> Mapping[str, Array]: ...
+
+    @property
+    def hint(self) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -24,7 +35,7 @@ class MeasuredTorque:
     notes: tuple[str, ...] = ()
 
 
-def measured(log: Log, transmission: Transmission) -> MeasuredTorque:
+def measured(log: TorqueColumns, transmission: Transmission) -> MeasuredTorque:
     """Torque on the transmission's measured side.
 
     Taken as logged on that side; else currents times torque constants (motor side); else carried through K from the other

@@ -25,7 +25,7 @@ Array = np.ndarray
 _INEXACT = 0.2
 
 
-class Reference:
+class MonitoredFit:
     """The logs of the fit itself: whether they show an effect, too."""
 
     def __init__(self, estimate: Estimate, signals: Signals) -> None:

@@ -27,7 +27,7 @@ from ..statistics.torque_error import TorqueError
 from .candidates import own_changes
 from .frame import KnownFrame, noise_of
 from .left import LEAST_SHARE, crowds, drifts, noises, trust, unknown
-from .reference import Reference
+from .reference import MonitoredFit
 from .result import Change, ChangedParameter, How, Monitoring
 from .search import ChangeSearch, determined, surplus
 
@@ -82,7 +82,7 @@ class _Watch:
         self.bank = Bank()
         self.found: list[Found] = []
         self.nuisance: list[Effect] = []
-        self.old = None if reference is None else Reference(estimate, reference)
+        self.old = None if reference is None else MonitoredFit(estimate, reference)
         self._step(0.1)
 
     def _step(self, share: float) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .chain import Cross, Stage, _independent_rows, build_stages, gram_freedom, gram_multiplier, spatial_units
+from .chain import Cross, RecursionStage, _independent_rows, build_stages, gram_freedom, gram_multiplier, spatial_units
 from .conic import Block, ConicProgram, InfeasibleError, Solution, SolverError, solver_available, symmetric_basis
 from .structure import InertiaStructure
 
@@ -39,7 +39,7 @@ class Certificate:
 class ChainProgram:
     """The chain's inequalities inside a conic program, for fixed base values or with base values as variables."""
 
-    def __init__(self, structure: InertiaStructure, stages: list[Stage], cross: list[Cross], program: ConicProgram) -> None:
+    def __init__(self, structure: InertiaStructure, stages: list[RecursionStage], cross: list[Cross], program: ConicProgram) -> None:
         self.structure, self.stages, self.cross, self.program = structure, stages, cross, program
         self.shares = program.variables(2 * len(cross))
         self.units = [np.einsum("da,kde,eb->kab", s.state[:6], spatial_units(), s.state[:6]) for s in stages]
@@ -99,7 +99,14 @@ class ChainProgram:
         return margin - lost
 
     def _gram(
-        self, place: int, stage: Stage, constant: Array, columns: Array, sensitivity: Array, margin: float, margin_column: Array | None
+        self,
+        place: int,
+        stage: RecursionStage,
+        constant: Array,
+        columns: Array,
+        sensitivity: Array,
+        margin: float,
+        margin_column: Array | None,
     ) -> tuple[Array, list[Block]]:
         s, structure = stage, self.structure
         head = s.f + s.r
@@ -144,7 +151,7 @@ class ChainProgram:
             blocks.append((m, -multiplier[1]))
         return const, blocks
 
-    def _rotor(self, stage: Stage) -> Array:
+    def _rotor(self, stage: RecursionStage) -> Array:
         """Forms (r, s, s) of u per drive inertia that belong to this joint's rates."""
         structure = self.structure
         size = len(stage.T)

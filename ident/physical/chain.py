@@ -25,7 +25,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class RecursionStage:
     """One joint's inequality, u = (state of the parent body, own rates) in an orthonormal order (constant part first).
 
     `parent`: body, -1 for the base; `E` (d, g): the child's state per Gram column; `T` (s, f + r): u in the new order; `f`, `r`: sizes of
@@ -77,7 +77,7 @@ class Cross:
     scale: float
 
 
-def build_stages(structure: InertiaStructure, weight: Array, lower: Array, upper: Array) -> tuple[list[Stage], list[Cross]]:
+def build_stages(structure: InertiaStructure, weight: Array, lower: Array, upper: Array) -> tuple[list[RecursionStage], list[Cross]]:
     """Stages for all joints, and couplings between branches. `weight` (nv,): D, the sizes against which lambda is measured."""
     tree, first = structure.tree, int(structure.tree.floating)
     W = structure.projection
@@ -119,7 +119,7 @@ def build_stages(structure: InertiaStructure, weight: Array, lower: Array, upper
 def _stage(
     structure: InertiaStructure, i: int, scale: Array, carried: list[list[int]], state: list[Array], inverse: list[Array],
     pairs_at: dict[int, list[tuple[int, int]]], lower: Array, upper: Array, arms: Array,
-) -> Stage:  # fmt: skip
+) -> RecursionStage:  # fmt: skip
     tree = structure.tree
     up = int(tree.parent[i])
     floating = tree.floating and i == 0
@@ -169,7 +169,7 @@ def _stage(
     own = np.zeros((s, s))
     own[np.arange(d, s), np.arange(d, s)] = 1.0
     weakness = 1.0 + (float(np.linalg.norm(inverse[up], 2) ** 2) * (arms[up] + len(held)) if up >= 0 else 0.0)
-    return Stage(
+    return RecursionStage(
         i, up, E, T, T.shape[1] - r, r, len(maps) if r else 1, cos_half if r else None, d,
         np.array(forms).reshape(-1, s, s), np.array(pairs, int).reshape(-1, 2), own, tuple(rates), state[i], weakness,
     )  # fmt: skip
@@ -200,7 +200,7 @@ def _joint_maps(tree: object, i: int, lower: Array, upper: Array) -> tuple[list[
     return [transform(A @ R0.T, p) for A in parts], None if whole else float(np.cos(half))
 
 
-def gram_freedom(stage: Stage) -> Array:
+def gram_freedom(stage: RecursionStage) -> Array:
     """Gram matrices of the zero polynomial: (a, size, size)."""
     f, r, m = stage.f, stage.r, stage.m
     size, found = stage.size, []
@@ -227,7 +227,7 @@ def gram_freedom(stage: Stage) -> Array:
     return np.array(found).reshape(-1, size, size)
 
 
-def gram_multiplier(stage: Stage) -> tuple[int, Array] | None:
+def gram_multiplier(stage: RecursionStage) -> tuple[int, Array] | None:
     """(size g of the multiplier's matrix, Gram matrices to be taken off per entry of its symmetric basis), or None without limits."""
     f, r, m = stage.f, stage.r, stage.m
     if stage.cos_half is None or not r:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from .choice import Separation
-from .logs import Tracking
-from .plan import Plan, default_model, make_plan, read_plan, simulate_plan, write_plan
-from .trials import Kind, PlannedTest, Segment, Sweep, Swing
+from .logs import TrackingMode
+from .plan import default_model, make_plan, read_plan, simulate_plan, write_plan
+from .sequence import Plan
+from .trials import MotionKind, PlannedTest, Segment, Sweep, Swing
 
 __all__ = [
-    "Kind",
+    "MotionKind",
     "Plan",
     "PlannedTest",
     "Segment",
     "Separation",
     "Sweep",
     "Swing",
-    "Tracking",
+    "TrackingMode",
     "default_model",
     "make_plan",
     "read_plan",

@@ -19,7 +19,7 @@ from ..model import Model
 from ..robots.transmission import Side, Transmission
 from ..simulation.trajectory import FourierTrajectory
 from .rows import Knowledge, RowSampler
-from .trials import Kind, PlannedTest, Sweep, Swing
+from .trials import MotionKind, PlannedTest, Sweep, Swing
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -44,7 +44,7 @@ class Separation(StrEnum):
 class Draft:
     """A test before its postures are chosen, by joint numbers."""
 
-    kind: Kind
+    kind: MotionKind
     moving: tuple[int, ...]
     row: int
     side: Side
@@ -53,19 +53,19 @@ class Draft:
 def candidates(n: int) -> Iterator[Draft]:
     """Tests in the order in which they are tried: static and constant velocity, then accelerated, from the tip."""
     for i in reversed(range(n)):
-        yield Draft(Kind.STATIC, (i,), i, Side.JOINT)
+        yield Draft(MotionKind.STATIC, (i,), i, Side.JOINT)
     for i in range(n):
-        yield Draft(Kind.CONSTANT_VELOCITY, (i,), i, Side.MOTOR)
+        yield Draft(MotionKind.CONSTANT_VELOCITY, (i,), i, Side.MOTOR)
     for i in reversed(range(n)):
-        yield Draft(Kind.ACCELERATED, (i,), i, Side.JOINT)
+        yield Draft(MotionKind.ACCELERATED, (i,), i, Side.JOINT)
         for j in reversed(range(i)):
-            yield Draft(Kind.ACCELERATED, (j, i), i, Side.JOINT)
+            yield Draft(MotionKind.ACCELERATED, (j, i), i, Side.JOINT)
     # What is left, if anything, takes a partner beyond the joint, or all joints at once.
     for i in reversed(range(n)):
         for j in range(i + 1, n):
-            yield Draft(Kind.ACCELERATED, (i, j), i, Side.JOINT)
+            yield Draft(MotionKind.ACCELERATED, (i, j), i, Side.JOINT)
     for i in reversed(range(n)):
-        yield Draft(Kind.ACCELERATED, tuple(range(n)), i, Side.JOINT)
+        yield Draft(MotionKind.ACCELERATED, tuple(range(n)), i, Side.JOINT)
 
 
 class Chooser:
@@ -111,7 +111,7 @@ class Chooser:
         found = []
         for test in other.tests(Separation.COUPLED)[0]:
             draft = Draft(test.kind, tuple(self.robot.joint_index(j) for j in test.moving), self.robot.joint_index(test.row), test.side)
-            if test.kind == Kind.CONSTANT_VELOCITY:
+            if test.kind == MotionKind.CONSTANT_VELOCITY:
                 # A motor moves other joints here.
                 postures, motion = self._placed(draft, self.rng)
                 test = replace(test, postures=postures, motion=motion)
@@ -152,11 +152,11 @@ class Chooser:
         limits, n = self.limits, self.robot.n
         half = 0.5 * (limits.upper - limits.lower)
         direction = self._direction(draft)
-        count = 1 if draft.kind == Kind.CONSTANT_VELOCITY else self.postures + (draft.kind == Kind.STATIC)
-        moves = np.abs(direction) > 0 if draft.kind == Kind.CONSTANT_VELOCITY else np.isin(np.arange(n), draft.moving)
-        room = np.where(moves, 0.5 if draft.kind == Kind.ACCELERATED else 0.9, 1.0)
-        motion = self._swing(draft, rng, half) if draft.kind == Kind.ACCELERATED else self._sweep(draft, direction, half)
-        if draft.kind == Kind.CONSTANT_VELOCITY:
+        count = 1 if draft.kind == MotionKind.CONSTANT_VELOCITY else self.postures + (draft.kind == MotionKind.STATIC)
+        moves = np.abs(direction) > 0 if draft.kind == MotionKind.CONSTANT_VELOCITY else np.isin(np.arange(n), draft.moving)
+        room = np.where(moves, 0.5 if draft.kind == MotionKind.ACCELERATED else 0.9, 1.0)
+        motion = self._swing(draft, rng, half) if draft.kind == MotionKind.ACCELERATED else self._sweep(draft, direction, half)
+        if draft.kind == MotionKind.CONSTANT_VELOCITY:
             room = np.where(moves, 0.3, 1.0)
         postures = limits.middle + rng.uniform(-1.0, 1.0, (count, n)) * half * room
         return postures, motion
@@ -164,7 +164,7 @@ class Chooser:
     def _direction(self, draft: Draft) -> Array:
         """Joint motion (n,) per unit of the moving coordinate of a sweep: one motor, or one joint."""
         i = draft.moving[0]
-        if draft.kind == Kind.CONSTANT_VELOCITY:
+        if draft.kind == MotionKind.CONSTANT_VELOCITY:
             return self.robot.transmission.K[:, i].copy()
         return np.eye(self.robot.n)[i]
 
@@ -174,7 +174,7 @@ class Chooser:
             top = float(np.min(limits.velocity / np.abs(direction)))
             widest = float(np.min(half / np.abs(direction)))
             gain = float(np.min(limits.acceleration / np.abs(direction)))
-        slow = draft.kind == Kind.STATIC
+        slow = draft.kind == MotionKind.STATIC
         speeds = (0.02 * top,) if slow else (0.25 * top, 0.8 * top)
         # Long enough that the steady part lasts about a second, if the range allows; no faster than ramps within the limits
         # reach: a ramp of T/6 peaks at (π/2) speed / ramp = 1.25 π speed² / reach.

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from ..simulation.controller import Controller
     from ..simulation.plant import Plant
     from ..simulation.trajectory import Chained
-    from .plan import Plan
+    from .sequence import Plan
 
 _DEFAULTS: dict[str, Any] = {"rate": 250.0, "control_rate": 1000.0, "step": 1e-3}
 
 
-class Tracking(StrEnum):
+class TrackingMode(StrEnum):
     """How a simulated test follows its planned motion.
 
     CONTROLLER: a discrete controller tracks it, as on a test bench; joints stick for moments where they reverse.
@@ -50,8 +50,8 @@ def simulate_logs(
         raise ConfigurationError(
             f"the plan is for joints {', '.join(plan.joints)}, but the robot has {', '.join(plant.robot.joint_names)}."
         )
-    if tracking not in list(Tracking):
-        raise unknown_name("way to track a plan", tracking, [t.value for t in Tracking])
+    if tracking not in list(TrackingMode):
+        raise unknown_name("way to track a plan", tracking, [t.value for t in TrackingMode])
     tests = plan.tests if names is None else tuple(plan.test(name) for name in names)
     if not tests:
         raise ConfigurationError("the plan holds no test.")
@@ -61,7 +61,7 @@ def simulate_logs(
         raise ConfigurationError(f"{taken[0]} exists; nothing was written. Choose another folder, or allow overwriting (--force).")
     ways = [plan.trajectory(test)[0] for test in tests]
     seeds = [seed + plan.tests.index(test) for test in tests]
-    runs = _RUNS[Tracking(tracking)](plant, ways, seeds, {**_DEFAULTS, **settings})
+    runs = _RUNS[TrackingMode(tracking)](plant, ways, seeds, {**_DEFAULTS, **settings})
     for test, way, run in zip(tests, ways, runs, strict=True):
         run.until(way.duration).to_csv(folder / test.log, force=force)
     return write_manifest(plan, folder / "plan.toml", force=force)
@@ -109,7 +109,7 @@ def _followed(plant: Plant, way: Chained, rate: float, sensors: Any, seed: int) 
     return Simulation.of(robot, t, link, motor, tau, tau, still, still.astype(bool), states, 1, True, sensors, seed)
 
 
-_RUNS: dict[Tracking, Callable[[Plant, list[Chained], list[int], dict[str, Any]], Sequence[Simulation]]] = {
-    Tracking.CONTROLLER: _tracked,
-    Tracking.EXACT: _exact,
+_RUNS: dict[TrackingMode, Callable[[Plant, list[Chained], list[int], dict[str, Any]], Sequence[Simulation]]] = {
+    TrackingMode.CONTROLLER: _tracked,
+    TrackingMode.EXACT: _exact,
 }

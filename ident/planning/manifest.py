@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,68 +11,24 @@ from .._utils.files import write_atomic
 from .._utils.toml import load_toml, to_toml
 from ..errors import ConfigurationError, unknown_name
 from ..robots.transmission import Side
-from .trials import Kind, PlannedTest, Sweep, Swing
-
-if TYPE_CHECKING:
-    from .plan import Plan
+from .sequence import SCHEMA, SWEEP_KEYS, SWING_KEYS, Plan
+from .trials import MotionKind, PlannedTest, Sweep, Swing
 
 _PLAN = ("robot", "joints", "effects", "base", "rank", "velocity", "acceleration", "notes", "schema")
 _TEST = ("kind", "moving", "row", "side", "log", "reveals", "gain", "strength", "postures", "segments")
-_SWEEP = ("direction", "speeds", "reach")
-_SWING = ("sine", "cosine", "base_hz")
-_SCHEMA = "ident.plan/1"
-
-
-def plan_tables(plan: Plan) -> dict[str, dict[str, Any]]:
-    """Tables of plain values: "plan", then each test by its name."""
-    tables: dict[str, dict[str, Any]] = {
-        "plan": {
-            "schema": _SCHEMA,
-            "robot": plan.robot,
-            "joints": list(plan.joints),
-            "effects": list(plan.effects),
-            "base": list(plan.base),
-            "rank": plan.rank,
-            "velocity": plan.velocity.tolist(),
-            "acceleration": plan.acceleration.tolist(),
-            "notes": list(plan.notes),
-        }
-    }
-    for test in plan.tests:
-        motion = test.motion
-        keys = _SWEEP if isinstance(motion, Sweep) else _SWING
-        own = {key: np.asarray(getattr(motion, key)).tolist() for key in keys}
-        _, segments = plan.trajectory(test)
-        tables[test.name] = {
-            "kind": test.kind.value,
-            "moving": list(test.moving),
-            "row": test.row,
-            "side": test.side.value,
-            "log": test.log,
-            "reveals": list(test.reveals),
-            "gain": test.gain,
-            "strength": test.strength,
-            "postures": test.postures.tolist(),
-            **own,
-            # For people and other programs; reading a plan makes them anew.
-            "segments": [
-                {"begin": s.begin, "end": s.end, "posture": s.posture, "direction": s.direction, "speed": s.speed} for s in segments
-            ],
-        }
-    return tables
 
 
 def write_manifest(plan: Plan, path: Path, *, force: bool) -> Path:
     """Write the manifest, completely or not at all."""
-    return write_atomic(path, to_toml(plan_tables(plan)), force=force)
+    return write_atomic(path, to_toml(plan.tables()), force=force)
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
     """Fields of the plan that a manifest holds. Raises ConfigurationError."""
     tables = load_toml(path, "plan")
     head = tables.pop("plan", None)
-    if not isinstance(head, dict) or head.get("schema") != _SCHEMA:
-        raise ConfigurationError(f"plan {path}: there is no table [plan] with schema = {_SCHEMA!r}; this is not a manifest of a plan.")
+    if not isinstance(head, dict) or head.get("schema") != SCHEMA:
+        raise ConfigurationError(f"plan {path}: there is no table [plan] with schema = {SCHEMA!r}; this is not a manifest of a plan.")
     _known(head, _PLAN, f"[plan] ({path})")
     joints = tuple(_need(head, "joints", f"plan {path}: [plan]"))
     tests = tuple(_test(name, table, joints, path) for name, table in tables.items())
@@ -94,8 +50,8 @@ def _test(name: str, table: Any, joints: tuple[str, ...], path: Path) -> Planned
     where = f"plan {path}: test [{name}]"
     if not isinstance(table, dict):
         raise ConfigurationError(f"{where} must be a table.")
-    kind = _member(Kind, _need(table, "kind", where), where)
-    _known(table, (*_TEST, *(_SWING if kind == Kind.ACCELERATED else _SWEEP)), where)
+    kind = _member(MotionKind, _need(table, "kind", where), where)
+    _known(table, (*_TEST, *(SWING_KEYS if kind == MotionKind.ACCELERATED else SWEEP_KEYS)), where)
     n = len(joints)
     moving, row = tuple(_need(table, "moving", where)), str(_need(table, "row", where))
     for joint in (*moving, row):
@@ -103,7 +59,7 @@ def _test(name: str, table: Any, joints: tuple[str, ...], path: Path) -> Planned
             raise unknown_name(f"joint in {where}", joint, joints)
     postures = _array(table, "postures", (None, n), where)
     motion: Sweep | Swing
-    if kind == Kind.ACCELERATED:
+    if kind == MotionKind.ACCELERATED:
         sine = _array(table, "sine", (None, n), where)
         motion = Swing(sine, _array(table, "cosine", sine.shape, where), float(_need(table, "base_hz", where)))
     else:

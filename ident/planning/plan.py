@@ -3,99 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import ConfigurationError, unknown_name
+from ..errors import ConfigurationError
 from ..excitation.limits import Limits
 from ..friction import Coulomb, RotorInertia, Viscous
 from ..robots.robot import Robot
 from .choice import Chooser, Separation
-from .logs import Tracking, simulate_logs
-from .manifest import plan_tables, read_manifest, write_manifest
-from .trials import Kind, PlannedTest, Segment, Sweep, Swing
+from .logs import TrackingMode, simulate_logs
+from .manifest import read_manifest, write_manifest
+from .sequence import Plan
+from .trials import MotionKind, PlannedTest, Segment, Sweep, Swing
 
 if TYPE_CHECKING:
     from ..model import Model
     from ..simulation.plant import Plant
-    from ..simulation.trajectory import Chained
 
 Array = np.ndarray
 
 __all__ = [
-    "Kind",
+    "MotionKind",
     "Plan",
     "PlannedTest",
     "Segment",
     "Separation",
     "Sweep",
     "Swing",
-    "Tracking",
+    "TrackingMode",
     "default_model",
     "make_plan",
     "read_plan",
     "simulate_plan",
     "write_plan",
 ]
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """Tests in the order in which they are evaluated; each uses what those before it have revealed.
-
-    `robot`, `joints`: of whom; `effects`: names of the model's effects; `base`: its b base parameters; `rank`: how many
-    combinations of them the tests determine; `velocity`, `acceleration` (n,): bounds of the moves between postures."""
-
-    robot: str
-    joints: tuple[str, ...]
-    effects: tuple[str, ...]
-    base: tuple[str, ...]
-    tests: tuple[PlannedTest, ...]
-    rank: int
-    velocity: Array = field(repr=False)
-    acceleration: Array = field(repr=False)
-    notes: tuple[str, ...] = ()
-
-    def test(self, name: str) -> PlannedTest:
-        """A test by its name. Raises ConfigurationError with the nearest."""
-        for test in self.tests:
-            if test.name == name:
-                return test
-        raise unknown_name("test of the plan", name, [t.name for t in self.tests])
-
-    def of_kind(self, kind: Kind) -> tuple[PlannedTest, ...]:
-        """The tests of one kind."""
-        return tuple(t for t in self.tests if t.kind == kind)
-
-    def trajectory(self, test: PlannedTest) -> tuple[Chained, tuple[Segment, ...]]:
-        """The motion of a test, and the stretches of its log to use."""
-        return test.trajectory(self.velocity, self.acceleration)
-
-    @property
-    def duration(self) -> float:
-        """Seconds of all tests together."""
-        return float(sum(self.trajectory(t)[0].duration for t in self.tests))
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        tables = plan_tables(self)
-        return {"schema": "ident.plan/1", **tables.pop("plan"), "tests": [{"name": name, **table} for name, table in tables.items()]}
-
-    def __str__(self) -> str:
-        head = f"plan for {self.robot}: {len(self.tests)} tests, {self.duration:.0f} s"
-        lines = [f"{head}, {self.rank} of {len(self.base)} base parameters determined"]
-        width = max((len(t.name) for t in self.tests), default=4)
-        for number, test in enumerate(self.tests, start=1):
-            told = ", ".join(test.reveals) or "a combination"
-            extra = test.gain - len(test.reveals)
-            if test.reveals and extra > 0:
-                told += f" and {extra} combination" + ("s" if extra > 1 else "")
-            weak = "  (weakly)" if test.strength < 1e-2 else ""
-            lines.append(f"{number:>3} {test.name:<{width}}  row {test.row} ({test.side}), {len(test.postures)} postures: {told}{weak}")
-        return "\n".join([*lines, *(f"note: {n}" for n in self.notes)])
 
 
 def default_model(robot: Robot) -> Model:
@@ -157,14 +100,14 @@ def simulate_plan(
     folder: str | Path,
     *,
     tests: Sequence[str] | None = None,
-    tracking: str = Tracking.CONTROLLER,
+    tracking: str = TrackingMode.CONTROLLER,
     seed: int = 0,
     force: bool = False,
     **settings: Any,
 ) -> Path:
     """Simulate the tests of a plan, write a log of each and the manifest `plan.toml` into `folder`; returns the manifest's path.
 
-    `plant`: what is tested; `tests`: names, by default all; `tracking`: see `Tracking`. `settings` go to `simulate_batch`
+    `plant`: what is tested; `tests`: names, by default all; `tracking`: see `TrackingMode`. `settings` go to `simulate_batch`
     (sensors, controller, rate, feedback …); with exact tracking only rate (Hz), sensors and progress mean something. Test
     number i takes the seed `seed` + i. Raises ConfigurationError for other joints or existing files."""
     return simulate_logs(plan, plant, Path(folder), tests, tracking, seed, force, settings)

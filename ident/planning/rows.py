@@ -10,7 +10,7 @@ from ..effects.base import Need
 from ..effects.motion import Coordinates, Motion
 from ..errors import UnsupportedError
 from ..robots.transmission import Side
-from .trials import Kind
+from .trials import MotionKind
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -44,13 +44,13 @@ class RowSampler:
         measured = robot.transmission.measured
         return columns if side == measured else np.matmul(robot.transmission.torque_map(measured, side), columns)
 
-    def read(self, kind: Kind, motion: Coordinates, row: int, side: Side) -> Array:
+    def read(self, kind: MotionKind, motion: Coordinates, row: int, side: Side) -> Array:
         """Scaled rows (N, b) that a test of some kind gives at a motion; of sweeps, `motion` is the one forward."""
         forward = self.columns(motion, side)[:, row]
-        if kind == Kind.ACCELERATED:
+        if kind == MotionKind.ACCELERATED:
             return forward / self.scale
         backward = self.columns(Coordinates(motion.q, -motion.dq, motion.ddq), side)[:, row]
-        sign = 1.0 if kind == Kind.STATIC else -1.0
+        sign = 1.0 if kind == MotionKind.STATIC else -1.0
         return 0.5 * (forward + sign * backward) / self.scale
 
 

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .trials import Kind, PlannedTest, Sweep
+from .trials import MotionKind, PlannedTest, Sweep
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
-    from .plan import Plan
+    from .sequence import Plan
 
 _WIDTH = 120
 _HOW = {
-    Kind.STATIC: "creeps through each posture in both directions; the mean of both torques holds the posture",
-    Kind.CONSTANT_VELOCITY: "turns steadily in both directions at two speeds; half the difference of the torques is friction",
-    Kind.ACCELERATED: "swings about each posture while the other joints are held",
+    MotionKind.STATIC: "creeps through each posture in both directions; the mean of both torques holds the posture",
+    MotionKind.CONSTANT_VELOCITY: "turns steadily in both directions at two speeds; half the difference of the torques is friction",
+    MotionKind.ACCELERATED: "swings about each posture while the other joints are held",
 }
 
 
@@ -34,7 +34,7 @@ def plan_text(plan: Plan, robot: Robot) -> str:
 
 def _test(plan: Plan, number: int, test: PlannedTest, prismatic: set[str]) -> list[str]:
     way, segments = plan.trajectory(test)
-    motor = test.kind == Kind.CONSTANT_VELOCITY
+    motor = test.kind == MotionKind.CONSTANT_VELOCITY
     who = ("motor of " if motor else "") + " and ".join(test.moving)
     reveals = ", ".join(test.reveals) or "a combination that later tests resolve"
     sentences = [

@@ -14,7 +14,7 @@ Array = np.ndarray
 _PAUSE = 0.25
 
 
-class Kind(StrEnum):
+class MotionKind(StrEnum):
     """How a test moves.
 
     STATIC: creeping through each posture in both directions; the mean of both torques is what holds the posture, and half
@@ -90,7 +90,7 @@ class PlannedTest:
     motion of all joints; `log`: file name."""
 
     name: str
-    kind: Kind
+    kind: MotionKind
     moving: tuple[str, ...]
     row: str
     side: Side

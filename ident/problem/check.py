@@ -16,8 +16,9 @@ from .linear_solution import order_of, row_variances, solve_triangle
 from .opposite_signs import opposite_sign
 
 if TYPE_CHECKING:
+    from ..robots.robot import Robot
     from .agreement import Agreement
-    from .problem import Problem
+    from .information import Information
 
 Array = np.ndarray
 #: A parameter is called poorly excited when its std, for noise of one hundredth of the joint's torque, exceeds this share of its size.
@@ -76,11 +77,10 @@ class ProblemCheck:
         return "\n".join([*lines, *self.advice, *(f"note: {n}" for n in self.notes)])
 
 
-def check_problem(problem: Problem) -> ProblemCheck:
-    """Check a problem: one pass over its samples."""
+def check_problem(robot: Robot, base: BaseReduction, information: Information) -> ProblemCheck:
+    """What the information of the samples can determine of the base parameters."""
     from scipy.linalg import solve_triangular
 
-    base, information = problem.base, problem.information
     start = np.where(information.counts > 0, information.counts / np.maximum(information.torque_squares(), 1e-300), 0.0)
     R, z, _ = information.combined(start)
     first = solve_triangle(R, z, order_of(base))
@@ -95,12 +95,12 @@ def check_problem(problem: Problem) -> ProblemCheck:
     relative[solution.columns] = std / np.maximum(np.abs(solution.values), 1e-300)
     poor = tuple(n for n, r, i in zip(base.names, relative, inflation, strict=True) if not np.isfinite(r) or (r > _POOR and i > 10))
     notes = list(base.notes)
-    turned = opposite_sign(information, base, problem.model.robot.joint_names)
+    turned = opposite_sign(information, base, robot.joint_names)
     notes += [] if turned is None else [str(turned)]
-    for j, joint in enumerate(problem.model.robot.joints):
+    for j, joint in enumerate(robot.joints):
         if information.counts[j] == 0:
             notes.append(f"joint {joint.name}: no usable torque row; what only this row shows cannot be estimated.")
     return ProblemCheck(
-        base, len(solution.columns), solution.condition, inflation, relative, poor, advice(problem.model.robot, base, poor),
-        information.counts, agreement(problem.model.robot), tuple(notes),
+        base, len(solution.columns), solution.condition, inflation, relative, poor, advice(robot, base, poor),
+        information.counts, agreement(robot), tuple(notes),
     )  # fmt: skip

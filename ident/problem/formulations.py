@@ -17,7 +17,7 @@ from ..effects.base import Effect, Need
 from ..effects.motion import Coordinates, Motion
 from ..effects.rigid_body import RigidBody
 from ..errors import UnsupportedError
-from ..regressor.numpy_dynamics import CHUNK, _Chunk, _cross, _into
+from ..regressor.numpy_dynamics import CHUNK, Chunk, cross, into
 from ..regressor.rigid import regressor
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def momentum_regressor(tree: RigidBodyTree, q: Array, dq: Array) -> tuple[Array,
     momentum, slope = np.zeros((len(q), nb, 10 * nb)), np.zeros((len(q), nb, 10 * nb))
     for start in range(0, len(q), CHUNK):
         part = slice(start, min(start + CHUNK, len(q)))
-        kinematics = _Chunk(tree, q[part])
+        kinematics = Chunk(tree, q[part])
         v: list[Array] = []
         w: list[Array] = []
         units: list[tuple[Array, Array]] = []  # (linear, angular), each (3, 2d, n): S of the d joints up to the base, then v × S
@@ -157,16 +157,16 @@ def momentum_regressor(tree: RigidBodyTree, q: Array, dq: Array) -> tuple[Array,
             pose, rate = kinematics.poses[i], dq[part, i]
             vi, wi = np.zeros((3, kinematics.n)), np.zeros((3, kinematics.n))
             if up >= 0:
-                vi, wi = _into(pose.R, v[up] + _cross(w[up], np.broadcast_to(pose.p, v[up].shape))), _into(pose.R, w[up])
+                vi, wi = into(pose.R, v[up] + cross(w[up], np.broadcast_to(pose.p, v[up].shape))), into(pose.R, w[up])
             linear, angular = (x * np.ones(kinematics.n) for x in kinematics.subspace(i))
             vi, wi = vi + linear * rate, wi + angular * rate
-            turn = _cross(wi, linear) + _cross(vi, angular), _cross(wi, angular)
+            turn = cross(wi, linear) + cross(vi, angular), cross(wi, angular)
             own = tuple(np.stack([s, t], axis=1) for s, t in zip((linear, angular), turn, strict=True))
             index = np.array([i])
             if up >= 0:
                 l_up, s_up = units[up]
-                moved = _into(pose.R, l_up + _cross(s_up, np.broadcast_to(pose.p[:, None], s_up.shape)))
-                turned = _into(pose.R, s_up)
+                moved = into(pose.R, l_up + cross(s_up, np.broadcast_to(pose.p[:, None], s_up.shape)))
+                turned = into(pose.R, s_up)
                 own = tuple(np.concatenate([x, y], axis=1) for x, y in zip((moved, turned), own, strict=True))
                 index = np.append(rows[up], i)
             v.append(vi)
@@ -185,7 +185,7 @@ def _momentum_block(linear: Array, angular: Array, v: Array, w: Array) -> Array:
     block = np.empty((10, *linear.shape[1:]))
     v, w = v[:, None], w[:, None]
     block[0] = (linear * v).sum(0)
-    block[1:4] = _cross(linear, np.broadcast_to(w, linear.shape)) + _cross(np.broadcast_to(v, linear.shape), angular)
+    block[1:4] = cross(linear, np.broadcast_to(w, linear.shape)) + cross(np.broadcast_to(v, linear.shape), angular)
     for row, (x, y) in zip(range(4, 10), ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), strict=True):
         block[row] = angular[x] * w[y]
         if x != y:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -14,10 +14,19 @@ from ..signals.rows import Rows
 from ..statistics.noise import NoiseModel, noise_gram
 from .information import Information
 
-if TYPE_CHECKING:
-    from .problem import Problem
-
 Array = np.ndarray
+
+
+class MeasuredRows(Protocol):
+    """A problem, as far as its rows are concerned: base parameters, blocks of rows, and which rows are used, (M, n) bool."""
+
+    @property
+    def base(self) -> BaseReduction: ...
+
+    @property
+    def valid(self) -> Array: ...
+
+    def rows(self) -> Iterable[Rows]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +75,7 @@ def step_size(solution: LinearSolution, values: Array, previous: Array) -> float
     return float(np.max(np.where(np.abs(step) > roundoff, np.abs(step), 0.0), initial=0.0))
 
 
-def full_values(problem: Problem, solution: LinearSolution) -> Array:
+def full_values(problem: MeasuredRows, solution: LinearSolution) -> Array:
     """Values (b,) over all base parameters of the problem; those that were grouped away are zero."""
     out = np.zeros(problem.base.count)
     out[solution.columns] = solution.values
@@ -90,7 +99,7 @@ def row_variances(information: Information, values: Array, root: Array | None = 
 Score = Callable[[Rows], Array]
 
 
-def score_gram(problem: Problem, noise: NoiseModel, score: Score, residual: Array | None = None) -> Array:
+def score_gram(problem: MeasuredRows, noise: NoiseModel, score: Score, residual: Array | None = None) -> Array:
     """Covariance (b, b) of Σ scoreᵀ noise over all rows, under the noise's colour; rows left out count nothing.
 
     `residual` (M, n): its innovations then stand for their own variance (`noise_gram`)."""
@@ -108,7 +117,12 @@ def sandwich(root: Array, gram: Array) -> Array:
 
 
 def coloured_covariance(
-    problem: Problem, solution: LinearSolution, weights: Array, noise: NoiseModel, score: Score | None = None, residual: Array | None = None
+    problem: MeasuredRows,
+    solution: LinearSolution,
+    weights: Array,
+    noise: NoiseModel,
+    score: Score | None = None,
+    residual: Array | None = None,
 ) -> tuple[NoiseModel, Array]:
     """Covariance A⁻¹ (Ψᵀ Γ Ψ) A⁻¹ of the solution (Ψ = WΦ by default), and the noise model freed of what the fit absorbed.
 

@@ -217,4 +217,4 @@ class Problem:
 
     def check(self) -> ProblemCheck:
         """Rank, condition, base parameters and excitation, before anything is estimated."""
-        return check_problem(self)
+        return check_problem(self.model.robot, self.base, self.information)

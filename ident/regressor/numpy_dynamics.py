@@ -25,7 +25,7 @@ Array = np.ndarray
 CHUNK = 2048
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """a x b for arrays (3, ...)."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
@@ -34,7 +34,7 @@ def _skew(u: Array) -> Array:
     return np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
 
 
-def _into(R: Array, v: Array) -> Array:
+def into(R: Array, v: Array) -> Array:
     """Rᵀ v: a vector (3, ..., n) of the parent's frame in the child's frame, R (3, 3, n) or constant (3, 3, 1)."""
     if v.ndim == 3:
         return (R[:, :, None] * v[:, None]).sum(0)
@@ -54,7 +54,7 @@ class _Pose:
     p: Array
 
 
-class _Chunk:
+class Chunk:
     """Poses of all bodies for the positions q (n, nq)."""
 
     def __init__(self, tree: RigidBodyTree, q: Array) -> None:
@@ -101,17 +101,17 @@ class _Chunk:
             rates, u = self.rows(i), tree.axis[i][:, None]
             v, dv = dq[:, rates].T, ddq[:, rates].T
             if up < 0:
-                wi, ai, bi = ground, ground, _into(pose.R, -tree.gravity[:, None])
+                wi, ai, bi = ground, ground, into(pose.R, -tree.gravity[:, None])
             else:
-                wi, ai = _into(pose.R, w[up]), _into(pose.R, a[up])
-                bi = _into(pose.R, b[up] + (B[up] * pose.p[None]).sum(1))
+                wi, ai = into(pose.R, w[up]), into(pose.R, a[up])
+                bi = into(pose.R, b[up] + (B[up] * pose.p[None]).sum(1))
             if tree.floating and i == 0:
                 wi, ai = v[3:], dv[3:]
-                bi = bi + dv[:3] + _cross(v[3:], v[:3])
+                bi = bi + dv[:3] + cross(v[3:], v[:3])
             elif tree.prismatic[i]:
-                bi = bi + u * dv + 2.0 * _cross(wi, u) * v
+                bi = bi + u * dv + 2.0 * cross(wi, u) * v
             else:
-                ai = ai + u * dv + _cross(wi, u) * v
+                ai = ai + u * dv + cross(wi, u) * v
                 wi = wi + u * v
             wi, ai, bi = (np.broadcast_to(x, (3, self.n)) for x in (wi, ai, bi))
             Bi = wi[:, None] * wi[None]
@@ -147,7 +147,7 @@ def regressor(tree: RigidBodyTree, q: Array, dq: Array, ddq: Array, threads: int
     """Joint torque regressor (N, nv, 10 nb), gravity included."""
     out = np.zeros((len(q), tree.nv, 10 * tree.nb))
     for chunk in _chunks(len(q)):
-        kinematics = _Chunk(tree, q[chunk])
+        kinematics = Chunk(tree, q[chunk])
         # Per body: the unit velocities (3, d, n) of all joints on the way to the base, in the body's frame, and their rows.
         linear: list[Array] = []
         angular: list[Array] = []
@@ -158,9 +158,9 @@ def regressor(tree: RigidBodyTree, q: Array, dq: Array, ddq: Array, threads: int
             index = np.arange(own.start, own.stop)
             if (up := tree.parent[i]) >= 0:
                 pose = kinematics.poses[i]
-                moved = linear[up] + _cross(angular[up], pose.p[:, None])
-                l_new = np.concatenate([_into(pose.R, moved), l_new], axis=1)
-                s_new = np.concatenate([_into(pose.R, angular[up]), s_new], axis=1)
+                moved = linear[up] + cross(angular[up], pose.p[:, None])
+                l_new = np.concatenate([into(pose.R, moved), l_new], axis=1)
+                s_new = np.concatenate([into(pose.R, angular[up]), s_new], axis=1)
                 index = np.concatenate([rows[up], index])
             linear.append(l_new)
             angular.append(s_new)
@@ -174,8 +174,8 @@ def _row_block(linear: Array, s: Array, w: Array, a: Array, b: Array, B: Array) 
     block = np.empty((10, *s.shape[1:]))
     w, a, b = w[:, None], a[:, None], b[:, None]
     block[0] = (linear * b).sum(0)
-    block[1:4] = (B[:, :, None] * linear[:, None]).sum(0) + _cross(b, s)
-    c = _cross(s, w)
+    block[1:4] = (B[:, :, None] * linear[:, None]).sum(0) + cross(b, s)
+    c = cross(s, w)
     for row, (x, y) in zip(range(4, 10), ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), strict=True):
         block[row] = s[x] * a[y] + c[x] * w[y]
         if x != y:
@@ -194,12 +194,12 @@ def inverse_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, d
     out = np.empty((len(q), tree.nv))
     bodies = list(_inertias(tree, inertia))
     for chunk in _chunks(len(q)):
-        kinematics = _Chunk(tree, q[chunk])
+        kinematics = Chunk(tree, q[chunk])
         force, moment = [], []
         for i, w, a, b, B in kinematics.motion(dq[chunk], ddq[chunk]):
             m, h, inertia_i = bodies[i]
             force.append(m * b + (B * h[None, :, None]).sum(1))
-            moment.append(_cross(h, b) + inertia_i @ a + _cross(w, inertia_i @ w))
+            moment.append(cross(h, b) + inertia_i @ a + cross(w, inertia_i @ w))
         for i in reversed(range(tree.nb)):
             linear, s = kinematics.subspace(i)
             out[chunk, kinematics.rows(i)] = force[i].T @ linear + moment[i].T @ s
@@ -207,7 +207,7 @@ def inverse_dynamics(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array, d
                 pose = kinematics.poses[i]
                 carried = _out_of(pose.R, force[i])
                 force[up] = force[up] + carried
-                moment[up] = moment[up] + _out_of(pose.R, moment[i]) + _cross(pose.p, carried)
+                moment[up] = moment[up] + _out_of(pose.R, moment[i]) + cross(pose.p, carried)
     return out
 
 
@@ -220,7 +220,7 @@ def mass_matrix(tree: RigidBodyTree, inertia: Array, q: Array, threads: int | No
     """Joint-space mass matrix (N, nv, nv) by the composite-rigid-body algorithm, whose sums are linear in `inertia`."""
     out = np.zeros((len(q), tree.nv, tree.nv))
     for chunk in _chunks(len(q)):
-        kinematics = _Chunk(tree, q[chunk])
+        kinematics = Chunk(tree, q[chunk])
         n = kinematics.n
         composite = [
             (m, np.repeat(h[:, None], n, 1), np.repeat(inertia_i[:, :, None], n, 2)) for m, h, inertia_i in _inertias(tree, inertia)
@@ -230,8 +230,8 @@ def mass_matrix(tree: RigidBodyTree, inertia: Array, q: Array, threads: int | No
             own, (linear, s) = kinematics.rows(i), kinematics.subspace(i)
             linear, s = linear[:, :, None], s[:, :, None]
             # Wrench (3, d, n) that accelerates the bodies from i on along joint i.
-            force = m * linear + _cross(s, h[:, None])
-            moment = _cross(h[:, None], linear) + (inertia_i[:, :, None] * s[None]).sum(1)
+            force = m * linear + cross(s, h[:, None])
+            moment = cross(h[:, None], linear) + (inertia_i[:, :, None] * s[None]).sum(1)
             j = i
             while True:
                 linear, s = kinematics.subspace(j)
@@ -242,7 +242,7 @@ def mass_matrix(tree: RigidBodyTree, inertia: Array, q: Array, threads: int | No
                     break
                 pose = kinematics.poses[j]
                 force = (pose.R[:, :, None] * force[None]).sum(1)
-                moment = (pose.R[:, :, None] * moment[None]).sum(1) + _cross(pose.p[:, None], force)
+                moment = (pose.R[:, :, None] * moment[None]).sum(1) + cross(pose.p[:, None], force)
                 j = tree.parent[j]
             if (up := tree.parent[i]) >= 0:
                 composite[up] = tuple(x + y for x, y in zip(composite[up], _carried(kinematics.poses[i], m, h, inertia_i), strict=True))

@@ -12,7 +12,7 @@ from ..diagnosis.hidden import by_effect
 from ..diagnosis.text import undecided
 from ..effects.places import on, place_of
 from ..robots.transmission import Side
-from .document import Figure, Kind, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
+from .document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from .replayed import replay_sections
 from .rows import Timeline, binned, cloud, contribution, revealing
 
@@ -174,14 +174,14 @@ def _three(robot: Robot, row: int, label: str, x: Array, before: Array, after: A
     unit = robot.force_unit(row, robot.transmission.measured)
     name = robot.joint_names[row]
     ends = [float(np.nanmin(x)), float(np.nanmax(x))] if np.isfinite(x).any() else [0.0, 1.0]
-    band = Layer.of(Kind.BAND, Role.FLOOR, ends, [-floor, -floor], [floor, floor], "noise floor")
+    band = Layer.of(BlockKind.BAND, Role.FLOOR, ends, [-floor, -floor], [floor, floor], "noise floor")
 
     def panel(title: str, y: Array, role: Role, words: str, *more: Layer) -> Panel:
-        layers = (band, Layer.of(Kind.POINTS, role, *cloud(x, y)), *more, Layer.of(Kind.LINE, role, *binned(x, y), label=words))
+        layers = (band, Layer.of(BlockKind.POINTS, role, *cloud(x, y)), *more, Layer.of(BlockKind.LINE, role, *binned(x, y), label=words))
         return Panel(title, label, f"torque of {name} ({unit})", layers)
 
     seen = np.isfinite(after)
-    effect = Layer.of(Kind.LINE, Role.EFFECT, *binned(x, np.where(seen, torque, np.nan)), label="effect")
+    effect = Layer.of(BlockKind.LINE, Role.EFFECT, *binned(x, np.where(seen, torque, np.nan)), label="effect")
     return [
         panel(f"{name}: declared model", before, Role.BEFORE, "before"),
         panel(f"{name}: the effect", after + torque, Role.AFTER, "after", effect),
@@ -198,10 +198,10 @@ def _over_time(d: Diagnosis) -> Figure:
     panels = []
     for j in shown:
         unit = robot.force_unit(j, robot.transmission.measured)
-        layers = [Layer.of(Kind.SPAN, Role.FLOOR, line.starts[1], label="held out")] if d.held is not None else []
-        layers.append(Layer.of(Kind.BAND, Role.BEFORE, *line.envelope(before[:, j]), label="before"))
+        layers = [Layer.of(BlockKind.SPAN, Role.FLOOR, line.starts[1], label="held out")] if d.held is not None else []
+        layers.append(Layer.of(BlockKind.BAND, Role.BEFORE, *line.envelope(before[:, j]), label="before"))
         if d.findings:
-            layers.append(Layer.of(Kind.BAND, Role.AFTER, *line.envelope(after[:, j]), label="after"))
+            layers.append(Layer.of(BlockKind.BAND, Role.AFTER, *line.envelope(after[:, j]), label="after"))
         panels.append(
             Panel(robot.joint_names[j], "time, runs one after the other (s)" if j == shown[-1] else "", f"residual ({unit})", tuple(layers))
         )

@@ -33,7 +33,7 @@ class Role(StrEnum):
     MEASURED = "measured"
 
 
-class Kind(StrEnum):
+class BlockKind(StrEnum):
     """How a layer is drawn. BAND: between `y` and `upper`; SPAN: between x[0] and x[1] over the whole height."""
 
     LINE = "line"
@@ -46,7 +46,7 @@ class Kind(StrEnum):
 class Layer:
     """One thing in a panel: x and y (and `upper` of a band); None where a line breaks."""
 
-    kind: Kind
+    kind: BlockKind
     role: Role
     x: tuple[float | None, ...]
     y: tuple[float | None, ...] = ()
@@ -54,7 +54,7 @@ class Layer:
     label: str = ""
 
     @classmethod
-    def of(cls, kind: Kind, role: Role, x: Any, y: Any = (), upper: Any = (), label: str = "") -> Layer:
+    def of(cls, kind: BlockKind, role: Role, x: Any, y: Any = (), upper: Any = (), label: str = "") -> Layer:
         """From arrays; what is not finite becomes a break."""
         return cls(kind, role, _rounded(x), _rounded(y), _rounded(upper), label)
 
@@ -167,7 +167,7 @@ def _section(data: Mapping[str, Any]) -> Section:
 
 def _layer(data: Mapping[str, Any]) -> Layer:
     x, y, upper = (tuple(data[k]) for k in ("x", "y", "upper"))
-    return Layer(Kind(data["kind"]), Role(data["role"]), x, y, upper, data["label"])
+    return Layer(BlockKind(data["kind"]), Role(data["role"]), x, y, upper, data["label"])
 
 
 def _rounded(values: Any) -> tuple[float | None, ...]:

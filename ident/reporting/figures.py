@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import ConfigurationError
-from .document import Figure, Kind, Layer, Panel, Role
+from .document import BlockKind, Figure, Layer, Panel, Role
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,14 +88,14 @@ def _panel(ax: Axes, panel: Panel, first: bool) -> None:
 def _layer(ax: Axes, layer: Layer) -> None:
     colour = COLOURS[layer.role]
     x, y = (np.array([np.nan if v is None else v for v in values]) for values in (layer.x, layer.y))
-    if layer.kind == Kind.SPAN:
+    if layer.kind == BlockKind.SPAN:
         ax.axvspan(x[0], x[1], color="#f0f0f0", zorder=0, label=layer.label or None, linewidth=0)
-    elif layer.kind == Kind.BAND:
+    elif layer.kind == BlockKind.BAND:
         upper = np.array([np.nan if v is None else v for v in layer.upper])
         # With an edge: where a stretch holds a single row, least and greatest value are the same, and the band is a line.
         style: dict[str, Any] = {"alpha": 0.25, "linewidth": 0} if layer.role == Role.FLOOR else {"alpha": 0.75, "linewidth": 0.8}
         ax.fill_between(x, y, upper, color=colour, label=layer.label or None, **style)
-    elif layer.kind == Kind.POINTS:
+    elif layer.kind == BlockKind.POINTS:
         ax.plot(x, y, ".", color=colour, markersize=1.8, alpha=0.35, rasterized=True, label=layer.label or None)
     else:
         style = {"linestyle": "--", "linewidth": 1.0} if layer.role == Role.FLOOR else {"linewidth": 1.5}

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..effects.places import on, place_of
 from ..monitoring.result import said
-from .document import Figure, Kind, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
+from .document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from .rows import Timeline
 
 if TYPE_CHECKING:
@@ -83,13 +83,13 @@ def _over_time(found: Monitoring) -> Figure:
     for j in shown:
         ends = [float(line.t[0]), float(line.t[-1])]
         layers = [
-            Layer.of(Kind.BAND, Role.BEFORE, *line.envelope(found.residual[:, j]), label="the fit"),
+            Layer.of(BlockKind.BAND, Role.BEFORE, *line.envelope(found.residual[:, j]), label="the fit"),
             *(
-                [Layer.of(Kind.BAND, Role.AFTER, *line.envelope(found.corrected_residual[:, j]), label="with the changes")]
+                [Layer.of(BlockKind.BAND, Role.AFTER, *line.envelope(found.corrected_residual[:, j]), label="with the changes")]
                 if found.changes
                 else []
             ),
-            Layer.of(Kind.BAND, Role.FLOOR, ends, [-usual[j]] * 2, [usual[j]] * 2, label="usual (± 1 std of the fit's residual)"),
+            Layer.of(BlockKind.BAND, Role.FLOOR, ends, [-usual[j]] * 2, [usual[j]] * 2, label="usual (± 1 std of the fit's residual)"),
         ]
         unit = robot.force_unit(j, robot.transmission.measured)
         panels.append(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import IdentError
 from ..simulation.replay import replay
-from .document import Figure, Kind, Layer, Panel, Role, Section, Table, Text, plain
+from .document import BlockKind, Figure, Layer, Panel, Role, Section, Table, Text, plain
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -65,7 +65,7 @@ def _figure(old: Replay, new: Replay, data: str) -> Figure:
         joint = old.robot.joints[int(j)]
         scale, unit = (1e3, "mm") if joint.prismatic else (180 / np.pi, "deg")
         layers = [
-            Layer.of(Kind.LINE, role, t, line(values, int(j), scale), label=label)
+            Layer.of(BlockKind.LINE, role, t, line(values, int(j), scale), label=label)
             for role, values, label in (
                 (Role.MEASURED, old.measured, "measured"),
                 (Role.BEFORE, old.simulated, "replayed before"),

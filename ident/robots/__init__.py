@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .library.load import built_in_names, declared_drive, load_robot, payloads, robot_folder, robot_names
 from .library.nominal import DriveParameters, drive_parameters, nominal_values
-from .library.payloads import Payload
+from .library.payloads import PayloadData
 from .library.published import PublishedTable, published_tables
 from .parameters import Parameter, ShapeParameter
 from .robot import Joint, Loop, Robot
@@ -15,7 +15,7 @@ __all__ = [
     "Joint",
     "Loop",
     "Parameter",
-    "Payload",
+    "PayloadData",
     "PublishedTable",
     "Robot",
     "ShapeParameter",

@@ -246,7 +246,7 @@ def _build(
     first = 2 if floating_base else 1
     moving = list(model.names)[first:]
     dependent = {*loop, *(m.joint for m in urdf.mimics)}
-    held = _held(urdf, moving, locked, keep, loop)
+    held = held_joints(urdf, moving, locked, keep, loop)
     if held:
         at = pin.neutral(model)
         for joint, position in held.items():
@@ -293,7 +293,7 @@ def _build(
     return robot.with_transmission(transmission)
 
 
-def _held(
+def held_joints(
     urdf: UrdfText, moving: Sequence[str], locked: Mapping[str, float], keep: Sequence[str] | None, loop: Mapping[str, Mapping[str, float]]
 ) -> dict[str, float]:
     """Joint → position of every joint that does not move: locked ones, those not kept, and the followers of such."""

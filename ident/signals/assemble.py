@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence, Sized
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,13 +16,10 @@ from ..robots.transmission import Side
 from ..robots.urdf import some
 from .cutoff import CutoffChoice
 from .filters import RowFilter
-from .masks import Saturation, Standstill, find_saturation
+from .masks import Standstill, TorqueClipping, find_saturation
 from .resample import bridge
 from .signals import JointReport, PreparationReport, Signals
 from .uniform import Recording, Resampling, UniformRun
-
-if TYPE_CHECKING:
-    from .preparation import Preparation
 
 Array = np.ndarray
 #: A row is not used if more than this share of its filter's weight lies on samples whose torque is missing or cut off.
@@ -61,8 +58,26 @@ class Derived:
         return slice(self.offset, self.offset + len(self))
 
 
+class Settings(Protocol):
+    """A preparation's settings, as far as rows are concerned (`ident.signals.preparation.Preparation` says what each is)."""
+
+    @property
+    def cutoff_hz(self) -> float | None: ...
+
+    @property
+    def saturated(self) -> str: ...
+
+    @property
+    def standstill(self) -> Standstill | None: ...
+
+    @property
+    def filters_positions(self) -> bool: ...
+
+    def config(self) -> dict[str, Any]: ...
+
+
 def assemble(
-    prep: Preparation,
+    prep: Settings,
     robot: Robot,
     recordings: Sequence[Recording],
     uniform: Resampling,
@@ -268,7 +283,7 @@ def _half_gain(row_filter: RowFilter, rate: float) -> float:
 
 
 def _warnings(
-    robot: Robot, still: Array, absent: Array, masked: bool, cut: Saturation, saturated: str, valid: Array, lost: dict[str, Array]
+    robot: Robot, still: Array, absent: Array, masked: bool, cut: TorqueClipping, saturated: str, valid: Array, lost: dict[str, Array]
 ) -> list[str]:
     """What to say of joints. `still`, `absent` (n,) bool: that never move, whose torque was not logged at all."""
     out = []

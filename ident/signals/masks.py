@@ -56,14 +56,14 @@ class Standstill:
 
 
 @dataclass(frozen=True, eq=False)
-class Saturation:
+class TorqueClipping:
     """Samples (N, n) at which torque stays at its extreme value, and these extremes (n, 2), NaN where none is a limit."""
 
     flag: Array
     limits: Array
 
 
-def find_saturation(torque: Array, moving: Array) -> Saturation:
+def find_saturation(torque: Array, moving: Array) -> TorqueClipping:
     """Where torque (N, n) is cut off: a plateau at its very extreme, held while the joint moves, on which far more samples lie than just
     below it. `moving` (N, n) bool."""
     flag = np.zeros(torque.shape, bool)
@@ -93,7 +93,7 @@ def find_saturation(torque: Array, moving: Array) -> Saturation:
             if at.sum() >= 3 * near.sum():
                 flag[:, j] |= at
                 limits[j, side] = extreme
-    return Saturation(flag, limits)
+    return TorqueClipping(flag, limits)
 
 
 def _lengths(flag: Array) -> Array:

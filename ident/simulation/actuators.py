@@ -28,7 +28,7 @@ class Actuator(ABC):
 
 
 @dataclass(frozen=True)
-class Saturation(Actuator):
+class TorqueLimit(Actuator):
     """Torque is clipped at ±limit (n,), N m or N on the measured side."""
 
     limit: tuple[float, ...]

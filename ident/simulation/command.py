@@ -12,7 +12,7 @@ from ..robots.transmission import Side
 from .controller import Controller, Law, Script
 
 if TYPE_CHECKING:
-    from .dynamics import Dynamics, State
+    from .dynamics import PlantDynamics, State
     from .plant import Plant
 
 Array = np.ndarray
@@ -21,7 +21,7 @@ Array = np.ndarray
 class Command(Protocol):
     """Torque (B, n) on the measured side at control instant k, and the same as a script for compiled simulation, where it is one."""
 
-    def __call__(self, k: int, state: State, dynamics: Dynamics) -> Array: ...
+    def __call__(self, k: int, state: State, dynamics: PlantDynamics) -> Array: ...
 
     def script(self) -> Script | None: ...
 
@@ -41,7 +41,7 @@ class GivenTorque:
     def __init__(self, torque: Array, measured: Side) -> None:
         self.torque, self.measured = np.ascontiguousarray(torque, float), measured
 
-    def __call__(self, k: int, state: State, dynamics: Dynamics) -> Array:
+    def __call__(self, k: int, state: State, dynamics: PlantDynamics) -> Array:
         return self.torque[k]
 
     def script(self) -> Script:
@@ -59,7 +59,7 @@ class Tracking:
         self._last: Array | None = None
         self._speed: Array | None = None
 
-    def __call__(self, k: int, state: State, dynamics: Dynamics) -> Array:
+    def __call__(self, k: int, state: State, dynamics: PlantDynamics) -> Array:
         if self._law is None:
             self._law = self.controller.law(self.robot, self.motion, self.period)
         motor = dynamics.motion(state).motor

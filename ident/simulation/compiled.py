@@ -15,7 +15,7 @@ from ..effects.base import Factor
 from ..regressor.kernel_choice import kernel
 from ..robots.transmission import Side
 from .controller import Script
-from .dynamics import Dynamics, Response, State, singular_inertia
+from .dynamics import PlantDynamics, Response, State, singular_inertia
 from .integrator import Phase, diverged
 
 Array = np.ndarray
@@ -54,13 +54,13 @@ class CompiledPlant:
     """A plant as the compiled integrator has it."""
 
     native: Any
-    dynamics: Dynamics
+    dynamics: PlantDynamics
     plant: tuple[Array, ...]  # inertia, offset, direction, level
     entries: bytes
     touches: bytes
 
     @classmethod
-    def of(cls, dynamics: Dynamics) -> CompiledPlant | None:
+    def of(cls, dynamics: PlantDynamics) -> CompiledPlant | None:
         """The plant, or None where some force of it is not of the kind, or the kernel was not built."""
         chosen = kernel()
         plain = dynamics.flexible is None and dynamics.robot.loop.is_trivial and not dynamics.dry.redundant

@@ -66,7 +66,7 @@ class Response:
     friction: Array
 
 
-class Dynamics:
+class PlantDynamics:
     """The compiled plant for one set of parameter values. All arrays have one row a run (B)."""
 
     def __init__(self, robot: Robot, terms: Sequence[Term], inertial: Array, flexible: FlexibleJoints | None) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import DataError
-from .dynamics import Dynamics, Input, Response, State
+from .dynamics import Input, PlantDynamics, Response, State
 
 Array = np.ndarray
 _EVENTS_PER_STEP = 24
@@ -31,7 +31,7 @@ class Phase:
         return Phase(self.state.lane(i), self.modes[one], Response(r.a[one], r.dx[one], r.s[one], r.friction[one]))
 
 
-def begin(dynamics: Dynamics, state: State, drive: Input, modes: Array | None = None, guess: Array | None = None) -> Phase:
+def begin(dynamics: PlantDynamics, state: State, drive: Input, modes: Array | None = None, guess: Array | None = None) -> Phase:
     """The phase at a state: contacts at rest settle under the present torque. `modes`: those so far; none at the very start."""
     if modes is None:
         modes = np.where(dynamics.dry.standing(state.v), 0, np.sign(dynamics.dry.speed(state.v))).astype(np.int8)
@@ -46,7 +46,7 @@ def begin(dynamics: Dynamics, state: State, drive: Input, modes: Array | None = 
     return Phase(state, modes, dynamics.respond(state, drive, modes, response.a))
 
 
-def advance(dynamics: Dynamics, phase: Phase, first: Input, last: Input, h: float) -> tuple[State, Array]:
+def advance(dynamics: PlantDynamics, phase: Phase, first: Input, last: Input, h: float) -> tuple[State, Array]:
     """State and modes after `h` seconds, under torque that runs linearly from `first` to `last`."""
     state = _runge_kutta(dynamics, phase, first, last, h, h)
     late = _violated(dynamics, phase, state, last)
@@ -60,7 +60,7 @@ def advance(dynamics: Dynamics, phase: Phase, first: Input, last: Input, h: floa
     return _held_still(dynamics, State(t, y, v, x), modes), modes
 
 
-def _runge_kutta(dynamics: Dynamics, phase: Phase, first: Input, last: Input, length: float, h: float) -> State:
+def _runge_kutta(dynamics: PlantDynamics, phase: Phase, first: Input, last: Input, length: float, h: float) -> State:
     """One classical step of `h`; the torque reaches `last` after `length`."""
     s, k1 = phase.state, phase.response
     if dynamics.locked(phase.modes) and not s.x.shape[1]:
@@ -98,7 +98,7 @@ def _between(first: Input, last: Input, share: float) -> Input:
     )
 
 
-def _violated(dynamics: Dynamics, phase: Phase, state: State, drive: Input) -> Array:
+def _violated(dynamics: PlantDynamics, phase: Phase, state: State, drive: Input) -> Array:
     """Runs (B,) bool whose modes do not fit the state: a sliding contact has turned, a held one cannot hold."""
     modes = phase.modes
     late = np.any(dynamics.dry.speed(state.v) * modes < 0, axis=1)
@@ -109,7 +109,7 @@ def _violated(dynamics: Dynamics, phase: Phase, state: State, drive: Input) -> A
     return late
 
 
-def _margin(dynamics: Dynamics, phase: Phase, state: State, drive: Input) -> float:
+def _margin(dynamics: PlantDynamics, phase: Phase, state: State, drive: Input) -> float:
     """Positive while the modes of one run fit, negative beyond the first event; continuous."""
     modes = phase.modes[0]
     speed = dynamics.dry.speed(state.v)[0]
@@ -120,7 +120,7 @@ def _margin(dynamics: Dynamics, phase: Phase, state: State, drive: Input) -> flo
     return min(values)
 
 
-def _advance_one(dynamics: Dynamics, phase: Phase, first: Input, last: Input, h: float) -> tuple[State, Array]:
+def _advance_one(dynamics: PlantDynamics, phase: Phase, first: Input, last: Input, h: float) -> tuple[State, Array]:
     """The same for one run with events in it."""
     done = 0.0
     for _ in range(_EVENTS_PER_STEP):
@@ -145,7 +145,7 @@ def _advance_one(dynamics: Dynamics, phase: Phase, first: Input, last: Input, h:
     return _runge_kutta(dynamics, phase, _between(first, last, done / h), last, h - done, h - done), modes
 
 
-def _at_rest(dynamics: Dynamics, phase: Phase, state: State, drive: Input) -> Array:
+def _at_rest(dynamics: PlantDynamics, phase: Phase, state: State, drive: Input) -> Array:
     """Modes (1, c) at an event with every contact that is at rest set to 0."""
     speed = dynamics.dry.speed(state.v)[0]
     before = np.abs(dynamics.dry.speed(phase.state.v)[0])
@@ -156,7 +156,7 @@ def _at_rest(dynamics: Dynamics, phase: Phase, state: State, drive: Input) -> Ar
     return np.where(stopped, 0, modes).astype(np.int8)[None]
 
 
-def _locate(dynamics: Dynamics, phase: Phase, first: Input, last: Input, length: float) -> tuple[float, State]:
+def _locate(dynamics: PlantDynamics, phase: Phase, first: Input, last: Input, length: float) -> tuple[float, State]:
     """Time until the first event of one run, and the state there, by the Illinois rule on the margin."""
 
     def reach(step: float) -> tuple[State, float]:
@@ -196,7 +196,7 @@ def _locate(dynamics: Dynamics, phase: Phase, first: Input, last: Input, length:
     return high, state
 
 
-def _held_still(dynamics: Dynamics, state: State, modes: Array) -> State:
+def _held_still(dynamics: PlantDynamics, state: State, modes: Array) -> State:
     """Held contacts have no speed at all: take off what rounding left."""
     return state if modes.all() else State(state.t, state.y, dynamics.dry.held_still(state.v, modes), state.x)
 

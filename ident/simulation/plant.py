@@ -10,7 +10,7 @@ import numpy as np
 
 from ..effects.force import ForceModel
 from ..errors import ConfigurationError
-from .dynamics import Dynamics, Input, State
+from .dynamics import Input, PlantDynamics, State
 from .flexible import FlexibleJoints
 from .forces import model_terms
 from .integrator import begin
@@ -54,7 +54,7 @@ class Plant:
     values: Array | Schedule
     extra: tuple[ForceModel, ...] = ()
     flexible: FlexibleJoints | None = None
-    _compiled: dict[int, Dynamics] = field(default_factory=dict, init=False, repr=False)
+    _compiled: dict[int, PlantDynamics] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         require_fixed_base(self.robot)
@@ -79,12 +79,12 @@ class Plant:
         """The values as a schedule, of one piece where they never change."""
         return self.values if isinstance(self.values, Schedule) else Schedule(np.zeros(0), np.asarray(self.values)[None])
 
-    def dynamics(self, t: float = 0.0) -> Dynamics:
+    def dynamics(self, t: float = 0.0) -> PlantDynamics:
         """The compiled dynamics that hold at time t."""
         piece = self.schedule.piece(t)
         if piece not in self._compiled:
             robot, terms, inertial = model_terms(self.model, self.schedule.values[piece], self.extra)
-            self._compiled[piece] = Dynamics(robot, terms, inertial, self.flexible)
+            self._compiled[piece] = PlantDynamics(robot, terms, inertial, self.flexible)
         return self._compiled[piece]
 
     def forward_dynamics(self, q: Array, dq: Array, tau: Array, t: float = 0.0) -> Array:

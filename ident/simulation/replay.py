@@ -16,7 +16,7 @@ from ..effects.force import Simulated
 from ..errors import ConfigurationError, DataError
 from ..model import Model
 from ..problem.problem import Problem
-from .dynamics import Dynamics, Input, State
+from .dynamics import Input, PlantDynamics, State
 from .integrator import advance, begin
 from .plant import Plant
 
@@ -217,7 +217,7 @@ def _without(signals: Signals, torque: Array) -> str:
 
 
 def _integrate(
-    dynamics: Dynamics, t: Array, q: Array, dq: Array, torque: Array, period: float, observer_hz: float, most: int | None
+    dynamics: PlantDynamics, t: Array, q: Array, dq: Array, torque: Array, period: float, observer_hz: float, most: int | None
 ) -> tuple[Array, Array, Array]:
     """Positions and velocities (K, B, n) of all windows together; windows that diverge drop out and are NaN from there on."""
     n, (count, lanes) = dynamics.n, q.shape[:2]
@@ -257,7 +257,7 @@ def _integrate(
     return simulated, rate, correction
 
 
-def _pull(dynamics: Dynamics, state: State, q: Array, dq: Array, w: float) -> Array:
+def _pull(dynamics: PlantDynamics, state: State, q: Array, dq: Array, w: float) -> Array:
     """Torque (B, n), measured side, that pulls the simulated links towards the measured motion, critically damped."""
     n, robot = dynamics.n, dynamics.robot
     wanted = w**2 * (q - state.y[:, :n]) + 2.0 * w * (dq - state.v[:, :n])

@@ -13,7 +13,7 @@ from ..errors import ConfigurationError
 from ..robots.transmission import Side
 from .actuators import Actuator
 from .compiled import Kept, UnfitError
-from .dynamics import Dynamics, Input, State
+from .dynamics import Input, PlantDynamics, State
 from .integrator import Phase, advance, begin, require_finite
 from .result import Simulation
 
@@ -144,7 +144,7 @@ def run(
     return Record(np.arange(len(held)) * every * period, link, motor, keep[6], held, states, reported, applied, every, period, linear)
 
 
-def _require_resolved(dynamics: Dynamics, state: State, h: float) -> None:
+def _require_resolved(dynamics: PlantDynamics, state: State, h: float) -> None:
     """Refuse steps that springs of the plant do not stand: between the flanks of a gap they would shake without end, not grow."""
     if dynamics.flexible is None:
         return
@@ -161,7 +161,7 @@ def _started(actuators: tuple[Actuator, ...], command: Array) -> list[Array]:
 
 
 def _acted(
-    actuators: tuple[Actuator, ...], command: Array, dynamics: Dynamics, state: State, loaded: list[Array], h: float
+    actuators: tuple[Actuator, ...], command: Array, dynamics: PlantDynamics, state: State, loaded: list[Array], h: float
 ) -> tuple[Input, list[Array]]:
     """The torque that the actuators make of a command, and their states after the step."""
     if not actuators:
@@ -174,7 +174,7 @@ def _acted(
 
 
 def _all_compiled(
-    dynamics: Dynamics,
+    dynamics: PlantDynamics,
     command: Command,
     state: State,
     linear: bool,
@@ -197,7 +197,7 @@ def _all_compiled(
 
 
 def _compiled_period(
-    dynamics: Dynamics, state: State, modes: Array | None, torque: Array, period: float, substeps: int, ends: bool
+    dynamics: PlantDynamics, state: State, modes: Array | None, torque: Array, period: float, substeps: int, ends: bool
 ) -> tuple[Phase, State, Array] | None:
     """The phase at the start of a control period, state and modes at its end, where compiled code knows the plant; else None."""
     try:
@@ -206,7 +206,7 @@ def _compiled_period(
         return None
 
 
-def _record(dynamics: Dynamics, kept: Kept, side: Side, every: int, period: float, linear: bool) -> Record:
+def _record(dynamics: PlantDynamics, kept: Kept, side: Side, every: int, period: float, linear: bool) -> Record:
     """What compiled code kept, with all that follows from it."""
     transmission = dynamics.robot.transmission
     rates = dynamics.rates[Side.MOTOR].T
@@ -220,7 +220,7 @@ def _record(dynamics: Dynamics, kept: Kept, side: Side, every: int, period: floa
     return Record(t, Coordinates(kept.q, kept.dq, kept.ddq), motor, friction, held, states, torque, torque, every, period, linear)
 
 
-def _keep(keep: list[Array], held: Array, states: Array, row: int, dynamics: Dynamics, phase: Phase) -> None:
+def _keep(keep: list[Array], held: Array, states: Array, row: int, dynamics: PlantDynamics, phase: Phase) -> None:
     motion = dynamics.motion(phase.state, phase.response.a)
     parts = (motion.joint.q, motion.joint.dq, motion.joint.ddq, motion.motor.q, motion.motor.dq, motion.motor.ddq)
     for target, values in zip(keep, parts, strict=False):

@@ -78,7 +78,7 @@ class Jitter(Distortion):
 
 
 @dataclass(frozen=True)
-class Delay(Distortion):
+class MeasurementDelay(Distortion):
     """One signal shows what was `seconds` earlier (n,) or one number. Apply before other distortions of that signal."""
 
     signal: Signal | str

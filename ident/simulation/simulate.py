@@ -14,7 +14,7 @@ from ..effects.motion import Coordinates
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
 from ..model import Model
-from .actuators import Actuator, CurrentLoop, Gain, Saturation
+from .actuators import Actuator, CurrentLoop, Gain, TorqueLimit
 from .command import Command, Feedback, GivenTorque, Tracking
 from .controller import Controller, PDFeedforward
 from .flexible import FlexibleJoints
@@ -29,8 +29,22 @@ Array = np.ndarray
 _EXACT = Feedback()
 
 __all__ = [
-    "Actuator", "CurrentLoop", "Feedback", "FlexibleJoints", "ForceModel", "Gain", "Hold", "Plant", "Replay", "Saturation", "Schedule",
-    "Sensors", "Simulation", "replay", "simulate", "simulate_batch",
+    "Actuator",
+    "CurrentLoop",
+    "Feedback",
+    "FlexibleJoints",
+    "ForceModel",
+    "Gain",
+    "Hold",
+    "Plant",
+    "Replay",
+    "Schedule",
+    "Sensors",
+    "Simulation",
+    "TorqueLimit",
+    "replay",
+    "simulate",
+    "simulate_batch",
 ]  # fmt: skip
 
 

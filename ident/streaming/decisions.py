@@ -14,7 +14,7 @@ from ..robots.robot import Robot
 from ..robots.transmission import Side
 from ..signals.assemble import _speed_noise
 from ..signals.cutoff import CutoffChoice
-from ..signals.masks import _MOST, Saturation, Standstill, _longest_usual
+from ..signals.masks import _MOST, Standstill, TorqueClipping, _longest_usual
 from .disk import PASS, over_rows
 from .motion import DerivedRun
 from .workers import Workers
@@ -74,7 +74,7 @@ class Decisions:
     threshold: Array
     cut: Array
     span: Array
-    saturation: Saturation = field(repr=False)
+    saturation: TorqueClipping = field(repr=False)
 
     def at_limit(self, torque: Array) -> Array:
         """Samples (L, n) at which torque is cut off."""
@@ -108,7 +108,7 @@ def decide(
     moving = np.where(still, np.inf, np.maximum(threshold, 0.01 * found.top))
     span = np.where(found.finite > 0, found.most - found.least, 0.0)
     cut, counts = _limits(runs, [Reaching(*pair) for pair in zip(parts, each, strict=True)], found, moving, workers)
-    return Decisions(still, found.top, threshold, cut, span, Saturation(counts[None], cut))
+    return Decisions(still, found.top, threshold, cut, span, TorqueClipping(counts[None], cut))
 
 
 @dataclass(frozen=True, eq=False)

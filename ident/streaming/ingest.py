@@ -25,7 +25,7 @@ from .digest import FileDigest
 from .disk import DiskArray, DiskWriter
 from .stored import StoredLog, log_of, survey_of
 from .survey import Survey, Surveyed
-from .tables import Place, pieces, shows_bytes
+from .tables import PieceOfFile, pieces, shows_bytes
 from .unwrapping import joined_positions
 
 Array = np.ndarray
@@ -39,7 +39,7 @@ _BLOCK = 1 << 16
 class _State:
     """How far a file has been read, and what was seen on the way."""
 
-    place: Place = field(default_factory=Place)
+    place: PieceOfFile = field(default_factory=PieceOfFile)
     kept: int = 0
     unstamped: Holes = field(default_factory=Holes)
     holes: dict[str, Holes] = field(default_factory=dict)
@@ -68,7 +68,7 @@ class _State:
     def from_json(cls, text: str) -> _State:
         data = json.loads(text)
         return cls(
-            Place(**data["place"]),
+            PieceOfFile(**data["place"]),
             data["kept"],
             Holes(data["unstamped"]),
             {k: Holes(v) for k, v in data["holes"].items()},

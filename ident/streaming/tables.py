@@ -28,7 +28,7 @@ _TAIL = 1 << 12
 
 
 @dataclass(frozen=True)
-class Place:
+class PieceOfFile:
     """Where reading stands: `offset` bytes of the (uncompressed) text after the header, or 0; data `rows` before it."""
 
     offset: int = 0
@@ -40,7 +40,7 @@ class Piece:
     """SI arrays by quantity of some rows (`ColumnPlan.arrays`), the place after them, and the share of the file that is done."""
 
     arrays: dict[str, Array]
-    after: Place
+    after: PieceOfFile
     share: float
 
 
@@ -58,7 +58,7 @@ def shows_bytes(path: Path) -> bool:
 
 
 def pieces(
-    path: Path, header: Header, plan: ColumnPlan, start: Place, jobs: int = 1, show: Callable[[int, memoryview], None] | None = None
+    path: Path, header: Header, plan: ColumnPlan, start: PieceOfFile, jobs: int = 1, show: Callable[[int, memoryview], None] | None = None
 ) -> Iterator[Piece]:
     """The columns of a plan from `start` on, in order. `jobs`: threads that parse; `show` is called with each piece of text and its
     place in the file, where `shows_bytes`. Raises DataError (file, column, row)."""
@@ -69,7 +69,7 @@ def pieces(
     return _text_pieces(path, header, plan, start, jobs, show if shows_bytes(path) else None)
 
 
-def _parquet_pieces(path: Path, plan: ColumnPlan, start: Place) -> Iterator[Piece]:
+def _parquet_pieces(path: Path, plan: ColumnPlan, start: PieceOfFile) -> Iterator[Piece]:
     import pyarrow as pa
 
     file = parquet_file(path)
@@ -91,13 +91,13 @@ def _parquet_pieces(path: Path, plan: ColumnPlan, start: Place) -> Iterator[Piec
                 continue
             first = row - table.num_rows + 1
             columns = {name: numeric(arrow_values(table.column(own)), path, name, first) for name, own in stored.items()}
-            yield Piece(plan.arrays(columns), Place(0, row), row / total)
+            yield Piece(plan.arrays(columns), PieceOfFile(0, row), row / total)
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"log {path}: the file is damaged after data row {row} ({str(error).splitlines()[0]}).") from None
 
 
 def _text_pieces(
-    path: Path, header: Header, plan: ColumnPlan, start: Place, jobs: int, show: Callable[[int, memoryview], None] | None
+    path: Path, header: Header, plan: ColumnPlan, start: PieceOfFile, jobs: int, show: Callable[[int, memoryview], None] | None
 ) -> Iterator[Piece]:
     parse = TextParser(path, header, plan)
     size = max(1, path.stat().st_size)
@@ -122,7 +122,7 @@ def _text_pieces(
             except ValueError as error:
                 raise parse.blame(str(error), text, place.offset, place.rows) from None
             rows = len(arrays["t"])
-            place = Place(place.offset + len(text), place.rows + rows)
+            place = PieceOfFile(place.offset + len(text), place.rows + rows)
             if rows:
                 yield Piece(arrays, place, share)
 

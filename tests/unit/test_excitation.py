@@ -22,7 +22,7 @@ from ident.excitation import (
     tell_apart,
 )
 from ident.excitation.information import MotionInformation
-from ident.excitation.search import Search
+from ident.excitation.search import TrajectorySearch
 from ident.friction import AsymmetricViscous, Coulomb, RotorInertia, Stribeck, Viscous
 from ident.model import Model
 from ident.robots import load_robot, nominal_values
@@ -101,7 +101,7 @@ def test_gradient_is_that_of_the_function() -> None:
     rng = np.random.default_rng(0)
     for family in (FourierFamily(6.0, 3), BSplineFamily(6.0, 9)):
         for measure in (DOptimality(), ConditionNumber(), Both(0.7), DOptimality(model.base.names[3:6])):
-            search = Search(info, limits, family, measure)
+            search = TrajectorySearch(info, limits, family, measure)
             start = search.random(rng, 0.6)
             x = np.concatenate([start.coefficients.reshape(-1), start.offset])
             value, gradient = search.barrier_value(x, 0.05, True)

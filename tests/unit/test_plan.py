@@ -12,7 +12,7 @@ from ident.effects.motion import Motion
 from ident.errors import ConfigurationError, UnsupportedError
 from ident.friction import LoadDependentFriction
 from ident.logs.log import read_logs
-from ident.planning import Kind, Plan, Separation, default_model, make_plan, read_plan, simulate_plan, write_plan
+from ident.planning import MotionKind, Plan, Separation, default_model, make_plan, read_plan, simulate_plan, write_plan
 from ident.robots import load_robot, nominal_values
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side, Transmission
@@ -27,12 +27,12 @@ def puma() -> Plan:
 def test_the_puma_needs_the_thirteen_verified_tests(puma: Plan) -> None:
     """SCIENCE.md 4: which joints move and which row is read, in order."""
     assert (puma.rank, len(puma.base)) == (52, 52)
-    static = [t.row for t in puma.of_kind(Kind.STATIC)]
+    static = [t.row for t in puma.of_kind(MotionKind.STATIC)]
     assert static == [f"joint{i}" for i in (6, 5, 4, 3, 2)]
-    assert all(set(t.reveals) == {f"mx_{t.row}", f"my_{t.row}"} for t in puma.of_kind(Kind.STATIC))
-    steady = puma.of_kind(Kind.CONSTANT_VELOCITY)
+    assert all(set(t.reveals) == {f"mx_{t.row}", f"my_{t.row}"} for t in puma.of_kind(MotionKind.STATIC))
+    steady = puma.of_kind(MotionKind.CONSTANT_VELOCITY)
     assert [set(t.reveals) for t in steady] == [{f"Fv_joint{i}", f"Fc_joint{i}"} for i in range(1, 7)]
-    swings = [("".join(j[-1] for j in t.moving), t.row[-1]) for t in puma.of_kind(Kind.ACCELERATED)]
+    swings = [("".join(j[-1] for j in t.moving), t.row[-1]) for t in puma.of_kind(MotionKind.ACCELERATED)]
     assert swings == [
         ("6", "6"), ("56", "6"), ("5", "5"), ("45", "5"), ("4", "4"), ("34", "4"), ("14", "4"),
         ("3", "3"), ("23", "3"), ("13", "3"), ("2", "2"), ("12", "2"), ("1", "1"),
@@ -45,11 +45,11 @@ def test_uncoupled_motors_need_fifteen(puma: Plan) -> None:
     robot = load_robot("puma560")
     diagonal = robot.with_transmission(Transmission(np.diag(np.diag(robot.transmission.K)), robot.transmission.zero, Side.MOTOR))
     plan = make_plan(diagonal)
-    assert (plan.rank, len(plan.of_kind(Kind.ACCELERATED))) == (52, 15)
+    assert (plan.rank, len(plan.of_kind(MotionKind.ACCELERATED))) == (52, 15)
     safe = make_plan(robot, separation=Separation.SAFE)
-    assert (safe.rank, len(safe.of_kind(Kind.ACCELERATED))) == (52, 15)
-    weakest = min(t.strength for t in puma.of_kind(Kind.ACCELERATED))
-    assert min(t.strength for t in safe.of_kind(Kind.ACCELERATED)) > 3 * weakest
+    assert (safe.rank, len(safe.of_kind(MotionKind.ACCELERATED))) == (52, 15)
+    weakest = min(t.strength for t in puma.of_kind(MotionKind.ACCELERATED))
+    assert min(t.strength for t in safe.of_kind(MotionKind.ACCELERATED)) > 3 * weakest
 
 
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -98,7 +98,7 @@ def test_motion_stays_within_limits_and_only_named_joints_move(puma: Plan) -> No
             moving = np.isin(robot.joint_names, test.moving)
             assert np.all(np.abs(speed[:, ~moving]) < 1e-9)
             assert np.all(np.abs(speed[:, moving]).max(axis=0) > 0)
-            if test.kind != Kind.ACCELERATED:
+            if test.kind != MotionKind.ACCELERATED:
                 np.testing.assert_allclose(np.abs(speed[:, moving]), s.speed, rtol=1e-9)
                 assert np.all(np.sign(speed[:, moving]) == s.direction)
                 np.testing.assert_allclose(part.ddq, 0.0, atol=1e-9)

@@ -12,7 +12,7 @@ import pytest
 
 from ident.errors import ConfigurationError
 from ident.reporting import report, report_of
-from ident.reporting.document import Figure, Kind, Layer, Panel, Report, Role, Table, Text, percent, plain, read_report, uncertain
+from ident.reporting.document import BlockKind, Figure, Layer, Panel, Report, Role, Table, Text, percent, plain, read_report, uncertain
 from ident.reporting.html import to_html
 from ident.reporting.rows import Timeline, binned, cloud
 
@@ -23,11 +23,11 @@ def document() -> Report:
     x = np.linspace(0, 1, 20)
     y = np.where(x > 0.5, np.nan, x)
     layers = (
-        Layer.of(Kind.SPAN, Role.FLOOR, (0.2, 0.4), label="held out"),
-        Layer.of(Kind.BAND, Role.BEFORE, x, y, y + 1, label="before"),
-        Layer.of(Kind.POINTS, Role.AFTER, x, y),
-        Layer.of(Kind.LINE, Role.EFFECT, x, y, label="effect"),
-        Layer.of(Kind.LINE, Role.MEASURED, x, x, label="measured"),
+        Layer.of(BlockKind.SPAN, Role.FLOOR, (0.2, 0.4), label="held out"),
+        Layer.of(BlockKind.BAND, Role.BEFORE, x, y, y + 1, label="before"),
+        Layer.of(BlockKind.POINTS, Role.AFTER, x, y),
+        Layer.of(BlockKind.LINE, Role.EFFECT, x, y, label="effect"),
+        Layer.of(BlockKind.LINE, Role.MEASURED, x, x, label="measured"),
     )
     figure = Figure("one", "A <figure>", "what is seen", (Panel("p", "x", "y", layers),) * 3, columns=2)
     long = Table("Long", ("a", "b"), tuple((f"r{i}", f"{i}") for i in range(30)), "a note & more")
@@ -74,7 +74,7 @@ def test_a_band_of_single_rows_is_still_seen():
     from ident.reporting.figures import COLOURS, draw
 
     t = np.arange(20.0)
-    layer = Layer.of(Kind.BAND, Role.BEFORE, t, t, t, label="before")
+    layer = Layer.of(BlockKind.BAND, Role.BEFORE, t, t, t, label="before")
     svg = draw(Figure("f", "f", "", (Panel("p", "x", "y", (layer,)),))).decode()
     drawn = [part for part in svg.split("<g ") if "FillBetween" in part or "PolyCollection" in part]
     assert any(f"stroke: {COLOURS[Role.BEFORE].lower()}" in part.lower() for part in drawn)

@@ -11,7 +11,17 @@ from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side
 from ident.simulation.controller import CascadedPPI, ComputedTorque, PDFeedforward, typical_inertia
-from ident.simulation.sensors import Delay, EncoderError, Jitter, Lag, PositionNoise, Quantisation, TorqueNoise, TorqueScale, TorqueWindow
+from ident.simulation.sensors import (
+    EncoderError,
+    Jitter,
+    Lag,
+    MeasurementDelay,
+    PositionNoise,
+    Quantisation,
+    TorqueNoise,
+    TorqueScale,
+    TorqueWindow,
+)
 from ident.simulation.simulate import CurrentLoop, Feedback, Gain, Plant, Saturation, Sensors, simulate, simulate_batch
 from ident.simulation.trajectory import FourierTrajectory, PointToPoint
 
@@ -116,9 +126,9 @@ def test_sensors_do_what_they_say() -> None:
     def read(*distortions):
         return run.reread(Sensors(distortions), seed=1).readings
 
-    late = read(Delay("torque", 0.01)).tau
+    late = read(MeasurementDelay("torque", 0.01)).tau
     np.testing.assert_allclose(late[5:], tau[:-5], atol=1e-12)
-    early = read(Delay("position", 0.004)).motion.q
+    early = read(MeasurementDelay("position", 0.004)).motion.q
     np.testing.assert_allclose(early[2:], q[:-2], atol=1e-12)
     lag = read(Lag("torque", 0.01)).tau
     w = 2 * np.pi

@@ -75,7 +75,7 @@ _UNIT_TWISTS = twist_matrix(np.eye(6))
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class JointBlock:
     """Bodies moved by one set of coordinates, and what passes through them.
 
     `bodies`: in order; `entrance`: the body before, -1 for the fixed base; `coordinates`: independent coordinates of the block
@@ -105,7 +105,7 @@ def typical_length(tree: RigidBodyTree) -> float:
     return float(lengths.mean()) if len(lengths) else 1.0
 
 
-def joint_blocks(robot: Robot, length: float) -> list[Block]:
+def joint_blocks(robot: Robot, length: float) -> list[JointBlock]:
     """The blocks of a robot's tree, each after the one that holds its entrance; a free-flyer's body is in none."""
     tree, first = robot.tree, int(robot.floating_base)
     W, offset = robot.loop.W, robot.loop.offset
@@ -114,7 +114,7 @@ def joint_blocks(robot: Robot, length: float) -> list[Block]:
         rows = [b - first for b in bodies]
         coordinates = tuple(int(a) for a in np.flatnonzero(np.abs(W[rows]).sum(axis=0) > 0))
         plans.append(_Plan.make(tree, bodies, entrance, coordinates, W[np.ix_(rows, coordinates)], offset[rows], length))
-    blocks: dict[int, Block] = {}
+    blocks: dict[int, JointBlock] = {}
     for prismatic, nodes in ((False, REVOLUTE), (True, PRISMATIC)):
         alike = [i for i, p in enumerate(plans) if len(p.bodies) == len(p.coordinates) == 1 and tree.prismatic[p.bodies[0]] == prismatic]
         blocks |= zip(alike, _blocks(tree, [plans[i] for i in alike], nodes), strict=True)
@@ -211,7 +211,7 @@ class _Plan:
         return cls(bodies, entrance, coordinates, rates * scale, offset * unit, scale, length)
 
 
-def _blocks(tree: RigidBodyTree, plans: list[_Plan], nodes: Nodes) -> list[Block]:
+def _blocks(tree: RigidBodyTree, plans: list[_Plan], nodes: Nodes) -> list[JointBlock]:
     """Blocks of the same shape (r bodies, d coordinates), from the same nodes."""
     if not plans:
         return []
@@ -245,7 +245,7 @@ def _blocks(tree: RigidBodyTree, plans: list[_Plan], nodes: Nodes) -> list[Block
     largest = [max((float(np.abs(v[b]).max()) for v in values if v.size), default=0.0) for b in range(len(plans))]
     transport, cross, own, carry, rate = resolved
     return [
-        Block(
+        JointBlock(
             plan.bodies,
             plan.entrance,
             plan.coordinates,

@@ -21,7 +21,7 @@ import numpy as np
 from .base_form import BaseForm, body_names, rotor_names
 from .degenerate import near_degenerate
 from .expressions import LINK_PREFERENCE, link_parameter_names
-from .joint_blocks import Block, joint_blocks, typical_length
+from .joint_blocks import JointBlock, joint_blocks, typical_length
 
 if TYPE_CHECKING:
     from ...robots.robot import Robot
@@ -166,7 +166,7 @@ def base_set(robot: Robot, rotor_inertia: bool | Sequence[str] = False, toleranc
 
 
 def _propagate(
-    robot: Robot, blocks: list[Block], k: Array, ranks: _Ranks
+    robot: Robot, blocks: list[JointBlock], k: Array, ranks: _Ranks
 ) -> tuple[Array, Array, list[int], list[tuple[str, int]], Array, tuple[int, ...]]:
     """Rows (b, 10 nb) reduced, with their rotor part (b, m), the column that names each, what each block adds, rows on rotors alone,
     and how many directions each body turns about."""
@@ -211,7 +211,7 @@ def _propagate(
     return rows, rotors, pivots, dimensions, np.vstack(alone), turning
 
 
-def _generated(block: Block, at: _Seen, k: Array, done: list[int]) -> tuple[Array, Array]:
+def _generated(block: JointBlock, at: _Seen, k: Array, done: list[int]) -> tuple[Array, Array]:
     """Rows (g, 10 r) that span what a block adds, and their rotor parts (g, m)."""
     width, m, own = block.transport.shape[2], len(k), list(block.coordinates)
     d = len(own)
@@ -242,7 +242,7 @@ def _generated(block: Block, at: _Seen, k: Array, done: list[int]) -> tuple[Arra
     return np.vstack([free, constant, pairs[0]]), np.vstack(parts)
 
 
-def _beyond(block: Block, i: int, at: _Seen, added: Array, ranks: _Ranks, rotors: bool) -> _Seen:
+def _beyond(block: JointBlock, i: int, at: _Seen, added: Array, ranks: _Ranks, rotors: bool) -> _Seen:
     """What is known at body i of a block, for the blocks that hang on it."""
     carry, rate = block.carry[:, i], block.rate[:, i]
     # What is fully seen at the entrance stays fully seen after any motion.

@@ -20,12 +20,12 @@ from ..transmission import Side, Transmission
 from .examples import example_names, find_example
 from .folders import built_in_names, robot_folder
 from .nominal import DriveParameters, drive_parameters, nominal_values
-from .payloads import Payload, read_payloads, with_payload
+from .payloads import PayloadData, read_payloads, with_payload
 from .published import PublishedTable, published_tables
 
 __all__ = [
     "DriveParameters",
-    "Payload",
+    "PayloadData",
     "PublishedTable",
     "built_in_names",
     "declared_drive",
@@ -62,7 +62,7 @@ def declared_drive(name: str) -> DriveTable:
 
 
 def payloads(name: str) -> dict[str, str]:
-    """Payload name → what it is, for a built-in robot."""
+    """PayloadData name → what it is, for a built-in robot."""
     return {p.name: p.description for p in _read(robot_folder(name))[1].values()}
 
 
@@ -138,7 +138,7 @@ def _transmission(robot: Robot, drive: DriveTable, own: _Own, arguments: dict[st
     return drive.over(gearing).transmission(robot.n)
 
 
-def _read(folder: Path) -> tuple[_Own, dict[str, Payload]]:
+def _read(folder: Path) -> tuple[_Own, dict[str, PayloadData]]:
     """A built-in robot's description, and the payloads it offers."""
     file = folder / "robot.toml"
     where = f"robot file {file}"

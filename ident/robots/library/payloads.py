@@ -42,7 +42,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Payload:
+class PayloadData:
     """A choice of what a link carries. `replace`: the link's own body instead of the URDF's; `add`: a body beside it;
     `on`: the choice it starts from (else the URDF)."""
 
@@ -62,19 +62,19 @@ def _body(value: Any) -> Body:
     return Body(**{key: kind(value[key]) for key, kind in keys.items()})
 
 
-def read_payloads(data: Any, where: str) -> dict[str, Payload]:
+def read_payloads(data: Any, where: str) -> dict[str, PayloadData]:
     """The `[payload.*]` tables of a robot file."""
     schema = {"description": text, "link": text, "on": text, "replace": _body, "add": _body}
     found = {}
     for name, table in data.items():
         values = check_table(table, schema, f"payload.{name}", where)
-        found[name] = Payload(name, values.pop("description", ""), **values)
+        found[name] = PayloadData(name, values.pop("description", ""), **values)
         if found[name].on is not None and found[name].on not in data:
             raise unknown_name(f"payload ({where}, [payload.{name}] on)", str(found[name].on), data)
     return found
 
 
-def with_payload(urdf: Path, name: str, offered: Mapping[str, Payload]) -> str | Path:
+def with_payload(urdf: Path, name: str, offered: Mapping[str, PayloadData]) -> str | Path:
     """URDF text with one payload put in; the file itself where the payload changes nothing."""
     steps = [offered[name]]
     while steps[0].on is not None:
