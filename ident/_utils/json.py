@@ -1,4 +1,4 @@
-"""What every JSON result carries: schema, version, inputs, time of making, warnings (DESIGN.md 3.4)."""
+"""What every JSON result carries: schema, version, inputs, time of making, warnings (docs/formats.md)."""
 
 from __future__ import annotations
 

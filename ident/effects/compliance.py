@@ -1,4 +1,4 @@
-"""Between a motor's encoder and its link: an elastic gear, play (SCIENCE.md 7.1).
+"""Between a motor's encoder and its link: an elastic gear, play.
 
 The position is read at the motor; the link moves by δ more. With u the torque that the link would ask for at the position read and I its
 inertia, I d²δ/dt² = −u while nothing holds it; a spring of stiffness k adds −k δ and its damping, the flanks of a gap a knock. The

@@ -21,7 +21,7 @@ Array = np.ndarray
 @register
 @dataclass(frozen=True, kw_only=True)
 class OffsetDrift(JointEffect):
-    """A torque offset that grows with time: τ = rate × t, t the run's own clock (SCIENCE.md 7.1)."""
+    """A torque offset that grows with time: τ = rate × t, t the run's own clock."""
 
     name: ClassVar[str] = "offset_drift"
     title: ClassVar[str] = "torque offset that drifts"
@@ -36,7 +36,7 @@ class OffsetDrift(JointEffect):
 @register
 @dataclass(frozen=True, kw_only=True)
 class OffsetStep(JointEffect):
-    """A torque offset that appears at a moment: τ = step for t ≥ t_0, t the run's own clock (SCIENCE.md 7.1)."""
+    """A torque offset that appears at a moment: τ = step for t ≥ t_0, t the run's own clock."""
 
     name: ClassVar[str] = "offset_step"
     title: ClassVar[str] = "torque offset that appears during the run"

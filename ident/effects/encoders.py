@@ -1,4 +1,4 @@
-"""Encoders that read wrong: the prediction is taken at the reading, the torque comes from the true position (SCIENCE.md 7.1).
+"""Encoders that read wrong: the prediction is taken at the reading, the torque comes from the true position.
 
 A reading error e shifts the prediction by −T e = −(∂τ/∂q e + ∂τ/∂dq de/dt + ∂τ/∂ddq d²e/dt²): to first order with T at the reading;
 to second with T halfway to the true position, once an error is known. Much of it is absorbed by base parameters: then there is nothing

@@ -1,4 +1,4 @@
-"""Geometry that is not as declared: a coupling missing from the transmission, a link of another length (SCIENCE.md 7.1)."""
+"""Geometry that is not as declared: a coupling missing from the transmission, a link of another length."""
 
 from __future__ import annotations
 

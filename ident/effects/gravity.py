@@ -1,4 +1,4 @@
-"""How the robot is mounted: a base that is tilted, gravity that is not what was declared (SCIENCE.md 7.1)."""
+"""How the robot is mounted: a base that is tilted, gravity that is not what was declared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a link carries: a payload, one picked up during the run, a force from outside (SCIENCE.md 7.1)."""
+"""What a link carries: a payload, one picked up during the run, a force from outside."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Torque that repeats with the angle of a motor or a joint: cogging, ripple of the torque (SCIENCE.md 7.1)."""
+"""Torque that repeats with the angle of a motor or a joint: cogging, ripple of the torque."""
 
 from __future__ import annotations
 

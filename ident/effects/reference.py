@@ -1,4 +1,4 @@
-"""The model's own prediction at given values, for effects that are corrections of it (SCIENCE.md 7.1: T, dτ/dK, dτ/dg, dτ/dt).
+"""The model's own prediction at given values, for effects that are corrections of it: T, dτ/dK, dτ/dg, dτ/dt.
 
 Such an effect's columns are derivatives of the prediction, so they hold near the values from which they were taken: refit,
 take the prediction anew, and repeat until nothing moves (or apply the finding for good, `Effect.applied`)."""

@@ -1,4 +1,4 @@
-"""Springs, cables and counterbalances between a joint's two sides (SCIENCE.md 7.1)."""
+"""Springs, cables and counterbalances between a joint's two sides."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The torque reading comes late: a delay, or the lag of a filter (SCIENCE.md 7.1)."""
+"""The torque reading comes late: a delay, or the lag of a filter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the torque reading as functions of the torque: scale, curvature, saturation (SCIENCE.md 7.1)."""
+"""Errors of the torque reading as functions of the torque: scale, curvature, saturation."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Estimate(EstimateRecord):
         return self.summary()
 
     def to_dict(self) -> dict[str, Any]:
-        """The `ident.fit/1` result (DESIGN.md 3.4)."""
+        """The `ident.fit/1` result (docs/formats.md)."""
         return to_dict(self)
 
     def save(self, path: str | Path, *, force: bool = False) -> Path:

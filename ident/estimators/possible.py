@@ -1,7 +1,7 @@
 """The nearest parameters whose inertia is positive along a log: instruments must come from a model that can exist.
 
 A model whose inertia matrix is indefinite at a few postures accelerates without bound there, and spoils every instrument
-(SCIENCE 6). Positive definiteness at one posture and direction is linear in the parameters, so the nearest set in the
+. Positive definiteness at one posture and direction is linear in the parameters, so the nearest set in the
 metric of the estimate follows by cutting planes, each step a least-distance problem (Lawson & Hanson, ch. 23)."""
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def _postures(problem: Problem) -> Array:
 
 
 def _signs(model: Model, base: BaseReduction) -> tuple[Array, Array]:
-    """Rows and bounds: friction parameters that stand alone are not negative (SCIENCE 7.1; a negative one feeds the motion)."""
+    """Rows and bounds: friction parameters that stand alone are not negative (a negative one feeds the motion)."""
     lower, _ = base_bounds(base)
     friction = {e.name for e in model.effects if e.nature == Nature.FRICTION}
     at = [i for i in range(base.count) if base.parameters[base.independent[i]].effect in friction and np.isfinite(lower[i])]

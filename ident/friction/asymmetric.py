@@ -1,4 +1,4 @@
-"""Friction that is not the same in both directions of motion, as a correction of the symmetric law (SCIENCE.md 7.1)."""
+"""Friction that is not the same in both directions of motion, as a correction of the symmetric law."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class AsymmetricCoulomb(JointEffect):
     """Half the difference of dry friction between the directions: τ = dFc s², s = sgn(ω), 0 at standstill.
 
     Beside `coulomb` it makes Fc + dFc forwards and Fc − dFc backwards; friction as long as |dFc| ≤ Fc. Differs from an
-    offset only at standstill. Source: SCIENCE.md 7.1."""
+    offset only at standstill."""
 
     name: ClassVar[str] = "asymmetric_coulomb"
     title: ClassVar[str] = "Coulomb friction that depends on direction"
@@ -38,7 +38,7 @@ class AsymmetricViscous(JointEffect):
     """Half the difference of viscous friction between the directions: τ = dFv |ω|.
 
     Beside `viscous` it makes Fv + dFv forwards and Fv − dFv backwards; friction as long as |dFv| ≤ Fv. Found on the EMPS
-    axis (SCIENCE.md 7.4)."""
+    axis."""
 
     name: ClassVar[str] = "asymmetric_viscous"
     title: ClassVar[str] = "viscous friction that depends on direction"

@@ -1,4 +1,4 @@
-"""The drive train every arm has: reflected rotor inertia, viscous and Coulomb friction (SCIENCE.md 1.4, eq. 3.13)."""
+"""The drive train every arm has: reflected rotor inertia, viscous and Coulomb friction (Yoshida, 1995, eq. 3.13)."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class LoadDependentFriction(JointEffect):
 
     Fl is what the gear loses of the torque it transmits. The torque that accelerates the rotor does not load the gear; where
     base parameters have joined rotor and link inertia (a first joint), the prediction holds it too, and `rotor` (inertia on
-    `side`) takes it out again. The measured torque is not used: its noise would bias Fl. Source: SCIENCE.md 7.1."""
+    `side`) takes it out again. The measured torque is not used: its noise would bias Fl."""
 
     name: ClassVar[str] = "load_dependent_friction"
     title: ClassVar[str] = "friction that grows with load"

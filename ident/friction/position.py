@@ -26,7 +26,7 @@ class PositionDependentFriction(JointEffect):
     """Dry friction that varies over a turn: τ = s(ω) (Fps sin(n x) + Fpc cos(n x)), s = sgn of the speed on `side`.
 
     `angle`: the side whose position x modulates it, the joint by default (a gear that runs out of true, a seal). `order`: n,
-    cycles a turn (rad/m on a slide). Source: SCIENCE.md 7.1."""
+    cycles a turn (rad/m on a slide)."""
 
     name: ClassVar[str] = "position_dependent_friction"
     title: ClassVar[str] = "friction that varies with position"
@@ -59,7 +59,7 @@ class JointSideFriction(JointEffect):
     """Coulomb and viscous friction of the joint's own bearings and seals: τ = Fc_link s(dq) + Fv_link dq on the joint side.
 
     Behind a gear that couples no joints it cannot be told from the motor's friction, and base reduction joins the two; in a
-    coupled wrist it can (SCIENCE.md 7.1)."""
+    coupled wrist it can."""
 
     name: ClassVar[str] = "joint_side_friction"
     title: ClassVar[str] = "friction on the joint side of the gears"

@@ -26,7 +26,7 @@ class Presliding(JointEffect):
 
     z is Dahl's bristle deflection, dz/dφ = (1 − sgn(dφ) z) / z_s, zero at the start of the run. Fp: the part of Coulomb
     friction that builds up this way (Fp = Fc: all of it); Fc stays the friction of full sliding. Several with different z_s
-    and labels make a Maxwell-slip-like spectrum. Source: Dahl (1968); SCIENCE.md 7.1."""
+    and labels make a Maxwell-slip-like spectrum. Source: Dahl (1968)."""
 
     name: ClassVar[str] = "presliding"
     title: ClassVar[str] = "presliding (friction that builds up over a distance)"

@@ -25,7 +25,7 @@ _OTHER_THAN_VISCOUS = 0.1
 class Stribeck(JointEffect):
     """Excess of friction at low speed: τ = Fs s(ω) exp(−(ω/v_s)²), s = sgn, on top of Coulomb friction.
 
-    Fs: static less Coulomb friction; v_s: Stribeck velocity. Source: SCIENCE.md 7.1; the Gaussian form is that of
+    Fs: static less Coulomb friction; v_s: Stribeck velocity. Source: the Gaussian form is that of
     Bo and Pavelescu (1982) with exponent 2."""
 
     name: ClassVar[str] = "stribeck"
@@ -53,7 +53,7 @@ class Stribeck(JointEffect):
 class NonlinearViscous(JointEffect):
     """Friction that grows with a power of speed: τ = Fn s(ω) |ω|^a.
 
-    a < 1: grows more slowly than speed (as on the TX40, SCIENCE.md 7.4), a > 1: faster (churning of a lubricant). Near
+    a < 1: grows more slowly than speed (as on the TX40), a > 1: faster (churning of a lubricant). Near
     a = 0 and a = 1 it is Coulomb and viscous friction over again."""
 
     name: ClassVar[str] = "nonlinear_viscous"

@@ -44,7 +44,7 @@ class _TemperatureDrift(JointEffect):
 @register
 @dataclass(frozen=True, kw_only=True)
 class TemperatureDriftViscous(_TemperatureDrift):
-    """Viscous friction that fades as the lubricant warms: τ = Fvt e^(−t/T) ω (SCIENCE.md 7.1).
+    """Viscous friction that fades as the lubricant warms: τ = Fvt e^(−t/T) ω.
 
     Fvt: viscous friction at the start of the run less that of the warm drive."""
 
@@ -59,7 +59,7 @@ class TemperatureDriftViscous(_TemperatureDrift):
 @register
 @dataclass(frozen=True, kw_only=True)
 class TemperatureDriftCoulomb(_TemperatureDrift):
-    """Dry friction that fades as the drive warms: τ = Fct e^(−t/T) s(ω) (SCIENCE.md 7.1).
+    """Dry friction that fades as the drive warms: τ = Fct e^(−t/T) s(ω).
 
     Fct: Coulomb friction at the start of the run less that of the warm drive."""
 

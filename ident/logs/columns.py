@@ -1,4 +1,4 @@
-"""Which column of a log is what: names, aliases, units, and a user's own mapping (DESIGN.md 3.1).
+"""Which column of a log is what: names, aliases, units, and a user's own mapping (docs/formats.md).
 
 Resolving names is separate from reading values: a `ColumnPlan` is made once from a header and applied to any number of
 tables or pieces of tables that have these columns."""

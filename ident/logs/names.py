@@ -1,4 +1,4 @@
-"""What the name of a log's column says: which quantity of which joint it holds, and in what unit (DESIGN.md 3.1)."""
+"""What the name of a log's column says: which quantity of which joint it holds, and in what unit (docs/formats.md)."""
 
 from __future__ import annotations
 

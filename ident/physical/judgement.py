@@ -38,7 +38,7 @@ class Judgement:
         return "\n".join([*lines, *self.notes])
 
     def to_dict(self) -> dict[str, Any]:
-        """The body of `ident.judgement/1` (DESIGN.md 3.4)."""
+        """The body of `ident.judgement/1` (docs/formats.md)."""
         p, c = self.possible, self.consistent
         return {
             "subject": self.subject,

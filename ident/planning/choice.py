@@ -1,6 +1,6 @@
 """Choosing the tests of a plan: greedily, joint by joint from the tip, until every base parameter is determined.
 
-For chains of revolute joints this arrives at the general rule of the step-by-step method (SCIENCE.md 4): for each joint i from
+For chains of revolute joints this arrives at the general rule of the step-by-step method (Yoshida, 1995, ch. 3): for each joint i from
 the tip the test {i}, the test {i, j} with a partner j before it, and a further partner where rotor and link inertia are not told
 apart otherwise. Because only ranks are asked, it holds for prismatic joints, branches and loops as well."""
 
@@ -33,7 +33,7 @@ class Separation(StrEnum):
     """How rotor inertia is told from link inertia.
 
     COUPLED: a coupled transmission is trusted to do it where it can, which takes the fewest tests. SAFE: as if every motor moved
-    its own joint alone, which takes a test more for some joints and stands noise better (SCIENCE.md 4: 15 tests instead of 13
+    its own joint alone, which takes a test more for some joints and stands noise better (15 tests instead of 13
     for the PUMA 560, and a third of the error)."""
 
     COUPLED = "coupled"

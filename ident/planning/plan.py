@@ -1,4 +1,4 @@
-"""Step-by-step identification as a plan: tests of one or two joints at a time, from the tip to the base (SCIENCE.md 4)."""
+"""Step-by-step identification as a plan: tests of one or two joints at a time, from the tip to the base (Yoshida, 1995, ch. 3)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Information blocks: what least squares needs from the samples, per measured row, in triangular (square-root) form.
 
 For each measured row j the upper triangular factor of [Φ_j τ_j] is kept. Weights per row, merging, forgetting, priors and
-sub-sets of columns all work on the factors; the data are not needed again (Golub & Van Loan, ch. 5; DESIGN: information,
+sub-sets of columns all work on the factors; the data are not needed again (Golub & Van Loan, ch. 5; information,
 not matrices).
 
 Triangles come from Householder reflections, or, in half the time, from sums of products (Gram matrices), whose rounding is that of

@@ -1,7 +1,7 @@
 """Speeds whose sign friction follows: those of the motors, and, where gears couple joints, those of the joints beside them.
 
 Friction of a motor reverses with the motor, that of a joint's own bearings with the joint. Behind a gear of its own a joint reverses
-when its motor does; in a coupled wrist (SCIENCE.md 7.1) both happen apart from each other, and each is in the rows of all torques that
+when its motor does; in a coupled wrist both happen apart from each other, and each is in the rows of all torques that
 the friction reaches."""
 
 from __future__ import annotations

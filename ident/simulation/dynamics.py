@@ -2,7 +2,7 @@
 
 Generalised coordinates y (m) are the n link positions and, for each flexible joint, how far its drive is ahead of its link.
 The motor speeds are K⁻¹ (dq + S dδ). With rotor inertias R on the motor side the equation of motion is
-(H + K⁻ᵀ R K⁻¹) ddq = K⁻ᵀ τ_m − bias − friction (SCIENCE.md 1.4), here for all coordinates together."""
+(H + K⁻ᵀ R K⁻¹) ddq = K⁻ᵀ τ_m − bias − friction, here for all coordinates together."""
 
 from __future__ import annotations
 

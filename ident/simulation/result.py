@@ -121,7 +121,7 @@ class Simulation:
         )
 
     def to_csv(self, path: str | Path, *, force: bool = False) -> Path:
-        """Write what the sensors recorded (DESIGN 3.1): `t`, `q1` … (`q_m1` …), `tau1` … or `tau_m1` …; gzip by the suffix `.gz`.
+        """Write what the sensors recorded (docs/formats.md): `t`, `q1` … (`q_m1` …), `tau1` … or `tau_m1` …; gzip by the suffix `.gz`.
 
         Written completely or not at all. Raises ConfigurationError if the file exists and `force` is false."""
         columns = self._columns()

@@ -1,4 +1,4 @@
-"""Studies: what to identify, from which logs and how, as a TOML file or as command-line flags (DESIGN.md 3.2)."""
+"""Studies: what to identify, from which logs and how, as a TOML file or as command-line flags (docs/formats.md)."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from ident.simulation.sensors import (
     TorqueScale,
     TorqueWindow,
 )
-from ident.simulation.simulate import CurrentLoop, Feedback, Gain, Plant, Saturation, Sensors, simulate, simulate_batch
+from ident.simulation.simulate import CurrentLoop, Feedback, Gain, Plant, TorqueLimit, Sensors, simulate, simulate_batch
 from ident.simulation.trajectory import FourierTrajectory, PointToPoint
 
 
@@ -97,7 +97,7 @@ def test_saturation_gain_and_current_loop() -> None:
     plant = Plant(model, np.append(robot.nominal, 1e-5))
     torque = np.full((201, 1), 0.2)
     start = (np.zeros(1), np.zeros(1))
-    clipped = simulate(plant, torque=torque, start=start, rate=1000.0, actuators=[Saturation((0.05,))])
+    clipped = simulate(plant, torque=torque, start=start, rate=1000.0, actuators=[TorqueLimit((0.05,))])
     np.testing.assert_allclose(clipped.applied, 0.05)
     np.testing.assert_allclose(clipped.tau, 0.2)
     weak = simulate(plant, torque=torque, start=start, rate=1000.0, actuators=[Gain((0.9,))])

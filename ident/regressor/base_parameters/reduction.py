@@ -2,7 +2,7 @@
 
 Columns are sampled at random states within the joint limits, scaled, and taken in a fixed order of preference (Gautier's rule:
 from the base to the tip, moments before masses): a column stays if it is independent of those that stayed before. Ranks are
-decided by the gap in the distances, not by a bare tolerance (Gautier, 1991; SCIENCE.md 1)."""
+decided by the gap in the distances, not by a bare tolerance (Gautier, 1991)."""
 
 from __future__ import annotations
 
