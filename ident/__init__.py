@@ -1,5 +1,26 @@
 """ident: identify a robot's dynamics, and find what its model lacks.
 
+    robot = ident.load_robot("puma560")
+    train, test = ident.demo_logs()
+    print(ident.audit(train, robot))
+    estimate = ident.fit(train, robot, held=test)
+    print(estimate)
+
+Robots (describe the robot and its drive): `load_robot`, `robot_names`, `Robot`, `Transmission`, `Side`.
+Logs (read, check and prepare what was recorded): `read_logs`, `demo_logs`, `audit`, `Log`, `LogSet`, `Signals`,
+    `ZeroPhase`, `SavitzkyGolay`, `CentralDifference`.
+Models (what the torque is made of): `Model`, `Effect`, `Motion`, `effect_names`, `make_effect`, `base`.
+Identification (parameters with covariance): `fit`, `Problem`, `MomentumProblem`, `EnergyProblem`, `Information`,
+    `make_estimator`, `Estimate`, `Status`, `StatusCode`.
+Evaluation (on data that no fit saw): `validate`, `Validation`, `compare`, `Comparison`.
+Diagnosis (what the model lacks, and what has changed): `diagnose`, `Diagnosis`, `monitor`.
+Physics (possible, consistent, loaded): `judge`, `repair`, `payload`.
+Experiments (motions to run, and simulated runs): `excite`, `plan`, `simulate`.
+Results (files for others): `report`, `export`.
+Studies (everything in one TOML file): `Study`, `read_study`.
+Errors (each says what is wrong and what to do): `IdentError`, `ConfigurationError`, `DataError`, `UnsupportedError`.
+
+Packages: `effects`, `estimators`, `friction`, `physical`, `regressor`, `robots`. Each exports what its folder holds.
 Public names load when they are used: `import ident` itself is light."""
 
 from __future__ import annotations
@@ -9,46 +30,58 @@ from typing import TYPE_CHECKING, Any
 
 from ._utils.version import __version__
 
-_WHERE = {
-    "Robot": "robots",
-    "Transmission": "robots",
-    "Side": "robots",
-    "load_robot": "robots",
-    "robot_names": "robots",
-    "Log": "logs",
-    "LogSet": "logs",
-    "read_logs": "logs",
-    "Signals": "signals",
-    "ZeroPhase": "signals",
-    "SavitzkyGolay": "signals",
-    "CentralDifference": "signals",
-    "Model": "model",
-    "Motion": "effects",
-    "Effect": "effects",
-    "make_effect": "effects",
-    "effect_names": "effects",
-    "Problem": "problem",
-    "Information": "problem",
-    "Estimate": "estimate",
-    "Status": "estimate",
-    "StatusCode": "estimate",
-    "make_estimator": "estimators",
-    "validate": "evaluation",
-    "Validation": "evaluation",
-    "compare": "evaluation",
-    "monitor": "monitoring",
-    "report": "reporting",
-    "diagnose": "diagnosis",
-    "Diagnosis": "diagnosis",
-    "Comparison": "evaluation",
-    "Study": "study",
-    "read_study": "study",
-    "IdentError": "errors",
-    "ConfigurationError": "errors",
-    "DataError": "errors",
-    "UnsupportedError": "errors",
-    "MomentumProblem": "problem",
-    "EnergyProblem": "problem",
+#: Public name → where it is: package, and its name there where that is another.
+_WHERE: dict[str, tuple[str, str]] = {
+    "load_robot": ("robots", "load_robot"),
+    "robot_names": ("robots", "robot_names"),
+    "Robot": ("robots", "Robot"),
+    "Transmission": ("robots", "Transmission"),
+    "Side": ("robots", "Side"),
+    "read_logs": ("logs", "read_logs"),
+    "demo_logs": ("logs", "demo_logs"),
+    "audit": ("auditing", "audit"),
+    "Log": ("logs", "Log"),
+    "LogSet": ("logs", "LogSet"),
+    "Signals": ("signals", "Signals"),
+    "ZeroPhase": ("signals", "ZeroPhase"),
+    "SavitzkyGolay": ("signals", "SavitzkyGolay"),
+    "CentralDifference": ("signals", "CentralDifference"),
+    "Model": ("model", "Model"),
+    "Effect": ("effects", "Effect"),
+    "Motion": ("effects", "Motion"),
+    "effect_names": ("effects", "effect_names"),
+    "make_effect": ("effects", "make_effect"),
+    "base": ("problem", "base_report"),
+    "fit": ("study", "fit"),
+    "Problem": ("problem", "Problem"),
+    "MomentumProblem": ("problem", "MomentumProblem"),
+    "EnergyProblem": ("problem", "EnergyProblem"),
+    "Information": ("problem", "Information"),
+    "make_estimator": ("estimators", "make_estimator"),
+    "Estimate": ("estimate", "Estimate"),
+    "Status": ("estimate", "Status"),
+    "StatusCode": ("estimate", "StatusCode"),
+    "validate": ("evaluation", "validate"),
+    "Validation": ("evaluation", "Validation"),
+    "compare": ("evaluation", "compare"),
+    "Comparison": ("evaluation", "Comparison"),
+    "diagnose": ("diagnosis", "diagnose"),
+    "Diagnosis": ("diagnosis", "Diagnosis"),
+    "monitor": ("monitoring", "monitor"),
+    "judge": ("physical", "judge"),
+    "repair": ("physical", "repair_estimate"),
+    "payload": ("physical", "payload_of"),
+    "excite": ("excitation", "excite"),
+    "plan": ("planning", "make_plan"),
+    "simulate": ("simulation", "simulate"),
+    "report": ("reporting", "report"),
+    "export": ("exporting", "export"),
+    "Study": ("study", "Study"),
+    "read_study": ("study", "read_study"),
+    "IdentError": ("errors", "IdentError"),
+    "ConfigurationError": ("errors", "ConfigurationError"),
+    "DataError": ("errors", "DataError"),
+    "UnsupportedError": ("errors", "UnsupportedError"),
 }
 _PACKAGES = ("effects", "estimators", "friction", "physical", "regressor", "robots")
 
@@ -81,30 +114,42 @@ __all__ = [
     "Validation",
     "ZeroPhase",
     "__version__",
+    "audit",
+    "base",
     "compare",
+    "demo_logs",
     "diagnose",
     "effect_names",
     "effects",
     "estimators",
+    "excite",
+    "export",
+    "fit",
     "friction",
+    "judge",
     "load_robot",
     "make_effect",
     "make_estimator",
     "monitor",
+    "payload",
     "physical",
+    "plan",
     "read_logs",
     "read_study",
     "regressor",
+    "repair",
     "report",
     "robot_names",
     "robots",
+    "simulate",
     "validate",
 ]
 
 
 def __getattr__(name: str) -> Any:
     if name in _WHERE:
-        value = getattr(importlib.import_module(f".{_WHERE[name]}", __name__), name)
+        package, own = _WHERE[name]
+        value = getattr(importlib.import_module(f".{package}", __name__), own)
     elif name in _PACKAGES:
         value = importlib.import_module(f".{name}", __name__)
     else:
@@ -119,25 +164,26 @@ def __dir__() -> list[str]:
 
 if TYPE_CHECKING:
     from . import effects, estimators, friction, physical, regressor, robots
+    from .auditing import audit
     from .diagnosis import Diagnosis, diagnose
-    from .effects.base import Effect, effect_names, make_effect
-    from .effects.motion import Motion
+    from .effects import Effect, Motion, effect_names, make_effect
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
-    from .estimate.estimate import Estimate
-    from .estimate.status import Status, StatusCode
+    from .estimate import Estimate, Status, StatusCode
     from .estimators import make_estimator
-    from .evaluation.comparison import Comparison, compare
-    from .evaluation.validation import Validation, validate
-    from .logs.log import Log, LogSet, read_logs
+    from .evaluation import Comparison, Validation, compare, validate
+    from .excitation import excite
+    from .exporting import export
+    from .logs import Log, LogSet, demo_logs, read_logs
     from .model import Model
     from .monitoring import monitor
-    from .problem.information import Information
-    from .problem.integrated import EnergyProblem, MomentumProblem
-    from .problem.problem import Problem
+    from .physical import judge
+    from .physical import payload_of as payload
+    from .physical import repair_estimate as repair
+    from .planning import make_plan as plan
+    from .problem import EnergyProblem, Information, MomentumProblem, Problem
+    from .problem import base_report as base
     from .reporting import report
-    from .robots.library.load import load_robot, robot_names
-    from .robots.robot import Robot
-    from .robots.transmission import Side, Transmission
-    from .signals.preparation import CentralDifference, SavitzkyGolay, ZeroPhase
-    from .signals.signals import Signals
-    from .study.study import Study, read_study
+    from .robots import Robot, Side, Transmission, load_robot, robot_names
+    from .signals import CentralDifference, SavitzkyGolay, Signals, ZeroPhase
+    from .simulation import simulate
+    from .study import Study, fit, read_study

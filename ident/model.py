@@ -14,6 +14,7 @@ from .effects.base import Effect, Nature, Need
 from .effects.motion import Motion
 from .effects.reduction import base_reduction
 from .effects.reference import Reference
+from .effects.sums import EffectSum, terms
 from .errors import ConfigurationError
 from .robots.parameters import Parameter
 from .robots.transmission import Side
@@ -35,6 +36,9 @@ class Model:
     effects: tuple[Effect, ...]
 
     def __post_init__(self) -> None:
+        if not isinstance(self.effects, tuple):
+            found = terms(self.effects) if isinstance(self.effects, Effect | EffectSum) else tuple(self.effects)
+            object.__setattr__(self, "effects", found)
         twice = [name for name, count in Counter(p.name for p in self.parameters).items() if count > 1]
         if twice:
             raise ConfigurationError(
@@ -42,12 +46,15 @@ class Model:
                 " If both are meant, give one of them a `label`."
             )
 
-    def __add__(self, other: Effect | Model) -> Model:
+    def __add__(self, other: Effect | EffectSum[Effect] | Model) -> Model:
         if isinstance(other, Model):
             if other.robot is not self.robot:
                 raise ConfigurationError("two models of different robots cannot be added.")
             return replace(self, effects=self.effects + other.effects)
-        return replace(self, effects=(*self.effects, other))
+        return replace(self, effects=(*self.effects, *terms(other)))
+
+    def __radd__(self, other: Effect | EffectSum[Effect]) -> Model:
+        return replace(self, effects=(*terms(other), *self.effects))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -21,6 +21,7 @@ from ..errors import ConfigurationError, unknown_name
 from ..robots.parameters import Parameter, ShapeParameter
 from ..robots.transmission import Side
 from .motion import Coordinates, Motion
+from .sums import EffectSum
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -122,6 +123,9 @@ class Effect(ABC):
                     f" ({parameter.unit}), not {value!r}."
                 )
             object.__setattr__(self, parameter.name, float(value))
+
+    def __add__(self, other: Any) -> EffectSum[Effect]:
+        return EffectSum[Effect]((self,)) + other
 
     @classmethod
     def placements(cls, robot: Robot, **configuration: Any) -> Iterator[Self]:

@@ -1,1 +1,18 @@
-"""Regressors: rigid-body columns, base reduction, closed forms."""
+"""Regressors: rigid-body columns and dynamics, base reduction, closed forms."""
+
+from __future__ import annotations
+
+from .base_parameters.reduction import BaseReduction
+from .base_parameters.structural import StructuralSet, base_set
+from .rigid import bias_torque, forward_dynamics, inverse_dynamics, mass_matrix, regressor
+
+__all__ = [
+    "BaseReduction",
+    "StructuralSet",
+    "base_set",
+    "bias_torque",
+    "forward_dynamics",
+    "inverse_dynamics",
+    "mass_matrix",
+    "regressor",
+]

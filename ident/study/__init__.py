@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from .fit import fit
 from .session import Session
 from .study import Study, read_study, write_study
 
-__all__ = ["Session", "Study", "read_study", "write_study"]
+__all__ = ["Session", "Study", "fit", "read_study", "write_study"]

@@ -22,7 +22,7 @@ from ident.simulation.sensors import (
     TorqueScale,
     TorqueWindow,
 )
-from ident.simulation.simulate import CurrentLoop, Feedback, Gain, Plant, TorqueLimit, Sensors, simulate, simulate_batch
+from ident.simulation.simulate import CurrentLoop, Feedback, Gain, Plant, Sensors, TorqueLimit, simulate, simulate_batch
 from ident.simulation.trajectory import FourierTrajectory, PointToPoint
 
 
