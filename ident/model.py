@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ._utils.short_repr import ShortRepr
 from .effects.base import Effect, Nature, Need
 from .effects.motion import Motion
 from .effects.reduction import base_reduction
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(ShortRepr):
     """`torque = Σ effects columns @ values`, with k linear parameters in the order of the effects.
 
     Compose with `+`: `robot.rigid_body() + Viscous() + Coulomb()`."""

@@ -12,7 +12,7 @@ from .record import EstimateRecord
 from .summary import estimate_summary
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate(EstimateRecord):
     """The one result of every estimator: base parameters with covariance, noise, errors and status.
 

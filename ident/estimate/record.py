@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import unknown_name
 from ..problem.information import Information
 from ..problem.problem import Problem
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class EstimateRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class EstimateRecord(ShortRepr):
     """Base parameters with covariance.
 
     `base`: the reduction whose b base parameters were estimated (grouped further than the model's own where the data

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError
 from ..estimate.summary import error_table
 from ..statistics.torque_error import TorqueError, number
@@ -39,8 +40,8 @@ class Shift:
         return (self.after - self.before) / self.std_before if self.std_before > 0 else float("nan")
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(ShortRepr):
     """Errors of two estimates on data that neither fitted, on the rows that both use.
 
     `floor` (n,): rms of the residual that the later estimate leaves on its own fit, per joint (the earlier one where the later one was

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import DataError
 from ..estimate.summary import error_table
 from ..problem.linear_solution import solve_triangle
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Validation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation(ShortRepr):
     """Errors on held-out data.
 
     `error`: torque error over all runs; `by_run`: the same run by run; `nominal`: the error with the URDF's own inertials and

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError
 from ..simulation.result import write_log_csv
 from ..simulation.trajectory import Trajectory
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Excitation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Excitation(ShortRepr):
     """An exciting trajectory and the information it gives.
 
     `information` (b, b): on the base parameters `names`, for one pass sampled at `rate` Hz with white torque noise of std `noise`

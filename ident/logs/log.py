@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.files import sha256
+from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.transmission import Transmission
 from .columns import resolve_columns
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Log:
+@dataclass(frozen=True, eq=False, repr=False)
+class Log(ShortRepr):
     """One run as recorded, in SI, joints in the robot's order. N samples, n joints.
 
     `t` (N,) s, rising, otherwise as recorded; `q` (N, n) on the joint side, or None where only `q_motor` (N, n) was logged.
@@ -120,8 +121,8 @@ class Log:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class LogSet:
+@dataclass(frozen=True, eq=False, repr=False)
+class LogSet(ShortRepr):
     """Runs of one robot. `robot` is the one they were read for, if it was given."""
 
     logs: tuple[Log, ...]

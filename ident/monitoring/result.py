@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.json import result
+from .._utils.short_repr import ShortRepr
 from ..diagnosis.findings import Finding
 from ..diagnosis.precision import FoundParameter
 from ..effects.places import on, place_of
@@ -108,8 +109,8 @@ class Drift:
         return {"joint": self.joint, "signature": self.signature, "evidence": self.evidence}
 
 
-@dataclass(frozen=True, eq=False)
-class Monitoring:
+@dataclass(frozen=True, eq=False, repr=False)
+class Monitoring(ShortRepr):
     """The answer. `verdict`: "unchanged", "changed", "ambiguous" (something changed, and two or more things account for it equally
     well) or "unexplained" (something changed that no change tried accounts for).
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError
 from ..friction import Coulomb, RotorInertia, Viscous
 from .conic import solver_available
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Judgement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Judgement(ShortRepr):
     """`possible` and `consistent` (None without the semidefinite solver) of a set called `subject`."""
 
     subject: str
@@ -58,8 +59,8 @@ class Judgement:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Subject:
+@dataclass(frozen=True, eq=False, repr=False)
+class Subject(ShortRepr):
     """A set of base parameters with what they mean: `structure`, `values` (b,), `covariance` (b, b) or None.
 
     `unseen` (b, u): changes of base values that the data could not see (none: u = 0); they may be chosen freely."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS
 from .conic import ConicProgram, solver_available
@@ -26,8 +27,8 @@ Array = np.ndarray
 _MORE = 3.0
 
 
-@dataclass(frozen=True, eq=False)
-class PayloadEstimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class PayloadEstimate(ShortRepr):
     """A payload on `link`, in that link's joint frame.
 
     `values` (10,) in Pinocchio's order, a real body; `unconstrained` (10,) and `std` (10,): what the logs alone say (nan where they

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .binding import Binding, binding_constraints
 from .bounds import Bounds, Metric, Prior
@@ -48,8 +49,8 @@ class RepairMethod(StrEnum):
     FIT = "fit"
 
 
-@dataclass(frozen=True, eq=False)
-class Repair:
+@dataclass(frozen=True, eq=False, repr=False)
+class Repair(ShortRepr):
     """A repaired set. `values` (b,) and, for consistent ones, `standard` (k,) parameters that give them.
 
     `distance`: change in standard deviations (Mahalanobis) of the estimate's covariance; `changes`: base name -> (before, after, change

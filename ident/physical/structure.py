@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class InertiaStructure:
+@dataclass(frozen=True, eq=False, repr=False)
+class InertiaStructure(ShortRepr):
     """A robot as the judge of its base parameters sees it: n joints, nv velocities, nb bodies, k parameters, b base parameters.
 
     `tree`: the kinematic tree; `projection` (nv_tree, nv) and `offset` (n_tree,): its motion from the independent one (loop closures; the

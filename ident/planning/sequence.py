@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import unknown_name
 from ..simulation.trajectory import Chained
 from .trials import MotionKind, PlannedTest, Segment, Sweep
@@ -18,8 +19,8 @@ SWING_KEYS = ("sine", "cosine", "base_hz")
 SCHEMA = "ident.plan/1"
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(ShortRepr):
     """Tests in the order in which they are evaluated; each uses what those before it have revealed.
 
     `robot`, `joints`: of whom; `effects`: names of the model's effects; `base`: its b base parameters; `rank`: how many

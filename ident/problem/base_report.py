@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..regressor.base_parameters.base_form import BaseForm
 from ..regressor.base_parameters.expressions import parameter_unit, split_name
 from ..regressor.base_parameters.principal import PrincipalParameters
@@ -31,8 +32,8 @@ class Unidentifiable:
     grouped_into: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class BaseReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseReport(ShortRepr):
     """Base parameters of a robot: `base`; `unidentifiable`, in order; `agreement` of all ways to find them; `principal` directions
     for a trajectory, if asked for; `notes`."""
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from .._utils.text import WIDTH, shortened
 from ..regressor.base_parameters.reduction import BaseReduction
 from ..statistics.torque_error import number
@@ -25,8 +26,8 @@ Array = np.ndarray
 _POOR = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class ProblemCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class ProblemCheck(ShortRepr):
     """What a problem can determine.
 
     `base`: base parameters of the structure; `rank`: how many of them these data determine; `condition` of the scaled

@@ -14,6 +14,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError
 from ..regressor.rigid import stacked_information
 
@@ -30,8 +31,8 @@ class Form(StrEnum):
     GRAM = "gram"
 
 
-@dataclass(frozen=True, eq=False)
-class Information:
+@dataclass(frozen=True, eq=False, repr=False)
+class Information(ShortRepr):
     """Triangular factors of n measured rows over k columns.
 
     `factors` (n, k+1, k+1): upper triangular R_j with R_jᵀR_j = [Φ_j τ_j]ᵀ[Φ_j τ_j]; `counts` (n,): samples per row;

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..effects.base import Need
 from ..effects.motion import Motion
 from ..effects.reference import Reference
@@ -36,8 +37,8 @@ _BLOCK_NUMBERS = 4_000_000
 _FEW_SAMPLES = 4
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem(ShortRepr):
     """τ = Φ p on the measured side: `model` on `signals`.
 
     `reference` (k,): values of all parameters from which the predicted load is taken, where an effect needs it.

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError, unknown_name
 from .transmission import Side, Transmission
 from .urdf import UrdfText, prepare_urdf, read_urdf, some
@@ -59,8 +60,8 @@ class Loop:
         return self.W.shape[0] == self.W.shape[1] and np.array_equal(self.W, np.eye(len(self.W))) and not self.offset.any()
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot(ShortRepr):
     """A robot as identification sees it. Build it with `from_urdf` or `ident.load_robot`.
 
     `joints`: the n independent, measured joints in order (the order of `q1 … qn` in logs). `tree_joints`: all moving

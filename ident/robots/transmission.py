@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError, unknown_name
 
 Array = np.ndarray
@@ -25,8 +26,8 @@ class Side(StrEnum):
         raise unknown_name("side of the transmission", str(value), [side.value for side in cls])
 
 
-@dataclass(frozen=True, eq=False)
-class Transmission:
+@dataclass(frozen=True, eq=False, repr=False)
+class Transmission(ShortRepr):
     """An invertible linear transmission between n joints and n motors.
 
     `K` (n, n): joint velocity = K @ motor velocity. `zero` (n,): joint positions at motor zero (rad or m).

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..logs.log import spread
 from .filters import RowFilter
@@ -40,8 +41,8 @@ class JointReport:
     repeats: float = 0.0
 
 
-@dataclass(frozen=True)
-class PreparationReport:
+@dataclass(frozen=True, repr=False)
+class PreparationReport(ShortRepr):
     """What was done to the logs. `config`: the strategy's settings; `cutoff_hz` (None: positions unfiltered) and why;
     `row_cutoff_hz`, `row_rate_hz`, `rate_hz`; `samples` used of `samples_read`; `rows`: regression rows per joint before masking;
     `resampled`: what became of the time stamps; `warnings`: what the user should know."""
@@ -100,8 +101,8 @@ class Block:
         return columns if self.row_filter is None else self.row_filter.apply(columns)
 
 
-@dataclass(frozen=True, eq=False)
-class Signals:
+@dataclass(frozen=True, eq=False, repr=False)
+class Signals(ShortRepr):
     """Prepared runs, concatenated. N samples at full rate, M rows of the regression equation for each of n joints.
 
     `t` (N,) s; `q`, `dq`, `ddq` (N, n) joint side; `torque` (N, n) on the measured side at full rate, not filtered (NaN where

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._utils.files import write_atomic
+from .._utils.short_repr import ShortRepr
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
 from ..logs.log import Log
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Simulation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation(ShortRepr):
     """One simulated run of N samples. The truth, exact but for integration:
 
     `t` (N,) s; `link` and `motor` (N, n): motion of the links (joint side) and of the motors, which differ by more than K only at

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..signals.rows import KeptRows, Rows
 from .autoregression import (
     autocovariance,
@@ -26,8 +27,8 @@ Array = np.ndarray
 _HELD_NUMBERS = 30_000_000
 
 
-@dataclass(frozen=True, eq=False)
-class NoiseModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class NoiseModel(ShortRepr):
     """Autoregressive noise of n measured rows.
 
     `ar` (n, p+1): coefficients a with a_0 = 1, e_t + a_1 e_{t-1} + … = innovation; `innovation` (n, n): covariance of the

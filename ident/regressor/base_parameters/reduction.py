@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..._utils.short_repr import ShortRepr
 from ...robots.parameters import Parameter
 from .expressions import LINK_PREFERENCE, expression
 
@@ -19,8 +20,8 @@ Array = np.ndarray
 _ZERO = 1e-15
 
 
-@dataclass(frozen=True, eq=False)
-class BaseReduction:
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseReduction(ShortRepr):
     """Base parameters p = regroup @ (all k parameters).
 
     `parameters`: all k. `independent` (b,): indices of those that stay, in the model's order. `regroup` (b, k): 1 at the

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..._utils.short_repr import ShortRepr
 from .base_form import BaseForm, body_names, rotor_names
 from .degenerate import near_degenerate
 from .expressions import LINK_PREFERENCE, link_parameter_names
@@ -38,8 +39,8 @@ _PIVOT = 1e-2
 _WHOLE = {size: np.eye(size) for size in range(1, 11)}
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class StructuralSet(BaseForm):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class StructuralSet(BaseForm, ShortRepr):
     """Base parameters found from the structure, in reduced form: each row has a 1 at the parameter that names it, which no other
     row contains (Gautier's regrouping).
 
