@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from .._utils.files import sha256, staged, write_atomic
+from .._utils.plugins import load_modules
 from .._utils.text import WIDTH, wrapped
 from ..errors import ConfigurationError
 from ..estimators import make_estimator
@@ -29,6 +30,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
     parser.add_argument("study", nargs="?", help="study file (TOML); or give the flags below")
     parser.add_argument("--robot", help="built-in robot or example-robot-data robot, by name")
     parser.add_argument("--urdf", help="URDF file of the robot")
+    parser.add_argument("--plugin", nargs="+", metavar="FILE", help="your own effects, estimators, readers: Python files (docs/extend.md)")
     parser.add_argument("--drive", help="TOML file with a [drive] table: ratio or K, measured, effects …")
     if logs:
         parser.add_argument("--log", nargs="+", metavar="FILE", help="logs to fit (CSV, CSV.gz, MAT, Parquet; patterns allowed)")
@@ -67,7 +69,10 @@ def study_from(args: argparse.Namespace) -> Study:
         raise ConfigurationError(
             "no study file and no robot given. Name a study file, or use --robot NAME or --urdf FILE (and --log FILE)."
         )
+    plugins = tuple(getattr(args, "plugin", None) or ())
+    load_modules(plugins, Path.cwd(), "--plugin")
     study = read_study(Path(args.study)) if args.study else Study()
+    study = replace(study, plugins=(*study.plugins, *plugins))
     study = study.with_flags(
         robot=args.robot,
         urdf=args.urdf,

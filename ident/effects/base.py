@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
+from .._utils.plugins import load_installed
 from ..errors import ConfigurationError, unknown_name
 from ..robots.parameters import Parameter, ShapeParameter
 from ..robots.transmission import Side
@@ -317,6 +318,7 @@ def _load_all() -> None:
 def effect_types() -> dict[str, type[Effect]]:
     """Every registered effect by name, the built-in ones and the user's."""
     _load_all()
+    load_installed()
     return dict(sorted(_REGISTRY.items()))
 
 

@@ -1,13 +1,15 @@
 """Estimators: strategies behind one interface and one result."""
 
+from ..problem.linear_solution import LinearSolution, solve_triangle
 from .base import Capability, Estimator, estimator_types, make_estimator, register
 from .bounded import BoundedLeastSquares
 from .drifting import DriftingParameters
 from .experiment import Desired, Experiment, assumed_experiment, desired_from_logs
+from .finish import finish
 from .generalised import GeneralisedLeastSquares
 from .instrumental import InstrumentalVariable
 from .instruments import Instruments
-from .least_squares import LeastSquares, WeightedLeastSquares
+from .least_squares import LeastSquares, WeightedLeastSquares, weighted_solution
 from .output_error import OutputError
 from .physical import PhysicalLeastSquares
 from .prior import PriorLeastSquares
@@ -27,6 +29,7 @@ __all__ = [
     "InstrumentalVariable",
     "Instruments",
     "LeastSquares",
+    "LinearSolution",
     "OutputError",
     "PhysicalLeastSquares",
     "PriorLeastSquares",
@@ -39,6 +42,9 @@ __all__ = [
     "assumed_experiment",
     "desired_from_logs",
     "estimator_types",
+    "finish",
     "make_estimator",
     "register",
+    "solve_triangle",
+    "weighted_solution",
 ]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
+from .._utils.plugins import load_installed
 from ..effects.base import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .own_prediction import standing
@@ -164,6 +165,7 @@ def estimator_types() -> dict[str, type[Estimator]]:
     package = importlib.import_module("ident.estimators")
     for module in pkgutil.iter_modules(package.__path__):
         importlib.import_module(f"ident.estimators.{module.name}")
+    load_installed()
     return dict(sorted(_REGISTRY.items()))
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._utils.files import write_atomic
+from .._utils.plugins import load_modules
 from .._utils.toml import Unfit, anything, check_options, check_table, load_toml, table_of, text, texts, to_toml
 from ..effects.declared import declared_effects, effect_entry
 from ..errors import ConfigurationError, DataError
@@ -53,8 +54,8 @@ class Strategy:
 class Study:
     """What is identified, from what, and how. Read it with `read_study`, or make it with `Study.from_flags`.
 
-    `path`: the file it came from. `description`: the robot, its drive and its loops. `columns`: canonical log column →
-    column of the file."""
+    `path`: the file it came from. `plugins`: modules of the user's own, loaded with the study. `description`: the robot, its drive
+    and its loops. `columns`: canonical log column → column of the file."""
 
     path: Path | None = None
     description: Description = field(default_factory=Description)
@@ -62,6 +63,7 @@ class Study:
     signals: Strategy = field(default_factory=Strategy)
     estimator: Strategy = field(default_factory=Strategy)
     columns: Mapping[str, str] = field(default_factory=dict)
+    plugins: tuple[str, ...] = ()
 
     @classmethod
     def from_flags(
@@ -175,6 +177,7 @@ class Study:
         """The study as TOML text. Paths are written relative to `folder` (default: as they are held)."""
         robot, drive = self.description.robot, self.description.drive
         tables: dict[str, dict[str, Any]] = {
+            "plugins": {"modules": list(self.plugins) or None},
             "robot": {f.name: getattr(robot, f.name) or None for f in fields(robot)},
             "drive": {f.name: getattr(drive, f.name) for f in fields(drive)},
             "loop": dict(self.description.loop),
@@ -199,8 +202,10 @@ def read_study(path: str | Path) -> Study:
     Raises ConfigurationError: no such file, not TOML, unknown tables or keys (with the nearest), wrong types."""
     path = Path(path)
     where = f"study {path}"
-    schema = dict.fromkeys(("robot", "drive", "loop", "logs", "signals", "estimator", "columns"), anything)
+    schema = dict.fromkeys(("plugins", "robot", "drive", "loop", "logs", "signals", "estimator", "columns"), anything)
     data = check_table(load_toml(path, "study"), schema, "", where)
+    plugins = check_table(data.get("plugins", {}), {"modules": texts}, "plugins", where).get("modules", ())
+    load_modules(plugins, path.parent, f"{where}: [plugins]")
     logs = check_table(data.get("logs", {}), {"fit": texts, "validate": texts, "missing": text}, "logs", where)
     missing = logs.pop("missing", None)
     strategies = {table: _strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
@@ -219,6 +224,7 @@ def read_study(path: str | Path) -> Study:
         strategies["signals"],
         strategies["estimator"],
         columns,
+        tuple(plugins),
     )
 
 

@@ -40,7 +40,7 @@ _WHOLE = {size: np.eye(size) for size in range(1, 11)}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class StructuralSet(BaseForm, ShortRepr):
+class StructuralSet(ShortRepr, BaseForm):
     """Base parameters found from the structure, in reduced form: each row has a 1 at the parameter that names it, which no other
     row contains (Gautier's regrouping).
 

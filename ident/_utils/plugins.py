@@ -1,0 +1,104 @@
+"""Code of the user's own: effects, estimators and log readers that register themselves when their module is imported.
+
+An installed package names its modules under the entry point `ident.plugins`; a study file under `[plugins] modules`."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import importlib.util
+import sys
+import traceback
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+from ..errors import ConfigurationError, IdentError
+
+GROUP = "ident.plugins"
+
+
+@cache
+def load_installed() -> tuple[str, ...]:
+    """Import the modules of installed packages, once a process.
+
+    Returns
+    -------
+    tuple of str
+        Names of the entry points.
+
+    Raises
+    ------
+    ConfigurationError
+        A module that cannot be imported.
+    """
+    found = []
+    for point in importlib.metadata.entry_points(group=GROUP):
+        try:
+            point.load()
+        except IdentError:
+            raise
+        except Exception as error:
+            raise ConfigurationError(_failed(f"plugin {point.name!r} ({point.value})", error)) from error
+        found.append(point.name)
+    return tuple(found)
+
+
+def load_modules(names: Iterable[str], folder: Path, where: str) -> None:
+    """Import modules by name or by file.
+
+    Parameters
+    ----------
+    names : iterable of str
+        A file (`laws.py`, relative to `folder`), or the name of a module that is installed or stands in `folder`.
+    folder : Path
+        Where files are looked for first.
+    where : str
+        Who asks; goes into the message of an error.
+
+    Raises
+    ------
+    ConfigurationError
+        A module that does not exist, or whose import fails, with the line that failed.
+    """
+    for name in names:
+        file = folder / (name if name.endswith(".py") else f"{name.replace('.', '/')}.py")
+        try:
+            if file.is_file():
+                _import_file(file)
+            elif name.endswith(".py"):
+                raise ConfigurationError(f"{where}: there is no file {file}.")
+            else:
+                importlib.import_module(name)
+        except IdentError:
+            raise
+        except ModuleNotFoundError as error:
+            if error.name != name.split(".")[0]:
+                raise ConfigurationError(_failed(f"{where}: module {name!r}", error)) from error
+            raise ConfigurationError(f"{where}: there is no module {name!r}, neither in {folder} nor installed.") from None
+        except Exception as error:
+            raise ConfigurationError(_failed(f"{where}: module {name!r}", error)) from error
+
+
+def _import_file(file: Path) -> None:
+    """Import a file as a module of its own; once, however often it is named."""
+    file = file.resolve()
+    if any(getattr(module, "__file__", None) == str(file) for module in list(sys.modules.values())):
+        return
+    name = f"ident_plugin_{file.stem}_{abs(hash(file)):x}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise ConfigurationError(f"{file} cannot be imported as a module.")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+
+
+def _failed(what: str, error: Exception) -> str:
+    """What failed on import, and in which line of whose file."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{what} cannot be imported: {type(error).__name__}: {error} ({last.filename}, line {last.lineno})."
