@@ -7,25 +7,62 @@ from collections.abc import Iterable
 
 
 class IdentError(Exception):
-    """Base of every error that `ident` raises on purpose."""
+    """Base of every error that `ident` raises on purpose.
+
+    Examples
+    --------
+    >>> import ident
+    >>> issubclass(ident.DataError, ident.IdentError)
+    True
+    """
 
     exit_code = 2
 
 
 class ConfigurationError(IdentError, ValueError):
-    """The request is wrong: a bad argument, study file, robot description or unknown name (exit code 2)."""
+    """The request is wrong: a bad argument, study file, robot description or unknown name (exit code 2).
+
+    Examples
+    --------
+    >>> import ident
+    >>> try:
+    ...     ident.load_robot("puma")
+    ... except ident.ConfigurationError as error:
+    ...     error.exit_code
+    2
+    """
 
     exit_code = 2
 
 
 class DataError(IdentError, ValueError):
-    """The data cannot be used for what was asked (exit code 3)."""
+    """The data cannot be used for what was asked (exit code 3).
+
+    Examples
+    --------
+    >>> import ident
+    >>> try:
+    ...     ident.read_logs("nosuch.csv")
+    ... except ident.DataError as error:
+    ...     error.exit_code
+    3
+    """
 
     exit_code = 3
 
 
 class UnsupportedError(ConfigurationError):
-    """A method was asked for what it cannot do; the text names one that can."""
+    """A method was asked for what it cannot do; the text names one that can.
+
+    Examples
+    --------
+    >>> import ident
+    >>> try:
+    ...     ident.make_estimator("ls").start(ident.load_robot("scara").rigid_body())
+    ... except ident.UnsupportedError as error:
+    ...     error.exit_code
+    2
+    """
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigurationError:

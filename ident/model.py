@@ -31,7 +31,15 @@ Array = np.ndarray
 class Model(ShortRepr):
     """`torque = Σ effects columns @ values`, with k linear parameters in the order of the effects.
 
-    Compose with `+`: `robot.rigid_body() + Viscous() + Coulomb()`."""
+    Compose with `+`: `robot.rigid_body() + Viscous() + Coulomb()`.
+
+    Examples
+    --------
+    >>> import ident
+    >>> model = ident.load_robot("scara").rigid_body() + ident.friction.Viscous() + ident.friction.Coulomb()
+    >>> [effect.name for effect in model.effects]
+    ['rigid_body', 'viscous', 'coulomb']
+    """
 
     robot: Robot
     effects: tuple[Effect, ...]

@@ -111,9 +111,27 @@ def _line(f: Finding) -> str:
 
 
 def audit(logs: LogSet, robot: Robot | None = None) -> Audit:
-    """Audit logs, run by run; the same finding in several runs is told once, for the run where it is worst.
+    """Audit logs: what in them would harm an estimate, what it means, and what to do about it.
 
-    With a robot, units are checked against joint limits and torque against motion; without, what the columns tell."""
+    Parameters
+    ----------
+    logs : LogSet
+        Runs as recorded. The same finding in several runs is told once, for the run where it is worst.
+    robot : Robot, optional
+        With it, units are checked against joint limits and torque against motion; without, what the columns tell.
+
+    Returns
+    -------
+    Audit
+        Findings, errors first; `ok` where none is an error. It prints as a table.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> ident.audit(train, ident.load_robot("puma560")).ok
+    True
+    """
     from .columns import check_columns
     from .motion import check_motion
     from .time import check_time

@@ -57,7 +57,16 @@ class Diagnosis:
     `before`: the declared model fitted to the analysis signals; `after`: the same with the findings; `signals`, `held`: those
     signals. `trail`: the steps of the selection; `selection`: everything that was looked at.
     `held` is None too where both parts were searched together; `beyond`: joints on which the error on data held out is larger than on
-    those fitted."""
+    those fitted.
+
+    See `ident.diagnose`.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.Diagnosis.__name__
+    'Diagnosis'
+    """
 
     verdict: str
     findings: tuple[Finding, ...]
@@ -157,7 +166,17 @@ def diagnose(
     no fit saw, looked at once, at the end. `estimator`: for the refits (the one that made the estimate, with its
     usual settings). Where the logs are at hand and the cut-off was chosen from the data, both are prepared anew with the band
     that a diagnosis needs. `progress`: called with the share done; `note`: with lines of text.
-    Raises ConfigurationError without signals, DataError where they are too few."""
+    Raises ConfigurationError without signals, DataError where they are too few.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> estimate = ident.fit(train, "puma560", held=0)
+    >>> diagnosis = ident.diagnose(estimate, ident.ZeroPhase()(test, ident.load_robot("puma560")))  # doctest: +SKIP
+    >>> print(diagnosis.verdict)  # doctest: +SKIP
+    clean
+    """
     signals = fit if fit is not None else before.problem.signals if before.problem is not None else None
     if signals is None:
         raise ConfigurationError(

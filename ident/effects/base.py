@@ -88,7 +88,14 @@ class Effect(ABC):
 
     `joints`: names of the joints (or motors) it sits on, None for all. `side`: the side on which its torque acts.
     `label`: goes into the names of its parameters, so that two effects of one kind can sit on the same joint.
-    Shape (nonlinear) parameters are further fields, declared by `shape`."""
+    Shape (nonlinear) parameters are further fields, declared by `shape`.
+
+    Examples
+    --------
+    >>> import ident
+    >>> isinstance(ident.friction.Coulomb(joints=["joint1"]), ident.Effect)
+    True
+    """
 
     name: ClassVar[str]
     title: ClassVar[str]
@@ -323,12 +330,47 @@ def effect_types() -> dict[str, type[Effect]]:
 
 
 def effect_names() -> tuple[str, ...]:
-    """Names of all registered effects."""
+    """Names of all registered effects, the built-in ones and those of plugins.
+
+    Returns
+    -------
+    tuple of str
+        In alphabetical order.
+
+    Examples
+    --------
+    >>> import ident
+    >>> "stribeck" in ident.effect_names()
+    True
+    """
     return tuple(effect_types())
 
 
 def make_effect(name: str, **configuration: Any) -> Effect:
-    """An effect by its name, as study files give it. Unknown names and keys raise ConfigurationError with the nearest."""
+    """An effect by its name, as study files give it.
+
+    Parameters
+    ----------
+    name : str
+        See `effect_names`.
+    **configuration
+        Fields of the effect: joints, side, shape parameters.
+
+    Returns
+    -------
+    Effect
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown name or key, with the nearest known ones.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.make_effect("stribeck", joints=["joint3"], v_s=0.2).v_s
+    0.2
+    """
     types = effect_types()
     if name not in types:
         raise unknown_name("effect", name, types)

@@ -92,7 +92,17 @@ class Motion:
     measured torque). `torque` (N, n), if known: the measured torque on the measured side. `rate`: samples per second
     where the samples are one uniform run, else 0. `reference`, if known: the model's prediction, for effects that correct
     it. `start`: time of the first sample of the run. `transmission`: what is between the sides. `cutoff_hz`: up to which
-    frequency the preparation of the signals let the motion through (inf: it is as it was)."""
+    frequency the preparation of the signals let the motion through (inf: it is as it was).
+
+    Examples
+    --------
+    >>> import ident
+    >>> import numpy as np
+    >>> robot = ident.load_robot("scara")
+    >>> motion = ident.Motion.of(robot, *np.zeros((3, 10, 4)))
+    >>> robot.rigid_body().columns(motion).shape
+    (10, 4, 40)
+    """
 
     t: Array
     joint: Coordinates

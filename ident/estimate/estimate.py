@@ -21,8 +21,8 @@ class Estimate(EstimateRecord):
     Examples
     --------
     >>> import ident
-    >>> robot = ident.load_robot("pendulum")
-    >>> estimate = ident.fit(ident.demo_logs("pendulum"), robot)
+    >>> train, test = ident.demo_logs()
+    >>> estimate = ident.fit(train, "puma560", held=test)
     >>> estimate.status.code.value
     'ok'
     """

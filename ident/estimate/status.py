@@ -7,7 +7,14 @@ from enum import StrEnum
 
 
 class StatusCode(StrEnum):
-    """Outcome of an estimation, from good to bad."""
+    """Outcome of an estimation, from good to bad.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.StatusCode("ok") is ident.StatusCode.OK
+    True
+    """
 
     OK = "ok"
     POOR_FIT = "poor_fit"
@@ -52,7 +59,14 @@ _ADVICE = {
 
 @dataclass(frozen=True)
 class Status:
-    """A code and its text. `details` are sentences that name what it is about."""
+    """A code and its text. `details` are sentences that name what it is about.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.Status(ident.StatusCode.OK).code.value
+    'ok'
+    """
 
     code: StatusCode
     details: tuple[str, ...] = ()

@@ -177,8 +177,30 @@ def _able(capability: Capability) -> str:
 def make_estimator(name: str, **configuration: Any) -> Estimator:
     """An estimator by its name, as study files and the command line give it.
 
-    Raises ConfigurationError for an unknown method or key, with the nearest known ones; UnsupportedError where the key
-    belongs to other methods, which it names."""
+    Parameters
+    ----------
+    name : str
+        For example "wls", "irls", "iv", "physical"; `ident fit --help` lists them.
+    **configuration
+        Settings of the method.
+
+    Returns
+    -------
+    Estimator
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown method or key, with the nearest known ones.
+    UnsupportedError
+        A key that belongs to other methods, which it names.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.make_estimator("rls", forgetting=0.999).forgetting
+    0.999
+    """
     types = estimator_types()
     if name not in types:
         raise unknown_name("method", name, types)

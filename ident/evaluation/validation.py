@@ -30,7 +30,19 @@ class Validation(ShortRepr):
     `error`: torque error over all runs; `by_run`: the same run by run; `nominal`: the error with the URDF's own inertials and
     only the drive parameters fitted (None where the URDF has none); `replay`: forward simulation against the measured
     trajectory, if it was asked for and can be made; `noise_share` (n,): rms error over the rms that the fit left, per joint (1 = as
-    good); `notes`: what was left out, and why."""
+    good); `notes`: what was left out, and why.
+
+    See `ident.validate`.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> robot = ident.load_robot("puma560")
+    >>> validation = ident.validate(ident.fit(train, robot, held=0), ident.ZeroPhase()(test, robot))
+    >>> list(validation.by_run)
+    ['validate']
+    """
 
     estimate: Estimate
     error: TorqueError
@@ -66,10 +78,32 @@ class Validation(ShortRepr):
 
 
 def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) -> Validation:
-    """Predict the torque of held-out signals, and with `simulate` replay them by forward simulation.
+    """Predict the torque of data held out, and with `simulate` replay them by forward simulation.
 
-    Replay starts windows at the measured state and drives the model with the measured torque; where that cannot be done (a joint without
-    torque), a note says so."""
+    Parameters
+    ----------
+    estimate : Estimate
+        What predicts.
+    signals : Signals
+        Data that the fit did not see.
+    simulate : bool
+        Simulate windows from the measured state under the measured torque. Where that cannot be done (a joint without torque), a note
+        says so.
+
+    Returns
+    -------
+    Validation
+        Torque error for each joint and run, beside that of the URDF's own inertials; error of the replayed motion.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> robot = ident.load_robot("puma560")
+    >>> validation = ident.validate(ident.fit(train, robot, held=0), ident.ZeroPhase()(test, robot))
+    >>> bool(validation.error.relative_all < 0.01)
+    True
+    """
     residual = estimate.residual(signals)
     by_run = {
         name: TorqueError.of(residual[rows], signals.tau[rows]) for name, rows in _named_runs(signals.run_names, signals.row_runs).items()

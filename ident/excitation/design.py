@@ -65,7 +65,16 @@ def excite(
     and for effects that need the model's prediction; by default the nominal ones, if there are any. `noise`: std of the torque,
     one number or (n,), measured side; by default one hundredth of the rms torque of random motion. `starts`: independent
     searches, of which the best is taken; `iterations` of each per level of the limits' barrier. Collisions are not looked at:
-    check the trajectory before it is run. Raises ConfigurationError for limits within which the robot cannot move."""
+    check the trajectory before it is run. Raises ConfigurationError for limits within which the robot cannot move.
+
+    Examples
+    --------
+    >>> import ident
+    >>> robot = ident.load_robot("scara")
+    >>> found = ident.excite(robot.rigid_body(), starts=1, iterations=2)
+    >>> sorted(found.shares) != []
+    True
+    """
     search, noise_std = _prepared(model, limits, values, noise, family, measure)
     rng = np.random.default_rng(seed)
     found: list[TrajectoryCandidate] = []

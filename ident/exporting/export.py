@@ -189,10 +189,44 @@ def export(
     allow_inconsistent: bool = False,
     force: bool = False,
 ) -> Exported:
-    """Write an identified robot to `target`; the format follows from the suffix (.urdf, .xml or .mjcf, .json) unless given.
+    """Write an identified robot as a file for other programs.
 
-    `urdf`: the file to be patched (by default the one the robot was loaded from). `attached`: inertials of links attached through fixed
-    joints. Written completely or not at all; an existing file only with `force`. Raises ConfigurationError."""
+    Parameters
+    ----------
+    source : Estimate or Identified
+        What was identified.
+    target : str or Path
+        Written completely or not at all.
+    kind : str, optional
+        Format; by default it follows from the suffix (.urdf, .xml or .mjcf, .json).
+    urdf : str or Path, optional
+        The file to be patched; by default the one that the robot was loaded from.
+    attached : Attached or str
+        What becomes of the inertials of links attached through fixed joints.
+    allow_inconsistent : bool
+        Write parameters that no bodies can have.
+    force : bool
+        Write over an existing file.
+
+    Returns
+    -------
+    Exported
+        The path, and what was written for each body.
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown format, an existing file, or parameters that no bodies can have.
+
+    Examples
+    --------
+    >>> import ident, tempfile, pathlib
+    >>> train, test = ident.demo_logs()
+    >>> estimate = ident.fit(train, "puma560", held=0)
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> ident.export(estimate, folder / "identified.json").format
+    'json'
+    """
     target = Path(target)
     kind = kind or {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf", ".json": "json"}.get(target.suffix.lower())
     if kind not in FORMATS:

@@ -37,7 +37,16 @@ class Log(ShortRepr):
     `dq`, `ddq`, `dq_motor` (N, n): measured ones, else None. `tau`: by "joint", "motor" (torque) or "current" → (N, n); a joint
     without torque has a column of NaN. `source`, `sha256`: the file. `extra`: other numeric columns (N,).
     `notes`: what was repaired or left out when reading. `origin`: time at which the recording began, where this is a part of it.
-    `hint`: where there is no torque, which columns of the file look like it."""
+    `hint`: where there is no torque, which columns of the file look like it.
+
+    Examples
+    --------
+    >>> import ident
+    >>> import numpy as np
+    >>> log = ident.Log("run", t=np.arange(5) * 0.01, q=np.zeros((5, 2)), tau={"joint": np.zeros((5, 2))})
+    >>> log.n, len(log)
+    (2, 5)
+    """
 
     name: str
     t: Array
@@ -123,7 +132,16 @@ class Log(ShortRepr):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LogSet(ShortRepr):
-    """Runs of one robot. `robot` is the one they were read for, if it was given."""
+    """Runs of one robot. `robot` is the one they were read for, if it was given.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> first, last = train.split(by="fraction", held=0.25)
+    >>> len(first), len(last)
+    (1, 1)
+    """
 
     logs: tuple[Log, ...]
     robot: Robot | None = None
@@ -251,7 +269,16 @@ def read_logs(
     `paths`: a file, a pattern (`runs/*.csv`), or several. `robot`: checks the joint count, matches columns by joint name, and
     allows motor-side positions to be carried to the joints. `columns`: the study file's [columns] table (`resolve_columns` takes more).
     `missing`: "refuse" blocks of missing positions, or leave them out as a "gap". `extra`: read columns that are nothing of ours, too.
-    Raises DataError (file, column, row) and ConfigurationError (mapping)."""
+    Raises DataError (file, column, row) and ConfigurationError (mapping).
+
+    Examples
+    --------
+    >>> import ident
+    >>> from ident.robots import robot_folder
+    >>> logs = ident.read_logs(robot_folder("puma560") / "demo/train.csv.gz", ident.load_robot("puma560"))
+    >>> logs.n
+    6
+    """
     if missing not in ("refuse", "gap"):
         raise unknown_name("treatment of missing positions", missing, ("refuse", "gap"))
     joints = None if robot is None else JointNames.of(robot)

@@ -47,11 +47,41 @@ _CROWDED = 0.4
 def monitor(
     estimate: Estimate, signals: Signals, *, reference: Signals | None = None, progress: Callable[[float], None] | None = None
 ) -> Monitoring:
-    """Compare new logs with a saved fit.
+    """Compare new logs with a saved fit, and say what has changed.
 
-    `signals`: the new logs, prepared like those of the fit (`ident.study.session.like(estimate.signals_config)`). `reference`: the
-    logs of the fit itself, prepared likewise; with them an effect that the model never had is told from one that is new.
-    `progress`: called with the share done. Raises ConfigurationError where the robots differ, DataError where rows are too few."""
+    Parameters
+    ----------
+    estimate : Estimate
+        The fit.
+    signals : Signals
+        The new logs, prepared like those of the fit (`ident.study.session.like(estimate.signals_config)`).
+    reference : Signals, optional
+        The logs of the fit itself, prepared likewise; with them an effect that the model never had is distinguished from a new one.
+    progress : callable, optional
+        Called with the share done.
+
+    Returns
+    -------
+    Monitoring
+        Parameters that changed, with significance, and what the model does not explain.
+
+    Raises
+    ------
+    ConfigurationError
+        Another robot.
+    DataError
+        Too few rows.
+
+    Examples
+    --------
+    >>> import ident
+    >>> from ident.study.session import like
+    >>> train, test = ident.demo_logs()
+    >>> estimate = ident.fit(train, "puma560", held=0)
+    >>> found = ident.monitor(estimate, like(estimate.signals_config)(test, ident.load_robot("puma560")))
+    >>> found.changes
+    ()
+    """
     if signals.robot.joint_names != estimate.model.robot.joint_names:
         raise ConfigurationError(
             f"the logs are of a robot with the joints {', '.join(signals.robot.joint_names)}; the fit has"

@@ -46,7 +46,16 @@ def repair_estimate(
 ) -> Repair:
     """Repair an estimate; see `repair`. `held`: prepared signals that no fit saw, on which the error before and after is reported too.
 
-    Raises ConfigurationError where method "fit" is asked of an estimate without an information block."""
+    Raises ConfigurationError where method "fit" is asked of an estimate without an information block.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> estimate = ident.fit(train, "puma560", held=0)
+    >>> bool(ident.repair(estimate).distance < 5)
+    True
+    """
     subject = subject_of(estimate)
     triangle = triangle_of(estimate)
     near, notes = reference_prior(estimate.model.robot, subject.structure)
@@ -127,10 +136,33 @@ def _widened(subject: Subject) -> Array:
 
 
 def payload_of(without: Estimate, with_load: Estimate, *, link: str | None = None) -> PayloadEstimate:
-    """The load on `link` (the last one by default) from two estimates of the same model: before, and with the load.
+    """The load that a link carries, from two estimates of the same model: without it, and with it.
 
-    Each enters as its values with their covariance, which knows the colour of the noise; what its log did not show is left open.
-    Raises ConfigurationError where the models differ."""
+    Parameters
+    ----------
+    without, with_load : Estimate
+        Each enters as its values with their covariance; what its log did not show is left open.
+    link : str, optional
+        Who carries the load; by default the last link.
+
+    Returns
+    -------
+    PayloadEstimate
+        Mass, first moments and inertia of a real body, with covariance.
+
+    Raises
+    ------
+    ConfigurationError
+        Estimates of different models.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> first, second = (ident.fit(logs, "puma560", held=0) for logs in (train, test))
+    >>> ident.payload(first, second).significant
+    False
+    """
     here, there = without.model, with_load.model
     if here.names != there.names or not np.array_equal(here.robot.transmission.K, there.robot.transmission.K):
         raise ConfigurationError("the two fits are of different models; fit the log with the load with the same robot and effects.")

@@ -93,7 +93,36 @@ def subject_of(estimate: Estimate) -> Subject:
 
 
 def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: float = 60.0) -> Judgement:
-    """Judge an estimate (or a `Subject`): is it possible, is it physically consistent?"""
+    """Judge whether an estimate is physically possible (its inertia matrix positive definite everywhere) and consistent (bodies with
+    positive mass density have it).
+
+    Parameters
+    ----------
+    subject : Estimate or Subject
+        What is judged.
+    limits : bool
+        Look within the joint limits only.
+    time_limit : float
+        Seconds for the search of the worst configuration.
+
+    Returns
+    -------
+    Judgement
+        Both verdicts, the worst configuration, and the distance to the feasibility boundary in standard deviations.
+
+    References
+    ----------
+    K. Yoshida and W. Khalil, "Verification of the positive definiteness of the inertial matrix of manipulators using base inertial
+    parameters", Int. J. Robotics Research 19(5), 2000. P. M. Wensing et al., "Linear matrix inequalities for physically consistent
+    inertial parameter identification", IEEE Robotics and Automation Letters 3(1), 2018.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> ident.judge(ident.fit(train, "puma560", held=0)).possible.possible
+    True
+    """
     if not isinstance(subject, Subject):
         subject = subject_of(subject)
     possible = judge_possible(subject.structure, subject.values, covariance=subject.covariance, limits=limits, time_limit=time_limit)

@@ -54,11 +54,44 @@ def make_plan(
     separation: Separation | str = Separation.COUPLED,
     seed: int = 0,
 ) -> Plan:
-    """The step-by-step plan of a model, or of a robot with rotor inertia, viscous and Coulomb friction on every joint.
+    """The step-by-step plan of a model: tests of one or two joints at a time, from the tip to the base.
 
-    Static tests, constant velocity, and motion of one or two joints with the others frozen at `postures` postures or more; as
-    many as it takes to determine every base parameter, decided by ranks within `limits` (by default nine tenths of what the
-    robot's description allows). Collisions are not looked at. Raises UnsupportedError for effects that a plan cannot hold."""
+    Static tests, constant velocity, and motion of one or two joints with the others frozen; as many as it takes to determine every base
+    parameter, decided by ranks within the limits. Collisions are not looked at.
+
+    Parameters
+    ----------
+    model : Model or Robot
+        A robot stands for its links with rotor inertia, viscous and Coulomb friction on every joint.
+    limits : Limits, optional
+        By default nine tenths of what the robot's description allows.
+    postures : int
+        Least number of postures at which the other joints are frozen.
+    separation : Separation or str
+        Whether friction of coupled joints is determined together or joint by joint.
+    seed : int
+        Of the choice of postures.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    UnsupportedError
+        Effects that a plan cannot hold.
+
+    References
+    ----------
+    K. Yoshida, "Studies on Dynamics of Robot Manipulators", 1995, ch. 3.
+
+    Examples
+    --------
+    >>> import ident
+    >>> plan = ident.plan(ident.load_robot("scara"))
+    >>> plan.rank == len(plan.base)
+    True
+    """
     if isinstance(model, Robot):
         model = default_model(model)
     robot = model.robot

@@ -133,10 +133,39 @@ class BaseReport(ShortRepr):
 
 
 def base_report(robot: Robot, rotor_inertia: bool | Sequence[str] = False, principal: PrincipalParameters | None = None) -> BaseReport:
-    """Base parameters of a robot with the check of their space and the reasons for what is hidden.
+    """Base parameters of a robot in readable expressions, and the reason for each parameter that no motion shows alone.
 
-    `rotor_inertia`: True, or joints whose motors' reflected inertias count as parameters too. `principal`: principal directions of
-    a trajectory, to be printed with them. Raises ConfigurationError for an unknown joint."""
+    Parameters
+    ----------
+    robot : Robot
+        Links with or without inertial values; only the kinematics count.
+    rotor_inertia : bool or sequence of str
+        True, or names of joints whose motors' reflected inertias count as parameters too.
+    principal : PrincipalParameters, optional
+        Principal directions of a trajectory, to be printed with them.
+
+    Returns
+    -------
+    BaseReport
+        Base parameters, and the agreement of closed form, structure and samples on the space they span.
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown joint.
+
+    References
+    ----------
+    M. Gautier and W. Khalil, "Direct calculation of minimum set of inertial parameters of serial robots", IEEE Trans. Robotics and
+    Automation 6(3), 1990. H. Mayeda, K. Yoshida and K. Osuka, "Base parameters of manipulator dynamic models", ibid.
+
+    Examples
+    --------
+    >>> import ident
+    >>> report = ident.base(ident.load_robot("puma560"))
+    >>> report.count
+    36
+    """
     base = base_set(robot, rotor_inertia)
     check = agreement(robot, bool(rotor_inertia)) if not isinstance(rotor_inertia, Sequence) else agreement(robot)
     hidden = tuple(_unidentifiable(base))

@@ -161,7 +161,17 @@ class IntegratedProblem(Problem):
 
 @dataclass(frozen=True, eq=False)
 class MomentumProblem(IntegratedProblem):
-    """The momentum form: rows are mean torques over windows, one a joint."""
+    """The momentum form: rows are mean torques over windows, one a joint.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> robot = ident.load_robot("puma560")
+    >>> signals = ident.ZeroPhase()(train, robot)
+    >>> ident.MomentumProblem(robot.rigid_body(), signals).valid.shape[1]
+    6
+    """
 
     @cached_property
     def tau(self) -> Array:
@@ -180,7 +190,17 @@ class MomentumProblem(IntegratedProblem):
 
 @dataclass(frozen=True, eq=False)
 class EnergyProblem(IntegratedProblem):
-    """The energy form (Gautier & Khalil 1988): rows are mean powers over windows, one for the whole robot."""
+    """The energy form (Gautier & Khalil 1988): rows are mean powers over windows, one for the whole robot.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> robot = ident.load_robot("puma560")
+    >>> signals = ident.ZeroPhase()(train, robot)
+    >>> ident.EnergyProblem(robot.rigid_body(), signals).valid.shape[1]
+    1
+    """
 
     @cached_property
     def tau(self) -> Array:

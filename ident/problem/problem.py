@@ -42,7 +42,17 @@ class Problem(ShortRepr):
     """τ = Φ p on the measured side: `model` on `signals`.
 
     `reference` (k,): values of all parameters from which the predicted load is taken, where an effect needs it.
-    `progress`: called with the share done (0 … 1) during a pass over the samples. Raises DataError if nothing can be used."""
+    `progress`: called with the share done (0 … 1) during a pass over the samples. Raises DataError if nothing can be used.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> robot = ident.load_robot("puma560")
+    >>> problem = ident.Problem(robot.rigid_body(), ident.ZeroPhase()(train, robot))
+    >>> problem.base.count, problem.check().rank
+    (36, 36)
+    """
 
     model: Model
     signals: Signals

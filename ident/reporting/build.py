@@ -22,10 +22,37 @@ __all__ = ["Report", "read_report", "report"]
 def report(
     result: Diagnosis | Estimate | Monitoring | Report, path: str | Path, *, figures: str | Path | None = None, force: bool = False
 ) -> Path:
-    """Write a report as HTML. `result`: a diagnosis, an estimate, what monitoring found, or a report made before.
+    """Write a report as one HTML file.
 
-    `figures`: a folder for its figures as SVG files. Returns the path. Raises ConfigurationError without matplotlib (the `report`
-    extra), or if a file exists and `force` is false."""
+    Parameters
+    ----------
+    result : Diagnosis, Estimate, Monitoring or Report
+        What is reported.
+    path : str or Path
+        The file.
+    figures : str or Path, optional
+        A folder for its figures as SVG files.
+    force : bool
+        Write over an existing file.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ConfigurationError
+        No matplotlib (the `report` extra), or an existing file.
+
+    Examples
+    --------
+    >>> import ident, tempfile, pathlib
+    >>> train, test = ident.demo_logs()
+    >>> estimate = ident.fit(train, "puma560", held=test)
+    >>> ident.report(estimate, pathlib.Path(tempfile.mkdtemp()) / "fit.html").name
+    'fit.html'
+    """
     require_matplotlib()
     path = Path(path)
     if path.exists() and not force:

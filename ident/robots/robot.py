@@ -69,7 +69,15 @@ class Robot(ShortRepr):
     coordinate a joint, armature zero and gravity set. `nominal` (10 n_tree,): inertial parameters of the URDF in
     Pinocchio's order, or None where the URDF gives none. `source`: what is needed to load it again (JSON-able).
     `faults`: links that move whose inertial is that of no body, and why ("link 'upper': its mass is -4 kg").
-    `whole`: the independent joints in order before any was locked."""
+    `whole`: the independent joints in order before any was locked.
+
+    Examples
+    --------
+    >>> import ident
+    >>> robot = ident.load_robot("scara")
+    >>> robot.n, robot.joint_names[0]
+    (4, 'joint1')
+    """
 
     name: str
     model: pin.Model = field(repr=False)

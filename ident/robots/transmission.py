@@ -16,7 +16,14 @@ Array = np.ndarray
 
 
 class Side(StrEnum):
-    """The side of the transmission on which a quantity is given."""
+    """The side of the transmission on which a quantity is given.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.Side("motor") is ident.Side.MOTOR
+    True
+    """
 
     JOINT = "joint"
     MOTOR = "motor"
@@ -31,7 +38,16 @@ class Transmission(ShortRepr):
     """An invertible linear transmission between n joints and n motors.
 
     `K` (n, n): joint velocity = K @ motor velocity. `zero` (n,): joint positions at motor zero (rad or m).
-    `measured`: the side of the logged torque. `torque_constants` (n,) in N m/A turn currents into motor torque."""
+    `measured`: the side of the logged torque. `torque_constants` (n,) in N m/A turn currents into motor torque.
+
+    Examples
+    --------
+    >>> import ident
+    >>> import numpy as np
+    >>> drive = ident.Transmission.from_ratio(np.array([100.0, -50.0]), ident.Side.MOTOR)
+    >>> drive.joint_position(np.array([[1.0, 1.0]]))
+    array([[ 0.01, -0.02]])
+    """
 
     K: Array
     zero: Array

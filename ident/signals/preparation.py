@@ -149,7 +149,16 @@ class Preparation(ABC):
 class ZeroPhase(Preparation):
     """Butterworth low-pass of `order` on positions, run both ways, then central differences of order `accuracy`.
 
-    Without decimation the torque gets the same low-pass as the positions, so that both sides lose the same frequencies."""
+    Without decimation the torque gets the same low-pass as the positions, so that both sides lose the same frequencies.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> signals = ident.ZeroPhase(cutoff_hz=8.0)(train, ident.load_robot("puma560"))
+    >>> signals.q.shape[1]
+    6
+    """
 
     method: ClassVar[str] = "zero_phase"
 
@@ -195,7 +204,15 @@ class ZeroPhase(Preparation):
 
 @dataclass(frozen=True, kw_only=True)
 class SavitzkyGolay(Preparation):
-    """Local polynomials of `degree` through a window of samples; `window_s` (s) overrides the cut-off."""
+    """Local polynomials of `degree` through a window of samples; `window_s` (s) overrides the cut-off.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> ident.SavitzkyGolay(degree=4, window_s=0.1)(train, ident.load_robot("puma560")).rate > 0
+    True
+    """
 
     method: ClassVar[str] = "savitzky_golay"
 
@@ -226,7 +243,15 @@ class SavitzkyGolay(Preparation):
 
 @dataclass(frozen=True, kw_only=True)
 class CentralDifference(Preparation):
-    """Central differences of the positions as they are: `cutoff_hz` sets the rows' cut-off alone, and noise is differentiated too."""
+    """Central differences of the positions as they are: `cutoff_hz` sets the rows' cut-off alone, and noise is differentiated too.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> ident.CentralDifference(cutoff_hz=8.0)(train, ident.load_robot("puma560")).rate > 0
+    True
+    """
 
     method: ClassVar[str] = "central_difference"
 

@@ -109,7 +109,16 @@ class Signals(ShortRepr):
     missing); `tau` (M, n) on the measured side, filtered like the rows; `valid` (M, n): the row may be used; `runs`: the
     samples of each uniform run; `rate` in Hz; `row_filter` acts on both sides of the equation (None: rows are samples). `origins`: for each
     run the time at which its recording began (its first sample, if not given). `source`: the logs, while these are all of their rows.
-    `turning` (M, n), if known: a reversal or a standstill of the joint reaches into the row."""
+    `turning` (M, n), if known: a reversal or a standstill of the joint reaches into the row.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> signals = ident.ZeroPhase()(train, ident.load_robot("puma560"))
+    >>> signals.valid.shape == signals.tau.shape
+    True
+    """
 
     robot: Robot
     t: Array

@@ -81,7 +81,18 @@ def simulate(
 
     `rate`: samples per second of the result; `control_rate`: of controller or given torque, a multiple of `rate` (default: `rate`
     for torque, else the smallest multiple from 1000 Hz on). `step`: longest integration step. `hold`: torque between
-    its samples. Raises ConfigurationError for requests that contradict each other, DataError where the motion diverges."""
+    its samples. Raises ConfigurationError for requests that contradict each other, DataError where the motion diverges.
+
+    Examples
+    --------
+    >>> import ident
+    >>> from ident.robots import nominal_values
+    >>> from ident.simulation import Plant
+    >>> model = ident.load_robot("scara").rigid_body()
+    >>> run = ident.simulate(Plant(model, nominal_values(model)), torque=[[0.0] * 4] * 51, start=([0.0] * 4, [0.0] * 4), rate=100)
+    >>> run.link.q.shape
+    (51, 4)
+    """
     starts = None if start is None else (np.asarray(start[0], float)[None], np.asarray(start[1], float)[None])
     return simulate_batch(
         plant,

@@ -55,7 +55,15 @@ class Study:
     """What is identified, from what, and how. Read it with `read_study`, or make it with `Study.from_flags`.
 
     `path`: the file it came from. `plugins`: modules of the user's own, loaded with the study. `description`: the robot, its drive
-    and its loops. `columns`: canonical log column → column of the file."""
+    and its loops. `columns`: canonical log column → column of the file.
+
+    Examples
+    --------
+    >>> import ident
+    >>> study = ident.Study.from_flags(robot="scara", effects=["viscous"])
+    >>> [effect.name for effect in study.model().effects]
+    ['rigid_body', 'viscous']
+    """
 
     path: Path | None = None
     description: Description = field(default_factory=Description)
@@ -199,7 +207,28 @@ class Study:
 def read_study(path: str | Path) -> Study:
     """Read a study file. Relative paths in it start at its folder.
 
-    Raises ConfigurationError: no such file, not TOML, unknown tables or keys (with the nearest), wrong types."""
+    Parameters
+    ----------
+    path : str or Path
+        A TOML file.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    ConfigurationError
+        No such file, not TOML, unknown tables or keys (with the nearest), wrong types.
+
+    Examples
+    --------
+    >>> import ident, tempfile, pathlib
+    >>> file = pathlib.Path(tempfile.mkdtemp()) / "study.toml"
+    >>> _ = file.write_text('[robot]\\nname = "scara"\\n')
+    >>> ident.read_study(file).robot().n
+    4
+    """
     path = Path(path)
     where = f"study {path}"
     schema = dict.fromkeys(("plugins", "robot", "drive", "loop", "logs", "signals", "estimator", "columns"), anything)

@@ -51,7 +51,19 @@ class _Own:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Every name that `load_robot` takes: built-in robots first, then those of example-robot-data, if installed."""
+    """Every name that `load_robot` takes.
+
+    Returns
+    -------
+    tuple of str
+        Built-in robots first, then those of example-robot-data, if it is installed.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.robot_names()[:3]
+    ('palletiser', 'puma560', 'scara')
+    """
     mine = built_in_names()
     return (*mine, *(name for name in example_names() if name not in mine))
 
@@ -81,10 +93,46 @@ def load_robot(
 ) -> Robot:
     """A robot by name: a built-in one, or one of example-robot-data.
 
-    What is given replaces what the robot's own description says, argument by argument; see `Robot.from_urdf` for their
-    meaning. `payload`: one of those that the built-in robot offers (`payloads(name)`). `drive`: a `[drive]` table that
-    completes or replaces the robot's own. Raises ConfigurationError: unknown name (with the nearest), several matches
-    (with the candidates), a package to install, or arguments that do not fit."""
+    What is given replaces what the robot's own description says, argument by argument; `Robot.from_urdf` says what each means.
+
+    Parameters
+    ----------
+    name : str
+        See `robot_names`.
+    payload : str, optional
+        One of those that the built-in robot offers (`ident.robots.payloads(name)`).
+    transmission : Transmission or array, optional
+        (n,) signed gear ratios, or (n, n) the matrix K of θ = K θ_m.
+    measured : Side or str, optional
+        Side of the logged torque, where `transmission` is an array.
+    gravity : sequence of float, optional
+        In the base frame, m/s².
+    locked : mapping of str to float, optional
+        Joints that are not identified, and where they stand (rad, m).
+    joints : sequence of str, optional
+        The joints to keep; all others are locked.
+    loop : mapping, optional
+        Dependent joint → {independent joint: factor, "offset": constant}.
+    floating_base : bool
+        The base moves freely.
+    drive : DriveTable, optional
+        A `[drive]` table that completes or replaces the robot's own.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown name (with the nearest), several matches (with the candidates), a package to install, arguments that do not fit.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.load_robot("puma560").n
+    6
+    """
     if drive is not None and (transmission is not None or measured is not None):
         raise ConfigurationError("give either a drive table or transmission and measured, not both.")
     if name in built_in_names():
