@@ -321,4 +321,4 @@ def _delay(add: Add, lags: Array, pooled: Array, found: list[tuple[float, bool, 
             lag,
         )
     else:
-        add("delay", Severity.INFO, "No delay between torque and motion can be told from this run.", "", 0.0)
+        add("delay", Severity.INFO, "No delay between torque and motion can be distinguished from this run.", "", 0.0)

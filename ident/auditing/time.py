@@ -88,7 +88,7 @@ def stamp_findings(name: str, stamps: Stamps) -> list[Finding]:
         add(
             "too_short",
             Severity.WARNING,
-            f"Only {stamps.samples} samples: filters lose a good part of them, and few parameters can be told from the rest.",
+            f"Only {stamps.samples} samples: filters lose a good part of them, and few parameters can be distinguished from the rest.",
         )
     if stamps.gaps:
         add(

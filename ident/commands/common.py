@@ -158,11 +158,11 @@ class Output:
         self._new = [p for p in (folder, *folder.parents) if not p.exists()]
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self.withdraw()
+            self.discard()
         except OSError as error:
             raise ConfigurationError(f"--out {folder} cannot be made ({error.strerror}).") from None
 
-    def withdraw(self) -> None:
+    def discard(self) -> None:
         """Remove the folders that this command made, if they are empty."""
         for made in self._new:
             if made.is_dir() and not any(made.iterdir()):

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=positive, default=10.0, help="length (default: %(default)s)")
     parser.add_argument("--rate", type=positive, default=200.0, help="samples per second (default: %(default)s)")
     parser.add_argument("--family", choices=_FAMILIES, default=_FAMILIES[0], help="kind of trajectory (default: %(default)s)")
-    parser.add_argument("--measure", choices=_MEASURES, default=_MEASURES[0], help="what is made small (default: %(default)s)")
+    parser.add_argument("--measure", choices=_MEASURES, default=_MEASURES[0], help="cost function (default: %(default)s)")
     parser.add_argument(
         "--sharpen", nargs="+", metavar="PARAMETER", help="base parameters that matter; the others only as far as they get in the way"
     )

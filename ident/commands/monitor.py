@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reference",
         nargs="+",
         metavar="FILE",
-        help="logs of the fit itself: with them, what the model never had is told from what is new; by default those that the fit names",
+        help="logs of the fit itself: they show what the model never had, beside what is new (default: those that the fit names)",
     )
     parser.add_argument("--study", metavar="FILE", help="study file whose [columns] and [logs] are used: its logs to fit without --log")
     parser.add_argument(
@@ -75,7 +75,7 @@ def _reference(args: argparse.Namespace, study: Study, estimate: Estimate) -> tu
     if args.reference:
         named = study.with_flags(logs=args.reference).fit_files()
         return preparation(_read([*map(str, named)], study, estimate)), ""
-    without = "the fit's own logs are not at hand (--reference): an effect that the model never had cannot be told from one that is new."
+    without = "the fit's own logs are not at hand (--reference): an effect may be new, or one that the model never had."
     paths = [(Path(i["path"]), i["sha256"]) for i in estimate.inputs]
     if not paths or not all(p.is_file() and sha256(p) == known for p, known in paths):
         return None, without

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--separation",
         choices=("coupled", "safe"),
         default="coupled",
-        help="how rotor inertia is told from link inertia: by coupled gears where they can (fewest tests), or safe, as if every motor"
+        help="how rotor and link inertia are separated: by coupled gears where they can (fewest tests), or safe, as if every motor"
         " moved its joint alone (more tests, less sensitive to noise) (default: %(default)s)",
     )
     parser.add_argument("--share", type=float, default=0.9, help="share of the joints' ranges and speeds to use (default: %(default)s)")

@@ -109,7 +109,7 @@ def session_from(args: argparse.Namespace, study: Study, out: Output, label: str
         yield session
     except IdentError:  # the same input would fail again
         session.checkpoint.remove()
-        out.withdraw()
+        out.discard()
         raise
     except BaseException:
         if session.checkpoint.lasting:

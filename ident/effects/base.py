@@ -110,7 +110,7 @@ class Effect(ABC):
     usual: ClassVar[bool] = False
     #: Effects of one such kind are forms of the same thing: a joint has one of them at most ("": it stands for itself).
     form_of: ClassVar[str] = ""
-    #: Whether it acts now and then, but hard (knocks): a plain fit of a model without it is bent by that.
+    #: Whether it acts now and then, but hard (impacts): a plain fit of a model without it is bent by that.
     abrupt: ClassVar[bool] = False
     #: Share by which a response that must have one value may seem to be another, for what is left out of the law.
     tolerance: ClassVar[float] = 0.4

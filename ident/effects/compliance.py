@@ -38,7 +38,7 @@ _LEAST = 0.1
 #: Rotors that are worth a search, as shares of what the model gives the link; below zero: it gives the link too little.
 _ROTORS = (-1.0, 0.95)
 _NO_INERTIA = 1e-6
-#: Knocks that are worth a search, s.
+#: Impacts that are worth a search, s.
 _KNOCKS = (0.001, 0.03)
 #: A joint that is slower than this share of its usual speed when a run starts is taken to start from rest.
 _AT_REST = 0.02

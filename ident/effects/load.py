@@ -47,7 +47,7 @@ class _Carried(Effect):
 class Payload(_Carried):
     """A body fixed to a link: τ = Y_link(q, dq, ddq) π, π its ten inertial parameters about the link's joint frame.
 
-    In one log a payload cannot be told from its link: base reduction joins the two. It is of use where the link is known
+    In one log a payload cannot be distinguished from its link: base reduction joins the two. It is of use where the link is known
     (fixed values, a fit without payload)."""
 
     name: ClassVar[str] = "payload"

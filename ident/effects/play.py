@@ -16,7 +16,7 @@ Array = np.ndarray
 _STANDS_OUT = 6.0
 #: And is at least this share of that acceleration (rms): turning points are sharp, too.
 _LEAST = 0.2
-#: A flight may be longer or shorter than foretold by this share, or by so many samples, for the arrival to be the jolt.
+#: A flight may be longer or shorter than predicted by this share, or by so many samples, for the arrival to be the jolt.
 _SHARE = 0.3
 _SAMPLES = 3
 #: Nor is it stretched more than so many times.

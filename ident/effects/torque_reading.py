@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: An excess worth looking at: so many standard deviations of the reading's noise.
 _CLEAR = 6.0
-#: Below a limit the reading is the torque: so much of it (correlation) must the model foretell there.
+#: Below a limit the reading is the torque: so much of it (correlation) must the model predict there.
 _FORETOLD = 0.5
 
 

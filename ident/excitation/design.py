@@ -63,7 +63,7 @@ def excite(
 
     `limits`: by default nine tenths of what the robot's description allows. `values` (k,): parameter values, for torque limits
     and for effects that need the model's prediction; by default the nominal ones, if there are any. `noise`: std of the torque,
-    one number or (n,), measured side; by default one hundredth of the rms torque of random motion. `starts`: independent
+    one value or (n,), measured side; by default one hundredth of the rms torque of random motion. `starts`: independent
     searches, of which the best is taken; `iterations` of each per level of the limits' barrier. Collisions are not looked at:
     check the trajectory before it is run. Raises ConfigurationError for limits within which the robot cannot move.
 

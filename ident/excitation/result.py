@@ -28,7 +28,7 @@ class Excitation(ShortRepr):
     """An exciting trajectory and the information it gives.
 
     `information` (b, b): on the base parameters `names`, for one pass sampled at `rate` Hz with white torque noise of std `noise`
-    (n,) on the measured side; `value`: the measure that was made small, and of each start in `values`; `shares`: largest share
+    (n,) on the measured side; `value`: the cost function, and of each start in `values`; `shares`: largest share
     of each kind of limit that is used."""
 
     model: Model = field(repr=False)

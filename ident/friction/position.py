@@ -58,7 +58,7 @@ class PositionDependentFriction(JointEffect):
 class JointSideFriction(JointEffect):
     """Coulomb and viscous friction of the joint's own bearings and seals: τ = Fc_link s(dq) + Fv_link dq on the joint side.
 
-    Behind a gear that couples no joints it cannot be told from the motor's friction, and base reduction joins the two; in a
+    Behind a gear that couples no joints it cannot be distinguished from the motor's friction, and base reduction joins the two; in a
     coupled wrist it can."""
 
     name: ClassVar[str] = "joint_side_friction"

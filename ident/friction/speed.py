@@ -75,7 +75,7 @@ class NonlinearViscous(JointEffect):
 
     def implausible(self, robot: Robot, values: Array, std: Array) -> str:
         near = abs(self.a - 1.0) < _OTHER_THAN_VISCOUS
-        return f"friction with an exponent of {self.a:.3g} cannot be told from viscous friction" if near else ""
+        return f"friction with an exponent of {self.a:.3g} cannot be distinguished from viscous friction" if near else ""
 
 
 def usual_speed(effect: JointEffect, motion: Motion, robot: Robot) -> float:

@@ -17,7 +17,7 @@ GAP = 3.5
 _SIZES = np.arange(int(100 * GAP) + 1)
 #: How near to a multiple (hundredths) a step counts as one, at least and at most: rounding, and a quarter of the period.
 _NEAR, _FAR = 2, 25
-#: Where half of the steps are further off than this (hundredths), multiples cannot be told from scatter.
+#: Where half of the steps are further off than this (hundredths), multiples cannot be distinguished from scatter.
 _WILD = 18
 
 

@@ -1,4 +1,4 @@
-"""Monitoring: what has changed since a fit was made, told from new logs."""
+"""Monitoring: what has changed since a fit was made, estimated from new logs."""
 
 from .result import Change, ChangedParameter, Drift, How, Monitoring
 from .watch import monitor

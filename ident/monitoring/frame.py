@@ -161,7 +161,7 @@ def noise_of(estimate: Estimate, signals: Signals) -> Whitener:
         response = lfilter([1.0], noise.ar[j], impulse)
         shape = np.array([response[: len(response) - lag] @ response[lag:] for lag in range(_LAGS + 1)])
         level = float(variance) if variance > 0 else 1.0
-        # A trace of white noise: rows behind a filter are never foretold as exactly as the model of their colour has it.
+        # A trace of white noise: rows behind a filter are never predicted as exactly as the model of their colour has it.
         gamma = level * shape / shape[0] * np.r_[1.0 + _TRACE, np.ones(_LAGS)]
         predictors.append(_predictors(gamma, estimate.samples))
         std.append(np.sqrt(level))

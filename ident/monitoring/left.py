@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..signals.signals import Signals
 
 Array = np.ndarray
-#: Free parameters must foretell blocks that they were not fitted to better, by this many standard errors.
+#: Free parameters must predict blocks that they were not fitted to better, by this many standard errors.
 _SURE = 3.0
 #: Structure that is a smaller share of what is left is of no account, however sure it is: no model is exact.
 LEAST_SHARE = 0.01

@@ -1,4 +1,4 @@
-"""The logs of the fit itself: with them, what the model never had is told from what is new."""
+"""The logs of the fit itself: with them, what the model never had is distinguished from what is new."""
 
 from __future__ import annotations
 

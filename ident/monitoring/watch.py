@@ -1,4 +1,4 @@
-"""Monitoring: what has changed since a fit, told from new logs alone, with the doubt of the fit counted in."""
+"""Monitoring: what has changed since a fit, estimated from new logs alone, with the doubt of the fit counted in."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class PayloadEstimate(ShortRepr):
 
     @property
     def unclear(self) -> tuple[str, ...]:
-        """Of the ten, those that cannot be told from zero: what the logs say is below two standard deviations."""
+        """Of the ten, those that cannot be distinguished from zero: what the logs say is below two standard deviations."""
         pairs = zip(LINK_SYMBOLS, self.unconstrained, self.std, strict=True)
         return tuple(s for s, value, std in pairs if not np.isnan(std) and abs(value) < 2.0 * std)
 
@@ -76,7 +76,7 @@ class PayloadEstimate(ShortRepr):
         lines.append(f"{'parameter':<10}{'value':>13}{'std':>11}  {'unit':<7}{'the logs alone':>15}")
         for symbol, unit, value, std, free in zip(LINK_SYMBOLS, LINK_UNITS, self.values, self.std, self.unconstrained, strict=True):
             alone = f"{'cannot be told':>15}" if np.isnan(std) else f"{free:>15.5g}"
-            remark = "  not told from zero" if symbol in self.unclear else ""
+            remark = "  not significantly different from zero" if symbol in self.unclear else ""
             lines.append(f"{symbol:<10}{value:>13.5g}{'' if np.isnan(std) else format(std, '.2g'):>11}  {unit:<7}{alone}{remark}")
         return "\n".join([*lines, *self.notes])
 

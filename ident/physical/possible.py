@@ -17,7 +17,7 @@ from .structure import InertiaStructure
 
 Array = np.ndarray
 
-#: Below this share of the typical diagonal a smallest eigenvalue cannot be told from zero.
+#: Below this share of the typical diagonal a smallest eigenvalue cannot be distinguished from zero.
 ROUNDING = 1e-11
 
 

@@ -30,7 +30,7 @@ _TRIES = 12
 
 
 class Separation(StrEnum):
-    """How rotor inertia is told from link inertia.
+    """How rotor inertia is distinguished from link inertia.
 
     COUPLED: a coupled transmission is trusted to do it where it can, which takes the fewest tests. SAFE: as if every motor moved
     its own joint alone, which takes a test more for some joints and stands noise better (15 tests instead of 13

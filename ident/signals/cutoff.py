@@ -21,7 +21,7 @@ NOISE_SHARE = 1e-3
 #: The cut-off is not put higher than this multiple of the frequency below which 99 % of the acceleration's power lies:
 #: at a quarter of its cut-off the fourth-order filter run both ways takes 2e-5 off the motion.
 MOTION_MULTIPLE = 4.0
-#: Rows wanted of each joint: thirty for each of the about 13 parameters it brings, so that the colour of the noise can be told
+#: Rows wanted of each joint: thirty for each of the about 13 parameters it brings, so that the colour of the noise can be estimated
 #: and the intervals hold (measured: with ten, 95 % intervals cover 92.6 %).
 _FEWEST_ROWS = 400.0
 #: Highest cut-off as a share of the sample rate: differences and resampling are exact to 1e-3 up to there.

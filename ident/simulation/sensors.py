@@ -138,7 +138,7 @@ class TorqueWindow(Distortion):
 
 @dataclass(frozen=True)
 class EncoderError(Distortion):
-    """Positions read wrong by offset + scale q + amplitude sin(order q + phase), each one number or (n,), on the encoders' side."""
+    """Positions read wrong by offset + scale q + amplitude sin(order q + phase), each one value or (n,), on the encoders' side."""
 
     offset: tuple[float, ...] | float = 0.0
     scale: tuple[float, ...] | float = 0.0
@@ -172,7 +172,7 @@ class PositionNoise(Distortion):
 
 @dataclass(frozen=True)
 class Quantisation(Distortion):
-    """Positions are rounded to multiples of `step` rad (m), one number or (n,), on the encoders' side."""
+    """Positions are rounded to multiples of `step` rad (m), one value or (n,), on the encoders' side."""
 
     step: tuple[float, ...] | float
 
@@ -212,7 +212,7 @@ class TorqueNoise(Distortion):
 
 @dataclass(frozen=True)
 class TorqueScale(Distortion):
-    """Torque reads `factor` times what it is, plus `offset`; one number or (n,) each, on the measured side."""
+    """Torque reads `factor` times what it is, plus `offset`; one value or (n,) each, on the measured side."""
 
     factor: tuple[float, ...] | float = 1.0
     offset: tuple[float, ...] | float = 0.0

@@ -57,7 +57,7 @@ def test_no_load(ident, arm, saved_fit):
     ran = ident("payload", "--fit", saved_fit, "--log", arm.test, "--strict")
     assert ran.code == 1
     assert "no payload beyond chance" in ran.out
-    assert "not told from zero" in ran.out
+    assert "not significantly different from zero" in ran.out
 
 
 def test_another_link(ident, saved_fit, loaded):
