@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from .audit import Audit, Finding, Severity, audit
+from .audit import audit
+from .findings import Audit, AuditFinding, Severity
 
-__all__ = ["Audit", "Finding", "Severity", "audit"]
+__all__ = ["Audit", "AuditFinding", "Severity", "audit"]

@@ -11,7 +11,7 @@ from ..errors import IdentError
 from ..logs.log import Log, measured
 from ..logs.unwrap import unwrapped
 from ..robots.robot import Robot
-from .audit import Finding, Severity
+from .findings import AuditFinding, Severity
 from .jumps import find_jumps
 from .torque import check_saturation, check_torque, grid_step
 
@@ -51,12 +51,12 @@ def torque_of(log: Log, robot: Robot | None) -> tuple[Array | None, str]:
         return None, str(error)
 
 
-def check_columns(log: Log, robot: Robot | None) -> list[Finding]:
+def check_columns(log: Log, robot: Robot | None) -> list[AuditFinding]:
     """Missing and constant columns, NaN, units, wraps, limits, resolution, saturation."""
-    out: list[Finding] = []
+    out: list[AuditFinding] = []
 
     def add(code: str, severity: Severity, text: str, where: str = "", value: float = float("nan")) -> None:
-        out.append(Finding(code, severity, text, where, log.name, value))
+        out.append(AuditFinding(code, severity, text, where, log.name, value))
 
     names = joint_names(log, robot)
     q = positions(log, robot)
@@ -101,7 +101,7 @@ def _position(add: Add, log: Log, robot: Robot | None, j: int, name: str, x: Arr
     changes = np.abs(np.diff(joined))
     moved = changes[changes > 1e-12 * max(span, 1e-300)]
     if not _unit(add, robot, j, name, joined, prismatic, np.median(np.diff(log.t))):
-        _limits(add, robot, j, name, joined)
+        joint_limits(add, robot, j, name, joined)
     held = 1 - len(moved) / len(changes)
     step = grid_step(joined)
     unit = "m" if prismatic else "rad"
@@ -184,7 +184,8 @@ def _unit(add: Add, robot: Robot | None, j: int, name: str, x: Array, prismatic:
     return True
 
 
-def _limits(add: Add, robot: Robot | None, j: int, name: str, x: Array) -> None:
+def joint_limits(add: Add, robot: Robot | None, j: int, name: str, x: Array) -> None:
+    """Positions beyond the joint's limits."""
     if robot is None:
         return
     joint = robot.joints[j]

@@ -18,8 +18,8 @@ from ..signals.cutoff import HIGHEST, CutoffChoice, choose_cutoff
 from ..signals.filters import butterworth_transient, central_differences, zero_phase_lowpass
 from ..signals.resample import Clock, bridge
 from ..signals.uniform import Recording, UniformRun, uniform_runs
-from .audit import Finding, Severity
 from .columns import joint_names, positions, torque_of
+from .findings import AuditFinding, Severity
 
 Array = np.ndarray
 Add = Callable[..., None]
@@ -43,12 +43,12 @@ class _Motion:
     inner: slice
 
 
-def check_motion(log: Log, robot: Robot | None) -> list[Finding]:
+def check_motion(log: Log, robot: Robot | None) -> list[AuditFinding]:
     """Standstill, joints that never move, noise of positions, measured velocities, delay of torque, torque without effect."""
-    out: list[Finding] = []
+    out: list[AuditFinding] = []
 
     def add(code: str, severity: Severity, text: str, where: str = "", value: float = float("nan")) -> None:
-        out.append(Finding(code, severity, text, where, log.name, value))
+        out.append(AuditFinding(code, severity, text, where, log.name, value))
 
     motion = _motion(log, robot)
     if motion is None:

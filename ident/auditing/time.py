@@ -10,7 +10,7 @@ import numpy as np
 from ..logs.log import Log
 from ..logs.spacing import GAP
 from ..signals.resample import Clock, is_even, slow_clock
-from .audit import Finding, Severity
+from .findings import AuditFinding, Severity
 
 Array = np.ndarray
 #: Share of samples missing, one or two at a time, from which on it is a warning: 1 % moves estimates by a tenth of their deviation.
@@ -40,7 +40,7 @@ class Stamps:
         return cls(len(t), float(t[-1] - t[0]), clock, len(gaps), float(steps[longest]), float(t[longest]), even)
 
 
-def check_time(log: Log) -> list[Finding]:
+def check_time(log: Log) -> list[AuditFinding]:
     """Sample rate, jitter, missing samples, gaps, stamps that repeat or run backwards."""
     if len(log) < 3:
         return [*repairs(log.name, log.notes), _short(log.name, len(log))]
@@ -48,8 +48,8 @@ def check_time(log: Log) -> list[Finding]:
     back, equal = int((steps < 0).sum()), int((steps == 0).sum())
     out = repairs(log.name, log.notes)
 
-    def add(code: str, text: str, value: float) -> list[Finding]:
-        return [*out, Finding(code, Severity.ERROR, text, "", log.name, value)]
+    def add(code: str, text: str, value: float) -> list[AuditFinding]:
+        return [*out, AuditFinding(code, Severity.ERROR, text, "", log.name, value)]
 
     if back or not np.all(np.isfinite(log.t)):
         at = int(np.flatnonzero((steps < 0) | ~np.isfinite(steps))[0]) + 2
@@ -61,21 +61,21 @@ def check_time(log: Log) -> list[Finding]:
     return [*out, *stamp_findings(log.name, Stamps.of(log.t))]
 
 
-def repairs(name: str, notes: Iterable[str]) -> list[Finding]:
+def repairs(name: str, notes: Iterable[str]) -> list[AuditFinding]:
     """What reading a run had to repair."""
-    return [Finding("repaired", Severity.WARNING, f"When reading: {note}", "", name) for note in notes]
+    return [AuditFinding("repaired", Severity.WARNING, f"When reading: {note}", "", name) for note in notes]
 
 
-def _short(name: str, samples: int) -> Finding:
-    return Finding("too_short", Severity.ERROR, f"{samples} samples; nothing can be estimated from them.", "", name, samples)
+def _short(name: str, samples: int) -> AuditFinding:
+    return AuditFinding("too_short", Severity.ERROR, f"{samples} samples; nothing can be estimated from them.", "", name, samples)
 
 
-def stamp_findings(name: str, stamps: Stamps) -> list[Finding]:
+def stamp_findings(name: str, stamps: Stamps) -> list[AuditFinding]:
     """What a run's rising time stamps tell."""
-    out: list[Finding] = []
+    out: list[AuditFinding] = []
 
     def add(code: str, severity: Severity, text: str, value: float = float("nan")) -> None:
-        out.append(Finding(code, severity, text, "", name, value))
+        out.append(AuditFinding(code, severity, text, "", name, value))
 
     if stamps.samples < 3:
         return [_short(name, stamps.samples)]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..robots.robot import Robot
 from ..signals.masks import find_saturation
-from .audit import Severity
+from .findings import Severity
 
 Array = np.ndarray
 Add = Callable[..., None]

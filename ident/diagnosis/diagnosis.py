@@ -52,7 +52,7 @@ _PERIODLESS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The answer. `verdict`: "clean", "explained", "ambiguous" or "unexplained" (DESIGN.md 3.4).
+    """The answer. `verdict`: "clean", "explained", "ambiguous" or "unexplained".
 
     `before`: the declared model fitted to the analysis signals; `after`: the same with the findings; `signals`, `held`: those
     signals. `trail`: the steps of the selection; `selection`: everything that was looked at.
@@ -113,7 +113,7 @@ class Diagnosis:
         return hidden(self.selection.final)
 
     def to_dict(self) -> dict[str, Any]:
-        """The `ident.diagnosis/1` result (DESIGN.md 3.4), with the comparison and the warnings beside it."""
+        """The `ident.diagnosis/1` result, with the comparison and the warnings beside it."""
         from ..evaluation.comparison import compare
 
         sides = self.comparison.to_dict()

@@ -73,7 +73,7 @@ def whitener(residual: Array, valid: Array, runs: Iterable[slice], more: Array |
         if more is not None:
             beside, _ = autocovariance(np.where(valid[:, j], more[:, j], np.nan), runs, len(gamma) - 1)
             gamma = gamma + beside
-        predictors.append(_borne_out(_predictors(gamma, count), residual[:, j], valid[:, j], runs))
+        predictors.append(_borne_out(predictors_of(gamma, count), residual[:, j], valid[:, j], runs))
     return Whitener((), np.array(std), tuple(predictors)).on(valid, runs)
 
 
@@ -85,7 +85,7 @@ def plain_whitener(problem: Problem, rows: Array) -> Whitener:
     return Whitener((), std, tuple([(np.ones(1), float(s) ** 2)] for s in std)).on(valid, problem.signals.row_runs)
 
 
-def _predictors(gamma: Array, count: int) -> list[tuple[Array, float]]:
+def predictors_of(gamma: Array, count: int) -> list[tuple[Array, float]]:
     """Prediction-error filters of order 0, 1, … up to the best order, with the variance of their errors."""
     a, variance = np.ones(1), float(gamma[0])
     found = [(a, variance)]

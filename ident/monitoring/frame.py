@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..diagnosis.frame import Frame, Products, Score, raw_columns
-from ..diagnosis.whitening import Whitener, _predictors
+from ..diagnosis.whitening import Whitener, predictors_of
 from ..errors import DataError
 
 if TYPE_CHECKING:
@@ -163,6 +163,6 @@ def noise_of(estimate: Estimate, signals: Signals) -> Whitener:
         level = float(variance) if variance > 0 else 1.0
         # A trace of white noise: rows behind a filter are never predicted as exactly as the model of their colour has it.
         gamma = level * shape / shape[0] * np.r_[1.0 + _TRACE, np.ones(_LAGS)]
-        predictors.append(_predictors(gamma, estimate.samples))
+        predictors.append(predictors_of(gamma, estimate.samples))
         std.append(np.sqrt(level))
     return Whitener((), np.array(std), tuple(predictors)).on(signals.valid, signals.row_runs)

@@ -23,10 +23,10 @@ from .uniform import Recording, Resampling, UniformRun
 
 Array = np.ndarray
 #: A row is not used if more than this share of its filter's weight lies on samples whose torque is missing or cut off.
-_UNSOUND = 0.02
+UNSOUND = 0.02
 #: A row is reached by a reversal if more than this share of its weight lies on samples below this multiple of the standstill speed.
-_TURNING_SHARE = 0.02
-_TURNING_REACH = 2.0
+TURNING_SHARE = 0.02
+TURNING_REACH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ def assemble(
     speed = dq if robot.transmission.measured == Side.JOINT else robot.transmission.motor_rate(dq)
     pace = np.abs(speed)
     top = pace.max(axis=0)
-    noise = _speed_noise(robot, choice, cutoff)
+    noise = speed_noise(robot, choice, cutoff)
     # Differences of a constant leave only rounding.
     rounding = 100 * np.spacing(np.abs(q).max(axis=0)) * uniform.rate
     if robot.transmission.measured == Side.MOTOR:
@@ -124,20 +124,20 @@ def assemble(
             tau_parts.append(row_filter.apply(bridge(t[run], d.torque)))
         for k, flag in flags.items():
             part = flag[run]
-            share_parts[k].append(part.astype(float) if row_filter is None else _share(row_filter, part))
+            share_parts[k].append(part.astype(float) if row_filter is None else filtered_share(row_filter, part))
     tau = np.concatenate(tau_parts)
     shares = {k: np.concatenate(v) for k, v in share_parts.items()}
     allowed = rule.allowed(shares["standstill"]) if rule is not None else np.ones(robot.n)
-    lost = {k: share > (allowed if k == "standstill" else _UNSOUND) for k, share in shares.items()}
+    lost = {k: share > (allowed if k == "standstill" else UNSOUND) for k, share in shares.items()}
     valid = ~np.logical_or.reduce(list(lost.values()))
     turning = None
     if rule is not None:
-        near = pace <= _TURNING_REACH * threshold
-        reached = [near[run].astype(float) if row_filter is None else _share(row_filter, near[run]) for run in runs]
-        turning = np.concatenate(reached) > _TURNING_SHARE
+        near = pace <= TURNING_REACH * threshold
+        reached = [near[run].astype(float) if row_filter is None else filtered_share(row_filter, near[run]) for run in runs]
+        turning = np.concatenate(reached) > TURNING_SHARE
     tau[lost["torque missing"]] = np.nan
     absent = np.all([np.isnan(r.torque).all(axis=0) for r in recordings], axis=0)
-    warnings += _warnings(robot, still_joint, absent, rule is not None, cut, prep.saturated, valid, lost)
+    warnings += preparation_warnings(robot, still_joint, absent, rule is not None, cut, prep.saturated, valid, lost)
     warnings += raised_shares(robot, rule, allowed)
     warnings += [
         f"the position of {name} is so noisy, or jumps so far, that its accelerations could be had only with a cut-off that leaves nothing"
@@ -161,7 +161,7 @@ def assemble(
         config=prep.config(),
         cutoff_hz=cutoff if prep.filters_positions else None,
         cutoff_reason=choice.reason if prep.cutoff_hz is None else f"as asked; from the data {choice.cutoff_hz:.3g} Hz: {choice.reason}",
-        row_cutoff_hz=None if row_filter is None else _half_gain(row_filter, uniform.rate),
+        row_cutoff_hz=None if row_filter is None else half_gain(row_filter, uniform.rate),
         rate_hz=uniform.rate,
         row_rate_hz=uniform.rate / (row_filter.factor if row_filter else 1),
         samples_read=sum(len(r.t) for r in recordings),
@@ -250,14 +250,14 @@ def _joined(parts: list[Array]) -> Array:
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
-def _share(row_filter: RowFilter, flag: Array) -> Array:
+def filtered_share(row_filter: RowFilter, flag: Array) -> Array:
     """Share of the row filter's weight on flagged samples (L, n) → (M, n)."""
     if not flag.any():
         return np.zeros((row_filter.count(len(flag)), flag.shape[1]))
     return row_filter.magnitude.apply(flag)
 
 
-def _speed_noise(robot: Robot, choice: CutoffChoice, cutoff: float) -> Array:
+def speed_noise(robot: Robot, choice: CutoffChoice, cutoff: float) -> Array:
     """Standard deviation (n,) of the speed's noise on the measured side, behind the low-pass."""
     joint = np.array([s.velocity_noise(cutoff) for s in choice.joints])
     if robot.transmission.measured == Side.JOINT:
@@ -265,7 +265,7 @@ def _speed_noise(robot: Robot, choice: CutoffChoice, cutoff: float) -> Array:
     return np.sqrt(robot.transmission.K_inverse**2 @ joint**2)
 
 
-def _half_gain(row_filter: RowFilter, rate: float) -> float:
+def half_gain(row_filter: RowFilter, rate: float) -> float:
     """Frequency at which the row filter's gain is one half, Hz."""
     low, high = 0.0, rate / 2
     f = np.linspace(low, high, 2 * (len(row_filter.taps) // 8) + 9)
@@ -282,7 +282,7 @@ def _half_gain(row_filter: RowFilter, rate: float) -> float:
     return high
 
 
-def _warnings(
+def preparation_warnings(
     robot: Robot, still: Array, absent: Array, masked: bool, cut: TorqueClipping, saturated: str, valid: Array, lost: dict[str, Array]
 ) -> list[str]:
     """What to say of joints. `still`, `absent` (n,) bool: that never move, whose torque was not logged at all."""

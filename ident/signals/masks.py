@@ -11,7 +11,7 @@ from ..errors import ConfigurationError
 
 Array = np.ndarray
 #: Samples that suffice to tell a torque's steps and how long it usually stays the same.
-_MOST = 200_000
+SPEEDS_ENOUGH = 200_000
 
 
 @dataclass(frozen=True)
@@ -74,13 +74,13 @@ def find_saturation(torque: Array, moving: Array) -> TorqueClipping:
         if len(finite) < 50:
             continue
         span = np.ptp(finite)
-        changes = np.abs(np.diff(finite[:_MOST]))
+        changes = np.abs(np.diff(finite[:SPEEDS_ENOUGH]))
         distinct = changes[changes > 1e-9 * span]
         if span == 0 or not len(distinct):
             continue
         # The finest step seen: a quantisation step, or nothing much for a torque of full resolution.
         step = float(np.percentile(distinct, 1))
-        held = _longest_usual(finite[:_MOST])
+        held = longest_usual_hold(finite[:SPEEDS_ENOUGH])
         largest = float(np.abs(finite).max())
         for side, extreme in enumerate((finite.min(), finite.max())):
             if abs(extreme) < 0.3 * largest:
@@ -102,7 +102,7 @@ def _lengths(flag: Array) -> Array:
     return edges[1::2] - edges[::2]
 
 
-def _longest_usual(x: Array) -> float:
+def longest_usual_hold(x: Array) -> float:
     """Samples for which a value usually stays the same (a log may repeat a slower torque signal)."""
     changes = np.flatnonzero(np.diff(x) != 0)
     return float(np.percentile(np.diff(changes), 90)) if len(changes) > 10 else 1.0

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..auditing.audit import Audit, Finding, Severity, _merged
-from ..auditing.columns import _limits, check_columns
+from ..auditing.columns import check_columns, joint_limits
+from ..auditing.findings import Audit, AuditFinding, Severity, merged_findings
 from ..auditing.motion import check_motion
 from ..auditing.time import Stamps, repairs, stamp_findings
 from ..logs.spacing import GAP
@@ -30,7 +30,7 @@ _WHOLE = {"outside_limits", "torque_nan", "constant"}
 
 def audit_stored(logs: Sequence[StoredLog], robot: Robot) -> Audit:
     """Audit logs on disk, run by run; see `ident.auditing.audit.audit`."""
-    found: list[Finding] = []
+    found: list[AuditFinding] = []
     for log in logs:
         found += repairs(log.name, log.notes)
         in_time = stamp_findings(log.name, stamps_of(log))
@@ -38,7 +38,7 @@ def audit_stored(logs: Sequence[StoredLog], robot: Robot) -> Audit:
         if any(f.severity == Severity.ERROR for f in in_time):
             continue
         found += _of_content(log, robot)
-    return Audit(tuple(_merged(found, len(logs))), tuple(log.name for log in logs), robot.name)
+    return Audit(tuple(merged_findings(found, len(logs))), tuple(log.name for log in logs), robot.name)
 
 
 def stamps_of(log: StoredLog) -> Stamps:
@@ -55,7 +55,7 @@ def stamps_of(log: StoredLog) -> Stamps:
     return Stamps(len(log), log.duration, clock, count, longest, float(log.t[place]), even)
 
 
-def _of_content(log: StoredLog, robot: Robot) -> list[Finding]:
+def _of_content(log: StoredLog, robot: Robot) -> list[AuditFinding]:
     excerpt = _excerpt(log)
     whole = len(excerpt) == len(log)
     piece = log.read(excerpt.start, excerpt.stop)
@@ -67,14 +67,14 @@ def _of_content(log: StoredLog, robot: Robot) -> list[Finding]:
     survey = log.survey(robot.transmission)
 
     def add(code: str, severity: Severity, text: str, where: str = "", value: float = float("nan")) -> None:
-        found.append(Finding(code, severity, text, where, log.name, value))
+        found.append(AuditFinding(code, severity, text, where, log.name, value))
 
     constant = [f for f in columns if f.code == "constant"]
     for j, joint in enumerate(robot.joints):
         if survey.high[j] == survey.low[j]:
             found += [f for f in constant if f.where == joint.name]
         elif not survey.jumps[j] and not any(f.code == "unit" and f.where == joint.name for f in columns):
-            _limits(add, robot, j, joint.name, np.array([survey.low[j], survey.high[j]]))
+            joint_limits(add, robot, j, joint.name, np.array([survey.low[j], survey.high[j]]))
         if 0 < survey.missing[j] < survey.rows:
             missing = int(survey.missing[j])
             text = f"Torque is missing in {missing} samples; rows that rest on them are not used."

@@ -12,9 +12,9 @@ import numpy as np
 
 from ..robots.robot import Robot
 from ..robots.transmission import Side
-from ..signals.assemble import _speed_noise
+from ..signals.assemble import speed_noise
 from ..signals.cutoff import CutoffChoice
-from ..signals.masks import _MOST, Standstill, TorqueClipping, _longest_usual
+from ..signals.masks import SPEEDS_ENOUGH, Standstill, TorqueClipping, longest_usual_hold
 from .disk import PASS, over_rows
 from .motion import DerivedRun
 from .workers import Workers
@@ -98,7 +98,7 @@ def decide(
     rate = runs[0].derivation.rate
     each = tuple(workers.map(extremes_of, parts))
     found = reduce(Extremes.__add__, each)
-    noise = _speed_noise(robot, choice, cutoff)
+    noise = speed_noise(robot, choice, cutoff)
     # Differences of a constant leave only rounding.
     rounding = 100 * np.spacing(found.far) * rate
     if robot.transmission.measured == Side.MOTOR:
@@ -195,7 +195,7 @@ def _limits(runs: Sequence[DerivedRun], parts: Sequence[Reaching], found: Extrem
         distinct = changes[changes > 1e-9 * span[j]]
         if len(distinct):
             step[j] = float(np.percentile(distinct, 1))
-            held[j] = _longest_usual(x)
+            held[j] = longest_usual_hold(x)
     judged = step > 0
     if not judged.any():
         return limits, counts
@@ -238,11 +238,11 @@ def _leading_torque(runs: Sequence[DerivedRun]) -> list[Array]:
         for a in range(0, len(run), PASS):
             torque = run.run.read(run.start + a, run.start + min(a + PASS, len(run))).torque
             for j in range(n):
-                if sum(map(len, held[j])) < _MOST:
+                if sum(map(len, held[j])) < SPEEDS_ENOUGH:
                     held[j].append(torque[np.isfinite(torque[:, j]), j])
-            if all(sum(map(len, h)) >= _MOST for h in held):
+            if all(sum(map(len, h)) >= SPEEDS_ENOUGH for h in held):
                 break
         else:
             continue
         break
-    return [np.concatenate(h)[:_MOST] if h else np.zeros(0) for h in held]
+    return [np.concatenate(h)[:SPEEDS_ENOUGH] if h else np.zeros(0) for h in held]

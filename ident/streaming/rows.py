@@ -15,7 +15,7 @@ from ..effects.motion import Motion
 from ..model import Model
 from ..problem.columns import RowColumns, live_columns
 from ..robots.transmission import Side
-from ..signals.assemble import _TURNING_REACH, _TURNING_SHARE, _UNSOUND, _share
+from ..signals.assemble import TURNING_REACH, TURNING_SHARE, UNSOUND, filtered_share
 from ..signals.filters import RowFilter
 from ..signals.rows import Rows
 from .decisions import Decisions
@@ -84,14 +84,14 @@ class MakeRows:
         threshold = self.decisions.threshold
 
         def share(flag: Array) -> Array:
-            return flag.astype(float) if row_filter is None else _share(row_filter, flag)
+            return flag.astype(float) if row_filter is None else filtered_share(row_filter, flag)
 
         facts = RowFacts(
             found.smooth if row_filter is None else row_filter.apply(found.smooth),
-            share(found.missing) > _UNSOUND,
-            share(self.decisions.at_limit(found.torque) if self.saturated else none) > _UNSOUND,
+            share(found.missing) > UNSOUND,
+            share(self.decisions.at_limit(found.torque) if self.saturated else none) > UNSOUND,
             share(pace <= threshold if self.standstill else none),
-            share(pace <= _TURNING_REACH * threshold if self.standstill else none) > _TURNING_SHARE,
+            share(pace <= TURNING_REACH * threshold if self.standstill else none) > TURNING_SHARE,
         )
         numbers = facts.packed()
         if self.model is not None and row_filter is not None:

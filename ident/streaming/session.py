@@ -26,7 +26,7 @@ from .tables import is_streamable
 from .workers import Threads, Workers
 
 if TYPE_CHECKING:
-    from ..auditing.audit import Audit
+    from ..auditing import Audit
     from ..estimate.estimate import Estimate
     from ..model import Model
     from ..signals.preparation import Preparation

@@ -15,7 +15,7 @@ from ..estimate.io import model_to_dict
 from ..model import Model
 from ..problem.columns import can_filter
 from ..robots.robot import Robot
-from ..signals.assemble import _half_gain, _warnings, long_enough, raised_shares, require_motion
+from ..signals.assemble import half_gain, long_enough, preparation_warnings, raised_shares, require_motion
 from ..signals.cutoff import HIGHEST, CutoffChoice
 from ..signals.preparation import Preparation, Recorded, Velocity
 from ..signals.signals import JointReport, PreparationReport, Signals
@@ -171,7 +171,9 @@ class Streaming:
         tau = facts.tau
         tau[facts.missing] = np.nan
         absent = np.all([r.absent for r in recordings], axis=0)
-        warnings += _warnings(robot, decisions.still, absent, rule is not None, decisions.saturation, prep.saturated, valid, lost)
+        warnings += preparation_warnings(
+            robot, decisions.still, absent, rule is not None, decisions.saturation, prep.saturated, valid, lost
+        )
         warnings += raised_shares(robot, rule, allowed)
         require_motion(rule, decisions.still, [r.name for r in recordings])
         joints = tuple(
@@ -212,7 +214,7 @@ class Streaming:
             config=prep.config(),
             cutoff_hz=derivation.cutoff if prep.filters_positions else None,
             cutoff_reason="",
-            row_cutoff_hz=None if row_filter is None else _half_gain(row_filter, even.rate),
+            row_cutoff_hz=None if row_filter is None else half_gain(row_filter, even.rate),
             rate_hz=even.rate,
             row_rate_hz=even.rate / (row_filter.factor if row_filter else 1),
             samples_read=sum(len(r.t) for r in recordings),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from ..auditing.audit import Audit, audit
+from ..auditing import Audit, audit
 from ..errors import DataError
 from ..evaluation.doubts import counted_twice, doubts, fitted_as_well
 from ..evaluation.validation import validate

@@ -10,8 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.auditing import audit
-from ident.auditing.audit import Audit, Severity
+from ident.auditing import Audit, Severity, audit
 from ident.logs.log import Log, LogSet
 from ident.robots.robot import Robot
 from ident.signals.filters import zero_phase_lowpass
