@@ -9,7 +9,7 @@ from ..effects.places import on
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
-    from .findings import Finding
+    from .result import Finding
 
 #: The motion that shows a quantity's influence.
 _MOTION = {

@@ -9,8 +9,7 @@ import numpy as np
 
 from .._utils.text import wrapped
 from ..effects.places import on
-from .findings import HELD_OUT
-from .hidden import by_effect
+from .result import by_effect
 
 if TYPE_CHECKING:
     from .diagnosis import Diagnosis
@@ -29,9 +28,7 @@ def undecided(d: Diagnosis) -> str:
     if any(f.ambiguous for f in d.findings):
         return "something is there, and two or more effects account for it equally well"
     if d.findings:
-        return "something is there, and only a part of the data bears out the name it has here"
-    if any(u.signature == HELD_OUT for u in d.unexplained):
-        return "something is there, and what it looks like on the data fitted is not borne out by those held out"
+        return "something is there, and not all of the robot could be looked at"
     return f"nothing can be said about {', '.join(dict.fromkeys(u.joint for u in d.unexplained))}"
 
 
@@ -47,7 +44,7 @@ def diagnosis_text(d: Diagnosis) -> str:
             lines.append("     " + ", ".join(f"{name}: {value}" for name, value in f.configuration.items()))
         if likely := [m for m in f.imitators if m.likely]:
             named = "; ".join(f"{m.effect}{on(m.place)} ({m.confidence:.2f})" for m in likely)
-            lines.append(f"     could also be: {named}")
+            lines.append(f"     alternative explanations: {named}")
         if unlikely := sorted((m for m in f.imitators if not m.likely), key=lambda m: -m.share):
             named = "; ".join(f"{m.effect}{on(m.place)}{_with(m.values)} {100 * m.share:.0f} %" for m in unlikely)
             lines.append(f"     in its place would take up, of what it explains: {named}")
@@ -57,6 +54,7 @@ def diagnosis_text(d: Diagnosis) -> str:
         f"hidden: {effect} on {places}: would pass for what the model has; to see it, {motion}"
         for effect, places, motion in by_effect(d.hidden)
     ]
+    lines += [str(d.instrument)]
     data = "held out" if d.held is not None else "fitted"
     lines += ["", f"error on {data} data, noise floor {_numbers(d.noise_floor)}:", str(d.comparison)]
     if d.before.sticking or d.after.sticking:

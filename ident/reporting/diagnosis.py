@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..diagnosis.analysis import without_reversals
-from ..diagnosis.hidden import by_effect
+from ..diagnosis.result import by_effect
 from ..diagnosis.text import undecided
 from ..effects.places import on, place_of
 from ..robots.transmission import Side
@@ -18,7 +18,7 @@ from .rows import Timeline, binned, cloud, contribution, revealing
 
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
-    from ..diagnosis.findings import Finding
+    from ..diagnosis.result import Finding
     from ..effects.base import Effect
     from ..robots.robot import Robot
     from ..signals.signals import Signals

@@ -1,0 +1,1 @@
+"""A world under feedback: what a controller answers is in the motion, and nothing that is missing need be there."""

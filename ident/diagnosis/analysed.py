@@ -1,0 +1,105 @@
+"""From signals to a decision: the log at full rate, the band of the instrument, the rows, the rule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import DataError
+from ..signals.preparation import ZeroPhase
+from .data.band_of import START_HZ, reference_band
+from .data.instruments import RunRows, kept_hz, reduced, run_rows, usual_speed
+from .inference.decide import Decision, decide
+from .scoring.fit import Fit
+
+if TYPE_CHECKING:
+    from ..model import Model
+    from ..signals.signals import Signals
+
+Array = np.ndarray
+#: Desired positions count as such where the joints follow them to this share of their motion (rms).
+_FOLLOWED = 0.2
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """What the instrument is: `kind` "q_ref" (desired motion) or "low_band" (measured motion), below `band_hz`."""
+
+    kind: str
+    band_hz: float
+
+    def __str__(self) -> str:
+        what = "the desired motion" if self.kind == "q_ref" else "the measured motion"
+        return f"instrument: {what} below {self.band_hz:.2g} Hz; motion above answers disturbances and is not used to decide"
+
+
+def full_rate(signals: Signals) -> Signals:
+    """The logs at full rate in the widest band, where they are at hand; else the signals as they were prepared."""
+    if signals.source is None:
+        return reduced(signals)
+    config = signals.report.config
+    options = {k: config[k] for k in ("resample_hz", "max_gap_s") if config.get(k) is not None}
+    rate = _rate(signals)
+    try:
+        wide = ZeroPhase(cutoff_hz=kept_hz(rate), decimate=False, standstill=None, saturated="keep", **options)(signals.source, signals.robot)
+    except DataError:
+        return reduced(signals)
+    return reduced(wide)
+
+
+def _rate(signals: Signals) -> float:
+    """Samples per second of the logs' uniform runs."""
+    return float(signals.report.rate_hz or signals.rate)
+
+
+def desired(signals: Signals) -> list[Array] | None:
+    """Desired positions (N, n) along each run, where every log has them and the joints follow them."""
+    if signals.source is None:
+        return None
+    logs = {log.name: log for log in signals.source}
+    found = []
+    for name, run in zip(signals.run_names, signals.runs, strict=True):
+        log = logs.get(name) or next((x for x in signals.source if name.startswith(x.name)), None)
+        columns = None if log is None else _reference_columns(log, signals.robot.n)
+        if columns is None or log is None:
+            return None
+        t, q = signals.t[run], signals.q[run]
+        wanted = np.stack([np.interp(t, log.t, x) for x in columns.T], axis=1)
+        moved = np.sqrt(np.mean((q - q.mean(axis=0)) ** 2, axis=0))
+        if np.any(np.sqrt(np.mean((q - wanted) ** 2, axis=0)) > _FOLLOWED * np.maximum(moved, 1e-9)):
+            return None
+        found.append(wanted)
+    return found
+
+
+def _reference_columns(log, n: int) -> Array | None:  # type: ignore[no-untyped-def]
+    q = getattr(log, "q_ref", None)
+    if q is not None:
+        return np.asarray(q)
+    names = [f"q_ref{j + 1}" for j in range(n)]
+    return np.stack([log.extra[k] for k in names], axis=1) if all(k in log.extra for k in names) else None
+
+
+def analysed(
+    model: Model, signals: Signals, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None
+) -> tuple[Decision, Instrument]:
+    """Decide what a model lacks on signals. Raises DataError where no run is long enough."""
+    robot = model.robot
+    full = full_rate(signals)
+    reference = desired(full)
+    runs = _runs(full, model, START_HZ, reference)
+    first = Fit(runs, model)
+    band = reference_band(first, first.solved(2))
+    fit = Fit(_runs(full, model, band, reference), model)
+    speeds = usual_speed(robot.transmission.motor_rate(full.dq))
+    return decide(fit, speeds, note, progress), Instrument("low_band" if reference is None else "q_ref", band)
+
+
+def _runs(full: Signals, model: Model, band_hz: float, reference: Sequence[Array] | None) -> list[RunRows]:
+    runs = run_rows(full, model.robot, band_hz, reference)
+    if not runs:
+        raise DataError("no stretch of the logs is long enough for a diagnosis: 4 s without a gap are needed.")
+    return runs

@@ -1,0 +1,1 @@
+"""What a diagnosis looks at: measured motion and instrument, masks, rows in one band."""

@@ -1,0 +1,87 @@
+"""One linear operator for torque and columns alike: low-pass and decimation by the Fourier transform, odd reflection at the ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+Array = np.ndarray
+#: Seconds of reflection at either end, and of rows at either end that are left out because it reaches into them.
+_PAD = 1.0
+_DROP = 0.6
+
+
+@dataclass(frozen=True)
+class Band:
+    """Rows of one run: what lies below `top_hz`, at `rate / factor`.
+
+    `samples`: of the run at `rate` (Hz). Columns and torque go through the same operator, so that the model's equation stays exact."""
+
+    samples: int
+    rate: float
+    factor: int
+    top_hz: float
+
+    @property
+    def row_rate(self) -> float:
+        return self.rate / self.factor
+
+    @cached_property
+    def _pad(self) -> int:
+        return min(int(_PAD * self.rate), self.samples - 1)
+
+    @cached_property
+    def _length(self) -> int:
+        from scipy.fft import next_fast_len
+
+        rows = int(np.ceil((self.samples + 2 * self._pad) / self.factor))
+        return int(next_fast_len(rows, real=True)) * self.factor
+
+    @cached_property
+    def count(self) -> int:
+        """Rows with those of the reflection."""
+        return self._length // self.factor
+
+    @cached_property
+    def inner(self) -> slice:
+        """The rows that count."""
+        drop = int(_DROP * self.rate)
+        return slice((self._pad + drop) // self.factor, (self._pad + self.samples - drop) // self.factor)
+
+    @cached_property
+    def time(self) -> Array:
+        """Seconds from the run's start of the rows that count."""
+        return (np.arange(self.inner.start, self.inner.stop) * self.factor - self._pad) / self.rate
+
+    @cached_property
+    def frequencies(self) -> Array:
+        """Of the rows' Fourier transform, Hz."""
+        return np.fft.rfftfreq(self.count, 1.0 / self.row_rate)
+
+    @cached_property
+    def _gain(self) -> Array:
+        f = np.fft.rfftfreq(self._length, 1.0 / self.rate)[: self.count // 2 + 1]
+        ramp = np.clip((1.1 * self.top_hz - f) / (0.2 * self.top_hz), 0.0, 1.0)
+        return 0.5 - 0.5 * np.cos(np.pi * ramp)
+
+    def rows(self, x: Array) -> Array:
+        """Columns x (N, k) as rows (count, k), those of the reflection included."""
+        from scipy.fft import irfft, rfft
+
+        x = np.ascontiguousarray(x.T, float)
+        before, after = self._pad, self._length - self.samples - self._pad
+        left = 2 * x[:, :1] - x[:, before:0:-1]
+        reach = min(after, self.samples - 1)
+        right = 2 * x[:, -1:] - x[:, -2 : -2 - reach : -1]
+        rest = np.repeat(right[:, -1:], after - reach, axis=1)
+        spectrum = rfft(np.concatenate([left, x, right, rest], axis=1), axis=1)[:, : self.count // 2 + 1] * self._gain
+        return np.asarray(irfft(spectrum, self.count, axis=1).T / self.factor)
+
+    def filtered(self, rows: Array, gain: Array) -> Array:
+        """Rows (count, …) through a filter of this gain over `frequencies`; those that count."""
+        from scipy.fft import irfft, rfft
+
+        shaped = gain.reshape(-1, *[1] * (rows.ndim - 1))
+        return np.asarray(irfft(rfft(rows, axis=0) * shaped, self.count, axis=0)[self.inner])

@@ -1,0 +1,138 @@
+"""Where effects of the catalogue could sit, and the shapes worth scoring first."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...errors import IdentError
+
+if TYPE_CHECKING:
+    from ...effects.base import Effect
+    from ...effects.motion import Motion
+    from ...model import Model
+    from ...robots.robot import Robot
+
+#: Points of the grid over one shape, and over each of several.
+_POINTS, _TOGETHER = 7, 4
+#: Whole orders (cycles a turn) that machines have: poles, teeth, lobes, and their multiples.
+_ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 18, 20, 24, 30, 36, 48)
+#: Samples that a period of an order needs, at a speed below which the joint is for this share of the time.
+_SAMPLES, _SLOW_SHARE = 10.0, 0.2
+#: Effects whose evidence lies above any band in which the reference drives the motion: they are said to be unseen, never named.
+ABOVE_THE_BAND = frozenset({"joint_elasticity", "backlash"})
+
+
+def places(kind: type[Effect], model: Model, motions: Sequence[Motion]) -> Iterator[tuple[Effect, tuple[str, ...]]]:
+    """Every effect of a kind that the model does not hold, with the joints it sits on; one for each shape of a grid."""
+    if kind.name in ABOVE_THE_BAND:
+        return
+    for place in _places(kind, model.robot):
+        if any(_covers(e, place, model.robot) for e in model.effects):
+            continue
+        for choice in _choices(place):
+            try:
+                for effect in grid(choice, model, motions):
+                    yield effect, _joints(place)
+            except IdentError:
+                break
+
+
+def grid(effect: Effect, model: Model, motions: Sequence[Motion], points: int = 0) -> Iterator[Effect]:
+    """The effect over a grid of its shapes."""
+    parameters = effect.shape()
+    if not parameters:
+        yield effect
+        return
+    if effect.response(model.robot) is not None and any(p.lower < 0 < p.upper for p in parameters):
+        # A delay: its slope at zero shows every short one.
+        yield effect.with_shape(**{p.name: 0.0 for p in parameters})
+        return
+    ranges = search_range(effect, model, motions)
+    if is_order(effect):
+        (p,) = parameters
+        for order in _orders(effect, model, motions, ranges[p.name]):
+            yield effect.with_shape(**{p.name: order})
+        return
+    usual = points or (_POINTS if len(parameters) == 1 else _TOGETHER)
+    axes = []
+    for p in parameters:
+        low, high = ranges[p.name]
+        count = 1 if p.points == 1 else min(p.points or usual, usual)
+        if count == 1:
+            axes.append(np.array([min(max(p.typical, low), high)]))
+        else:
+            axes.append(np.geomspace(low, high, count) if p.log and low > 0 else np.linspace(low, high, count))
+    for values in itertools.product(*axes):
+        yield effect.with_shape(**{p.name: float(v) for p, v in zip(parameters, values, strict=True)})
+
+
+def search_range(effect: Effect, model: Model, motions: Sequence[Motion]) -> dict[str, tuple[float, float]]:
+    """Where an effect's shapes may lie: in any of the runs."""
+    every = [effect.search_range(motion, model.robot) for motion in motions]
+    out = {}
+    for p in effect.shape():
+        told = [x[p.name] for x in every if x[p.name] != (p.lower, p.upper)]
+        out[p.name] = (min(low for low, _ in told), max(high for _, high in told)) if told else (p.lower, p.upper)
+    return out
+
+
+def is_order(effect: Effect) -> bool:
+    """The effect has one shape, and that is an order: cycles per unit of a position."""
+    shape = effect.shape()
+    return len(shape) == 1 and shape[0].unit.startswith("1/rad")
+
+
+def _orders(effect: Effect, model: Model, motions: Sequence[Motion], bounds: tuple[float, float]) -> Iterator[float]:
+    """Orders worth scoring: whole ones within the bounds that the samples resolve; on a slide, whole numbers of periods over its travel."""
+    j = effect.at(model.robot)[0]
+    side = getattr(effect, "angle", effect.side)
+    q = np.concatenate([m.on(side).q[:, j] for m in motions])
+    slow = max(float(np.quantile(np.abs(m.on(side).dq[:, j]), _SLOW_SHARE)) for m in motions)
+    unit = 1.0 if model.robot.position_unit(j, side) == "rad" else 2.0 * np.pi / max(float(np.ptp(q)), 1e-9)
+    for order in _ORDERS:
+        if bounds[0] <= order * unit <= bounds[1] and order * unit * slow * _SAMPLES <= 2.0 * np.pi * motions[0].rate:
+            yield order * unit
+
+
+def _joints(place: Effect) -> tuple[str, ...]:
+    return () if place.joints is None else place.joints
+
+
+def _places(kind: type[Effect], robot: Robot) -> Iterator[Effect]:
+    """Every smallest thing of the kind, and what may be on all joints at once; the label keeps parameter names apart from those of a
+    declared effect of the kind."""
+    try:
+        yield from kind.placements(robot, label="+")
+    except IdentError:
+        return
+    if kind.everywhere and robot.n > 1:
+        yield kind(joints=robot.joint_names, label="+")
+
+
+def _covers(effect: Effect, place: Effect, robot: Robot) -> bool:
+    """Whether the model holds the same thing, or another form of it, at the same place already."""
+    if place.form_of and place.form_of == effect.form_of and set(place.at(robot)) & set(effect.at(robot)):
+        return True
+    if type(effect) is not type(place) or effect.side != place.side:
+        return False
+    plain = {f.name for f in dataclasses.fields(place)} - {"joints", "label", *(p.name for p in place.shape())}
+    if any(getattr(effect, name) != getattr(place, name) for name in plain):
+        return False
+    return set(place.at(robot)) <= set(effect.at(robot))
+
+
+def _choices(place: Effect) -> Iterator[Effect]:
+    """The effect with each member of every enumeration it is configured by (an angle on the joint or on the motor side)."""
+    options = [
+        (f.name, list(type(getattr(place, f.name)).__members__.values()))
+        for f in dataclasses.fields(place)
+        if f.name != "side" and isinstance(getattr(place, f.name), StrEnum)
+    ]
+    for chosen in itertools.product(*(members for _, members in options)):
+        yield dataclasses.replace(place, **dict(zip([n for n, _ in options], chosen, strict=True)))

@@ -1,0 +1,1 @@
+"""What the scores mean: critical values, and the one decision rule."""

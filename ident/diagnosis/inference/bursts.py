@@ -1,0 +1,64 @@
+"""Bursts: more energy in half a second than the rest of the log makes likely."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..thresholds import LEVEL, MATERIAL
+
+if TYPE_CHECKING:
+    from ..scoring.fit import Fit, Frame
+
+Array = np.ndarray
+_WINDOW = 0.5
+_USED = 0.9
+_BINS = 5
+
+
+def burst(fit: Fit, frame: Frame) -> tuple[int, float] | None:
+    """The motor whose residual bursts, and the family-wise probability that noise does so; None where none does.
+
+    Energies of windows are compared with a gamma law fitted to the middle of their distribution."""
+    from scipy.stats import gamma
+
+    found: tuple[int, float] | None = None
+    n = frame.residual.shape[1]
+    for m in range(n):
+        energies, paces = [], []
+        for run, a, b in zip(fit.runs, frame.edges[:-1], frame.edges[1:], strict=True):
+            width = max(int(_WINDOW * run.band.row_rate), 1)
+            speed = np.abs(run.instrument.motor.dq[:, [m]])
+            paces.append(_windows(np.clip(run.band.rows(speed)[run.band.inner, 0], 0.0, None), width))
+            used = np.clip(run.band.rows(run.use[:, [m]])[run.band.inner, 0], 0.0, 1.0)
+            energy, share = (_windows(x, width) for x in (frame.residual[a:b, m] ** 2, used / width))
+            good = share > _USED
+            paces[-1] = paces[-1][good]
+            energies.append(energy[good] / share[good])
+        e = _at_like_speed(np.concatenate(energies), np.concatenate(paces))
+        if len(e) < 12 or not np.median(e) > 0:
+            continue
+        low, middle, high = np.quantile(e, [0.16, 0.5, 0.84])
+        shape = max((middle / max((high - low) / 2.0, 1e-300)) ** 2, 1.5)
+        scale = middle / gamma.ppf(0.5, shape)
+        p = min(float(gamma.sf(e.max() / scale / (1.0 + MATERIAL) ** 2, shape)) * len(e) * n, 1.0)
+        if p < LEVEL and (found is None or p < found[1]):
+            found = (m, p)
+    return found
+
+
+def _windows(x: Array, width: int) -> Array:
+    sums = np.concatenate([[0.0], np.cumsum(x)])
+    return np.asarray((sums[width:] - sums[:-width])[:: max(width // 2, 1)])
+
+
+def _at_like_speed(energy: Array, speed: Array) -> Array:
+    """Energies over the median of those at like speed: noise that grows with speed is no burst."""
+    bins = min(_BINS, len(energy) // 12)
+    if bins < 2:
+        return energy
+    out = energy.copy()
+    for part in np.array_split(np.argsort(speed), bins):
+        out[part] /= max(float(np.median(energy[part])), 1e-300)
+    return out

@@ -1,0 +1,366 @@
+"""The one decision rule: effects join while a score exceeds what chance and immaterial error explain; the verdict is defined by the set of
+models that nothing is left beside."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...effects.base import Effect, Nature
+from ..design.catalogue import Catalogue
+from ..design.places import grid, is_order, search_range
+from ..scoring.scores import Scores
+from ..thresholds import BOUND, COMPETES, CONTAINED, MATERIAL, MOST
+from .bursts import burst
+from .significance import parametric
+
+if TYPE_CHECKING:
+    from ..design.catalogue import Group
+    from ..scoring.fit import Fit, Frame
+
+Array = np.ndarray
+_FINE = 9
+#: Simpler effects that are tried in the place of one that contains them.
+_SIMPLER = 4
+
+
+@dataclass(frozen=True)
+class Member:
+    """A model of the confidence set: the effect that could stand in place of an accepted one; `z` beside the rest, `left`: the largest z
+    after it."""
+
+    effect: Effect
+    joints: tuple[str, ...]
+    z: float
+    left: float
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An accepted effect, with `z` beside the others, and its competing models."""
+
+    effect: Effect
+    joints: tuple[str, ...]
+    z: float
+    competing: tuple[Member, ...] = ()
+
+
+@dataclass(frozen=True)
+class Left:
+    """Structure that is left: what it follows, on which joint (or whole robot), and how far beyond chance."""
+
+    name: str
+    joints: tuple[str, ...]
+    z: float
+    named: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What was decided. `critical`: what the largest score must exceed; `left`: what does beside the accepted effects, the largest first."""
+
+    verdict: str
+    named: tuple[Named, ...]
+    left: tuple[Left, ...]
+    critical: float
+    fit: Fit
+    frame: Frame
+    scores: Scores
+    trail: tuple[str, ...] = ()
+
+
+@dataclass(eq=False)
+class _State:
+    """The search's state: fit with accepted effects, its frame, and the scores of the catalogue beside it."""
+
+    fit: Fit
+    catalogue: Catalogue
+    accepted: list[tuple[Effect, tuple[str, ...]]]
+    frame: Frame = field(init=False)
+    scores: Scores = field(init=False)
+    chance: float = field(init=False)
+
+    def solve(self, passes: int = 2) -> None:
+        self.fit = self.fit.with_effects(tuple(e for e, _ in self.accepted))
+        self.frame = self.fit.solved(passes)
+        self.catalogue.updated(self.fit)
+        self.scores = Scores.of(self.fit, self.frame, self.catalogue)
+
+    @property
+    def slack(self) -> float:
+        rows = self.frame.rows * float(self.fit.share[self.fit.share > 0].mean()) if (self.fit.share > 0).any() else self.frame.rows
+        return MATERIAL * float(np.sqrt(rows))
+
+
+def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None) -> Decision:
+    """Decide what a fit's model lacks. `speeds` (n,): usual speeds of the motors."""
+    trail: list[str] = []
+
+    def say(text: str) -> None:
+        trail.append(text)
+        if note is not None:
+            note(text)
+
+    tell = progress or (lambda _: None)
+    fit.solved(1)
+    state = _State(fit, Catalogue.of(fit, speeds), [])
+    tell(0.3)
+    state.solve()
+    refused: set[tuple[str, tuple[str, ...]]] = set()
+    tried: dict[tuple[str, tuple[str, ...]], int] = {}
+    for step in range(MOST + 1):
+        state.chance = parametric(state.scores)
+        critical = state.chance + state.slack
+        tell(0.3 + 0.6 * (1.0 - 0.6**step))
+        best = _best(state, critical, refused)
+        say(f"    step {step}: {_told(state)}; critical {critical:.1f}")
+        if best is None or step == MOST:
+            break
+        effect, joints = _refined(state, best)
+        kind = (effect.name, joints)
+        if tried.get(kind, 0) >= 1 and effect.name not in _REPEATABLE:
+            refused.add(kind)
+            continue
+        tried[kind] = tried.get(kind, 0) + 1
+        state.accepted.append((_labelled(effect, state), joints))
+        state.solve()
+        if len(state.accepted) > 0:
+            _reprofile(state)
+        say(f"accepted: {effect.name} on {', '.join(joints) or 'the whole robot'}")
+    state.chance = parametric(state.scores)
+    critical = state.chance + state.slack
+    _backward(state, critical, say)
+    sets = [_confidence_set(state, one, critical) for one in state.accepted]
+    for _ in range(3):
+        if not state.accepted or state.scores.z.max(initial=0.0) <= critical:
+            break
+        adequate = [(m.left, i, m) for i, s in enumerate(sets) for m in s if m.left <= critical]
+        if not adequate:
+            break
+        _, i, member = min(adequate, key=lambda x: x[0])
+        say(f"swapped: {state.accepted[i][0].name} for {member.effect.name}")
+        state.accepted[i] = (_labelled(member.effect, state), member.joints)
+        state.solve()
+        _reprofile(state)
+        sets = [_confidence_set(state, one, critical) for one in state.accepted]
+    tell(0.95)
+    return _decision(state, sets, critical, tuple(trail))
+
+
+#: Effects of which a joint may have several: one for each order.
+_REPEATABLE = frozenset({"cogging", "torque_ripple", "gear_coupling", "position_dependent_friction"})
+
+
+def _decision(state: _State, sets: list[tuple[Member, ...]], critical: float, trail: tuple[str, ...]) -> Decision:
+    scores = state.scores
+    own = {(e.name, j) for e, j in state.accepted}
+    order = np.argsort(-scores.z)
+    left = [
+        Left(g.name, g.joints, float(scores.z[k]), g.named)
+        for k in order[:40].tolist()
+        if scores.z[k] > critical and (g := scores.group(k)).kind not in own
+    ]
+    if (found := burst(state.fit, state.frame)) is not None and not left:
+        left.append(Left("bursts", (state.fit.robot.joint_names[found[0]],), critical, False))
+    named = []
+    for (effect, joints), members in zip(state.accepted, sets, strict=True):
+        inside = tuple(m for m in members if m.left <= critical)
+        named.append(Named(effect, joints, _own_z(state, effect, joints), inside))
+    if left:
+        verdict = "unexplained"
+    elif not named:
+        verdict = "clean"
+    else:
+        verdict = "ambiguous" if any(x.competing for x in named) else "explained"
+    return Decision(verdict, tuple(named), tuple(left), critical, state.fit, state.frame, scores, trail)
+
+
+def _own_z(state: _State, effect: Effect, joints: tuple[str, ...]) -> float:
+    """z of an accepted effect beside the others."""
+    others = tuple(e for e, _ in state.accepted if e is not effect)
+    fit = state.fit.with_effects(others)
+    frame = fit.solved(1)
+    scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(effect, joints)]))
+    return float(scores.plain[0]) if len(scores.kept) else 0.0
+
+
+def _told(state: _State) -> str:
+    order = np.argsort(-state.scores.z)[:5].tolist()
+    return ", ".join(f"{state.scores.group(k).name} on {'/'.join(state.scores.group(k).joints)} {state.scores.z[k]:.1f}" for k in order)
+
+
+def _best(state: _State, critical: float, refused: set[tuple[str, tuple[str, ...]]]) -> Group | None:
+    """The named group of the largest score beyond the critical value whose values are possible."""
+    scores = state.scores
+    for k in np.argsort(-scores.z).tolist():
+        if scores.z[k] <= critical:
+            return None
+        g = scores.group(k)
+        if g.named and g.kind not in refused and not _impossible(state, k):
+            return _simplest(state, k, refused, critical)
+    return None
+
+
+def _simplest(state: _State, k: int, refused: set[tuple[str, tuple[str, ...]]], critical: float) -> Group:
+    """The k-th group, or the simpler effect that it contains, where what it has beyond that one adds nothing."""
+    scores = state.scores
+    after, energy = scores.beside(scores.slice_of(k))
+    inside = [
+        i
+        for i in range(len(scores.kept))
+        if i != k and energy[i] < CONTAINED and scores.named[i] and scores.degrees[i] <= scores.degrees[k] and scores.group(i).kind not in refused
+    ]
+    inside = [i for i in inside if scores.plain[i] > COMPETES * scores.plain[k] and not _impossible(state, i)]
+
+    def rank(i: int) -> tuple[int, bool, float]:
+        effect = scores.group(i).effect
+        assert effect is not None
+        # Of two with the same columns, the one that also acts where nothing moves asks for less.
+        return int(scores.degrees[i]), effect.nature == Nature.FRICTION, -float(scores.plain[i])
+
+    tried: set[tuple[str, tuple[str, ...]]] = set()
+    for i in sorted(inside, key=rank):
+        g = scores.group(i)
+        if rank(i) >= rank(k) or len(tried) == _SIMPLER:
+            break
+        if g.kind in tried:
+            continue
+        tried.add(g.kind)
+        # By a refit: beside a model that lacks so much the noise is known too badly for a score to tell what would be left.
+        assert g.effect is not None
+        trial = _State(state.fit, state.catalogue, [*state.accepted, (_labelled(g.effect, state), g.joints)])
+        trial.solve(1)
+        more = [float(trial.scores.plain[x]) for x in range(len(trial.scores.kept)) if trial.scores.group(x).kind == scores.group(k).kind]
+        if max(more, default=0.0) <= critical:
+            return g
+    return scores.group(k)
+
+
+def _impossible(state: _State, k: int) -> str:
+    """Why the values that a group would have cannot be those of such an effect; "" if they can."""
+    effect, robot = state.scores.group(k).effect, state.fit.robot
+    assert effect is not None
+    values, std = state.scores.values(k)
+    for p, v, s in zip(effect.parameters(robot), values, std, strict=True):
+        if v < p.lower - BOUND * s or v > p.upper + BOUND * s:
+            return f"{p.name} = {v:.3g}"
+    return effect.implausible(robot, values, std)
+
+
+def _labelled(effect: Effect, state: _State) -> Effect:
+    """The effect under a label that keeps its parameters apart from those of the accepted ones."""
+    taken = {p.name for e, _ in state.accepted for p in e.parameters(state.fit.robot)}
+    while any(p.name in taken for p in effect.parameters(state.fit.robot)):
+        effect = dataclasses.replace(effect, label=f"{effect.label}+")
+    return effect
+
+
+def _squares(state: _State, effects: list[Effect], joints: tuple[str, ...]) -> Array:
+    """Score (z) of each effect in a list, beside the state's frame."""
+    scores = Scores.of(state.fit, state.frame, Catalogue.of_effects(state.fit, [(e, joints) for e in effects]))
+    out = np.zeros(len(effects))
+    for z, k in zip(scores.plain, scores.kept, strict=True):
+        out[k] = z
+    return out
+
+
+def _refined(state: _State, group: Group) -> tuple[Effect, tuple[str, ...]]:
+    """The effect of a group at the shape that scores best, sought between the neighbours of the grid."""
+    assert group.effect is not None
+    effect = group.effect
+    if is_order(effect):
+        return effect, group.joints
+    if not effect.shape() or effect.response(state.fit.robot) is not None and any(getattr(effect, p.name) == 0.0 for p in effect.shape()):
+        return effect, group.joints
+    ranges = search_range(effect, state.fit.declared, state.fit.motions(instrument=True))
+    points = len({getattr(g.effect, effect.shape()[0].name) for g in state.catalogue.groups if g.kind == group.kind and g.effect is not None})
+    width = 1.0 / max(points - 1, 1)
+    for _ in range(2):
+        for p in effect.shape():
+            low, high = ranges[p.name]
+            log = p.log and low > 0
+            a, b = (np.log(low), np.log(high)) if log else (low, high)
+            at = np.log(getattr(effect, p.name)) if log else getattr(effect, p.name)
+            lo, hi = max(a, at - width * (b - a)), min(b, at + width * (b - a))
+            trial = np.linspace(lo, hi, _FINE)
+            values = np.exp(trial) if log else trial
+            values = np.clip(values, p.lower, p.upper)
+            options = [effect.with_shape(**{p.name: float(v)}) for v in values]
+            effect = options[int(np.argmax(_squares(state, options, group.joints)))]
+        width /= 3.0
+    return effect, group.joints
+
+
+def _reprofile(state: _State) -> None:
+    """Shapes of all accepted effects anew, each beside the others."""
+    for i, (effect, joints) in enumerate(list(state.accepted)):
+        if not effect.shape() or effect.response(state.fit.robot) is not None:
+            continue
+        if len(state.accepted) == 1 and effect.name in _REPEATABLE:
+            continue
+        others = [x for k, x in enumerate(state.accepted) if k != i]
+        trial = _State(state.fit.with_effects(tuple(e for e, _ in others)), state.catalogue, others)
+        trial.frame = trial.fit.solved(1)
+        motions = trial.fit.motions(instrument=True)
+        options = [effect, *(grid(effect, state.fit.declared, motions, 13 if len(effect.shape()) == 1 else 4))]
+        best = options[int(np.argmax(_squares(trial, options, joints)))]
+        g = next(x for x in Catalogue.of_effects(trial.fit, [(best, joints)]).groups)
+        refined, _ = _refined(trial, g)
+        state.accepted[i] = (dataclasses.replace(refined, label=effect.label), joints)
+    state.solve()
+
+
+def _backward(state: _State, critical: float, say: Callable[[str], None]) -> None:
+    """Drop what the others make unnecessary."""
+    while len(state.accepted) > 1:
+        worst: tuple[float, int] | None = None
+        for i in range(len(state.accepted)):
+            others = [x for k, x in enumerate(state.accepted) if k != i]
+            trial = _State(state.fit, state.catalogue, others)
+            trial.solve(1)
+            top = float(trial.scores.z.max(initial=0.0))
+            if top <= critical and (worst is None or top < worst[0]):
+                worst = (top, i)
+        if worst is None:
+            break
+        say(f"dropped: {state.accepted[worst[1]][0].name}")
+        del state.accepted[worst[1]]
+        state.solve()
+    if state.accepted:
+        state.solve()
+
+
+def _confidence_set(state: _State, one: tuple[Effect, tuple[str, ...]], critical: float) -> tuple[Member, ...]:
+    """Effects that could stand in the place of an accepted one, each with what is left beside it."""
+    effect, joints = one
+    others = [x for x in state.accepted if x is not one]
+    trial = _State(state.fit, state.catalogue, others)
+    trial.solve(1)
+    scores, own = trial.scores, (effect.name, joints)
+    mine = [k for k in range(len(scores.kept)) if scores.group(k).kind == own]
+    z = scores.plain
+    top = float(z[scores.named].max(initial=0.0))
+    found: dict[tuple[str, tuple[str, ...]], Member] = {}
+    for k in np.argsort(-z).tolist():
+        if z[k] < critical or z[k] < COMPETES * top:
+            break
+        g = scores.group(k)
+        if g.effect is None or g.kind == own or _impossible(trial, k):
+            continue
+        beside, energy = scores.beside(scores.slice_of(k))
+        left = float(beside.max(initial=0.0))
+        if mine:
+            nearest = mine[int(np.argmax(z[mine]))]
+            after = float(beside[nearest])
+            own_after, own_energy = scores.beside(scores.slice_of(nearest))
+            if energy[nearest] < CONTAINED or own_energy[k] < CONTAINED:
+                continue  # a more general form of the same, or the same by another name
+            if after > state.chance:
+                left = max(left, critical + after - state.chance)
+        if g.kind not in found or left < found[g.kind].left:
+            found[g.kind] = Member(g.effect, g.joints, float(z[k]), left)
+    return tuple(sorted(found.values(), key=lambda m: m.left))

@@ -1,0 +1,315 @@
+"""The model fitted by instruments: the estimate whose residual is uncorrelated with columns of the instrument's motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...effects.base import Effect, Need
+from ...effects.motion import Motion
+from ...effects.reference import Reference
+from ...model import Model
+from ...robots.transmission import Side
+from ..thresholds import FEW
+from .whitening import density
+
+if TYPE_CHECKING:
+    from ..data.instruments import RunRows
+
+Array = np.ndarray
+_DEPENDENT = frozenset({Need.LOAD, Need.REFERENCE, Need.TORQUE})
+#: Singular values of the instrumental equations that are as good as zero.
+_SINGULAR = 1e-9
+#: Periods of an angle after which what a disturbance adds to it averages out.
+_PERIODS = 5.0
+#: Frequency, as a share of the rate, at which columns of a turning angle have fallen to half.
+_FADE = 0.11
+
+
+def depends(effect: Effect) -> bool:
+    """The effect's columns depend on what the model predicts."""
+    return bool(effect.needs & _DEPENDENT)
+
+
+def on_motors(values: Array, side: Side, robot) -> Array:  # type: ignore[no-untyped-def]
+    """Columns (N, n, k) of torque on a side, as torque of the motors."""
+    return values if side == Side.MOTOR else np.matmul(robot.transmission.torque_map(side, Side.MOTOR), values)
+
+
+def rows_of(values: Array, run: RunRows) -> Array:
+    """Columns (N, n, k) on the motors as rows (count, n, k)."""
+    out = np.zeros((run.band.count, values.shape[1], values.shape[2]))
+    for m in range(values.shape[1]):
+        live = np.flatnonzero(values[:, m].any(axis=0))
+        if len(live):
+            out[:, m, live] = run.masked(values[:, m, live], m)
+    return out
+
+
+def effect_columns(effect: Effect, motion: Motion, robot) -> Array:  # type: ignore[no-untyped-def]
+    """Columns (N, n, k) of an effect on the motors; where its angle turns faster than the motion's band, they fade like the torque does."""
+    values = on_motors(effect.columns(motion, robot), effect.side, robot)
+    shape = effect.shape()
+    if len(shape) == 1 and shape[0].unit.startswith("1/rad"):
+        side, j = getattr(effect, "angle", effect.side), effect.at(robot)[0]
+        turning = np.abs(motion.on(side).dq[:, j]) * float(getattr(effect, shape[0].name)) / (2.0 * np.pi)
+        values = values / (1.0 + (turning / (_FADE * motion.rate)) ** 8)[:, None, None]
+    return values
+
+
+def _turns_fast(effect: Effect, robot, motions: Sequence[Motion]) -> bool:  # type: ignore[no-untyped-def]
+    """The effect has an order, of whose angle the runs hold several periods."""
+    shape = effect.shape()
+    if len(shape) != 1 or not shape[0].unit.startswith("1/rad"):
+        return False
+    side, j = getattr(effect, "angle", effect.side), effect.at(robot)[0]
+    q = np.concatenate([m.on(side).q[:, j] for m in motions])
+    return float(np.ptp(q)) * float(getattr(effect, shape[0].name)) > 2.0 * np.pi * _PERIODS
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A solved stage. R rows, n motors, p columns (base parameters, then effects).
+
+    `X`, `Z` (R, n, p): columns of measured motion and instrument, whitened; `residual` (R, n); `theta` (p,); `scale` (p,): of Z's columns;
+    `inverse` (p, R n): (X'Z)⁻¹ X' of scaled columns; `prior` (p,): what the prior's rows add to Z'e; `gains`: whitening filters."""
+
+    X: Array
+    Z: Array
+    residual: Array
+    theta: Array
+    scale: Array
+    inverse: Array
+    prior: Array
+    gram: Array
+    gains: tuple[Array, ...]
+    edges: tuple[int, ...]
+
+    @property
+    def rows(self) -> int:
+        return len(self.residual)
+
+
+@dataclass(eq=False)
+class Fit:
+    """Model and rows; `solve` makes a frame. `runs`: of one robot; `declared`: its model; `effects`: accepted beside it."""
+
+    runs: Sequence[RunRows]
+    declared: Model
+    effects: tuple[Effect, ...] = ()
+    values: Array | None = field(default=None, repr=False)
+    _kept: dict[Effect | None, tuple[list[Array], list[Array]]] = field(default_factory=dict, repr=False)
+    _torque: list[Array] = field(default_factory=list, repr=False)
+    _motions: dict[Any, Any] = field(default_factory=dict, repr=False)
+
+    def with_effects(self, effects: tuple[Effect, ...]) -> Fit:
+        """The same rows with other effects beside the declared model; values are taken over as far as parameters are the same."""
+        other = Fit(self.runs, self.declared, effects, None, dict(self._kept), self._torque)
+        if self.values is not None:
+            known = dict(zip(self.model.names, self.values, strict=True))
+            other.values = np.array([known.get(name, 0.0) for name in other.model.names])
+        return other
+
+    @cached_property
+    def model(self) -> Model:
+        """The declared model with the effects."""
+        return Model(self.declared.robot, (*self.declared.effects, *self.effects))
+
+    @property
+    def robot(self):  # type: ignore[no-untyped-def]
+        return self.declared.robot
+
+    @cached_property
+    def share(self) -> Array:
+        """Share (n,) of the samples that each motor has in use, over all runs."""
+        lengths = np.array([len(run.use) for run in self.runs], float)
+        return np.asarray(np.average([run.share for run in self.runs], axis=0, weights=lengths))
+
+    def motions(self, *, instrument: bool, effect: Effect | None = None) -> list[Motion]:
+        """The runs' motions with what the model predicts along them.
+
+        The instrument of an effect whose angle turns fast holds the measured positions: what a disturbance adds to an angle is lost in
+        the mean over its turns, and a smoothed angle has lost the phase."""
+        chosen = [run.instrument if instrument else run.measured for run in self.runs]
+        fast = instrument and effect is not None and _turns_fast(effect, self.robot, chosen)
+        key = (instrument, fast)
+        if self._motions.get("values") is not self.values:
+            self._motions.clear()
+            self._motions["values"] = self.values
+        if key in self._motions:
+            return self._motions[key]
+        if fast:
+            chosen = [
+                replace(z, joint=replace(z.joint, q=x.joint.q), motor=replace(z.motor, q=x.motor.q))
+                for z, x in zip(chosen, (run.measured for run in self.runs), strict=True)
+            ]
+        if self.values is not None:
+            reference = Reference(self.model, self.values)
+            for i, motion in enumerate(chosen):
+                told = motion.with_reference(reference)
+                chosen[i] = replace(told, torque=told.predicted).with_load(reference.load(told))
+        self._motions[key] = chosen
+        return chosen
+
+    def rows(self, effect: Effect | None, *, fresh: bool = False) -> tuple[list[Array], list[Array]]:
+        """Rows of an effect (None: the declared model's base columns) for each run: of the measured motion, of the instrument."""
+        if fresh or effect not in self._kept:
+            self._kept[effect] = (self._made(effect, instrument=False), self._made(effect, instrument=True))
+        return self._kept[effect]
+
+    def _made(self, effect: Effect | None, *, instrument: bool) -> list[Array]:
+        found = []
+        for run, motion in zip(self.runs, self.motions(instrument=instrument, effect=effect), strict=True):
+            if effect is None:
+                values = self.declared.columns(motion)[:, :, self.declared.base.independent]
+                side = self.robot.transmission.measured
+            else:
+                values, side = effect_columns(effect, motion, self.robot), Side.MOTOR
+            found.append(rows_of(on_motors(values, side, self.robot), run))
+        return found
+
+    @property
+    def torque(self) -> list[Array]:
+        """Rows (count, n) of the torque, for each run."""
+        if not self._torque:
+            for run in self.runs:
+                self._torque.append(np.stack([run.masked(run.torque[:, m, None], m)[:, 0] for m in range(run.torque.shape[1])], axis=1))
+        return self._torque
+
+    # --- solving ------------------------------------------------------------------------------------------------------
+
+    def solved(self, passes: int = 2) -> Frame:
+        """The frame at the noise that its own residual shows, with columns taken at the values that it yields."""
+        frame = self._solve(self._flat(None))
+        for _ in range(passes):
+            if any(depends(e) for e in self.effects) or self._dependent_declared:
+                for effect in self.effects:
+                    if depends(effect):
+                        self.rows(effect, fresh=True)
+                if self._dependent_declared:
+                    self.rows(None, fresh=True)
+            # Whitening must not feed on itself: the density is that of the residual of a fit with one weight for each motor.
+            flat = self._solve(self._flat(frame))
+            frame = self._solve(self._white(flat))
+        return frame
+
+    @property
+    def _dependent_declared(self) -> bool:
+        return any(depends(e) for e in self.declared.effects)
+
+    def _stacked(self) -> tuple[list[Array], list[Array]]:
+        parts = [self.rows(None), *(self.rows(e) for e in self.effects)]
+        return tuple([np.concatenate([p[side][i] for p in parts], axis=2) for i in range(len(self.runs))] for side in (0, 1))  # type: ignore[return-value]
+
+    def filtered(self, rows: Sequence[Array], gains: Sequence[Array], m: int | None = None) -> Array:
+        """Rows of all runs behind the whitening filters: (count, n, k) each, or (count, k) of motor m; those that count."""
+        found = []
+        for run, x, gain in zip(self.runs, rows, gains, strict=True):
+            if m is not None:
+                found.append(run.band.filtered(x, gain[m]))
+            else:
+                found.append(np.stack([run.band.filtered(x[:, j], gain[j]) for j in range(x.shape[1])], axis=1))
+        return np.concatenate(found)
+
+    def _flat(self, frame: Frame | None) -> tuple[Array, ...]:
+        """One weight for each motor: from the residual of a frame, or from the torque."""
+        raw = self.torque if frame is None else self._raw_residual(frame)
+        inner = np.concatenate([x[run.band.inner] for run, x in zip(self.runs, raw, strict=True)])
+        size = np.sqrt(np.mean(inner**2, axis=0) / np.maximum(self.share, 1e-9))
+        weight = np.where((self.share > FEW) & (size > 0), 1.0 / np.maximum(size, 1e-300), 0.0)
+        return tuple(np.repeat(weight[:, None], len(run.band.frequencies), axis=1) for run in self.runs)
+
+    def _raw_residual(self, frame: Frame) -> list[Array]:
+        X, _ = self._stacked()
+        return [y - x @ frame.theta for x, y in zip(X, self.torque, strict=True)]
+
+    def _white(self, frame: Frame) -> tuple[Array, ...]:
+        raw = self._raw_residual(frame)
+        n = self.robot.n
+        freed = self._freed(frame)
+        gains = [np.zeros((n, len(run.band.frequencies))) for run in self.runs]
+        for m in range(n):
+            if self.share[m] <= FEW:
+                continue
+            laws = [
+                density(x[run.band.inner, m] / np.sqrt(max(run.share[m], 1e-9)), run.band.row_rate, run.band.top_hz)
+                for run, x in zip(self.runs, raw, strict=True)
+            ]
+            for gain, run in zip(gains, self.runs, strict=True):
+                f = run.band.frequencies
+                level = np.mean([law(f) for law in laws], axis=0) * freed[m]
+                good = bool(np.all(level > 0))
+                gain[m] = (f <= 1.1 * run.band.top_hz) / np.sqrt(level * run.band.row_rate) if good else 0.0
+        return tuple(gains)
+
+    def _freed(self, frame: Frame) -> Array:
+        """What each motor's residual (n,) lacks of the noise, because parameters took it up: a factor of its power."""
+        R, n, p = frame.Z.shape
+        scaled = frame.X / frame.scale
+        inverse = np.linalg.pinv(np.einsum("rnp,rnq->pq", frame.Z / frame.scale, scaled), rcond=_SINGULAR)
+        taken = np.einsum("rnp,pq,rnq->n", scaled, inverse, frame.Z / frame.scale)
+        rows = R * self.share * min(1.0, 2.0 * self.runs[0].band.top_hz / self.runs[0].band.row_rate)
+        return 1.0 / np.clip(1.0 - taken / np.maximum(rows, 1.0), 0.1, 1.0)
+
+    def _solve(self, gains: tuple[Array, ...]) -> Frame:
+        parts = self._stacked()
+        X, Z = (self.filtered(side, gains) for side in parts)
+        y = self.filtered([t[:, :, None] for t in self.torque], gains)[:, :, 0]
+        R, n, p = X.shape
+        Xf, Zf, yf = X.reshape(-1, p), Z.reshape(-1, p), y.reshape(-1)
+        known = prior_rows(self.declared)
+        known = np.concatenate([known, np.zeros((len(known), p - known.shape[1]))], axis=1)
+        Xa, Za, ya = np.concatenate([Xf, known]), np.concatenate([Zf, known]), np.concatenate([yf, np.zeros(len(known))])
+        scale = np.linalg.norm(Za, axis=0)
+        scale = np.where(scale > 0, scale, 1.0)
+        theta = np.linalg.lstsq((Za / scale).T @ (Xa / scale), (Za / scale).T @ ya, rcond=_SINGULAR)[0] / scale
+        residual = ya - Xa @ theta
+        inverse = np.linalg.pinv((Xa / scale).T @ (Za / scale), rcond=_SINGULAR) @ (Xf / scale).T
+        self.values = self._expanded(theta)
+        edges = np.cumsum([0, *(run.band.inner.stop - run.band.inner.start for run in self.runs)]).tolist()
+        return Frame(
+            X, Z, residual[: R * n].reshape(R, n), theta, scale, inverse, (known / scale).T @ residual[R * n :],
+            (Za / scale).T @ (Za / scale), gains, tuple(edges),
+        )  # fmt: skip
+
+    def _expanded(self, theta: Array) -> Array:
+        b = self.declared.base.count
+        return np.concatenate([self.declared.base.expand(theta[:b]), theta[b:]])
+
+
+def prior_rows(model: Model) -> Array:
+    """A weak inertial prior as rows (k, b) over the model's base parameters: a mass of all that is outboard, at its reach, is one standard
+    deviation. Where instruments are weak it keeps parameters finite; where data speak it changes nothing."""
+    robot, base = model.robot, model.base
+    if robot.nominal is None or robot.floating_base:
+        return np.zeros((0, base.count))
+    tree = robot.model
+    nb = len(robot.nominal) // 10
+    table = np.asarray(robot.nominal).reshape(nb, 10)
+    mass = np.maximum(np.abs(table[:, 0]), 1e-3)
+    lever = np.linalg.norm(table[:, 1:4], axis=1) / mass
+    offset = [float(np.linalg.norm(tree.jointPlacements[i + 1].translation)) for i in range(nb)]
+    parent = [int(tree.parents[i + 1]) - 1 for i in range(nb)]
+    reach, whole = lever + 0.02, mass.copy()
+    for i in reversed(range(nb)):
+        if parent[i] >= 0:
+            whole[parent[i]] += whole[i]
+            reach[parent[i]] = max(reach[parent[i]], offset[i] + reach[i])
+    own = next((part for effect, part in zip(model.effects, model.slices, strict=True) if effect.name == "rigid_body"), None)
+    if own is None:
+        return np.zeros((0, base.count))
+    others = np.delete(np.arange(len(model.parameters)), np.arange(own.start, own.stop))
+    found = []
+    for place, k in enumerate(base.independent):
+        body, symbol = divmod(int(k) - own.start, 10)
+        # What a rotor is grouped into has no link's size.
+        if own.start <= k < own.stop and body < nb and not np.any(base.regroup[place, others]):
+            size = whole[body] * reach[body] ** (0 if symbol == 0 else 1 if symbol < 4 else 2)
+            row = np.zeros(base.count)
+            row[place] = 1.0 / size
+            found.append(row)
+    return np.array(found).reshape(-1, base.count)

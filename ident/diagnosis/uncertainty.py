@@ -1,0 +1,78 @@
+"""Values and standard deviations of accepted effects, shapes among them, from the instrumental fit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .design.places import is_order
+from .result import FoundParameter
+from .scoring.fit import Fit, effect_columns, rows_of
+
+if TYPE_CHECKING:
+    from ..effects.base import Effect
+    from .scoring.fit import Frame
+
+Array = np.ndarray
+_STEP = 1e-3
+
+
+def found_parameters(fit: Fit, frame: Frame) -> dict[Effect, tuple[FoundParameter, ...]]:
+    """Parameters of each accepted effect: the linear ones, then shapes. Shapes enter by their slopes at the fit, as further columns."""
+    robot, b = fit.robot, fit.declared.base.count
+    theta = frame.theta[b:]
+    slopes: list[tuple[Effect, str, Array, Array]] = []
+    start = 0
+    for effect in fit.effects:
+        k = len(effect.parameters(robot))
+        values = theta[start : start + k]
+        start += k
+        for p in effect.shape():
+            if is_order(effect) or p.points == 1 or effect.response(robot) is not None:
+                continue
+            x, z = (_slope(fit, effect, p.name, values, instrument=side) for side in (False, True))
+            if np.any(z):
+                slopes.append((effect, p.name, x, z))
+    X, Z = frame.X, frame.Z
+    if slopes:
+        X = np.concatenate([X, *(fit.filtered(np.split(s[2], _cuts(fit)), frame.gains) for s in slopes)], axis=2)
+        Z = np.concatenate([Z, *(fit.filtered(np.split(s[3], _cuts(fit)), frame.gains) for s in slopes)], axis=2)
+    flat = [a.reshape(-1, a.shape[2]) for a in (X, Z)]
+    scale = np.maximum(np.linalg.norm(flat[1], axis=0), 1e-300)
+    inverse = np.linalg.pinv((flat[1] / scale).T @ (flat[0] / scale), rcond=1e-9)
+    covariance = inverse @ ((flat[1] / scale).T @ (flat[1] / scale)) @ inverse.T / np.outer(scale, scale)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    shape_std = {(s[0], s[1]): float(std[frame.X.shape[2] + i]) for i, s in enumerate(slopes)}
+    out: dict[Effect, tuple[FoundParameter, ...]] = {}
+    start = b
+    for effect in fit.effects:
+        linear = [
+            FoundParameter(p.name.replace("+", ""), float(frame.theta[start + i]), float(std[start + i]), p.unit)
+            for i, p in enumerate(effect.parameters(robot))
+        ]
+        start += len(linear)
+        shapes = [
+            FoundParameter(p.name, float(getattr(effect, p.name)), shape_std.get((effect, p.name), np.nan), effect.shape_unit(p, robot))
+            for p in effect.shape()
+            if not (effect.response(robot) is not None and getattr(effect, p.name) == 0.0)
+        ]
+        out[effect] = (*linear, *shapes)
+    return out
+
+
+def _cuts(fit: Fit) -> list[int]:
+    return np.cumsum([run.band.count for run in fit.runs])[:-1].tolist()
+
+
+def _slope(fit: Fit, effect: Effect, name: str, values: Array, *, instrument: bool) -> Array:
+    """Rows (Σ count, n, 1) of the slope of an effect's torque over one of its shapes."""
+    at = float(getattr(effect, name))
+    p = next(p for p in effect.shape() if p.name == name)
+    h = _STEP * max(abs(at), 1e-6)
+    ends = [float(np.clip(at + s * h, p.lower, p.upper)) for s in (1.0, -1.0)]
+    found = []
+    for run, motion in zip(fit.runs, fit.motions(instrument=instrument, effect=effect), strict=True):
+        up, down = (effect_columns(effect.with_shape(**{name: x}), motion, fit.robot) @ values for x in ends)
+        found.append(rows_of(((up - down) / max(ends[0] - ends[1], 1e-300))[:, :, None], run))
+    return np.concatenate(found)
