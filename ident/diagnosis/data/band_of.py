@@ -16,6 +16,8 @@ Array = np.ndarray
 #: Where the search for the band starts, and its limits, Hz.
 START_HZ = 2.0
 _LEAST, _LARGEST = 0.5, 10.0
+#: Share of a speed's power that is the bulk of a motion.
+_BULK = 0.95
 
 
 def reference_band(fit: Fit, frame: Frame) -> float:
@@ -26,15 +28,16 @@ def reference_band(fit: Fit, frame: Frame) -> float:
     from scipy.signal import welch
 
     inertia = _apparent_inertia(fit)
-    raw = fit._raw_residual(frame)
-    found = []
+    raw = fit.raw_residual(frame)
+    found, driven = [], []
     for m in range(fit.robot.n):
         if fit.share[m] < max(FEW, 0.05):
             continue
-        shares, f = [], np.zeros(0)
+        shares, power, f = [], [], np.zeros(0)
+        size = min(int(8 * fit.runs[0].band.row_rate), *(run.band.inner.stop - run.band.inner.start for run in fit.runs))
         for run, e in zip(fit.runs, raw, strict=True):
             inner = run.band.inner
-            size = min(int(8 * run.band.row_rate), inner.stop - inner.start)
+            power.append(welch(run.band.rows(run.measured.motor.dq[:, [m]])[inner, 0], run.band.row_rate, nperseg=size)[1])
             acceleration = run.band.rows(run.measured.motor.ddq[:, [m]])[inner, 0]
             f, left = welch(e[inner, m] / np.sqrt(max(run.share[m], 1e-9)), run.band.row_rate, nperseg=size)
             _, moved = welch(acceleration, run.band.row_rate, nperseg=size)
@@ -43,7 +46,10 @@ def reference_band(fit: Fit, frame: Frame) -> float:
         smooth = np.array([np.exp(np.mean(np.log(np.maximum(share[(np.abs(f - x) <= 0.2) & (f > 0)], 1e-300)))) for x in f])
         beyond = np.flatnonzero((smooth > DISTURBED) & (f >= _LEAST))
         found.append(float(np.clip(f[beyond[0]] if len(beyond) else _LARGEST, _LEAST, _LARGEST)))
-    return min(found, default=START_HZ)
+        speed = np.cumsum(np.mean(power, axis=0))
+        driven.append(float(f[np.searchsorted(speed, _BULK * speed[-1])]))
+    # What a model lacks is in the residual, too, and is no disturbance: where the bulk of the motion is, the reference drives it.
+    return min(max(min(found, default=START_HZ), min(driven, default=START_HZ)), _LARGEST)
 
 
 def _apparent_inertia(fit: Fit) -> Array:

@@ -26,6 +26,8 @@ _DEPENDENT = frozenset({Need.LOAD, Need.REFERENCE, Need.TORQUE})
 _SINGULAR = 1e-9
 #: Periods of an angle after which what a disturbance adds to it averages out.
 _PERIODS = 5.0
+#: Sizes of a link that are one standard deviation of the prior.
+_WEAK = 3.0
 #: Frequency, as a share of the rate, at which columns of a turning angle have fallen to half.
 _FADE = 0.11
 
@@ -217,18 +219,19 @@ class Fit:
 
     def _flat(self, frame: Frame | None) -> tuple[Array, ...]:
         """One weight for each motor: from the residual of a frame, or from the torque."""
-        raw = self.torque if frame is None else self._raw_residual(frame)
+        raw = self.torque if frame is None else self.raw_residual(frame)
         inner = np.concatenate([x[run.band.inner] for run, x in zip(self.runs, raw, strict=True)])
         size = np.sqrt(np.mean(inner**2, axis=0) / np.maximum(self.share, 1e-9))
         weight = np.where((self.share > FEW) & (size > 0), 1.0 / np.maximum(size, 1e-300), 0.0)
         return tuple(np.repeat(weight[:, None], len(run.band.frequencies), axis=1) for run in self.runs)
 
-    def _raw_residual(self, frame: Frame) -> list[Array]:
+    def raw_residual(self, frame: Frame) -> list[Array]:
+        """Rows (count, n) of the residual before whitening, for each run."""
         X, _ = self._stacked()
         return [y - x @ frame.theta for x, y in zip(X, self.torque, strict=True)]
 
     def _white(self, frame: Frame) -> tuple[Array, ...]:
-        raw = self._raw_residual(frame)
+        raw = self.raw_residual(frame)
         n = self.robot.n
         freed = self._freed(frame)
         gains = [np.zeros((n, len(run.band.frequencies))) for run in self.runs]
@@ -295,9 +298,11 @@ def prior_rows(model: Model) -> Array:
     offset = [float(np.linalg.norm(tree.jointPlacements[i + 1].translation)) for i in range(nb)]
     parent = [int(tree.parents[i + 1]) - 1 for i in range(nb)]
     reach, whole = lever + 0.02, mass.copy()
+    moment = np.abs(table[:, [4, 6, 9]]).sum(axis=1)
     for i in reversed(range(nb)):
         if parent[i] >= 0:
             whole[parent[i]] += whole[i]
+            moment[parent[i]] += moment[i]
             reach[parent[i]] = max(reach[parent[i]], offset[i] + reach[i])
     own = next((part for effect, part in zip(model.effects, model.slices, strict=True) if effect.name == "rigid_body"), None)
     if own is None:
@@ -308,7 +313,8 @@ def prior_rows(model: Model) -> Array:
         body, symbol = divmod(int(k) - own.start, 10)
         # What a rotor is grouped into has no link's size.
         if own.start <= k < own.stop and body < nb and not np.any(base.regroup[place, others]):
-            size = whole[body] * reach[body] ** (0 if symbol == 0 else 1 if symbol < 4 else 2)
+            powers = (whole[body], whole[body] * reach[body], max(whole[body] * reach[body] ** 2, moment[body]))
+            size = _WEAK * powers[0 if symbol == 0 else 1 if symbol < 4 else 2]
             row = np.zeros(base.count)
             row[place] = 1.0 / size
             found.append(row)
