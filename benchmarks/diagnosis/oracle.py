@@ -16,10 +16,12 @@ import numpy as np
 
 import ident
 from ident import estimators as es
-from ident.diagnosis.analysis import without_reversals
-from ident.diagnosis.candidates import Candidate, candidates
 from ident.effects.base import Effect
 from ident.model import Model
+from ident.monitoring.stages.analysis import thinned, without_reversals
+from ident.monitoring.stages.bank import Bank
+from ident.monitoring.stages.candidates import Candidate, candidates
+from ident.monitoring.stages.stage import start
 from ident.problem.problem import Problem
 from ident.signals import Signals
 from ident.statistics.torque_error import number
@@ -155,7 +157,7 @@ class Oracle:
 
         Shapes of which the truth tells no value (the rotor's inertia behind a spring) are the best of the grid, or what the fitted part
         has them at if they are all sought there."""
-        robot, search = self.found.before.model.robot, self.found.selection.declared.search
+        robot, search = self.found.before.model.robot, self._stage.search
         tried = []
         for candidate in self._candidates:
             variants = candidate.variants
@@ -176,11 +178,11 @@ class Oracle:
         return self._best(tried)
 
     def rival(self, name: str, joints: Sequence[str]) -> Effect | None:
-        """An effect that the diagnosis named as a rival: as it was judged there, else the best of the first grid."""
-        for one in getattr(self.found.selection, "found", ()):
-            for judged in one.rivals:
-                if judged.hit.candidate.name == name and tuple(judged.hit.candidate.joints) == tuple(joints):
-                    return judged.hit.effect
+        """An effect that the diagnosis named as a rival: as it was scored there, else the best of the first grid."""
+        for one in self.found.decision.named:
+            for member in one.competing:
+                if member.effect.name == name and tuple(member.joints) == tuple(joints):
+                    return member.effect
         return self._best([v for c in self._candidates if c.name == name and tuple(c.joints) == tuple(joints) for v in c.variants])
 
     def as_good(self, one: Effect, other: Effect, beside: Sequence[Effect] = ()) -> dict[str, Any]:
@@ -215,8 +217,11 @@ class Oracle:
 
     @cached_property
     def _candidates(self) -> tuple[Candidate, ...]:
-        stage = self.found.selection.declared
-        return candidates(stage.problem.model, stage.motions)
+        return candidates(self._stage.problem.model, self._stage.motions)
+
+    @cached_property
+    def _stage(self) -> Any:
+        return start(self.found.before.model, thinned(without_reversals(self.fit)), self.found.before.all_values, Bank())
 
 
 def residual(estimate: Any, held: Signals) -> Array:

@@ -16,10 +16,10 @@ import numpy as np
 import ident
 from ident import estimators as es
 from ident import friction as fr
-from ident.diagnosis.analysis import analysis_signals, without_reversals
 from ident.effects.base import Effect
 from ident.logs.log import Log, LogSet
 from ident.model import Model
+from ident.monitoring.stages.analysis import analysis_signals, without_reversals
 from ident.problem.problem import Problem
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side

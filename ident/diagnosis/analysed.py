@@ -10,10 +10,10 @@ import numpy as np
 
 from ..errors import DataError
 from ..signals.preparation import ZeroPhase
-from .data.band_of import START_HZ, reference_band
 from .data.instruments import RunRows, kept_hz, reduced, run_rows, usual_speed
 from .inference.decide import Decision, decide
 from .scoring.fit import Fit
+from .scoring.reference_band import START_HZ, reference_band
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -44,7 +44,8 @@ def full_rate(signals: Signals) -> Signals:
     options = {k: config[k] for k in ("resample_hz", "max_gap_s") if config.get(k) is not None}
     rate = _rate(signals)
     try:
-        wide = ZeroPhase(cutoff_hz=kept_hz(rate), decimate=False, standstill=None, saturated="keep", **options)(signals.source, signals.robot)
+        prepare = ZeroPhase(cutoff_hz=kept_hz(rate), decimate=False, standstill=None, saturated="keep", **options)
+        wide = prepare(signals.source, signals.robot)
     except DataError:
         return reduced(signals)
     return reduced(wide)

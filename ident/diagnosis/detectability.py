@@ -33,8 +33,7 @@ def undetectable(decision: Decision) -> tuple[Hidden, ...]:
         if not left > 0:
             continue
         least = critical / np.sqrt(left)
-        columns = [fit.motions(instrument=True), effect]
-        values = np.concatenate([effect.columns(m, robot) for m in columns[0]])[:, :, 0]  # type: ignore[union-attr]
+        values = np.concatenate([effect.columns(m, robot) for m in fit.motions(instrument=True)])[:, :, 0]
         if effect.side != Side.MOTOR:
             values = values @ robot.transmission.torque_map(effect.side, Side.MOTOR).T
         size = values.std(axis=0)

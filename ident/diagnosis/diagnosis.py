@@ -17,8 +17,8 @@ from ..problem.problem import Problem
 from ..statistics.torque_error import number
 from .advice import advice_for
 from .analysed import Instrument, analysed
-from .detectability import undetectable
 from .data.quality import jumps, lost
+from .detectability import undetectable
 from .result import Finding, Hidden, Imitator, Unexplained
 from .text import diagnosis_text
 from .uncertainty import found_parameters
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from ..estimators import Estimator
     from ..model import Model
     from ..signals.signals import Signals
-    from .inference.decide import Decision, Named
+    from .inference.decide import Decision
 
 Array = np.ndarray
 #: Confidence in a finding without a competing model, beside nothing left and beside something left.
-_SURE, _BESIDE = 0.99, 0.6
+_SURE, _BESIDE = 0.99, 0.45
 #: What a member of the confidence set is worth at least, beside the effect that was accepted.
 _LEAST = 0.35
 
@@ -191,7 +191,7 @@ def diagnose(
     decision, instrument = analysed(before.model, signals, note, lambda share: tell(0.9 * share))
     declared = _fitted(before.model, signals, estimator, None, before)
     effects = tuple(x.effect for x in decision.named)
-    after = declared if not effects else _fitted(decision.fit.model, signals, estimator, decision.fit.values, declared)
+    after = declared if not effects else _fitted(_plainly_named(before.model, effects), signals, estimator, decision.fit.values, declared)
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     verdict, unexplained = _verdict(decision, signals)
@@ -204,13 +204,26 @@ def diagnose(
     )  # fmt: skip
 
 
+def _plainly_named(declared: Model, effects: tuple[Effect, ...]) -> Model:
+    """The declared model with effects whose labels are no longer than it takes to keep parameters apart."""
+    model = declared
+    for effect in effects:
+        taken = set(model.names)
+        plain = replace(effect, label="")
+        free = not taken & {p.name for p in plain.parameters(declared.robot)}
+        model = model + (plain if free else effect)
+    return model
+
+
 def _fitted(model: Model, signals: Signals, estimator: Estimator, reference: Array | None, otherwise: Estimate) -> Estimate:
     """The estimate of a model on signals; where the estimator cannot have it, by weighted least squares."""
+    problem = Problem(model, signals, reference=reference)
     try:
-        return estimator.solve(Problem(model, signals, reference=reference))
+        found = estimator.solve(problem)
     except IdentError:
-        found = make_estimator("wls").solve(Problem(model, signals, reference=reference))
-        return replace(found, warnings=(*found.warnings, f"refitted by weighted least squares: method {otherwise.method!r} cannot."))
+        found = make_estimator("wls").solve(problem)
+        found = replace(found, warnings=(*found.warnings, f"refitted by weighted least squares: method {otherwise.method!r} cannot."))
+    return replace(found, inputs=otherwise.inputs, signals_config=otherwise.signals_config)
 
 
 def _verdict(decision: Decision, signals: Signals) -> tuple[Verdict, tuple[Unexplained, ...]]:
@@ -250,22 +263,18 @@ def _findings(
         others = tuple(y.effect for y in decision.named if y is not x)
         without = declared
         if others:
-            without = _fitted(decision.fit.with_effects(others).model, signals, estimator, decision.fit.with_effects(others).values, declared)
+            part = decision.fit.with_effects(others)
+            without = _fitted(part.model, signals, estimator, part.values, declared)
         error = without.torque_error(report).relative_all
         gain = 1.0 - (final / error) ** 2 if error > 0 else 0.0
         weights = [max(float(np.exp(min((m.z**2 - x.z**2) / 2.0, 0.0))), _LEAST) for m in x.competing]
         most = _SURE if verdict != Verdict.UNEXPLAINED else _BESIDE
         own = most / (1.0 + sum(weights))
-        rivals = tuple(
-            Imitator(m.effect.name, m.joints, own * w, values=()) for m, w in sorted(zip(x.competing, weights, strict=True), key=lambda p: -p[1])
-        )
-        finding = Finding(x.effect, _joints(x), values[x.effect], float(gain), float(x.z**2), own, rivals)
+        ranked = sorted(zip(x.competing, weights, strict=True), key=lambda pair: -pair[1])
+        rivals = tuple(Imitator(m.effect.name, m.joints, own * w) for m, w in ranked)
+        finding = Finding(x.effect, x.joints, values[x.effect], float(gain), float(x.z**2), own, rivals)
         found.append(replace(finding, advice=advice_for(finding, declared.model.robot, verdict)))
     return tuple(found)
-
-
-def _joints(x: Named) -> tuple[str, ...]:
-    return x.joints
 
 
 def _of_the_declared(before: Estimate, findings: tuple[Finding, ...]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -12,7 +12,52 @@ from ..effects.places import on
 from .result import by_effect
 
 if TYPE_CHECKING:
-    from .diagnosis import Diagnosis
+    from ..estimate.estimate import Estimate
+    from ..evaluation.comparison import Comparison
+    from .analysed import Instrument
+    from .result import Finding, Hidden, Unexplained
+    from .verdict import Verdict
+
+
+class Told(Protocol):
+    """A diagnosis, as far as people are told of it (`ident.diagnosis.Diagnosis` says what each is)."""
+
+    @property
+    def verdict(self) -> Verdict: ...
+
+    @property
+    def findings(self) -> tuple[Finding, ...]: ...
+
+    @property
+    def unexplained(self) -> tuple[Unexplained, ...]: ...
+
+    @property
+    def hidden(self) -> tuple[Hidden, ...]: ...
+
+    @property
+    def instrument(self) -> Instrument: ...
+
+    @property
+    def noise_floor(self) -> np.ndarray: ...
+
+    @property
+    def held(self) -> object: ...
+
+    @property
+    def comparison(self) -> Comparison: ...
+
+    @property
+    def every_row(self) -> tuple[float, float]: ...
+
+    @property
+    def before(self) -> Estimate: ...
+
+    @property
+    def after(self) -> Estimate: ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]: ...
+
 
 #: Values of a rival that are told in its line.
 _FEW = 3
@@ -23,7 +68,7 @@ _SAID = {
 }
 
 
-def undecided(d: Diagnosis) -> str:
+def undecided(d: Told) -> str:
     """Why a verdict is ambiguous."""
     if any(f.ambiguous for f in d.findings):
         return "something is there, and two or more effects account for it equally well"
@@ -32,7 +77,7 @@ def undecided(d: Diagnosis) -> str:
     return f"nothing can be said about {', '.join(dict.fromkeys(u.joint for u in d.unexplained))}"
 
 
-def diagnosis_text(d: Diagnosis) -> str:
+def diagnosis_text(d: Told) -> str:
     """Verdict, findings, imitators, what is left, before and after."""
     lines = [f"verdict: {d.verdict}: {_SAID.get(d.verdict) or undecided(d)}"]
     for i, f in enumerate(d.findings, 1):

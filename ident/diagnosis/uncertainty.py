@@ -12,13 +12,13 @@ from .scoring.fit import Fit, effect_columns, rows_of
 
 if TYPE_CHECKING:
     from ..effects.base import Effect
-    from .scoring.fit import Frame
+    from .scoring.fit import Solved
 
 Array = np.ndarray
 _STEP = 1e-3
 
 
-def found_parameters(fit: Fit, frame: Frame) -> dict[Effect, tuple[FoundParameter, ...]]:
+def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParameter, ...]]:
     """Parameters of each accepted effect: the linear ones, then shapes. Shapes enter by their slopes at the fit, as further columns."""
     robot, b = fit.robot, fit.declared.base.count
     theta = frame.theta[b:]

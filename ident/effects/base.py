@@ -187,6 +187,10 @@ class Effect(ABC):
         """For each shape parameter the range worth searching on these samples, within its bounds."""
         return self.bounded()
 
+    def could_show(self, motion: Motion, robot: Robot) -> bool:
+        """Whether a run of this length could show the effect at all, by where its physics puts it."""
+        return True
+
     def bounded(self, **ranges: tuple[float, float]) -> dict[str, tuple[float, float]]:
         """Ranges of all shape parameters: those given, cut to the bounds; the bounds where none is given or nothing is left."""
         out = {}

@@ -18,6 +18,15 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
+#: Thermal time constants of drives, s.
+_FASTEST, _SLOWEST = 30.0, 3600.0
+
+
+def _span(motion: Motion) -> float:
+    """Seconds of a run."""
+    return float(np.ptp(motion.clock)) if len(motion) else 0.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class _TemperatureDrift(JointEffect):
     """Friction times e^(−t/T): T is the thermal time constant, t the run's own clock."""
@@ -32,9 +41,11 @@ class _TemperatureDrift(JointEffect):
         return (ShapeParameter("T", "s", 0.1, 1e5, 100.0, log=True),)
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
-        """From a fading that a part of the run shows to one that is nearly linear over it."""
-        span = float(np.ptp(motion.clock)) if len(motion) else 0.0
-        return self.bounded(T=(0.03 * span, 5.0 * span))
+        """Drives warm up in half a minute to an hour; what takes more than twice the run is a drift in it."""
+        return self.bounded(T=(_FASTEST, min(_SLOWEST, max(2.0 * _span(motion), 1.5 * _FASTEST))))
+
+    def could_show(self, motion: Motion, robot: Robot) -> bool:
+        return 2.0 * _span(motion) > _FASTEST
 
     def decay(self, motion: Motion) -> Array:
         """e^(−t/T), (N, 1)."""
@@ -50,7 +61,7 @@ class TemperatureDriftViscous(_TemperatureDrift):
 
     name: ClassVar[str] = "temperature_drift_viscous"
     title: ClassVar[str] = "viscous friction that changes as the drive warms up"
-    symbols = (("Fvt", "{tau} s/{q}", -np.inf),)
+    symbols = (("Fvt", "{tau} s/{q}", 0.0),)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         yield self.decay(motion) * own.dq
@@ -65,7 +76,7 @@ class TemperatureDriftCoulomb(_TemperatureDrift):
 
     name: ClassVar[str] = "temperature_drift_coulomb"
     title: ClassVar[str] = "Coulomb friction that changes as the drive warms up"
-    symbols = (("Fct", "{tau}", -np.inf),)
+    symbols = (("Fct", "{tau}", 0.0),)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         yield self.decay(motion) * own.direction

@@ -6,8 +6,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..diagnosis.candidates import Candidate
 from ..effects.rigid_body import RigidBody
+from .stages.candidates import Candidate
 
 if TYPE_CHECKING:
     from ..effects.base import Effect

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnosis.frame import Frame, Products, Score, raw_columns
-from ..diagnosis.whitening import Whitener, predictors_of
 from ..errors import DataError
+from .stages.frame import Frame, Products, Score, raw_columns
+from .stages.whitening import Whitener, predictors_of
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate

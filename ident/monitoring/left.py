@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnosis.evidence import FALSE_ALARM
-from ..diagnosis.leftover import leftovers
 from .frame import KnownFrame
 from .result import Drift
+from .stages.evidence import FALSE_ALARM
+from .stages.leftover import leftovers
 
 if TYPE_CHECKING:
-    from ..diagnosis.acceptance import Found
-    from ..diagnosis.stage import Stage
     from ..effects.base import Effect
     from ..estimate.estimate import Estimate
     from ..signals.signals import Signals
+    from .stages.acceptance import Found
+    from .stages.stage import Stage
 
 Array = np.ndarray
 #: Free parameters must predict blocks that they were not fitted to better, by this many standard errors.

@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnosis.analysis import without_reversals
-from ..diagnosis.evidence import FALSE_ALARM
-from ..diagnosis.frame import raw_columns
-from ..diagnosis.motions import Motions
-from ..diagnosis.stage import Stage
 from ..problem.problem import Problem
 from .frame import noise_of
+from .stages.analysis import without_reversals
+from .stages.evidence import FALSE_ALARM
+from .stages.frame import raw_columns
+from .stages.motions import Motions
+from .stages.stage import Stage
 
 if TYPE_CHECKING:
-    from ..diagnosis.whitening import Whitener
     from ..effects.base import Effect
     from ..estimate.estimate import Estimate
     from ..signals.signals import Signals
+    from .stages.whitening import Whitener
 
 Array = np.ndarray
 #: Laws are never exact: the same effect may come out so differently from one motion to another.

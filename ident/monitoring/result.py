@@ -10,8 +10,7 @@ import numpy as np
 
 from .._utils.json import result
 from .._utils.short_repr import ShortRepr
-from ..diagnosis.findings import Finding
-from ..diagnosis.precision import FoundParameter
+from ..diagnosis.result import Finding, FoundParameter
 from ..effects.places import on, place_of
 from ..estimate.summary import error_table
 from ..statistics.torque_error import TorqueError, number

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnosis.candidates import Candidate
-from ..diagnosis.evidence import acts_on, threshold
-from ..diagnosis.search import Hit, Judged, Search, fit_gain
-from ..diagnosis.stage import Stage
 from .candidates import Place
 from .frame import KnownFrame
+from .stages.candidates import Candidate
+from .stages.evidence import acts_on, threshold
+from .stages.search import Hit, Judged, Search, fit_gain
+from .stages.stage import Stage
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate

@@ -8,18 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnosis.acceptance import Found
-from ..diagnosis.analysis import without_reversals
-from ..diagnosis.bank import Bank
-from ..diagnosis.candidates import candidates
-from ..diagnosis.evidence import acts_on, threshold
-from ..diagnosis.findings import Imitator
-from ..diagnosis.frame import raw_columns
-from ..diagnosis.motions import Motions
-from ..diagnosis.search import Hit, Judged, Search
-from ..diagnosis.selection import ranked
-from ..diagnosis.stage import Stage
-from ..diagnosis.weights import weights
+from ..diagnosis.result import Imitator
 from ..effects.places import on, place_of
 from ..errors import ConfigurationError, DataError
 from ..problem.problem import Problem
@@ -30,6 +19,17 @@ from .left import LEAST_SHARE, crowds, drifts, noises, trust, unknown
 from .reference import MonitoredFit
 from .result import Change, ChangedParameter, How, Monitoring
 from .search import ChangeSearch, determined, surplus
+from .stages.acceptance import Found
+from .stages.analysis import without_reversals
+from .stages.bank import Bank
+from .stages.candidates import candidates
+from .stages.evidence import acts_on, threshold
+from .stages.frame import raw_columns
+from .stages.motions import Motions
+from .stages.search import Hit, Judged, Search
+from .stages.selection import ranked
+from .stages.stage import Stage
+from .stages.weights import weights
 
 if TYPE_CHECKING:
     from ..effects.base import Effect

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnosis.analysis import without_reversals
 from ..diagnosis.result import by_effect
 from ..diagnosis.text import undecided
 from ..effects.places import on, place_of
+from ..monitoring.stages.analysis import without_reversals
 from ..robots.transmission import Side
 from .document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from .replayed import replay_sections

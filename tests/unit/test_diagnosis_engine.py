@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.diagnosis.analysis import stretches, thinned, without_reversals
-from ident.diagnosis.frame import Frame, raw_columns
-from ident.diagnosis.motion_noise import less_noise
-from ident.diagnosis.motion_spectrum import noise_share
-from ident.diagnosis.motions import Motions
-from ident.diagnosis.spectral import harmonics, promising_orders
-from ident.diagnosis.whitening import plain_whitener, whitener
 from ident.effects.base import make_effect
 from ident.effects.motion import Motion
 from ident.logs.log import Log, LogSet
 from ident.model import Model
+from ident.monitoring.stages.analysis import stretches, thinned, without_reversals
+from ident.monitoring.stages.frame import Frame, raw_columns
+from ident.monitoring.stages.motion_noise import less_noise
+from ident.monitoring.stages.motion_spectrum import noise_share
+from ident.monitoring.stages.motions import Motions
+from ident.monitoring.stages.spectral import harmonics, promising_orders
+from ident.monitoring.stages.whitening import plain_whitener, whitener
 from ident.problem.problem import Problem
 from ident.signals import Signals, ZeroPhase
 from ident.simulation.trajectory import FourierTrajectory
@@ -173,7 +173,7 @@ def test_thinned_samples_make_the_same_rows() -> None:
 
 
 def test_stretches_of_a_long_log_are_rows_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    import ident.diagnosis.analysis as analysis
+    import ident.monitoring.stages.analysis as analysis
 
     _, prepared = signals(9)
     assert stretches(prepared) is prepared

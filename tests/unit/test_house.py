@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "ident"
 #: The diagnosis is being redesigned; until then its inside is left out of the limits.
-UNDER_REDESIGN = "diagnosis"
+UNDER_REDESIGN = ""
 ALONE = {"errors.py", "model.py", "cli.py", "__init__.py", "__main__.py"}
 
 #: Imports of our own modules inside functions, each with its reason.

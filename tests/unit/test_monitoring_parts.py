@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ident import make_effect
-from ident.diagnosis.findings import Finding, Imitator
 from ident.effects.places import motors_of, on, place_of
 from ident.monitoring import Change, ChangedParameter, How
 from ident.monitoring.left import crowds, loud, loudness, trust
+from ident.monitoring.stages.findings import Finding, Imitator
 
 
 def change(effect: str, values: dict[str, tuple[float, float, float | None]], how: How = How.CHANGED, **more) -> Change:

@@ -123,9 +123,7 @@ def simulated(
     controller = PDFeedforward.tuned(inertial, values[: len(rigid) + robot.n], frequency_hz=loop_hz, damping=0.9, side=Side.MOTOR)
     every = [seed for seed in seeds for _ in range(2)]
     motions = [motion_of(robot, 1000 * seed + part, seconds, top_hz) for seed in seeds for part in (0, 1)]
-    friction = FluctuatingFriction(
-        tuple(drive["Fc"]), tuple(10 * seed + k for k, seed in enumerate(every)), share=fluctuation, law=law
-    )
+    friction = FluctuatingFriction(tuple(drive["Fc"]), tuple(10 * seed + k for k, seed in enumerate(every)), share=fluctuation, law=law)
     runs = simulate_batch(
         Plant(true, own),
         desired=motions,
@@ -151,9 +149,14 @@ def simulated(
         logs.append(ident.Log(f"run{seed}_{k % 2}", t=run.t, q=q, tau={side: tau}, extra=extra))
     return [
         Case(
-            f"{robot.name}-{seed}", robot, declared, logs[2 * i], logs[2 * i + 1],
-            tuple(e for e, _ in missing), tuple(float(np.atleast_1d(v)[0]) for _, v in missing),
-        )  # fmt: skip
+            f"{robot.name}-{seed}",
+            robot,
+            declared,
+            logs[2 * i],
+            logs[2 * i + 1],
+            tuple(e for e, _ in missing),
+            tuple(float(np.atleast_1d(v)[0]) for _, v in missing),
+        )
         for i, seed in enumerate(seeds)
     ]
 

@@ -1,12 +1,13 @@
 """Two motions from one log: the measured one, and the part of it that no disturbance drives.
 
-In closed loop the controller answers disturbances, so that the measured motion is correlated with them, and so is every column that is made
-of it. The instrument is the motion in the band in which the reference drives it (or the desired motion, where it was logged, in that band)."""
+In closed loop the controller answers disturbances, so that the measured motion is correlated with them, and so is every column that is
+made of it. The instrument is the motion in the band in which the reference drives it; of the desired motion, where it was logged."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,7 +61,7 @@ def reduced(signals: Signals) -> Signals:
     return replace(
         signals,
         **{key: getattr(signals, key)[at] for key in ("t", "q", "dq", "ddq", "torque", "tau", "valid")},
-        runs=tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)),
+        runs=tuple(slice(a, b) for a, b in pairwise(edges)),
         rate=signals.rate / d,
         turning=None,
     )

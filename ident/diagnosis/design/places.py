@@ -46,6 +46,8 @@ def places(kind: type[Effect], model: Model, motions: Sequence[Motion]) -> Itera
 def grid(effect: Effect, model: Model, motions: Sequence[Motion], points: int = 0) -> Iterator[Effect]:
     """The effect over a grid of its shapes."""
     parameters = effect.shape()
+    if not any(effect.could_show(motion, model.robot) for motion in motions):
+        return
     if not parameters:
         yield effect
         return

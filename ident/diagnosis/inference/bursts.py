@@ -9,7 +9,7 @@ import numpy as np
 from ..thresholds import LEVEL, MATERIAL
 
 if TYPE_CHECKING:
-    from ..scoring.fit import Fit, Frame
+    from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
 _WINDOW = 0.5
@@ -17,7 +17,7 @@ _USED = 0.9
 _BINS = 5
 
 
-def burst(fit: Fit, frame: Frame) -> tuple[int, float] | None:
+def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
     """The motor whose residual bursts, and the family-wise probability that noise does so; None where none does.
 
     Energies of windows are compared with a gamma law fitted to the middle of their distribution."""

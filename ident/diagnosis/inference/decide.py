@@ -13,14 +13,14 @@ import numpy as np
 from ...effects.base import Effect, Nature
 from ..design.catalogue import Catalogue
 from ..design.places import grid, is_order, search_range
-from ..scoring.scores import Scores
 from ..thresholds import BOUND, COMPETES, CONTAINED, MATERIAL, MOST
 from .bursts import burst
+from .scores import Scores
 from .significance import parametric
 
 if TYPE_CHECKING:
     from ..design.catalogue import Group
-    from ..scoring.fit import Fit, Frame
+    from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
 _FINE = 9
@@ -40,7 +40,7 @@ class Member:
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class AcceptedEffect:
     """An accepted effect, with `z` beside the others, and its competing models."""
 
     effect: Effect
@@ -61,26 +61,26 @@ class Left:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What was decided. `critical`: what the largest score must exceed; `left`: what does beside the accepted effects, the largest first."""
+    """What was decided. `critical`: what the largest score must exceed; `left`: what does so beside the accepted effects, largest first."""
 
     verdict: str
-    named: tuple[Named, ...]
+    named: tuple[AcceptedEffect, ...]
     left: tuple[Left, ...]
     critical: float
     fit: Fit
-    frame: Frame
+    frame: Solved
     scores: Scores
     trail: tuple[str, ...] = ()
 
 
 @dataclass(eq=False)
-class _State:
+class _Decider:
     """The search's state: fit with accepted effects, its frame, and the scores of the catalogue beside it."""
 
     fit: Fit
     catalogue: Catalogue
     accepted: list[tuple[Effect, tuple[str, ...]]]
-    frame: Frame = field(init=False)
+    frame: Solved = field(init=False)
     scores: Scores = field(init=False)
     chance: float = field(init=False)
 
@@ -107,7 +107,7 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
 
     tell = progress or (lambda _: None)
     fit.solved(1)
-    state = _State(fit, Catalogue.of(fit, speeds), [])
+    state = _Decider(fit, Catalogue.of(fit, speeds), [])
     tell(0.3)
     state.solve()
     refused: set[tuple[str, tuple[str, ...]]] = set()
@@ -133,7 +133,9 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
         say(f"accepted: {effect.name} on {', '.join(joints) or 'the whole robot'}")
     state.chance = parametric(state.scores)
     critical = state.chance + state.slack
+    tell(0.75)
     _backward(state, critical, say)
+    tell(0.85)
     sets = [_confidence_set(state, one, critical) for one in state.accepted]
     for _ in range(3):
         if not state.accepted or state.scores.z.max(initial=0.0) <= critical:
@@ -155,7 +157,7 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
 _REPEATABLE = frozenset({"cogging", "torque_ripple", "gear_coupling", "position_dependent_friction"})
 
 
-def _decision(state: _State, sets: list[tuple[Member, ...]], critical: float, trail: tuple[str, ...]) -> Decision:
+def _decision(state: _Decider, sets: list[tuple[Member, ...]], critical: float, trail: tuple[str, ...]) -> Decision:
     scores = state.scores
     own = {(e.name, j) for e, j in state.accepted}
     order = np.argsort(-scores.z)
@@ -169,7 +171,7 @@ def _decision(state: _State, sets: list[tuple[Member, ...]], critical: float, tr
     named = []
     for (effect, joints), members in zip(state.accepted, sets, strict=True):
         inside = tuple(m for m in members if m.left <= critical)
-        named.append(Named(effect, joints, _own_z(state, effect, joints), inside))
+        named.append(AcceptedEffect(effect, joints, _own_z(state, effect, joints), inside))
     if left:
         verdict = "unexplained"
     elif not named:
@@ -179,7 +181,7 @@ def _decision(state: _State, sets: list[tuple[Member, ...]], critical: float, tr
     return Decision(verdict, tuple(named), tuple(left), critical, state.fit, state.frame, scores, trail)
 
 
-def _own_z(state: _State, effect: Effect, joints: tuple[str, ...]) -> float:
+def _own_z(state: _Decider, effect: Effect, joints: tuple[str, ...]) -> float:
     """z of an accepted effect beside the others."""
     others = tuple(e for e, _ in state.accepted if e is not effect)
     fit = state.fit.with_effects(others)
@@ -188,12 +190,12 @@ def _own_z(state: _State, effect: Effect, joints: tuple[str, ...]) -> float:
     return float(scores.plain[0]) if len(scores.kept) else 0.0
 
 
-def _told(state: _State) -> str:
+def _told(state: _Decider) -> str:
     order = np.argsort(-state.scores.z)[:5].tolist()
     return ", ".join(f"{state.scores.group(k).name} on {'/'.join(state.scores.group(k).joints)} {state.scores.z[k]:.1f}" for k in order)
 
 
-def _best(state: _State, critical: float, refused: set[tuple[str, tuple[str, ...]]]) -> Group | None:
+def _best(state: _Decider, critical: float, refused: set[tuple[str, tuple[str, ...]]]) -> Group | None:
     """The named group of the largest score beyond the critical value whose values are possible."""
     scores = state.scores
     for k in np.argsort(-scores.z).tolist():
@@ -205,14 +207,18 @@ def _best(state: _State, critical: float, refused: set[tuple[str, tuple[str, ...
     return None
 
 
-def _simplest(state: _State, k: int, refused: set[tuple[str, tuple[str, ...]]], critical: float) -> Group:
+def _simplest(state: _Decider, k: int, refused: set[tuple[str, tuple[str, ...]]], critical: float) -> Group:
     """The k-th group, or the simpler effect that it contains, where what it has beyond that one adds nothing."""
     scores = state.scores
-    after, energy = scores.beside(scores.slice_of(k))
+    energy = scores.beside(scores.slice_of(k))[1]
     inside = [
         i
         for i in range(len(scores.kept))
-        if i != k and energy[i] < CONTAINED and scores.named[i] and scores.degrees[i] <= scores.degrees[k] and scores.group(i).kind not in refused
+        if i != k
+        and energy[i] < CONTAINED
+        and scores.named[i]
+        and scores.degrees[i] <= scores.degrees[k]
+        and scores.group(i).kind not in refused
     ]
     inside = [i for i in inside if scores.plain[i] > COMPETES * scores.plain[k] and not _impossible(state, i)]
 
@@ -232,7 +238,7 @@ def _simplest(state: _State, k: int, refused: set[tuple[str, tuple[str, ...]]], 
         tried.add(g.kind)
         # By a refit: beside a model that lacks so much the noise is known too badly for a score to tell what would be left.
         assert g.effect is not None
-        trial = _State(state.fit, state.catalogue, [*state.accepted, (_labelled(g.effect, state), g.joints)])
+        trial = _Decider(state.fit, state.catalogue, [*state.accepted, (_labelled(g.effect, state), g.joints)])
         trial.solve(1)
         more = [float(trial.scores.plain[x]) for x in range(len(trial.scores.kept)) if trial.scores.group(x).kind == scores.group(k).kind]
         if max(more, default=0.0) <= critical:
@@ -240,7 +246,7 @@ def _simplest(state: _State, k: int, refused: set[tuple[str, tuple[str, ...]]], 
     return scores.group(k)
 
 
-def _impossible(state: _State, k: int) -> str:
+def _impossible(state: _Decider, k: int) -> str:
     """Why the values that a group would have cannot be those of such an effect; "" if they can."""
     effect, robot = state.scores.group(k).effect, state.fit.robot
     assert effect is not None
@@ -251,7 +257,7 @@ def _impossible(state: _State, k: int) -> str:
     return effect.implausible(robot, values, std)
 
 
-def _labelled(effect: Effect, state: _State) -> Effect:
+def _labelled(effect: Effect, state: _Decider) -> Effect:
     """The effect under a label that keeps its parameters apart from those of the accepted ones."""
     taken = {p.name for e, _ in state.accepted for p in e.parameters(state.fit.robot)}
     while any(p.name in taken for p in effect.parameters(state.fit.robot)):
@@ -259,7 +265,7 @@ def _labelled(effect: Effect, state: _State) -> Effect:
     return effect
 
 
-def _squares(state: _State, effects: list[Effect], joints: tuple[str, ...]) -> Array:
+def _squares(state: _Decider, effects: list[Effect], joints: tuple[str, ...]) -> Array:
     """Score (z) of each effect in a list, beside the state's frame."""
     scores = Scores.of(state.fit, state.frame, Catalogue.of_effects(state.fit, [(e, joints) for e in effects]))
     out = np.zeros(len(effects))
@@ -268,16 +274,17 @@ def _squares(state: _State, effects: list[Effect], joints: tuple[str, ...]) -> A
     return out
 
 
-def _refined(state: _State, group: Group) -> tuple[Effect, tuple[str, ...]]:
+def _refined(state: _Decider, group: Group) -> tuple[Effect, tuple[str, ...]]:
     """The effect of a group at the shape that scores best, sought between the neighbours of the grid."""
     assert group.effect is not None
     effect = group.effect
     if is_order(effect):
         return effect, group.joints
-    if not effect.shape() or effect.response(state.fit.robot) is not None and any(getattr(effect, p.name) == 0.0 for p in effect.shape()):
+    if not effect.shape() or (effect.response(state.fit.robot) is not None and any(getattr(effect, p.name) == 0.0 for p in effect.shape())):
         return effect, group.joints
     ranges = search_range(effect, state.fit.declared, state.fit.motions(instrument=True))
-    points = len({getattr(g.effect, effect.shape()[0].name) for g in state.catalogue.groups if g.kind == group.kind and g.effect is not None})
+    first = effect.shape()[0].name
+    points = len({getattr(g.effect, first) for g in state.catalogue.groups if g.kind == group.kind and g.effect is not None})
     width = 1.0 / max(points - 1, 1)
     for _ in range(2):
         for p in effect.shape():
@@ -295,7 +302,7 @@ def _refined(state: _State, group: Group) -> tuple[Effect, tuple[str, ...]]:
     return effect, group.joints
 
 
-def _reprofile(state: _State) -> None:
+def _reprofile(state: _Decider) -> None:
     """Shapes of all accepted effects anew, each beside the others."""
     for i, (effect, joints) in enumerate(list(state.accepted)):
         if not effect.shape() or effect.response(state.fit.robot) is not None:
@@ -303,7 +310,7 @@ def _reprofile(state: _State) -> None:
         if len(state.accepted) == 1 and effect.name in _REPEATABLE:
             continue
         others = [x for k, x in enumerate(state.accepted) if k != i]
-        trial = _State(state.fit.with_effects(tuple(e for e, _ in others)), state.catalogue, others)
+        trial = _Decider(state.fit.with_effects(tuple(e for e, _ in others)), state.catalogue, others)
         trial.frame = trial.fit.solved(1)
         motions = trial.fit.motions(instrument=True)
         options = [effect, *(grid(effect, state.fit.declared, motions, 13 if len(effect.shape()) == 1 else 4))]
@@ -314,13 +321,13 @@ def _reprofile(state: _State) -> None:
     state.solve()
 
 
-def _backward(state: _State, critical: float, say: Callable[[str], None]) -> None:
+def _backward(state: _Decider, critical: float, say: Callable[[str], None]) -> None:
     """Drop what the others make unnecessary."""
     while len(state.accepted) > 1:
         worst: tuple[float, int] | None = None
         for i in range(len(state.accepted)):
             others = [x for k, x in enumerate(state.accepted) if k != i]
-            trial = _State(state.fit, state.catalogue, others)
+            trial = _Decider(state.fit, state.catalogue, others)
             trial.solve(1)
             top = float(trial.scores.z.max(initial=0.0))
             if top <= critical and (worst is None or top < worst[0]):
@@ -334,11 +341,11 @@ def _backward(state: _State, critical: float, say: Callable[[str], None]) -> Non
         state.solve()
 
 
-def _confidence_set(state: _State, one: tuple[Effect, tuple[str, ...]], critical: float) -> tuple[Member, ...]:
+def _confidence_set(state: _Decider, one: tuple[Effect, tuple[str, ...]], critical: float) -> tuple[Member, ...]:
     """Effects that could stand in the place of an accepted one, each with what is left beside it."""
     effect, joints = one
     others = [x for x in state.accepted if x is not one]
-    trial = _State(state.fit, state.catalogue, others)
+    trial = _Decider(state.fit, state.catalogue, others)
     trial.solve(1)
     scores, own = trial.scores, (effect.name, joints)
     mine = [k for k in range(len(scores.kept)) if scores.group(k).kind == own]
@@ -349,6 +356,8 @@ def _confidence_set(state: _State, one: tuple[Effect, tuple[str, ...]], critical
         if z[k] < critical or z[k] < COMPETES * top:
             break
         g = scores.group(k)
+        if scores.z[k] < critical:
+            continue  # it would not have been accepted itself
         if g.effect is None or g.kind == own or _impossible(trial, k):
             continue
         beside, energy = scores.beside(scores.slice_of(k))
@@ -356,7 +365,7 @@ def _confidence_set(state: _State, one: tuple[Effect, tuple[str, ...]], critical
         if mine:
             nearest = mine[int(np.argmax(z[mine]))]
             after = float(beside[nearest])
-            own_after, own_energy = scores.beside(scores.slice_of(nearest))
+            own_energy = scores.beside(scores.slice_of(nearest))[1]
             if energy[nearest] < CONTAINED or own_energy[k] < CONTAINED:
                 continue  # a more general form of the same, or the same by another name
             if after > state.chance:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scoring.scores import z_of
 from ..thresholds import LEVEL
+from .scores import z_of
 
 if TYPE_CHECKING:
-    from ..scoring.scores import Scores
+    from .scores import Scores
 
 Array = np.ndarray
 _DRAWS = 300

@@ -74,7 +74,7 @@ def _turns_fast(effect: Effect, robot, motions: Sequence[Motion]) -> bool:  # ty
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Solved:
     """A solved stage. R rows, n motors, p columns (base parameters, then effects).
 
     `X`, `Z` (R, n, p): columns of measured motion and instrument, whitened; `residual` (R, n); `theta` (p,); `scale` (p,): of Z's columns;
@@ -184,7 +184,7 @@ class Fit:
 
     # --- solving ------------------------------------------------------------------------------------------------------
 
-    def solved(self, passes: int = 2) -> Frame:
+    def solved(self, passes: int = 2) -> Solved:
         """The frame at the noise that its own residual shows, with columns taken at the values that it yields."""
         frame = self._solve(self._flat(None))
         for _ in range(passes):
@@ -217,7 +217,7 @@ class Fit:
                 found.append(np.stack([run.band.filtered(x[:, j], gain[j]) for j in range(x.shape[1])], axis=1))
         return np.concatenate(found)
 
-    def _flat(self, frame: Frame | None) -> tuple[Array, ...]:
+    def _flat(self, frame: Solved | None) -> tuple[Array, ...]:
         """One weight for each motor: from the residual of a frame, or from the torque."""
         raw = self.torque if frame is None else self.raw_residual(frame)
         inner = np.concatenate([x[run.band.inner] for run, x in zip(self.runs, raw, strict=True)])
@@ -225,12 +225,12 @@ class Fit:
         weight = np.where((self.share > FEW) & (size > 0), 1.0 / np.maximum(size, 1e-300), 0.0)
         return tuple(np.repeat(weight[:, None], len(run.band.frequencies), axis=1) for run in self.runs)
 
-    def raw_residual(self, frame: Frame) -> list[Array]:
+    def raw_residual(self, frame: Solved) -> list[Array]:
         """Rows (count, n) of the residual before whitening, for each run."""
         X, _ = self._stacked()
         return [y - x @ frame.theta for x, y in zip(X, self.torque, strict=True)]
 
-    def _white(self, frame: Frame) -> tuple[Array, ...]:
+    def _white(self, frame: Solved) -> tuple[Array, ...]:
         raw = self.raw_residual(frame)
         n = self.robot.n
         freed = self._freed(frame)
@@ -249,16 +249,16 @@ class Fit:
                 gain[m] = (f <= 1.1 * run.band.top_hz) / np.sqrt(level * run.band.row_rate) if good else 0.0
         return tuple(gains)
 
-    def _freed(self, frame: Frame) -> Array:
+    def _freed(self, frame: Solved) -> Array:
         """What each motor's residual (n,) lacks of the noise, because parameters took it up: a factor of its power."""
-        R, n, p = frame.Z.shape
+        R = frame.rows
         scaled = frame.X / frame.scale
         inverse = np.linalg.pinv(np.einsum("rnp,rnq->pq", frame.Z / frame.scale, scaled), rcond=_SINGULAR)
         taken = np.einsum("rnp,pq,rnq->n", scaled, inverse, frame.Z / frame.scale)
         rows = R * self.share * min(1.0, 2.0 * self.runs[0].band.top_hz / self.runs[0].band.row_rate)
         return 1.0 / np.clip(1.0 - taken / np.maximum(rows, 1.0), 0.1, 1.0)
 
-    def _solve(self, gains: tuple[Array, ...]) -> Frame:
+    def _solve(self, gains: tuple[Array, ...]) -> Solved:
         parts = self._stacked()
         X, Z = (self.filtered(side, gains) for side in parts)
         y = self.filtered([t[:, :, None] for t in self.torque], gains)[:, :, 0]
@@ -274,7 +274,7 @@ class Fit:
         inverse = np.linalg.pinv((Xa / scale).T @ (Za / scale), rcond=_SINGULAR) @ (Xf / scale).T
         self.values = self._expanded(theta)
         edges = np.cumsum([0, *(run.band.inner.stop - run.band.inner.start for run in self.runs)]).tolist()
-        return Frame(
+        return Solved(
             X, Z, residual[: R * n].reshape(R, n), theta, scale, inverse, (known / scale).T @ residual[R * n :],
             (Za / scale).T @ (Za / scale), gains, tuple(edges),
         )  # fmt: skip

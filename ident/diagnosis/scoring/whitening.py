@@ -27,7 +27,7 @@ def density(e: Array, rate: float, top_hz: float) -> Callable[[Array], Array]:
     inside = (f <= 0.9 * top_hz) & (f >= 0.24)
     x, y = f[inside], power[inside]
     if len(y) < 4 or not y.mean() > 1e-25:
-        return lambda g: np.zeros_like(g)
+        return np.zeros_like
 
     def terms(g: Array) -> Array:
         return np.stack([np.ones_like(g), 1.0 / np.maximum(g, 0.08), *(1.0 / (1.0 + (g / c) ** 2) for c in _CORNERS)], axis=1)

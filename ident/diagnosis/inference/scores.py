@@ -1,0 +1,179 @@
+"""Scores of all candidates at once, by Gram algebra: correlation of the residual with columns of the instrument, on one z scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..thresholds import ABSORBED, STRETCH
+
+if TYPE_CHECKING:
+    from ..design.catalogue import Catalogue, Group
+    from ..scoring.fit import Fit, Solved
+
+Array = np.ndarray
+#: Seconds of a block, within which scores may depend on each other.
+BLOCK = 1.0
+
+
+def z_of(squares: Array, degrees: Array) -> Array:
+    """Sums of squares (K, …) of `degrees` (K,) standard normal scores, as the normal deviate of the same probability (two-sided)."""
+    from scipy.special import gammaln
+    from scipy.stats import chi2, norm
+
+    d = np.broadcast_to(degrees.reshape(-1, *[1] * (squares.ndim - 1)), squares.shape)
+    log_p = np.asarray(chi2.logsf(np.minimum(squares, 1000.0), d))
+    big = squares > 600.0
+    if big.any():
+        half = squares[big] / 2.0
+        log_p[big] = -half + (d[big] / 2.0 - 1.0) * np.log(half) - gammaln(d[big] / 2.0)
+    z = np.empty_like(squares)
+    z[~big] = norm.isf(np.exp(log_p[~big]) / 2.0)
+    z[big] = np.sqrt(np.maximum(-2.0 * log_p[big] - np.log(2.0 * np.pi * -2.0 * log_p[big]), 0.0))
+    return z
+
+
+@dataclass(eq=False)
+class Scores:
+    """Scores of a frame. K groups that the model does not absorb (`kept`), with c whitened directions in all.
+
+    `blocks` (c, B): score of each block of time; `gram` (c, c): their covariance; `starts` (K,), `degrees` (K,): directions of each group;
+    `map` (c, columns): from raw columns."""
+
+    groups: list[Group]
+    kept: list[int]
+    blocks: Array = field(repr=False)
+    gram: Array = field(repr=False)
+    starts: Array = field(repr=False)
+    degrees: Array = field(repr=False)
+    raw_scores: Array = field(repr=False)
+    raw_gram: Array = field(repr=False)
+
+    @classmethod
+    def of(cls, fit: Fit, frame: Solved, catalogue: Catalogue) -> Scores:
+        """Score a catalogue beside a frame's model."""
+        R, n, p = frame.Z.shape
+        scaled = frame.Z / frame.scale
+        inverse = frame.inverse.reshape(p, R, n)
+        cuts = _cuts(fit, frame)
+        count = catalogue.count
+        G, A, CZ, S = np.zeros((count, count)), np.zeros((p, count)), np.zeros((count, p)), np.zeros((count, len(cuts)))
+        for m in range(n):
+            ids = catalogue.places[m]
+            if not len(ids) or not any(gain[m].any() for gain in frame.gains):
+                continue
+            C = fit.filtered(catalogue.rows[m], frame.gains, m)
+            G[np.ix_(ids, ids)] += C.T @ C
+            A[:, ids] += inverse[:, :, m] @ C
+            CZ[ids] += C.T @ scaled[:, m]
+            S[ids] += np.add.reduceat(C * frame.residual[:, [m]], cuts, axis=0).T
+        model = np.add.reduceat(np.einsum("rnp,rn->rp", scaled, frame.residual), cuts, axis=0) + frame.prior / len(cuts)
+        raw = np.diag(G).copy()
+        T = CZ @ A
+        G = G - T - T.T + A.T @ (frame.gram @ A)
+        S = S - (model @ A).T
+        return cls._orthonormal(catalogue.groups, raw, G, S)
+
+    @classmethod
+    def _orthonormal(cls, groups: list[Group], raw: Array, G: Array, S: Array) -> Scores:
+        """Orthonormal directions inside each group; what the model absorbs is dropped."""
+        import scipy.sparse as sparse
+
+        kept, starts, degrees, entries, rows, columns = [], [], [], [], [], []
+        total = 0
+        for k, g in enumerate(groups):
+            ix = g.columns
+            size = np.sqrt(np.maximum(raw[ix], 1e-300))
+            if not raw[ix].max(initial=0.0) > 0:
+                continue
+            own = G[np.ix_(ix, ix)] / np.outer(size, size)
+            w, U = np.linalg.eigh((own + own.T) / 2.0)
+            good = w > ABSORBED
+            if not good.any():
+                continue
+            B = (U[:, good] / np.sqrt(w[good])).T / size
+            kept.append(k)
+            starts.append(total)
+            degrees.append(len(B))
+            for r, row in enumerate(B):
+                entries += row.tolist()
+                rows += [total + r] * len(ix)
+                columns += ix.tolist()
+            total += len(B)
+        Q = sparse.csr_matrix((entries, (rows, columns)), shape=(total, len(raw)))
+        return cls(groups, kept, Q @ S, np.asarray(Q @ (Q @ G).T), np.array(starts, int), np.array(degrees, int), S.sum(axis=1), G)
+
+    @cached_property
+    def named(self) -> Array:
+        """Which of the K groups are effects of the catalogue."""
+        return np.array([self.groups[k].named for k in self.kept], bool)
+
+    @cached_property
+    def total(self) -> Array:
+        return np.asarray(self.blocks.sum(axis=1))
+
+    def group(self, k: int) -> Group:
+        """The k-th of the groups that are not absorbed."""
+        return self.groups[self.kept[k]]
+
+    def slice_of(self, k: int) -> Array:
+        """Directions of the k-th group."""
+        return np.arange(self.starts[k], self.starts[k] + self.degrees[k])
+
+    @cached_property
+    def plain(self) -> Array:
+        """z (K,) of the whole log."""
+        return z_of(np.add.reduceat(self.total**2, self.starts), self.degrees)
+
+    @cached_property
+    def z(self) -> Array:
+        """z (K,), the least over all windows of a tenth of the log that are left out: no single stretch decides."""
+        B = self.blocks.shape[1]
+        width = max(round(STRETCH * B), 1)
+        sums = np.concatenate([np.zeros((len(self.blocks), 1)), np.cumsum(self.blocks, axis=1)], axis=1)
+        least = self.plain.copy()
+        for b in range(B - width + 1):
+            without = self.total - (sums[:, b + width] - sums[:, b])
+            least = np.minimum(least, z_of(np.add.reduceat(without**2, self.starts), self.degrees))
+        return least
+
+    def values(self, k: int) -> tuple[Array, Array]:
+        """What the parameters of the k-th group would be, and their standard deviations, in the units of its columns."""
+        ix = self.group(k).columns
+        inverse = np.linalg.pinv(self.raw_gram[np.ix_(ix, ix)], rcond=1e-9)
+        return inverse @ self.raw_scores[ix], np.sqrt(np.maximum(np.diag(inverse), 0.0))
+
+    def beside(self, directions: Array) -> tuple[Array, Array]:
+        """z (K,) of all groups after those directions have joined the model; and the share of each group's least direction that is left."""
+        g = self.gram[:, directions]
+        inner = np.linalg.pinv(self.gram[np.ix_(directions, directions)], rcond=1e-8)
+        left = self.total - g @ (inner @ self.total[directions])
+        h = g @ inner
+        energy = 1.0 - np.einsum("ij,ij->i", h, g)
+        squares = np.zeros(len(self.degrees))
+        for d in np.unique(self.degrees):
+            k = np.flatnonzero(self.degrees == d)
+            ii = self.starts[k][:, None] + np.arange(d)
+            r = left[ii]
+            if d == 1:
+                e = energy[ii[:, 0]]
+                squares[k] = np.where(e > 1e-3, r[:, 0] ** 2 / np.maximum(e, 1e-3), 0.0)
+            else:
+                own = np.stack([self.gram[np.ix_(i, i)] for i in ii]) - np.einsum("kab,kcb->kac", h[ii], g[ii])
+                w, U = np.linalg.eigh((own + np.swapaxes(own, 1, 2)) / 2.0)
+                along = np.einsum("kab,ka->kb", U, r)
+                squares[k] = np.where(w > 1e-3, along**2 / np.maximum(w, 1e-3), 0.0).sum(axis=1)
+        return z_of(squares, self.degrees), np.minimum.reduceat(energy, self.starts)
+
+
+def _cuts(fit: Fit, frame: Solved) -> Array:
+    """Where blocks of rows start; none reaches over the end of a run."""
+    found: list[int] = []
+    for run, a, b in zip(fit.runs, frame.edges[:-1], frame.edges[1:], strict=True):
+        length = max(1, round(BLOCK * run.band.row_rate))
+        starts = np.arange(a, b, length)
+        found += starts[:-1].tolist() if len(starts) > 1 and b - starts[-1] < length // 2 else starts.tolist()
+    return np.array(found, int)

@@ -1,0 +1,125 @@
+"""Candidates: every catalogued effect at every place it could sit, with the shapes worth trying first."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...effects.base import Effect, Need, effect_types
+from ...errors import IdentError
+from ...model import Model
+from .spectral import order_parameter
+
+if TYPE_CHECKING:
+    from ...robots.robot import Robot
+    from .motions import Motions
+
+#: Points of the first grid over a shape parameter that does not say how many, alone and beside another.
+_POINTS_ALONE = 12
+_POINTS_TOGETHER = 6
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that the model may lack, in the variants (shapes) of a first grid; `joints` are those it sits on."""
+
+    name: str
+    joints: tuple[str, ...]
+    variants: tuple[Effect, ...]
+
+    def __str__(self) -> str:
+        return f"{self.name} on {', '.join(self.joints)}" if self.joints else self.name
+
+    @property
+    def dependent(self) -> bool:
+        """Whether its columns depend on what the model predicts."""
+        return bool(self.variants[0].needs & {Need.LOAD, Need.REFERENCE})
+
+    @property
+    def spectral(self) -> bool:
+        """Whether it is sought over a spectrum of orders."""
+        return order_parameter(self.variants[0]) is not None
+
+
+def candidates(model: Model, motions: Motions) -> tuple[Candidate, ...]:
+    """Every candidate for a model on a robot's motions; what the model already holds at a place is left out."""
+    found = []
+    for name, kind in effect_types().items():
+        if name == "rigid_body":
+            continue
+        for place in _places(kind, model.robot):
+            if any(_covers(e, place, model.robot) for e in model.effects):
+                continue
+            for choice in _choices(place):
+                # Columns of different choices of one place are different things, but only one of them can be found at a time.
+                try:
+                    variants = tuple(_shapes(choice, motions))
+                    variants[0].parameters(model.robot)
+                except IdentError:
+                    continue  # an effect that this robot cannot have (a payload without a link to hold it)
+                found.append(Candidate(name, _joints(place), variants))
+    return tuple(found)
+
+
+def _joints(place: Effect) -> tuple[str, ...]:
+    return () if place.joints is None else place.joints
+
+
+def _places(kind: type[Effect], robot: Robot) -> Iterator[Effect]:
+    """Every smallest thing of the kind, and what may be on all joints at once; the label keeps parameter names apart from those of a
+    declared effect of the kind."""
+    try:
+        yield from kind.placements(robot, label="+")
+    except IdentError:
+        return
+    if kind.everywhere and robot.n > 1:
+        yield kind(joints=robot.joint_names, label="+")
+
+
+def _covers(effect: Effect, place: Effect, robot: Robot) -> bool:
+    """Whether the model holds the same thing, or another form of it, at the same place already."""
+    if place.form_of and place.form_of == effect.form_of and set(place.at(robot)) & set(effect.at(robot)):
+        return True
+    if type(effect) is not type(place) or effect.side != place.side:
+        return False
+    plain = {f.name for f in dataclasses.fields(place)} - {"joints", "label", *(p.name for p in place.shape())}
+    if any(getattr(effect, name) != getattr(place, name) for name in plain):
+        return False
+    return set(place.at(robot)) <= set(effect.at(robot))
+
+
+def _choices(place: Effect) -> Iterator[Effect]:
+    """The effect with each member of every enumeration it is configured by (an angle on the joint or on the motor side)."""
+    options = [
+        (f.name, list(type(getattr(place, f.name)).__members__.values()))
+        for f in dataclasses.fields(place)
+        if f.name != "side" and isinstance(getattr(place, f.name), StrEnum)
+    ]
+    for chosen in itertools.product(*(members for _, members in options)):
+        yield dataclasses.replace(place, **dict(zip([n for n, _ in options], chosen, strict=True)))
+
+
+def _shapes(effect: Effect, motions: Motions) -> Iterator[Effect]:
+    """A first grid."""
+    parameters = effect.shape()
+    if not parameters:
+        yield effect
+        return
+    ranges = motions.search_range(effect)
+    usual = _POINTS_ALONE if len(parameters) == 1 else _POINTS_TOGETHER
+    grids = []
+    for p in parameters:
+        low, high = ranges[p.name]
+        points = p.points or usual
+        if points == 1:
+            grids.append(np.array([min(max(p.typical, low), high)]))
+            continue
+        grids.append(np.geomspace(low, high, points) if p.log and low > 0 else np.linspace(low, high, points))
+    for values in itertools.product(*grids):
+        yield effect.with_shape(**{p.name: float(v) for p, v in zip(parameters, values, strict=True)})
