@@ -1,4 +1,5 @@
-"""Command line of ident. Exit codes: 0 done; 1 done, but a gate failed; 2 usage or configuration; 3 the data cannot be used."""
+"""Command line of ident. Exit codes: 0 done; 1 done, but a gate failed; 2 usage or configuration; 3 the data cannot be used;
+70 a fault of ours, with a report to send."""
 
 from __future__ import annotations
 
@@ -46,10 +47,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"ident {args.command}: interrupted; nothing half written is left.", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        # The reader of our output went away (`| head`): not an error of ours.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            # The reader of our output went away (`| head`): not an error of ours.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
+        what = f"{error.filename}: " if error.filename else ""
+        print(f"ident {args.command}: {what}{error.strerror or error}; nothing half written is left.", file=sys.stderr)
+        return 2
+    except Exception as error:  # noqa: BLE001 - whatever is left is a fault of ours, and is said to be one
+        return _fault(args.command, given, error)
+
+
+def _fault(command: str, given: Sequence[str], error: Exception) -> int:
+    """Report a fault of ours: what to send, in a file of its own. Exit code 70."""
+    import platform
+    import tempfile
+    import traceback
+
+    text = "\n".join(
+        [
+            f"ident {__version__}, Python {platform.python_version()}, {platform.platform()}",
+            "command: ident " + " ".join(map(repr, given)),
+            "".join(traceback.format_exception(error)),
+        ]
+    )
+    try:
+        with tempfile.NamedTemporaryFile("w", prefix="ident-fault-", suffix=".txt", delete=False) as file:
+            file.write(text)
+        where = f" The whole report is in {file.name}."
+    except OSError:
+        where = ""
+        print(text, file=sys.stderr)
+    print(
+        f"ident {command}: a fault of ours, please report it: {type(error).__name__}: {error}.{where}"
+        " Send it with the files of the command.",
+        file=sys.stderr,
+    )
+    return 70
 
 
 def _show_warning(

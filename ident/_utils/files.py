@@ -16,14 +16,33 @@ from ..errors import ConfigurationError
 def write_atomic(path: Path, data: str | bytes, *, force: bool = False) -> Path:
     """Write a file completely or not at all. Raises ConfigurationError if it exists and `force` is false."""
     path = Path(path)
-    if path.exists() and not force:
-        raise ConfigurationError(f"{path} exists; nothing was written. Choose another name, or allow overwriting (--force, force=True).")
-    if not path.parent.is_dir():
-        raise ConfigurationError(f"{path.parent} is not a folder; nothing was written.")
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        if path.exists() and not force:
+            raise ConfigurationError(
+                f"{path} exists; nothing was written. Choose another name, or allow overwriting (--force, force=True)."
+            )
+        if not path.parent.is_dir():
+            raise ConfigurationError(f"{path.parent} is not a folder; nothing was written.")
+        return _written(path, data.encode() if isinstance(data, str) else data)
+    except (OSError, ValueError) as error:
+        raise _not_written(path, error) from None
+
+
+def _not_written(path: Path, error: Exception) -> ConfigurationError:
+    """One line on what the system says: a full disk, a folder that is read-only, a name that is too long or holds a NUL."""
+    reason = getattr(error, "strerror", None) or str(error)
+    return ConfigurationError(f"{str(path)[:200]!r} cannot be written ({reason}); nothing was written.")
+
+
+def _written(path: Path, data: bytes) -> Path:
+    if path.is_dir():
+        raise IsADirectoryError(21, "is a folder")
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(data.encode() if isinstance(data, str) else data)
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
         umask = os.umask(0)
         os.umask(umask)
         Path(temporary).chmod(0o666 & ~umask)
@@ -41,9 +60,9 @@ def staged(folder: Path, *, force: bool = False) -> Iterator[Path]:
     Raises ConfigurationError if a file would be overwritten and `force` is false, or if the folder cannot be made."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
-    except OSError as error:
-        raise ConfigurationError(f"{folder} cannot be made ({error.strerror}).") from None
+        scratch = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name[:100]}."))
+    except (OSError, ValueError) as error:
+        raise _not_written(folder, error) from None
     try:
         yield scratch
         made = sorted(p.relative_to(scratch) for p in scratch.rglob("*") if p.is_file())
@@ -52,9 +71,12 @@ def staged(folder: Path, *, force: bool = False) -> Iterator[Path]:
             raise ConfigurationError(
                 f"{folder / there[0]} exists; nothing was written. Choose another folder, or allow overwriting (--force)."
             )
-        for path in made:
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (scratch / path).replace(folder / path)
+        try:
+            for path in made:
+                (folder / path).parent.mkdir(parents=True, exist_ok=True)
+                (scratch / path).replace(folder / path)
+        except OSError as error:
+            raise _not_written(folder, error) from None
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 

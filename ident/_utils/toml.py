@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import tomllib
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigurationError, unknown_name
+from .structured import read_toml
 
 #: Turns a value of a TOML file into what the program uses, or raises `Unfit` with what was expected.
 Kind = Callable[[Any], Any]
@@ -25,15 +25,7 @@ class Unfit(Exception):
 
 def load_toml(path: Path, what: str) -> dict[str, Any]:
     """Parse a TOML file. `what` it is goes into the message of a ConfigurationError."""
-    try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except FileNotFoundError:
-        raise ConfigurationError(f"{what} {path}: no such file.") from None
-    except OSError as error:
-        raise ConfigurationError(f"{what} {path}: cannot be read ({error.strerror}).") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{what} {path}: is not valid TOML: {error}.") from None
+    return read_toml(path, what)
 
 
 def check_table(data: Any, schema: Mapping[str, Kind], table: str, where: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._utils.files import write_atomic
 from .._utils.json import jsonable, result
+from .._utils.structured import read_json
 from ..effects.base import Effect, make_effect
 from ..errors import ConfigurationError
 from ..model import Model
@@ -93,19 +94,14 @@ def save(estimate: EstimateRecord, path: Path, *, force: bool) -> Path:
 
 def load(kind: type[_E], path: Path) -> _E:
     """Read what `save` wrote, as an estimate of class `kind`."""
-    try:
-        data = json.loads(Path(path).read_text())
-    except FileNotFoundError:
-        raise ConfigurationError(f"fit {path}: no such file.") from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ConfigurationError(f"fit {path}: is not JSON ({error}).") from None
+    data = read_json(Path(path), "fit")
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or "state" not in data:
         raise ConfigurationError(
             f"fit {path}: is not a saved fit ({SCHEMA} with its state). Write one with `ident fit --out DIR` or Estimate.save."
         )
     try:
         return _restored(kind, data)
-    except (KeyError, IndexError, TypeError, AttributeError) as error:
+    except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise ConfigurationError(
             f"fit {path}: is damaged, or another version of ident wrote it ({type(error).__name__}: {error}). Fit again."
         ) from None

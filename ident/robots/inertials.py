@@ -10,6 +10,8 @@ from lxml import etree
 from ..errors import ConfigurationError
 
 #: The numbers of an <inertial>, by element and attribute.
+#: Share by which written digits may break the triangle inequality of a flat body.
+_ROUNDED = 0.01
 _NUMBERS = {"mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "origin": ("xyz", "rpy")}
 
 
@@ -18,17 +20,58 @@ def check_inertials(root: etree._Element, where: str) -> None:
 
     Raises ConfigurationError with the file, the link and the text."""
     for link in root.findall("link"):
+        _check_whole(link, where)
         for tag, keys in _NUMBERS.items():
             element = link.find(f"inertial/{tag}")
             given = {} if element is None else {key: element.get(key) for key in keys}
             for key, text in given.items():
-                for word in [] if text is None else text.split() or [text]:
+                words = [] if text is None else text.split() or [text]
+                if text is not None and len(words) != (3 if tag == "origin" else 1):
+                    raise ConfigurationError(
+                        f"URDF {where}: link {link.get('name', '')!r}: <{tag} {key}={text!r}>:"
+                        f" {'three numbers are' if tag == 'origin' else 'one number is'} needed."
+                    )
+                for word in words:
                     if _is_plain(word):
                         continue
                     hint = "Write a point, not a comma." if "," in word else "Write the number alone, in kg, m and kg m^2."
                     raise ConfigurationError(
                         f"URDF {where}: link {link.get('name', '')!r}: <{tag} {key}={text!r}>: {word!r} is not a finite number. {hint}"
                     )
+
+
+def _check_whole(link: etree._Element, where: str) -> None:
+    """An <inertial> has its mass and all six moments, or it is not there: half of one would count as zero."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    if mass is None and inertia is None:
+        return
+    missing = ["<mass value=…>"] if mass is None or mass.get("value") is None else []
+    given: dict[str, str] = {} if inertia is None else {str(k): str(v) for k, v in inertia.attrib.items()}
+    missing += [f"<inertia {key}=…>" for key in _NUMBERS["inertia"] if key not in given]
+    if missing:
+        raise ConfigurationError(
+            f"URDF {where}: link {link.get('name', '')!r}: its <inertial> lacks {', '.join(missing)}. Complete it, or take it away."
+        )
+
+
+def link_oddities(root: etree._Element) -> dict[str, str]:
+    """Link → principal moments of which one exceeds the sum of the others, though none is negative: no distribution of mass has them."""
+    found: dict[str, str] = {}
+    for link in root.findall("link"):
+        inertia = link.find("inertial/inertia")
+        if inertia is None:
+            continue
+        xx, xy, xz, yy, yz, zz = (float(inertia.get(key, "0")) for key in _NUMBERS["inertia"])
+        low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if low >= 0 and high > (low + middle) * (1.0 + _ROUNDED) + 1e-12:
+            found[link.get("name", "")] = (
+                f"its principal moment {high:.4g} kg m^2 exceeds the sum of the others"
+                f" ({low:.4g} + {middle:.4g}; ixx {xx:g}, iyy {yy:g}, izz {zz:g})"
+            )
+    return found
 
 
 def link_faults(root: etree._Element) -> dict[str, str]:

@@ -69,6 +69,7 @@ class Robot(ShortRepr):
     coordinate a joint, armature zero and gravity set. `nominal` (10 n_tree,): inertial parameters of the URDF in
     Pinocchio's order, or None where the URDF gives none. `source`: what is needed to load it again (JSON-able).
     `faults`: links that move whose inertial is that of no body, and why ("link 'upper': its mass is -4 kg").
+    `oddities`: links whose moments of inertia no distribution of mass has, though each is positive.
     `whole`: the independent joints in order before any was locked.
 
     Examples
@@ -91,6 +92,7 @@ class Robot(ShortRepr):
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
     faults: tuple[str, ...] = ()
     whole: tuple[str, ...] = ()
+    oddities: tuple[str, ...] = field(default=(), repr=False)
 
     @classmethod
     def from_urdf(
@@ -117,11 +119,12 @@ class Robot(ShortRepr):
         text = str(urdf)
         origin: dict[str, Any] = {}
         if text.lstrip().startswith("<"):
-            prepared = prepare_urdf(text.encode())
+            prepared = prepare_urdf(text)
+            text = prepared.text
         else:
             prepared = read_urdf(Path(urdf))
             origin["urdf"] = text
-            text = Path(urdf).read_bytes().decode(errors="replace")
+            text = prepared.text
         # The text itself is kept: a saved fit can be taken up again where the file has moved.
         origin |= {"urdf_text": text, "urdf_sha256": hashlib.sha256(text.encode()).hexdigest()}
         source = {
@@ -156,10 +159,15 @@ class Robot(ShortRepr):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What to warn of where the URDF's inertials are not needed: one text, or none."""
+        """What to warn of where the URDF's inertials are not needed."""
+        odd = (
+            ()
+            if not self.oddities
+            else (f"the URDF's inertials are those of no body: {some(self.oddities)}. Do not rely on its nominal values there.",)
+        )
         if not self.faults:
-            return ()
-        return (f"the URDF's inertials are those of no body: {some(self.faults)}. A fit does not use them; do not compare with them.",)
+            return odd
+        return (f"the URDF's inertials are those of no body: {some(self.faults)}. A fit does not use them; do not compare with them.", *odd)
 
     @property
     def n(self) -> int:
@@ -293,6 +301,7 @@ def _build(
         source=source,
         faults=tuple(f"link {f.name!r}: {urdf.faults[f.name]}" for f in model.frames if f.parentJoint > 0 and f.name in urdf.faults),
         whole=tuple(j for j in moving if j not in dependent),
+        oddities=tuple(f"link {f.name!r}: {urdf.oddities[f.name]}" for f in model.frames if f.parentJoint > 0 and f.name in urdf.oddities),
     )
     if transmission is None:
         return replace(robot, transmission=Transmission.identity(len(joints), measured))

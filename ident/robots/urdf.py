@@ -11,9 +11,13 @@ from pathlib import Path
 from lxml import etree
 
 from ..errors import ConfigurationError
-from .inertials import check_inertials, link_faults
+from .inertials import check_inertials, link_faults, link_oddities
+from .urdf_text import decoded, parsed, settle_elements
 
 _SUPPORTED = {"revolute", "continuous", "prismatic", "fixed"}
+#: Positions (rad, m) and speeds that are no limits, and efforts that are none: what exporters write for "without".
+_NO_LIMIT = 1e5
+_NO_EFFORT = 1e9
 _NOISE = 1e-6  # rad: below this, an angle differs from an exact one by the writer's round-off alone
 _TOLD = 1e-5  # rad: below this, an angle differs from an exact one by how many digits of it were written, and nothing is said
 
@@ -32,12 +36,14 @@ class Mimic:
 class UrdfText:
     """A URDF made ready for Pinocchio.
 
-    `xml`: the text with exact right angles and mimic tags taken out; `kinds`: joint name → URDF type;
+    `xml`: links and joints with exact right angles, mimic tags taken out; `text`: the file as it was read; `kinds`: joint name → URDF type;
     `limits`: joint name → (lower, upper, velocity, effort), infinite where not given; `dynamics`: joint name → (damping, friction)
     of <dynamics>, zero where not given; `mimics`: followers, each bound to
-    a joint that follows none; `notes`: what was changed, for the user; `faults`: link → what no body can have of its inertial."""
+    a joint that follows none; `notes`: what was changed, for the user; `faults`: link → what no body can have of its inertial;
+    `oddities`: link → moments of inertia that no mass distribution has, though each is positive."""
 
     xml: str
+    text: str
     name: str
     kinds: dict[str, str]
     limits: dict[str, tuple[float, float, float, float]]
@@ -45,6 +51,7 @@ class UrdfText:
     mimics: tuple[Mimic, ...]
     notes: tuple[str, ...]
     faults: dict[str, str]
+    oddities: dict[str, str]
 
 
 def read_urdf(path: Path) -> UrdfText:
@@ -58,16 +65,15 @@ def read_urdf(path: Path) -> UrdfText:
     return prepare_urdf(data, str(path))
 
 
-def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
+def prepare_urdf(data: bytes | str, where: str = "text") -> UrdfText:
     """Prepare URDF text (bytes). `where` names the source in messages. Raises ConfigurationError."""
-    parser = etree.XMLParser(remove_comments=True, remove_pis=True, resolve_entities=False)
-    try:
-        root = etree.fromstring(data.lstrip(), parser)
-    except etree.XMLSyntaxError as error:
-        raise ConfigurationError(f"URDF {where}: does not parse: {error.msg}.") from None
-    _refuse_xacro(root, where)
-    if root.tag != "robot":
-        raise ConfigurationError(f"URDF {where}: the root element is <{root.tag}>, not <robot>.")
+    text, notes = decoded(data, where), list[str]()
+    root = parsed(text, where, notes)
+    if etree.QName(root).localname != "robot":
+        raise ConfigurationError(f"URDF {where}: the root element is <{etree.QName(root).localname}>, not <robot>.")
+    settle_elements(root, where, notes)
+    if not root.get("name"):
+        root.set("name", "robot")
     kinds: dict[str, str] = {}
     limits: dict[str, tuple[float, float, float, float]] = {}
     dynamics: dict[str, tuple[float, float]] = {}
@@ -85,16 +91,16 @@ def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
                 " Replace it by a chain of those (a floating base: pass floating_base=True and leave the joint out)."
             )
         kinds[name] = kind
-        limits[name] = _limits(joint, where, name)
-        dynamics[name] = _dynamics(joint, where, name)
+        limits[name] = _limits(joint, where, name, notes)
+        dynamics[name] = _dynamics(joint, where, name, notes)
         snapped[name] = _snap_origin(joint, where, name)
         mimic = joint.find("mimic")
         if mimic is not None:
-            factor, offset = (_number(mimic.get(key, default), where, name) for key, default in (("multiplier", "1"), ("offset", "0")))
+            factor, offset = (_coefficient(mimic, key, default, where, name) for key, default in (("multiplier", "1"), ("offset", "0")))
             mimics[name] = Mimic(name, mimic.get("joint", ""), factor, offset)
             joint.remove(mimic)
         if kind != "fixed":
-            _settle_axis(joint, where, name)
+            _settle_axis(joint, where, name, notes)
             # One coordinate a joint: Pinocchio would store (cos, sin) for a continuous joint.
             joint.set("type", "prismatic" if kind == "prismatic" else "revolute")
             for old in joint.findall("limit"):
@@ -103,27 +109,17 @@ def prepare_urdf(data: bytes, where: str = "text") -> UrdfText:
     _check_tree(root, where)
     check_inertials(root, where)
     moved = {name: by for name, by in snapped.items() if by > _TOLD}
-    notes: list[str] = []
     if moved:
         notes.append(f"rpy of {some(moved)} taken as exact multiples of pi/4 (moved by at most {max(moved.values()):.1e} rad).")
     bound = _resolve(mimics, kinds, where, notes)
     xml, name = etree.tostring(root, encoding="unicode"), root.get("name", "robot")
-    return UrdfText(xml, name, kinds, limits, dynamics, bound, tuple(notes), link_faults(root))
+    return UrdfText(xml, text, name, kinds, limits, dynamics, bound, tuple(notes), link_faults(root), link_oddities(root))
 
 
 def some(names: Iterable[str], most: int = 6) -> str:
     """The first few names of many, for messages."""
     names = list(names)
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
-def _refuse_xacro(root: etree._Element, where: str) -> None:
-    """Raise if the file still holds xacro; plain elements lose any default namespace, which URDF does not have."""
-    for element in root.iter(etree.Element):
-        name = etree.QName(element)
-        if "xacro" in (name.namespace or "") or any("${" in v or "$(arg" in v for v in element.attrib.values()):
-            raise ConfigurationError(f"URDF {where}: is a xacro template. Expand it first (`xacro FILE > robot.urdf`) and give the result.")
-        element.tag = name.localname
 
 
 def _check_tree(root: etree._Element, where: str) -> None:
@@ -182,7 +178,7 @@ def _resolve(mimics: dict[str, Mimic], kinds: dict[str, str], where: str, notes:
     return tuple(found)
 
 
-def _limits(joint: etree._Element, where: str, name: str) -> tuple[float, float, float, float]:
+def _limits(joint: etree._Element, where: str, name: str, notes: list[str]) -> tuple[float, float, float, float]:
     limit = joint.find("limit")
     found = {} if limit is None else dict(limit.attrib)
     bounded = joint.get("type") != "continuous"
@@ -190,20 +186,34 @@ def _limits(joint: etree._Element, where: str, name: str) -> tuple[float, float,
     if bounded and {"lower", "upper"} & set(found):
         lower, upper = (_number(found.get(key, "0"), where, name) for key in ("lower", "upper"))  # URDF's default is 0
     if lower > upper:
-        raise ConfigurationError(
-            f"URDF {where}: joint {name!r}: its limit's lower ({lower:g}) lies above its upper ({upper:g}). Exchange them, or leave both."
-        )
+        notes.append(f"joint {name}: its limit's lower ({lower:g}) lies above its upper ({upper:g}): exchanged.")
+        lower, upper = upper, lower
     if lower == upper:  # 0, 0: not a limit anyone meant
         lower, upper = -math.inf, math.inf
+    lower, upper = (math.copysign(math.inf, x) if abs(x) >= _NO_LIMIT else x for x in (lower, upper))
     velocity = _number(found.get("velocity", "0"), where, name)
     effort = _number(found.get("effort", "0"), where, name)
-    return lower, upper, velocity if velocity > 0 else math.inf, effort if effort > 0 else math.inf
+    return lower, upper, velocity if 0 < velocity < _NO_LIMIT else math.inf, effort if 0 < effort < _NO_EFFORT else math.inf
 
 
-def _dynamics(joint: etree._Element, where: str, name: str) -> tuple[float, float]:
+def _dynamics(joint: etree._Element, where: str, name: str, notes: list[str]) -> tuple[float, float]:
+    """Damping and friction; those of no joint count as none. Pinocchio gets neither: friction is an effect."""
     found = joint.find("dynamics")
-    damping, friction = (_number("0" if found is None else found.get(key, "0"), where, name) for key in ("damping", "friction"))
+    values = [_number("0" if found is None else found.get(key, "0"), where, name) for key in ("damping", "friction")]
+    for key, value in zip(("damping", "friction"), values, strict=True):
+        if not 0 <= value < math.inf:
+            notes.append(f"joint {name}: {key} = {value:g} in <dynamics> is that of no joint: left out.")
+    if found is not None:
+        joint.remove(found)
+    damping, friction = (v if 0 <= v < math.inf else 0.0 for v in values)
     return damping, friction
+
+
+def _coefficient(mimic: etree._Element, key: str, default: str, where: str, name: str) -> float:
+    value = _number(mimic.get(key, default), where, name)
+    if abs(value) > _NO_LIMIT:
+        raise ConfigurationError(f"URDF {where}: joint {name!r}: <mimic {key}={mimic.get(key)!r}> is no finite factor or position.")
+    return value
 
 
 def _number(text: str, where: str, name: str) -> float:
@@ -224,11 +234,14 @@ def _three(text: str, key: str, where: str, name: str) -> list[float]:
     return values
 
 
-def _settle_axis(joint: etree._Element, where: str, name: str) -> None:
-    """Make the axis a unit vector, and exact where it is a coordinate axis but for round-off."""
+def _settle_axis(joint: etree._Element, where: str, name: str, notes: list[str]) -> None:
+    """Make the axis a unit vector, and exact where it is a coordinate axis but for round-off. URDF's own is (1, 0, 0)."""
     axis = joint.find("axis")
-    if axis is None or not axis.get("xyz"):
+    if axis is None:
         return
+    if not axis.get("xyz"):
+        notes.append(f"joint {name}: its <axis> has no xyz: taken as URDF's default, (1, 0, 0).")
+        axis.set("xyz", "1 0 0")
     given = _three(axis.get("xyz", ""), "axis xyz", where, name)
     length = math.hypot(*given)
     if length == 0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
-from test_diagnosis_parts import recorded
+from recorded import recorded
 
 from ident.effects.base import make_effect
 from ident.estimate.estimate import Estimate

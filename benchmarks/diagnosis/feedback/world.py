@@ -27,13 +27,14 @@ Array = np.ndarray
 class FluctuatingFriction(Actuator):
     """Friction that fluctuates about its law: a share of Coulomb friction, AR(1) of `time` seconds; and what else acts (`law`).
 
-    `coulomb` (n,) on the measured side; `seeds`: one for each run. `law(motion, t)` → (B, n), on the measured side."""
+    `coulomb` (n,) on the measured side; `slow` (n,): motor speed below which it dies away; `seeds`: one for each run. `law(motion, t)` → (B, n), on the measured side."""
 
     coulomb: tuple[float, ...]
     seeds: tuple[int, ...]
     share: float = 0.015
     time: float = 0.06
     lag: float = 0.0005
+    slow: tuple[float, ...] | float = 0.1
     law: object = None
     _rng: list[np.random.Generator] = field(default_factory=list)
 
@@ -50,7 +51,7 @@ class FluctuatingFriction(Actuator):
         torque = command + left * (torque - command)
         ar = a * ar + np.sqrt(1.0 - a * a) * noise
         speed = motion.motor.dq
-        applied = torque - self.share * np.asarray(self.coulomb) * ar * np.tanh(speed / (0.002 * 60.0))
+        applied = torque - self.share * np.asarray(self.coulomb) * ar * np.tanh(speed / np.asarray(self.slow))
         if callable(self.law):
             applied = applied - self.law(motion, t)
         return applied, np.concatenate([torque, ar, (t + h)[:, None]], axis=1)
@@ -121,9 +122,14 @@ def simulated(
         true, own = true + effect, np.concatenate([own, np.atleast_1d(value)])
     inertial = robot.rigid_body() + RotorInertia()
     controller = PDFeedforward.tuned(inertial, values[: len(rigid) + robot.n], frequency_hz=loop_hz, damping=0.9, side=Side.MOTOR)
+    example = motion_of(robot, 1000 * seeds[0], seconds, top_hz).sample(np.linspace(0.0, seconds, 2000))
+    speed = np.abs(robot.transmission.motor_rate(example.dq)).max(axis=0)
+    slow = tuple((0.002 * speed).tolist())
     every = [seed for seed in seeds for _ in range(2)]
     motions = [motion_of(robot, 1000 * seed + part, seconds, top_hz) for seed in seeds for part in (0, 1)]
-    friction = FluctuatingFriction(tuple(drive["Fc"]), tuple(10 * seed + k for k, seed in enumerate(every)), share=fluctuation, law=law)
+    friction = FluctuatingFriction(
+        tuple(drive["Fc"]), tuple(10 * seed + k for k, seed in enumerate(every)), share=fluctuation, law=law, slow=slow
+    )
     runs = simulate_batch(
         Plant(true, own),
         desired=motions,

@@ -15,6 +15,8 @@ Array = np.ndarray
 _WINDOW = 0.5
 _USED = 0.9
 _BINS = 5
+#: Quantile of the energies from which on they are the tail.
+_TAIL = 0.8
 
 
 def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
@@ -43,9 +45,22 @@ def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
         shape = max((middle / max((high - low) / 2.0, 1e-300)) ** 2, 1.5)
         scale = middle / gamma.ppf(0.5, shape)
         p = min(float(gamma.sf(e.max() / scale / (1.0 + MATERIAL) ** 2, shape)) * len(e) * n, 1.0)
+        p = max(p, min(_by_its_own_tail(e) * n, 1.0))
         if p < LEVEL and (found is None or p < found[1]):
             found = (m, p)
     return found
+
+
+def _by_its_own_tail(energy: Array) -> float:
+    """Probability of the largest energy if it belongs to the tail that the others show: logarithms beyond a quantile, exponential."""
+    size = np.sort(np.log(np.maximum(energy, 1e-300)))
+    base = float(np.quantile(size, _TAIL))
+    beyond = size[size > base] - base
+    # Neighbouring windows overlap, so that a burst is in two or three of them.
+    others = beyond[:-3]
+    if len(others) < 5:
+        return 1.0
+    return min(len(beyond) * float(np.exp(-beyond[-1] / max(float(others.mean()), 1e-12))), 1.0)
 
 
 def _windows(x: Array, width: int) -> Array:

@@ -1,0 +1,94 @@
+"""The decision rule: instruments against feedback, one scale, verdicts by the set of adequate models."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm
+
+import ident
+from benchmarks.diagnosis.feedback.world import Case, geared, simulated
+from ident.diagnosis import Verdict
+from ident.diagnosis.data.band import Band
+from ident.diagnosis.inference.scores import z_of
+from ident.diagnosis.scoring.whitening import density
+
+Array = np.ndarray
+
+
+def diagnosed(case: Case) -> ident.Diagnosis:
+    before = ident.fit(case.log, case.robot, model=case.model, held=0)
+    return ident.diagnose(before, ident.ZeroPhase()(case.held, case.robot))
+
+
+@pytest.fixture(scope="module")
+def arm() -> tuple[ident.Robot, dict[str, Array]]:
+    return geared("scara", 50.0)
+
+
+def cases(arm: tuple[ident.Robot, dict[str, Array]], missing: list[tuple[ident.Effect, Array]], seeds: list[int]) -> list[Case]:
+    robot, drive = arm
+    return simulated(robot, drive, missing, seeds, seconds=24.0, rate=250.0)
+
+
+def test_nothing_is_found_where_friction_fluctuates_under_feedback(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
+    for case in cases(arm, [], [101, 102]):
+        found = diagnosed(case)
+        assert found.verdict is Verdict.CLEAN, str(found)
+        assert not found.findings
+
+
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [("offset", 0.8), ("asymmetric_viscous", 1.0), ("linear_spring", 1.0)],
+    ids=["offset", "asymmetric_viscous", "linear_spring"],
+)
+def test_an_effect_is_named_alone_where_it_is(arm: tuple[ident.Robot, dict[str, Array]], name: str, share: float) -> None:
+    robot, drive = arm
+    effect = ident.make_effect(name, joints=[robot.joint_names[1]], label="+")
+    units = {"offset": drive["Fc"][1], "asymmetric_viscous": drive["Fv"][1], "linear_spring": 50.0 * drive["Fc"][1]}
+    size = share * float(units[name])
+    (case,) = cases(arm, [(effect, np.full(len(effect.parameters(robot)), size))], [103])
+    found = diagnosed(case)
+    first = found.findings[0]
+    assert (first.name, first.joints) == (name, effect.joints), str(found)
+    assert len(found.findings) == 1
+    assert abs(first.parameters[0].value - size) < 4.0 * first.parameters[0].std + 0.05 * abs(size)
+    assert found.comparison.error_after.relative_all < found.comparison.error_before.relative_all
+
+
+def test_rows_of_the_band_are_linear_and_hold_slow_motion_exactly() -> None:
+    band = Band(2000, 250.0, 5, 20.0)
+    t = np.arange(2000) / 250.0
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=(2, 2000, 1))
+    np.testing.assert_allclose(band.rows(2.0 * x - y), 2.0 * band.rows(x) - band.rows(y), atol=1e-12)
+    slow = np.sin(2 * np.pi * 1.5 * t)[:, None]
+    rows = band.rows(slow)[band.inner, 0]
+    np.testing.assert_allclose(rows, np.sin(2 * np.pi * 1.5 * band.time), atol=2e-3)
+    fast = np.sin(2 * np.pi * 60.0 * t)[:, None]
+    assert np.abs(band.rows(fast)[band.inner]).max() < 1e-3
+
+
+@pytest.mark.parametrize("degrees", [1, 3, 8])
+def test_the_z_scale_has_the_probability_of_its_squares(degrees: int) -> None:
+    squares = np.array([[0.5, 9.0, 40.0, 2000.0]])
+    z = z_of(squares, np.array([degrees]))[0]
+    np.testing.assert_allclose(2 * norm.sf(z[:3]), chi2.sf(squares[0, :3], degrees), rtol=1e-6)
+    assert np.all(np.diff(z) > 0)
+    assert np.isfinite(z).all()
+
+
+def test_the_density_of_white_noise_is_flat_at_its_level() -> None:
+    e = 0.3 * np.random.default_rng(1).normal(size=3000)
+    level = density(e, 50.0, 20.0)(np.array([2.0, 5.0, 10.0, 15.0]))
+    np.testing.assert_allclose(level, 0.3**2 / 50.0, rtol=0.35)
+
+
+def test_a_saved_estimate_without_signals_is_refused() -> None:
+    train, _ = ident.demo_logs()
+    estimate = ident.fit(train, "puma560", held=0)
+    with pytest.raises(ident.ConfigurationError, match="signals"):
+        ident.diagnose(replace(estimate, problem=None))
