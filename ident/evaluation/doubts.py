@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import DataError
 from ..problem.opposite_signs import opposite_sign
 
 if TYPE_CHECKING:
@@ -137,3 +138,12 @@ def _apart(estimate: Estimate) -> str:
         f"the error on held-out data is of another kind than that on the fitted ones: {', '.join(worst)}. Either those logs differ (signs,"
         " units, a load, motion outside the range), or the fitted ones do not tell the parameters that the others ask for."
     )
+
+
+def require_rows(estimate: Estimate) -> None:
+    """Refuse a fit of as many parameters as rows: it passes through every row, and says nothing (DataError)."""
+    if estimate.samples <= len(estimate.values):
+        raise DataError(
+            f"{estimate.samples} usable rows for {len(estimate.values)} parameters: a fit would pass through every row and say nothing."
+            " Give more data, or a higher cut-off (`ident check` says what limits it), or fewer effects."
+        )

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import ConfigurationError, DataError, unknown_name
 from .hints import lookalikes, question, torque_question
 from .names import KEYS, LOCKED, QUANTITIES, TEXT, Column, JointNames, known_units, parse_name
-from .readers.tables import seconds
+from .readers.tables import AGAIN, seconds
 from .units import Unit, bracketed, expected_units, is_unit, split_unit, unit_of
 
 Array = np.ndarray
@@ -80,9 +80,7 @@ def resolve_columns(
     `t`, `<joint>.position`, or with a unit, `q1_deg`) → column name; from Python, where a sign or an offset is wanted, also a dict of
     "column" and any of "unit", "scale", "offset" (SI value = unit * (scale * x + offset)). `where` names the file in messages.
     Raises ConfigurationError for a wrong mapping or unit, DataError where columns are missing or too many."""
-    duplicate = sorted({h for h in header if list(header).count(h) > 1})
-    if duplicate:
-        raise DataError(f"{where}: column {duplicate[0]!r} occurs more than once in the header. Rename one of them.")
+    header, twice = _named_once(header)
     notes: list[str] = []
     found: dict[tuple[str, int], Column] = {}
     taken: set[str] = set()
@@ -103,6 +101,7 @@ def resolve_columns(
     if not automatic:
         notes.append(f"{where}: [columns] renumbers joints, so only mapped columns are used (besides time).")
     mapped = set(taken)
+    _refuse_twice([h for h in twice if h in mapped], where)
     names: list[str] = []
     zero: dict[str, str] = {}
     numbered: dict[str, list[Column]] = {}
@@ -112,6 +111,7 @@ def resolve_columns(
         named = parse_name(source, joints, names)
         if named is None or (not automatic and named.quantity != "t"):
             continue
+        _refuse_twice([source] if source in twice else [], where)
         if named.joint == LOCKED:
             idle.append(source)
             continue
@@ -132,6 +132,9 @@ def resolve_columns(
             f"{where}: the columns number all {len(joints.whole)} joints of the robot; those of what is locked ({_listed(joints.locked)})"
             f" are not used: {_listed(idle)}."
         )
+    if twice:
+        notes.append(f"{where}: {_listed(sorted(twice))} occur more than once in the header, and are not used.")
+    found = _without_surplus(found, mapping, joints, where, notes)
     notes += _from_zero(zero, found, numbered, joints, where)
     # Questions number the joints that are left, which is not how this log counts where some are locked.
     unknown = [] if joints is not None and joints.numbered else [h for h in header if h not in taken]
@@ -144,6 +147,36 @@ def resolve_columns(
     known = known if len(known) == n else ()
     hint = "" if any(c.quantity.startswith("tau") for c in columns) else torque_question(unknown, range(n), known)
     return ColumnPlan(columns, n, known, tuple(h for h in header if h not in used), tuple(notes), hint, where)
+
+
+def _named_once(header: Sequence[str]) -> tuple[Sequence[str], set[str]]:
+    """The header without columns that stand there again, and the names of such."""
+    plain = [h for h in header if AGAIN not in h]
+    twice = {h.split(AGAIN)[0] for h in header if AGAIN in h}
+    counts: dict[str, int] = {}
+    for h in plain:
+        counts[h] = counts.get(h, 0) + 1
+    twice |= {h for h, k in counts.items() if k > 1}
+    return list(dict.fromkeys(plain)), twice
+
+
+def _refuse_twice(names: Sequence[str], where: str) -> None:
+    if names:
+        raise DataError(f"{where}: column {names[0]!r} occurs more than once in the header. Rename one of them.")
+
+
+def _without_surplus(
+    found: dict[tuple[str, int], Column], mapping: Mapping[str, Any] | None, joints: JointNames | None, where: str, notes: list[str]
+) -> dict[tuple[str, int], Column]:
+    """Where [columns] names the positions of all the robot's joints, further columns that look like joints are others'."""
+    if joints is None or not mapping:
+        return found
+    mapped = {found[k].joint for k in found if k[0] in ("q", "q_motor") and found[k].source in _columns_of(mapping)}
+    surplus = {k: c for k, c in found.items() if k[0] != "t" and c.joint >= len(joints.names)}
+    if not surplus or len(mapped) < len(joints.names):
+        return found
+    notes.append(f"{where}: {_listed([repr(c.source) for c in surplus.values()])} are of no joint of the robot, and are not used.")
+    return {k: c for k, c in found.items() if k not in surplus}
 
 
 def _from_zero(

@@ -19,9 +19,9 @@ from .columns import resolve_columns
 from .names import JointNames
 from .readers.ros import joint_state_columns, read_joint_states
 from .readers.tables import read_columns, read_header
-from .repair import usable_rows
+from .repair import repeated_rows, usable_rows
 from .torque import MeasuredTorque, measured
-from .unwrap import motor_turn_notes, unwrapped, wrapping
+from .unwrap import motor_turn_notes, unwrapped, within_limits, wrapping
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -291,7 +291,7 @@ def read_logs(
         if names[log.name] > 1:
             logs[i] = replace(log, name=f"{log.name} ({names[log.name]})")
     if robot is not None:
-        logs = [log if log.q is not None else _joined(log, robot) for log in logs]
+        logs = [_turned(log, robot) if log.q is not None else _joined(log, robot) for log in logs]
     return LogSet(tuple(logs), robot)
 
 
@@ -318,6 +318,18 @@ def _joined(log: Log, robot: Robot) -> Log:
     return replace(log, q=log.position(robot.transmission), notes=notes)
 
 
+def _turned(log: Log, robot: Robot) -> Log:
+    """A log whose joint positions lie within the joints' limits, where whole turns are all that keeps them out (0 … 360 degrees)."""
+    assert log.q is not None
+    if log.q.shape[1] != robot.n:
+        return log
+    q, moved = within_limits(unwrapped(log.q), robot)
+    if not moved:
+        return log
+    said = f"log {log.name}: positions of {', '.join(moved)} are joined over full turns and moved by whole turns into the joint limits."
+    return replace(log, q=q, notes=(*log.notes, said))
+
+
 def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | None, missing: str, extra: bool) -> list[Log]:
     where = f"log {path}"
     header = read_header(path)
@@ -338,7 +350,7 @@ def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | No
         raise DataError(f"{where}: one row of data; a log needs many.")
     side = "q" if "q" in arrays else "q_motor"
     positions = {c.source: arrays[side][:, c.joint] for c in plan.quantity(side)}
-    pieces = usable_rows(arrays["t"], positions, where, missing=missing)
+    pieces = usable_rows(arrays["t"], positions, where, missing=missing, repeated=repeated_rows(arrays))
     stem = path.name.split(".")[0]
     digest = sha256(path)
     whole = len(pieces.rows) == 1 and len(pieces.rows[0]) == rows

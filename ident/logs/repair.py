@@ -12,6 +12,8 @@ from ..errors import DataError
 Array = np.ndarray
 #: Missing positions are bridged like a gap in time if no more rows than this follow each other, and few do overall.
 _ISOLATED = 10
+#: Share of rows up to which repeats are a recorder's; more of them are the stream itself, held.
+_REPEATS = 0.3
 _SHARE = 0.01
 #: Where more rows than this share repeat the stamp before them, and this share of those not its positions, stamps are rounded too coarsely.
 _ROUNDED = 0.2
@@ -65,7 +67,30 @@ class Holes:
         return _ranges(self.blocks)
 
 
-def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing: str = "refuse") -> Pieces:
+def repeated_rows(arrays: Mapping[str, Array]) -> Array:
+    """Rows (N,) that repeat the row before them in every channel but the time, while the joints move: the recorder took a sample again.
+
+    `arrays`: "t" and other channels (N, n). Without a torque, or where every other row repeats, nothing tells a repeat from rest."""
+    channels = [a for k, a in arrays.items() if k != "t" and a.ndim == 2]
+    none = np.zeros(len(arrays["t"]), bool)
+    if not any(k.startswith("tau") for k in arrays) or len(none) < 100:
+        return none
+    same = none.copy()
+    same[1:] = np.all([np.all((a[1:] == a[:-1]) | (np.isnan(a[1:]) & np.isnan(a[:-1])), axis=1) for a in channels], axis=0)
+    if not same.any() or same.mean() > _REPEATS:
+        return none
+    q = next(a for k, a in arrays.items() if k in ("q", "q_motor"))
+    step = np.abs(np.diff(q, axis=0))
+    usual = np.nanmedian(np.where(step > 0, step, np.nan), axis=0) if (step > 0).any() else np.full(q.shape[1], np.inf)
+    before, after = np.zeros_like(q), np.zeros_like(q)
+    before[2:] = np.abs(q[1:-1] - q[:-2])
+    after[:-1] = step
+    with np.errstate(invalid="ignore"):
+        moving = np.any((before > 0.2 * usual) & (after > 0.2 * usual), axis=1)
+    return same & moving
+
+
+def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing: str = "refuse", repeated: Array | None = None) -> Pieces:
     """Rows with a position and a rising time stamp, as runs.
 
     `positions`: column name → (N,) for every position column. `missing`: "refuse" (an error beyond isolated rows) or "gap" (rows
@@ -79,6 +104,12 @@ def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing
         holes[name].add(hole)
         present &= ~hole
     notes = missing_rows(unstamped, holes, len(t), where, missing=missing)
+    if repeated is not None and repeated.any():
+        present &= ~repeated
+        notes.append(
+            f"{where}: {int(repeated.sum())} rows repeat the row before them in every column but the time while the joints move (the"
+            " recorder took a slower stream's sample again); they are left out as gaps of one sample."
+        )
 
     def moved(rows: Array) -> Array:
         return np.any([values[rows] != values[rows - 1] for values in positions.values()], axis=0)

@@ -23,6 +23,23 @@ def unwrapped(positions: Array) -> Array:
     return out
 
 
+def within_limits(positions: Array, robot: Robot) -> tuple[Array, list[str]]:
+    """Angles (N, n) moved by whole turns into their joints' limits, where they lie outside as a whole and fit inside; names of those."""
+    out, moved = positions, list[str]()
+    for j, joint in enumerate(robot.joints):
+        if joint.prismatic or not np.isfinite(joint.lower + joint.upper) or not np.isfinite(positions[:, j]).any():
+            continue
+        low, high = float(np.nanmin(positions[:, j])), float(np.nanmax(positions[:, j]))
+        turns = round(((joint.lower + joint.upper) - (low + high)) / (4.0 * np.pi))
+        shift = 2.0 * np.pi * turns
+        margin = 0.02 * (joint.upper - joint.lower)
+        if turns and joint.lower - margin <= low + shift and high + shift <= joint.upper + margin:
+            out = out.copy() if out is positions else out
+            out[:, j] += shift
+            moved.append(joint.name)
+    return out, moved
+
+
 def wrapping(positions: Array) -> list[int]:
     """Columns of angles (N, n) that jump by a full turn."""
     step = np.diff(positions, axis=0)

@@ -24,6 +24,8 @@ MOTION_MULTIPLE = 4.0
 #: Rows wanted of each joint: thirty for each of the about 13 parameters it brings, so that the colour of the noise can be estimated
 #: and the intervals hold (measured: with ten, 95 % intervals cover 92.6 %).
 _FEWEST_ROWS = 400.0
+#: Rows of each joint below which no fit of about 13 parameters a joint is worth having: five times as many.
+_TOO_FEW_ROWS = 65.0
 #: Highest cut-off as a share of the sample rate: differences and resampling are exact to 1e-3 up to there.
 HIGHEST = 0.2
 #: A joint that accelerates less than this share of the most accelerated one of its kind does not decide for all.
@@ -130,6 +132,13 @@ def choose_cutoff(
     widest = max(deciding, key=lambda s: _motion_band(f, power, names.index(s.name), noise))
     band = _motion_band(f, power, names.index(widest.name), noise)
     needed = max(MOTION_MULTIPLE * band, _FEWEST_ROWS / duration)
+    floor = min(_TOO_FEW_ROWS / duration, needed, cap)
+    if noise < floor:
+        why = (
+            f"the noise of {quietest.name}'s position asks for {noise:.3g} Hz, which would leave too few independent rows of"
+            f" {duration:.3g} s; look for what makes that noise"
+        )
+        return CutoffChoice(float(floor), why, tuple(found), unheard)
     if noise <= needed:
         why = f"the noise of {quietest.name}'s position allows no more (its share in the acceleration stays below {NOISE_SHARE:g})"
         if noise >= 0.999 * cap:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import ConfigurationError, DataError
 from ..estimators import Estimator, make_estimator
-from ..evaluation.doubts import counted_twice, doubts, fitted_as_well
+from ..evaluation.doubts import counted_twice, doubts, fitted_as_well, require_rows
 from ..logs.log import Log, LogSet, read_logs
 from ..model import Model
 from ..problem.problem import Problem
@@ -95,6 +95,7 @@ def fit(
     estimator = make_estimator(method, **options) if isinstance(method, str) else method
     estimator.check_robot(where)
     found = estimator.solve(Problem(_model(model, where), signals))
+    require_rows(found)
     found = replace(found, inputs=train.inputs, signals_config=signals.report.to_dict())
     said: list[str] = [text for text in (counted_twice(train.inputs),) if text]
     if test is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..auditing import Audit, audit
 from ..errors import DataError
-from ..evaluation.doubts import counted_twice, doubts, fitted_as_well
+from ..evaluation.doubts import counted_twice, doubts, fitted_as_well, require_rows
 from ..evaluation.validation import validate
 from ..logs.log import read_logs
 from ..problem.problem import Problem
@@ -106,6 +106,7 @@ class Session:
 
         Where no validation log is given and the part held out is too short to be used, a warning stands for that error."""
         found = self.study.make_estimator().solve(self.problem)
+        require_rows(found)
         found = replace(found, inputs=self.inputs, signals_config=self.fit_signals.report.to_dict())
         said = []
         try:

@@ -27,7 +27,8 @@ Array = np.ndarray
 class FluctuatingFriction(Actuator):
     """Friction that fluctuates about its law: a share of Coulomb friction, AR(1) of `time` seconds; and what else acts (`law`).
 
-    `coulomb` (n,) on the measured side; `slow` (n,): motor speed below which it dies away; `seeds`: one for each run. `law(motion, t)` → (B, n), on the measured side."""
+    `coulomb` (n,) on the measured side; `slow` (n,): motor speed below which it dies away; `seeds`: one for each run.
+    `law(motion, t)` → (B, n), on the measured side."""
 
     coulomb: tuple[float, ...]
     seeds: tuple[int, ...]

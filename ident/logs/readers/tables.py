@@ -31,6 +31,9 @@ _OTHER = re.compile(r"\s*\|\s*|\s+")
 _COLUMNS = 2
 #: Characters of a field that messages show.
 _SHOWN = 40
+#: What stands between the name of a column that occurs again and its number; longest line (characters) of a table.
+AGAIN = "\x00again "
+_LONGEST_LINE = 4_000_000
 _OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ", lzma.open))
 
 
@@ -128,16 +131,19 @@ def open_binary(path: Path) -> IO[bytes]:
 def _text_header(path: Path) -> Header:
     try:
         with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", newline="") as text:
-            number, told = 0, ""
-            for line in text:
+            number, told, said = 0, "", (0, "")
+            lines = bounded_lines(text, path)
+            for line in lines:
                 number += 1
+                if line.startswith("#"):
+                    said = number, line.lstrip("#").strip()
                 if found := _SEPARATOR.fullmatch(line.strip(" \r\n")):
                     told = found[1]
                 elif line.strip() and not line.startswith("#"):
                     break
             else:
                 raise DataError(f"log {path}: the file holds no header row.")
-            more = any(rest.strip() for rest in text)
+            more = any(rest.strip() for rest in lines)
     except (UnicodeDecodeError, EOFError, OSError) as error:
         wide = isinstance(error, UnicodeDecodeError) and error.object[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
         remedy = " It begins as UTF-16 does: save it as UTF-8." if wide else ""
@@ -146,14 +152,48 @@ def _text_header(path: Path) -> Header:
     if delimiter not in line and len(_OTHER.split(line.strip())) > _COLUMNS:
         mark = "'|'" if "|" in line else "spaces"
         raise DataError(f"log {path}: its columns are separated by {mark} (line {number}); write it with commas, semicolons or tabs.")
-    names = tuple(n.strip() for n in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter)))
+    names = _fields(line, delimiter, path)
     if all(_is_number(n) for n in names):
+        # What numpy.savetxt writes: the header behind a sign of comment, right before the numbers.
+        behind = _fields(said[1], delimiter, path) if said[0] == number - 1 else ()
+        if len(behind) == len(names) and not any(_is_number(n) for n in behind):
+            return Header(once(behind), said[0], delimiter)
         raise DataError(
             f"log {path}: line {number} should be a header row with column names, but it holds numbers ({', '.join(names[:4])} …)."
         )
     if not more:
         raise DataError(f"log {path}: there is a header, but no row of data.")
-    return Header(names, number, delimiter)
+    return Header(once(names), number, delimiter)
+
+
+def _fields(line: str, delimiter: str, path: Path) -> tuple[str, ...]:
+    """The stripped fields of a header line."""
+    try:
+        return tuple(n.strip() for n in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter), []))
+    except csv.Error as error:
+        raise DataError(f"log {path}: is not a text table ({error}).") from None
+
+
+def once(names: Sequence[str]) -> tuple[str, ...]:
+    """Column names, each once: what stands again is numbered, so that what is not used stops nothing."""
+    seen: dict[str, int] = {}
+    out = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        out.append(name if seen[name] == 1 else f"{name}{AGAIN}{seen[name]}")
+    return tuple(out)
+
+
+def bounded_lines(text: Iterable[str], path: Path) -> Iterator[str]:
+    """The lines of a text. Raises DataError for one that is longer than any row of a log."""
+    read = getattr(text, "readline", None)
+    if read is None:
+        yield from text
+        return
+    while line := read(_LONGEST_LINE + 1):
+        if len(line) > _LONGEST_LINE:
+            raise DataError(f"log {path}: has a line of more than {_LONGEST_LINE} characters: it is no table of rows.")
+        yield line
 
 
 def _is_number(text: str) -> bool:
@@ -275,7 +315,13 @@ def numbered_rows(text: Iterable[str], header: Header, before: int = 0) -> Itera
     """Rows of a text that are not blank, each with the number of the line on which it begins, after `before` lines."""
     reader = csv.reader(text, delimiter=header.delimiter)
     line = before + 1
-    for fields in reader:
+    while True:
+        try:
+            fields = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise DataError(f"log: line {line} cannot be read ({error}).") from None
         if any(f.strip() for f in fields):
             yield line, fields
         line = before + reader.line_num + 1
