@@ -50,6 +50,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
         parser.add_argument(
             "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
         )
+        parser.add_argument("--rate-hz", dest="rate_hz", type=positive, metavar="HZ", help="samples per second of logs without a time")
         parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off; without it, it is chosen from the data")
 
 
@@ -89,6 +90,8 @@ def study_from(args: argparse.Namespace) -> Study:
         study = replace(study, estimator=replace(study.estimator, method=method, options={**study.estimator.options, "plan": path}))
     if getattr(args, "missing", None):
         study = replace(study, logs=replace(study.logs, missing=args.missing))
+    if getattr(args, "rate_hz", None):
+        study = replace(study, logs=replace(study.logs, rate_hz=args.rate_hz))
     cutoff = getattr(args, "cutoff", None)
     if cutoff is None:
         return study

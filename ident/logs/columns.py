@@ -295,7 +295,7 @@ def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | N
         raise DataError(
             f"{where}: no time column (t or time, in s, or with a unit as in time_ms)."
             f" Columns not understood: {_listed(unknown) or 'none'}."
-            ' Name it under [columns] of a study file: t = "...".'
+            ' Name it under [columns] of a study file: t = "...", or tell the samples per second: [logs] rate_hz = 500 (--rate-hz 500).'
         )
     return count
 

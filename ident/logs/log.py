@@ -15,10 +15,12 @@ from .._utils.files import sha256
 from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.transmission import Transmission
-from .columns import resolve_columns
+from .columns import ColumnPlan, resolve_columns
 from .names import JointNames
+from .readers.bag import is_bag
 from .readers.ros import joint_state_columns, read_joint_states
-from .readers.tables import read_columns, read_header
+from .readers.tables import Header, read_columns, read_header
+from .recognise import recognised
 from .repair import repeated_rows, usable_rows
 from .torque import MeasuredTorque, measured
 from .unwrap import motor_turn_notes, unwrapped, within_limits, wrapping
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
+#: The time of a log that has none, counted from its rate.
+_COUNTED = "\x00counted"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -263,13 +267,38 @@ def read_logs(
     *,
     missing: str = "refuse",
     extra: bool = True,
+    rate_hz: float | None = None,
 ) -> LogSet:
-    """Read log files (CSV, also compressed; Parquet; MAT).
+    """Read recordings: CSV in its dialects, compressed or not; Parquet, MAT, NPZ, ROS 1 and ROS 2 bags, MCAP, LeRobot folders.
 
-    `paths`: a file, a pattern (`runs/*.csv`), or several. `robot`: checks the joint count, matches columns by joint name, and
-    allows motor-side positions to be carried to the joints. `columns`: the study file's [columns] table (`resolve_columns` takes more).
-    `missing`: "refuse" blocks of missing positions, or leave them out as a "gap". `extra`: read columns that are nothing of ours, too.
-    Raises DataError (file, column, row) and ConfigurationError (mapping).
+    Columns that go by other names are recognised by the structure of their names; the log's notes say what was taken for what.
+
+    Parameters
+    ----------
+    paths : str, Path or sequence
+        A file, a pattern (`runs/*.csv`), the folder of a bag or a dataset, or several.
+    robot : Robot, optional
+        Checks the joint count, matches columns by joint name, and carries motor-side positions to the joints.
+    columns : mapping, optional
+        The study file's `[columns]` table.
+    missing : str
+        "refuse" blocks of missing positions, or leave them out as a "gap".
+    extra : bool
+        Read columns that are nothing of ours, too.
+    rate_hz : float, optional
+        Samples per second of logs without a time.
+
+    Returns
+    -------
+    LogSet
+        SI units, joints in the robot's order (without a robot, in the file's).
+
+    Raises
+    ------
+    DataError
+        A file that cannot be used, with file, column and row.
+    ConfigurationError
+        A mapping that does not fit, or a package to install.
 
     Examples
     --------
@@ -284,7 +313,7 @@ def read_logs(
     joints = None if robot is None else JointNames.of(robot)
     logs: list[Log] = []
     for path in _files(paths):
-        logs += _read(path, joints, columns, missing, extra)
+        logs += _read(path, joints, columns, missing, extra, rate_hz)
     names: dict[str, int] = {}
     for i, log in enumerate(logs):
         names[log.name] = names.get(log.name, 0) + 1
@@ -304,6 +333,8 @@ def _files(paths: str | Path | Sequence[str | Path]) -> list[Path]:
             if not found:
                 raise DataError(f"log {text}: no file matches.")
             out += [Path(f) for f in found]
+        elif Path(text).is_dir() and not is_bag(Path(text)):
+            out += _in_folder(Path(text))
         else:
             out.append(Path(text))
     if not out:
@@ -311,11 +342,59 @@ def _files(paths: str | Path | Sequence[str | Path]) -> list[Path]:
     return out
 
 
+def _in_folder(folder: Path) -> list[Path]:
+    """The logs of a dataset's folder (LeRobot: data/chunk-*/*.parquet); the folder itself where it is none."""
+    episodes = sorted(folder.glob("data/**/*.parquet"))
+    return episodes or [folder]
+
+
 def _joined(log: Log, robot: Robot) -> Log:
     """A log of which only motor positions were recorded, with joint positions beside them."""
     assert log.q_motor is not None
     notes = (*log.notes, *motor_turn_notes(log.name, robot, wrapping(log.q_motor)))
     return replace(log, q=log.position(robot.transmission), notes=notes)
+
+
+def _content(path: Path) -> Path:
+    """The file that holds a log: of a ROS 2 bag's folder, its data."""
+    return next((p for p in sorted(path.iterdir()) if p.suffix in (".db3", ".mcap")), path) if path.is_dir() else path
+
+
+def _planned(
+    path: Path, header: Header, joints: JointNames | None, columns: Mapping[str, Any] | None, rate_hz: float | None
+) -> tuple[ColumnPlan, Mapping[str, tuple[str, float]]]:
+    """Which column is what, by our own names, by the user's mapping, or as a recording is recognised; and what was wanted."""
+    where = f"log {path}"
+    if rate_hz is not None and not rate_hz > 0:
+        raise ConfigurationError(f"rate_hz must be a positive number of samples per second, not {rate_hz!r}.")
+    names = header.names
+    if rate_hz is not None and not any(n.lower() in ("t", "time", "timestamp") for n in names) and "t" not in (columns or {}):
+        names = (*names, _COUNTED)
+        columns = {**columns, "t": _COUNTED} if columns else None
+    counted = columns or ({"t": _COUNTED} if _COUNTED in names else None)
+    try:
+        return resolve_columns(names, joints, counted, where=where), {}
+    except DataError:
+        if columns:
+            raise
+        known: dict[str, Array] = {}
+
+        def read(names: Sequence[str]) -> dict[str, Array]:
+            new = [n for n in dict.fromkeys(names) if n not in known]
+            if new:
+                known.update(read_columns(path, header, new))
+            return known
+
+        try:
+            found = recognised(header.names, read, None if joints is None else joints.names, header.units)
+        except DataError:
+            found = None
+        if found is None:
+            raise
+        mapping = {"t": _COUNTED, **found.mapping} if _COUNTED in names else found.mapping
+        plan = resolve_columns(names, joints, mapping, where=where)
+        said = f"{where}: recognised by its columns: {found.text}."
+        return replace(plan, notes=(said, *plan.notes)), found.reference
 
 
 def _turned(log: Log, robot: Robot) -> Log:
@@ -330,7 +409,14 @@ def _turned(log: Log, robot: Robot) -> Log:
     return replace(log, q=q, notes=(*log.notes, said))
 
 
-def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | None, missing: str, extra: bool) -> list[Log]:
+def _read(
+    path: Path,
+    joints: JointNames | None,
+    columns: Mapping[str, Any] | None,
+    missing: str,
+    extra: bool,
+    rate_hz: float | None,
+) -> list[Log]:
     where = f"log {path}"
     header = read_header(path)
     layout = None if columns else joint_state_columns(header)
@@ -339,9 +425,13 @@ def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | No
         plan = resolve_columns(tuple(table), joints, None, where=where)
         extras: dict[str, Array] = {}
     else:
-        plan = resolve_columns(header.names, joints, columns, where=where)
-        table = read_columns(path, header, plan.sources, optional=plan.extra if extra else ())
+        plan, reference = _planned(path, header, joints, columns, rate_hz)
+        stored = tuple(name for name in plan.sources if name != _COUNTED)
+        table = read_columns(path, header, stored, optional=plan.extra if extra else ())
+        if rate_hz is not None and _COUNTED in plan.sources:
+            table[_COUNTED] = np.arange(len(table[stored[0]])) / rate_hz
         extras = {name: table[name] for name in plan.extra if name in table}
+        extras |= {key: table[name] * factor for key, (name, factor) in reference.items() if name in table}
     arrays = plan.arrays(table)
     rows = len(arrays["t"])
     if rows == 0:
@@ -352,7 +442,7 @@ def _read(path: Path, joints: JointNames | None, columns: Mapping[str, Any] | No
     positions = {c.source: arrays[side][:, c.joint] for c in plan.quantity(side)}
     pieces = usable_rows(arrays["t"], positions, where, missing=missing, repeated=repeated_rows(arrays))
     stem = path.name.split(".")[0]
-    digest = sha256(path)
+    digest = sha256(_content(path))
     whole = len(pieces.rows) == 1 and len(pieces.rows[0]) == rows
     logs = []
     for i, index in enumerate(pieces.rows):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from .._utils.files import write_atomic
 from .._utils.plugins import load_modules
-from .._utils.toml import Unfit, anything, check_options, check_table, load_toml, table_of, text, texts, to_toml
+from .._utils.toml import Unfit, anything, check_options, check_table, load_toml, number, table_of, text, texts, to_toml
 from ..effects.declared import declared_effects, effect_entry
 from ..errors import ConfigurationError, DataError
 from ..estimators import estimator_types, make_estimator
@@ -31,15 +31,18 @@ DEFAULT_METHOD = "wls"
 
 @dataclass(frozen=True)
 class LogsTable:
-    """`[logs]`: files or patterns, relative ones joined to the folder of the study. `missing`: see `read_logs`; None: refuse."""
+    """`[logs]`: files or patterns, relative ones joined to the folder of the study. `missing`: see `read_logs`; None: refuse.
+    `rate_hz`: samples per second of logs without a time."""
 
     fit: tuple[str, ...] = ()
     validate: tuple[str, ...] = ()
     missing: str | None = None
+    rate_hz: float | None = None
 
     def reading(self) -> dict[str, Any]:
         """How `read_logs` is to read them (its keyword arguments)."""
-        return {} if self.missing is None else {"missing": self.missing}
+        given = {"missing": self.missing, "rate_hz": self.rate_hz}
+        return {key: value for key, value in given.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -192,6 +195,7 @@ class Study:
             "logs": {
                 **{key: [_relative(p, folder) for p in getattr(self.logs, key)] or None for key in ("fit", "validate")},
                 "missing": self.logs.missing,
+                "rate_hz": self.logs.rate_hz,
             },
             "signals": {"method": self.signals.method, **self.signals.options},
             "estimator": {"method": self.estimator.method, **self.estimator.options},
@@ -235,8 +239,8 @@ def read_study(path: str | Path) -> Study:
     data = check_table(load_toml(path, "study"), schema, "", where)
     plugins = check_table(data.get("plugins", {}), {"modules": texts}, "plugins", where).get("modules", ())
     load_modules(plugins, path.parent, f"{where}: [plugins]")
-    logs = check_table(data.get("logs", {}), {"fit": texts, "validate": texts, "missing": text}, "logs", where)
-    missing = logs.pop("missing", None)
+    logs = check_table(data.get("logs", {}), {"fit": texts, "validate": texts, "missing": text, "rate_hz": number}, "logs", where)
+    missing, rate_hz = logs.pop("missing", None), logs.pop("rate_hz", None)
     strategies = {table: _strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
     try:
         columns = table_of(text, 'a table of column = "name in the file", with a unit as in q1_deg = "..."')(data.get("columns", {}))
@@ -249,7 +253,11 @@ def read_study(path: str | Path) -> Study:
             DriveTable.read(data.get("drive", {}), where),
             read_loop(data.get("loop", {}), where),
         ),
-        LogsTable(**{key: tuple(_from_folder(path.parent, entry) for entry in entries) for key, entries in logs.items()}, missing=missing),
+        LogsTable(
+            **{key: tuple(_from_folder(path.parent, entry) for entry in entries) for key, entries in logs.items()},
+            missing=missing,
+            rate_hz=rate_hz,
+        ),
         strategies["signals"],
         strategies["estimator"],
         columns,

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import lru_cache
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -21,6 +22,8 @@ from typing import IO, Any
 import numpy as np
 
 from ...errors import ConfigurationError, DataError
+from .arrays import list_columns, npz_columns
+from .bag import bag_columns, is_bag
 from .mat import mat_columns
 
 Array = np.ndarray
@@ -34,16 +37,22 @@ _SHOWN = 40
 #: What stands between the name of a column that occurs again and its number; longest line (characters) of a table.
 AGAIN = "\x00again "
 _LONGEST_LINE = 4_000_000
+#: Longest word that a row of units holds.
+_UNIT = 8
 _OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ", lzma.open))
 
 
 @dataclass(frozen=True)
 class Header:
-    """Column names of a table; for text, on which line they stand (from 1) and what separates fields."""
+    """Column names of a table; for text, on which line they end (from 1), what separates fields (" ": runs of spaces) and the digits of a
+    number, the units that a row below the names tells, and the encoding."""
 
     names: tuple[str, ...]
     line: int = 0
     delimiter: str = ","
+    decimal: str = "."
+    units: tuple[str, ...] = ()
+    encoding: str = "utf-8-sig"
 
 
 def check_file(path: Path) -> None:
@@ -63,13 +72,42 @@ def check_file(path: Path) -> None:
 
 def read_header(path: Path) -> Header:
     """Column names of a file. Raises DataError."""
-    check_file(path)
+    if not (path.is_dir() and is_bag(path)):
+        check_file(path)
     kind = path.suffix.lower()
-    if kind in (".parquet", ".pq"):
+    if kind in (".parquet", ".pq") and _stored_columns(path) is None:
         return Header(tuple(name for name, _ in stored_names(parquet_file(path))))
     if kind == ".mat":
         return Header(tuple(mat_columns(path)))
+    if (stored := _stored_columns(path)) is not None:
+        return Header(tuple(stored))
     return _text_header(path)
+
+
+@lru_cache(maxsize=2)
+def _read_stored(path: Path, stamp: int) -> dict[str, Array]:
+    if is_bag(path):
+        return bag_columns(path)
+    if path.suffix.lower() == ".npz":
+        return npz_columns(path)
+    table = parquet_file(path).read()
+    columns: dict[str, Array] = {}
+    for name in table.column_names:
+        column = table.column(name)
+        if "list" in str(column.type):
+            columns |= list_columns(name, column) or {}
+        else:
+            with suppress(DataError, ValueError):
+                columns[name] = numeric(arrow_values(column), path, name)
+    return columns
+
+
+def _stored_columns(path: Path) -> dict[str, Array] | None:
+    """All columns of a file that is read as a whole: a bag, arrays, Parquet with lists; None for others."""
+    lists = path.suffix.lower() in (".parquet", ".pq") and any("list" in str(f.type) for f in parquet_file(path).schema_arrow)
+    if not (is_bag(path) or path.suffix.lower() == ".npz" or lists):
+        return None
+    return _read_stored(path, path.stat().st_mtime_ns)
 
 
 def read_columns(path: Path, header: Header, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
@@ -77,6 +115,8 @@ def read_columns(path: Path, header: Header, names: Sequence[str], optional: Seq
 
     Raises DataError naming file, column and row."""
     kind = path.suffix.lower()
+    if (whole := _stored_columns(path)) is not None:
+        return {name: seconds(numeric(whole[name], path, name)) if name in optional else whole[name] for name in (*names, *optional)}
     if kind in (".parquet", ".pq", ".mat"):
         if kind == ".mat":
             columns = mat_columns(path)
@@ -92,13 +132,17 @@ def read_columns(path: Path, header: Header, names: Sequence[str], optional: Seq
         return out
     first = [fields for _, fields in islice(rows_of_text(path, header), 5)]
     place = {name: header.names.index(name) for name in optional}
-    numbers = [n for n, i in place.items() if all(i < len(f) and (f[i].strip().lower() in _MISSING or _is_number(f[i])) for f in first)]
+    numbers = [n for n, i in place.items() if all(i < len(f) and _number_or_none(f[i], header) for f in first)]
     if not numbers:
         return _text_columns(path, header, names)
     try:
         return _text_columns(path, header, [*names, *numbers])
     except DataError:
         return _text_columns(path, header, names)
+
+
+def _number_or_none(text: str, header: Header) -> bool:
+    return text.strip().lower() in _MISSING or _is_number(text.replace(header.decimal, "."))
 
 
 def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
@@ -130,7 +174,16 @@ def open_binary(path: Path) -> IO[bytes]:
 
 def _text_header(path: Path) -> Header:
     try:
-        with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", newline="") as text:
+        return _header_of(path, "utf-8-sig")
+    except UnicodeDecodeError as error:
+        if error.object[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or b"\x00" in error.object[:4096]:
+            raise DataError(f"log {path}: is not a text table ({error}). Save it as UTF-8.") from None
+        return _header_of(path, "cp1252")
+
+
+def _header_of(path: Path, encoding: str) -> Header:
+    try:
+        with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=encoding, newline="") as text:
             number, told, said = 0, "", (0, "")
             lines = bounded_lines(text, path)
             for line in lines:
@@ -143,15 +196,16 @@ def _text_header(path: Path) -> Header:
                     break
             else:
                 raise DataError(f"log {path}: the file holds no header row.")
-            more = any(rest.strip() for rest in lines)
-    except (UnicodeDecodeError, EOFError, OSError) as error:
-        wide = isinstance(error, UnicodeDecodeError) and error.object[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-        remedy = " It begins as UTF-16 does: save it as UTF-8." if wide else ""
-        raise DataError(f"log {path}: is not a text table ({error}).{remedy}") from None
+            rows = [row for row in islice(lines, 4) if row.strip()]
+            more = bool(rows)
+    except (EOFError, OSError) as error:
+        raise DataError(f"log {path}: is not a text table ({error}).") from None
     delimiter = told or next((d for d in (",", ";", "\t") if d in line), ",")
     if delimiter not in line and len(_OTHER.split(line.strip())) > _COLUMNS:
-        mark = "'|'" if "|" in line else "spaces"
-        raise DataError(f"log {path}: its columns are separated by {mark} (line {number}); write it with commas, semicolons or tabs.")
+        if "|" in line or not rows or len(rows[0].split()) != len(line.split()):
+            mark = "'|'" if "|" in line else "spaces"
+            raise DataError(f"log {path}: its columns are separated by {mark} (line {number}); write it with commas, semicolons or tabs.")
+        delimiter = " "
     names = _fields(line, delimiter, path)
     if all(_is_number(n) for n in names):
         # What numpy.savetxt writes: the header behind a sign of comment, right before the numbers.
@@ -163,11 +217,25 @@ def _text_header(path: Path) -> Header:
         )
     if not more:
         raise DataError(f"log {path}: there is a header, but no row of data.")
-    return Header(once(names), number, delimiter)
+    decimal, units = ".", tuple[str, ...]()
+    first = _fields(rows[0], delimiter, path) if rows else ()
+    if len(rows) > 1 and len(first) == len(names) and not any(_is_number(x.replace(",", ".")) for x in first) and _is_units(first):
+        units, number, first = first, number + 1, _fields(rows[1], delimiter, path)
+    numbers = [x for x in first if x]
+    if delimiter in ";\t" and any("," in x for x in numbers) and not any("." in x for x in numbers):
+        decimal = "," if all(_is_number(x.replace(",", ".", 1)) for x in numbers if "," in x) else "."
+    return Header(once(names), number, delimiter, decimal, units, encoding)
+
+
+def _is_units(fields: Sequence[str]) -> bool:
+    """Whether a row below the names tells units: short words without digits, one for each column at the most."""
+    return all(len(x) <= _UNIT and not any(c.isdigit() for c in x) for x in fields) and any(fields)
 
 
 def _fields(line: str, delimiter: str, path: Path) -> tuple[str, ...]:
     """The stripped fields of a header line."""
+    if delimiter == " ":
+        return tuple(line.split())
     try:
         return tuple(n.strip() for n in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter), []))
     except csv.Error as error:
@@ -206,7 +274,7 @@ def _is_number(text: str) -> bool:
 
 
 def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
-    if find_spec("pyarrow") is not None:
+    if find_spec("pyarrow") is not None and header.delimiter != " ":
         found = _arrow_columns(path, header, names)
         if found is not None:
             return found
@@ -231,12 +299,14 @@ def pandas_columns(stream: IO[bytes], header: Header, names: Sequence[str], skip
     # All columns, not only those wanted: otherwise rows with too many fields would pass unseen.
     frame = pd.read_csv(
         stream,
-        sep=header.delimiter,
+        sep=header.delimiter if header.delimiter != " " else r"\s+",
         skiprows=skip,
         names=list(header.names),
         dtype=dict.fromkeys(names, float),
         skipinitialspace=True,
         low_memory=False,
+        decimal=header.decimal,
+        encoding=header.encoding,
         **exact,
     )
     if not isinstance(frame.index, pd.RangeIndex):
@@ -266,7 +336,9 @@ def arrow_columns(
         source,
         read_options=arrow.ReadOptions(column_names=list(header.names), skip_rows=skip, block_size=block, use_threads=threads),
         parse_options=arrow.ParseOptions(delimiter=header.delimiter),
-        convert_options=arrow.ConvertOptions(include_columns=list(names), column_types=dict.fromkeys(names, pa.float64())),
+        convert_options=arrow.ConvertOptions(
+            include_columns=list(names), column_types=dict.fromkeys(names, pa.float64()), decimal_point=header.decimal
+        ),
         memory_pool=pool,
     )
     return {name: arrow_values(table.column(name)) for name in names}
@@ -307,12 +379,15 @@ def _goes_on(field: str) -> bool:
 
 def rows_of_text(path: Path, header: Header) -> Iterator[tuple[int, list[str]]]:
     """Line number (from 1) and fields of every row of data."""
-    with open_binary(path) as stream, io.TextIOWrapper(stream, encoding="utf-8-sig", errors="replace", newline="") as text:
+    with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=header.encoding, errors="replace", newline="") as text:
         yield from ((line, fields) for line, fields in numbered_rows(text, header) if line > header.line)
 
 
 def numbered_rows(text: Iterable[str], header: Header, before: int = 0) -> Iterator[tuple[int, list[str]]]:
     """Rows of a text that are not blank, each with the number of the line on which it begins, after `before` lines."""
+    if header.delimiter == " ":
+        yield from ((i, row.split()) for i, row in enumerate(text, before + 1) if row.strip())
+        return
     reader = csv.reader(text, delimiter=header.delimiter)
     line = before + 1
     while True:
@@ -350,6 +425,8 @@ def bad_text(
                 # A quote that is not closed takes in the rest of the file.
                 shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
                 remedy = "Correct or remove the row; write a missing value as an empty field."
+                if header.decimal == "," and _is_number(text.replace(",", ".", 1)):
+                    continue
                 if _is_number(text.replace(",", ".", 1)):
                     remedy = "It has a decimal comma: write the file with decimal points."
                 elif _is_moment(text):
