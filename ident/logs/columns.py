@@ -81,23 +81,12 @@ def resolve_columns(
     "column" and any of "unit", "scale", "offset" (SI value = unit * (scale * x + offset)). `where` names the file in messages.
     Raises ConfigurationError for a wrong mapping or unit, DataError where columns are missing or too many."""
     header, twice = _named_once(header)
-    notes: list[str] = []
+    notes = [f"{where}: {_listed(sorted(twice))} occur more than once in the header, and are not used."] if twice else list[str]()
     found: dict[tuple[str, int], Column] = {}
-    taken: set[str] = set()
-    automatic = True
     joints = None if joints is None else joints.counted([*(h for h in header if h not in _columns_of(mapping)), *(mapping or {})])
     idle: list[str] = []
-    for key, value in (mapping or {}).items():
-        target = parse_name(key, joints)
-        if target is not None and target.joint == LOCKED:
-            idle.append(key)
-            continue
-        column = _mapped(key, value, header, joints, where, notes)
-        found[column.quantity, column.joint] = column
-        taken.add(column.source)
-        own = parse_name(column.source, joints)
-        if own is not None and own.quantity == column.quantity != "t" and own.joint != column.joint:
-            automatic = False  # the mapping renumbers joints: unmapped numbered columns keep a numbering that is not the robot's
+    automatic = _take_mapped(mapping, header, joints, where, notes, found, idle)
+    taken = {c.source for c in found.values()}
     if not automatic:
         notes.append(f"{where}: [columns] renumbers joints, so only mapped columns are used (besides time).")
     mapped = set(taken)
@@ -132,8 +121,6 @@ def resolve_columns(
             f"{where}: the columns number all {len(joints.whole)} joints of the robot; those of what is locked ({_listed(joints.locked)})"
             f" are not used: {_listed(idle)}."
         )
-    if twice:
-        notes.append(f"{where}: {_listed(sorted(twice))} occur more than once in the header, and are not used.")
     found = _without_surplus(found, mapping, joints, where, notes)
     notes += _from_zero(zero, found, numbered, joints, where)
     # Questions number the joints that are left, which is not how this log counts where some are locked.
@@ -142,11 +129,35 @@ def resolve_columns(
     _check_units(found, joints, where, notes)
     found = _complete(found, n, joints, where, notes, unknown)
     columns = tuple(sorted(found.values(), key=lambda c: (QUANTITIES.index(c.quantity), c.joint)))
-    used = {c.source for c in columns}
     known = joints.names if joints else tuple(names)
-    known = known if len(known) == n else ()
+    known, used = known if len(known) == n else (), {c.source for c in columns}
     hint = "" if any(c.quantity.startswith("tau") for c in columns) else torque_question(unknown, range(n), known)
     return ColumnPlan(columns, n, known, tuple(h for h in header if h not in used), tuple(notes), hint, where)
+
+
+def _take_mapped(
+    mapping: Mapping[str, Any] | None,
+    header: Sequence[str],
+    joints: JointNames | None,
+    where: str,
+    notes: list[str],
+    found: dict[tuple[str, int], Column],
+    idle: list[str],
+) -> bool:
+    """Put the columns that [columns] names into `found`, those of locked joints into `idle`. Whether numbers of unmapped columns still
+    count the robot's joints."""
+    automatic = True
+    for key, value in (mapping or {}).items():
+        target = parse_name(key, joints)
+        if target is not None and target.joint == LOCKED:
+            idle.append(key)
+            continue
+        column = _mapped(key, value, header, joints, where, notes)
+        found[column.quantity, column.joint] = column
+        own = parse_name(column.source, joints)
+        if own is not None and own.quantity == column.quantity != "t" and own.joint != column.joint:
+            automatic = False  # the mapping renumbers joints: unmapped numbered columns keep a numbering that is not the robot's
+    return automatic
 
 
 def _named_once(header: Sequence[str]) -> tuple[Sequence[str], set[str]]:

@@ -38,7 +38,7 @@ _NEAR = 0.25
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordedChannels:
     """What a recording's columns are: `mapping` for `resolve_columns`, `reference` (key → column, factor) of what was wanted, a `text` for
     people, and what was `ignored`."""
 
@@ -64,7 +64,7 @@ def recognised(
     read: Callable[[Sequence[str]], Mapping[str, Array]],
     joints: Sequence[str] | None = None,
     units: Sequence[str] = (),
-) -> Recording | None:
+) -> RecordedChannels | None:
     """What the columns of a recording are, None where no group of positions is among them.
 
     `read`: columns by name → values (N,); `joints`: the robot's, whose order counts where columns name joints; `units`: of the columns."""
@@ -82,6 +82,9 @@ def recognised(
     for quantity in ("dq", "tau", "i"):
         same = [g for g in groups if g.quantity == quantity and len(g.columns) == n and not g.wanted and not g.estimated]
         same = [g for g in same if _moves(table, g)]
+        partly = [g for g in groups if g.quantity == quantity and len(g.columns) != n and not g.wanted and not g.estimated]
+        if quantity == "tau" and not same and any(_moves(table, g) for g in partly):
+            return None  # torque of some joints only: which is which must be asked
         if same:
             chosen[quantity] = max(same, key=lambda g: (g.measured, -len(g.stem)))
     angle = _scale(unit_of, best, table, "q")
@@ -105,7 +108,7 @@ def recognised(
     if reference:
         said += f", desired motion from {next(iter(reference.values()))[0]!r} …"
     used = {v if isinstance(v, str) else v["column"] for v in mapping.values()} | {c for c, _ in reference.values()}
-    return Recording(mapping, reference, said, tuple(x for x in names if x not in used))
+    return RecordedChannels(mapping, reference, said, tuple(x for x in names if x not in used))
 
 
 def _groups(names: Sequence[str], joints: Sequence[str] | None) -> list[_Group]:

@@ -108,7 +108,7 @@ def test_joints_counted_from_zero(tmp_path: Path) -> None:
 
 
 def test_no_position(tmp_path: Path) -> None:
-    raises(csv(tmp_path / "a.csv", "t,angle,torque"), "no joint position", "angle", "[columns]")
+    raises(csv(tmp_path / "a.csv", "t,slope,torque"), "no joint position", "slope", "[columns]")
 
 
 def test_no_time(tmp_path: Path) -> None:
@@ -172,11 +172,18 @@ def test_time_backwards(tmp_path: Path) -> None:
     raises(path, "time runs backwards at data row 31")
 
 
-@pytest.mark.parametrize(("mark", "said"), [(" ", "separated by spaces"), ("   ", "separated by spaces"), ("|", "separated by '|'")])
-def test_other_separators_are_named(tmp_path: Path, mark: str, said: str) -> None:
+@pytest.mark.parametrize("mark", [" ", "   "])
+def test_runs_of_spaces_separate_columns(tmp_path: Path, mark: str) -> None:
     path = csv(tmp_path / "a.csv", "t,q1,tau1")
+    whole = read_logs([path])[0]
     path.write_text(path.read_text().replace(",", mark))
-    raises(path, "a.csv", said, "write it with commas")
+    assert read_logs([path])[0].q.tolist() == whole.q.tolist()
+
+
+def test_other_separators_are_named(tmp_path: Path) -> None:
+    path = csv(tmp_path / "a.csv", "t,q1,tau1")
+    path.write_text(path.read_text().replace(",", "|"))
+    raises(path, "a.csv", "separated by '|'", "write it with commas")
 
 
 @pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;", "sep=\t"])
@@ -212,7 +219,7 @@ def test_a_table_in_utf_16_is_told_as_such(tmp_path):
     with pytest.raises(DataError, match=r"is not a text table .* It begins as UTF-16 does: save it as UTF-8\."):
         read_logs([path])
     path.write_bytes(b"t,q1,tau1\n0,0.1,\x80\n")
-    with pytest.raises(DataError, match=r"is not a text table .*\)\.$"):
+    with pytest.raises(DataError, match="is not a number"):
         read_logs([path])
 
 
@@ -229,7 +236,7 @@ def test_dates_with_times_are_told_as_such(tmp_path):
 @pytest.mark.parametrize(
     ("columns", "remedy"),
     [
-        ("stamp,pos_1_deg,pos_2_deg,force", 'Did you mean .*: q1 = "pos_1_deg", q2 = "pos_2_deg"'),
+        ("stamp,rot_1_deg,rot_2_deg,force", "no joint position found"),
         ("stamp,force", 'for example q1 = "angle"'),
     ],
 )
@@ -243,5 +250,7 @@ def test_columns_that_look_like_positions_are_asked_about(tmp_path, columns, rem
 def test_a_decimal_comma_is_told_as_one(tmp_path):
     path = tmp_path / "comma.csv"
     path.write_text("t;q1;tau1\n0,00;0,1;1,5\n0,01;0,2;1,6\n")
-    with pytest.raises(DataError, match=r"line 2 .*'0,00' is not a number\. It has a decimal comma"):
+    assert read_logs([path])[0].q[:, 0].tolist() == [0.1, 0.2]
+    path.write_text("t,q1;tau1\n0,00;0,1\n0,01;0,2\n")
+    with pytest.raises(DataError):
         read_logs([path])

@@ -176,9 +176,12 @@ def _text_header(path: Path) -> Header:
     try:
         return _header_of(path, "utf-8-sig")
     except UnicodeDecodeError as error:
-        if error.object[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or b"\x00" in error.object[:4096]:
-            raise DataError(f"log {path}: is not a text table ({error}). Save it as UTF-8.") from None
-        return _header_of(path, "cp1252")
+        wide = error.object[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        remedy = " It begins as UTF-16 does: save it as UTF-8." if wide else ""
+        if not wide and b"\x00" not in error.object[:4096]:
+            with suppress(UnicodeDecodeError):
+                return _header_of(path, "cp1252")
+        raise DataError(f"log {path}: is not a text table ({error}).{remedy}") from None
 
 
 def _header_of(path: Path, encoding: str) -> Header:
