@@ -280,12 +280,7 @@ def _build(
         followers = [m.joint for m in urdf.mimics if m.master == master and m.joint not in held]
         verb = "mimics" if len(followers) == 1 else "mimic"
         notes.append(f"{some(followers)} {verb} {master}: taken as rigidly coupled (dependent), not as joints of their own.")
-    bare = [
-        j.name
-        for j, inertia in zip(tree_joints, list(model.inertias)[-len(tree_joints) :], strict=True)
-        if not np.any(inertia.toDynamicParameters())
-    ]
-    if bare:
+    if bare := _bare(model, tree_joints):
         notes.append(f"no <inertial> on what joints {some(bare)} carry: fine for fitting; there are no nominal values to compare with.")
     nominal = np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
     robot = cls(
@@ -299,9 +294,9 @@ def _build(
         floating_base=floating_base,
         notes=tuple(notes),
         source=source,
-        faults=tuple(f"link {f.name!r}: {urdf.faults[f.name]}" for f in model.frames if f.parentJoint > 0 and f.name in urdf.faults),
+        faults=_of_moving_links(urdf.faults, model),
         whole=tuple(j for j in moving if j not in dependent),
-        oddities=tuple(f"link {f.name!r}: {urdf.oddities[f.name]}" for f in model.frames if f.parentJoint > 0 and f.name in urdf.oddities),
+        oddities=_of_moving_links(urdf.oddities, model),
     )
     if transmission is None:
         return replace(robot, transmission=Transmission.identity(len(joints), measured))
@@ -309,6 +304,17 @@ def _build(
         given = np.asarray(transmission, float)
         transmission = Transmission.from_ratio(given, measured) if given.ndim == 1 else Transmission(given, np.zeros(len(given)), measured)
     return robot.with_transmission(transmission)
+
+
+def _of_moving_links(said: Mapping[str, str], model: pin.Model) -> tuple[str, ...]:
+    """What is said of links that move."""
+    return tuple(f"link {f.name!r}: {said[f.name]}" for f in model.frames if f.parentJoint > 0 and f.name in said)
+
+
+def _bare(model: pin.Model, tree_joints: Sequence[Joint]) -> list[str]:
+    """Joints that carry nothing with an inertial."""
+    inertias = list(model.inertias)[-len(tree_joints) :]
+    return [j.name for j, inertia in zip(tree_joints, inertias, strict=True) if not np.any(inertia.toDynamicParameters())]
 
 
 def held_joints(
