@@ -93,9 +93,7 @@ class Reading:
         """Header and columns of a file. Raises DataError and ConfigurationError; UnsupportedError for what cannot be streamed."""
         header = read_header(path)
         if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig" or path.is_dir():
-            raise UnsupportedError(
-                f"log {path}: a log in this dialect is read as a whole only; take --stream away, or write it with commas."
-            )
+            raise UnsupportedError(f"log {path}: this dialect is read as a whole only; take --stream away, or write it with commas.")
         if not self.columns and joint_state_columns(header) is not None:
             raise UnsupportedError(f"log {path}: JointState messages with a name array cannot be streamed; read it whole (--no-stream).")
         return header, resolve_columns(header.names, JointNames.of(self.robot), self.columns, where=f"log {path}")

@@ -15,7 +15,7 @@ from ..design.catalogue import Catalogue
 from ..design.places import grid, is_order, search_range
 from ..thresholds import BOUND, COMPETES, CONTAINED, MATERIAL, MOST
 from .bursts import burst
-from .scores import Scores
+from .scores import Scores, z_of
 from .significance import parametric
 
 if TYPE_CHECKING:
@@ -325,7 +325,10 @@ def _backward(state: _Decider, critical: float, say: Callable[[str], None]) -> N
     """Drop what the others make unnecessary."""
     while len(state.accepted) > 1:
         worst: tuple[float, int] | None = None
+        sure = _significance(state)
         for i in range(len(state.accepted)):
+            if sure[i] > critical:
+                continue  # a model without it would hide it in noise that it makes itself
             others = [x for k, x in enumerate(state.accepted) if k != i]
             trial = _Decider(state.fit, state.catalogue, others)
             trial.solve(1)
@@ -339,6 +342,22 @@ def _backward(state: _Decider, critical: float, say: Callable[[str], None]) -> N
         state.solve()
     if state.accepted:
         state.solve()
+
+
+def _significance(state: _Decider) -> list[float]:
+    """z of each accepted effect's values in the whole model, at the noise that this model leaves."""
+    frame = state.frame
+    X, Z = (a.reshape(-1, a.shape[2]) / frame.scale for a in (frame.X, frame.Z))
+    inverse = np.linalg.pinv(Z.T @ X, rcond=1e-9)
+    covariance = inverse @ (Z.T @ Z) @ inverse.T
+    found, start = [], state.fit.declared.base.count
+    for effect, _ in state.accepted:
+        part = slice(start, start + len(effect.parameters(state.fit.robot)))
+        start = part.stop
+        values = frame.theta[part] * frame.scale[part]
+        square = float(values @ np.linalg.pinv(covariance[part, part], rcond=1e-9) @ values)
+        found.append(float(z_of(np.array([[square]]), np.array([len(values)]))[0, 0]))
+    return found
 
 
 def _confidence_set(state: _Decider, one: tuple[Effect, tuple[str, ...]], critical: float) -> tuple[Member, ...]:
