@@ -32,13 +32,13 @@ def places(kind: type[Effect], model: Model, motions: Sequence[Motion]) -> Itera
     """Every effect of a kind that the model does not hold, with the joints it sits on; one for each shape of a grid."""
     if kind.name in ABOVE_THE_BAND:
         return
-    for place in _places(kind, model.robot):
-        if any(_covers(e, place, model.robot) for e in model.effects):
+    for place in placements(kind, model.robot):
+        if any(covers(e, place, model.robot) for e in model.effects):
             continue
-        for choice in _choices(place):
+        for choice in choices(place):
             try:
                 for effect in grid(choice, model, motions):
-                    yield effect, _joints(place)
+                    yield effect, joints_of(place)
             except IdentError:
                 break
 
@@ -102,11 +102,12 @@ def _orders(effect: Effect, model: Model, motions: Sequence[Motion], bounds: tup
             yield order * unit
 
 
-def _joints(place: Effect) -> tuple[str, ...]:
+def joints_of(place: Effect) -> tuple[str, ...]:
+    """Joints that an effect sits on, () for the whole robot."""
     return () if place.joints is None else place.joints
 
 
-def _places(kind: type[Effect], robot: Robot) -> Iterator[Effect]:
+def placements(kind: type[Effect], robot: Robot) -> Iterator[Effect]:
     """Every smallest thing of the kind, and what may be on all joints at once; the label keeps parameter names apart from those of a
     declared effect of the kind."""
     try:
@@ -117,7 +118,7 @@ def _places(kind: type[Effect], robot: Robot) -> Iterator[Effect]:
         yield kind(joints=robot.joint_names, label="+")
 
 
-def _covers(effect: Effect, place: Effect, robot: Robot) -> bool:
+def covers(effect: Effect, place: Effect, robot: Robot) -> bool:
     """Whether the model holds the same thing, or another form of it, at the same place already."""
     if place.form_of and place.form_of == effect.form_of and set(place.at(robot)) & set(effect.at(robot)):
         return True
@@ -129,7 +130,7 @@ def _covers(effect: Effect, place: Effect, robot: Robot) -> bool:
     return set(place.at(robot)) <= set(effect.at(robot))
 
 
-def _choices(place: Effect) -> Iterator[Effect]:
+def choices(place: Effect) -> Iterator[Effect]:
     """The effect with each member of every enumeration it is configured by (an angle on the joint or on the motor side)."""
     options = [
         (f.name, list(type(getattr(place, f.name)).__members__.values()))

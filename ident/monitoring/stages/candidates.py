@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...diagnosis.design.places import choices, covers, joints_of, placements
 from ...effects.base import Effect, Need, effect_types
 from ...errors import IdentError
 from ...model import Model
 from .spectral import order_parameter
 
 if TYPE_CHECKING:
-    from ...robots.robot import Robot
     from .motions import Motions
 
 #: Points of the first grid over a shape parameter that does not say how many, alone and beside another.
@@ -53,56 +51,18 @@ def candidates(model: Model, motions: Motions) -> tuple[Candidate, ...]:
     for name, kind in effect_types().items():
         if name == "rigid_body":
             continue
-        for place in _places(kind, model.robot):
-            if any(_covers(e, place, model.robot) for e in model.effects):
+        for place in placements(kind, model.robot):
+            if any(covers(e, place, model.robot) for e in model.effects):
                 continue
-            for choice in _choices(place):
+            for choice in choices(place):
                 # Columns of different choices of one place are different things, but only one of them can be found at a time.
                 try:
                     variants = tuple(_shapes(choice, motions))
                     variants[0].parameters(model.robot)
                 except IdentError:
                     continue  # an effect that this robot cannot have (a payload without a link to hold it)
-                found.append(Candidate(name, _joints(place), variants))
+                found.append(Candidate(name, joints_of(place), variants))
     return tuple(found)
-
-
-def _joints(place: Effect) -> tuple[str, ...]:
-    return () if place.joints is None else place.joints
-
-
-def _places(kind: type[Effect], robot: Robot) -> Iterator[Effect]:
-    """Every smallest thing of the kind, and what may be on all joints at once; the label keeps parameter names apart from those of a
-    declared effect of the kind."""
-    try:
-        yield from kind.placements(robot, label="+")
-    except IdentError:
-        return
-    if kind.everywhere and robot.n > 1:
-        yield kind(joints=robot.joint_names, label="+")
-
-
-def _covers(effect: Effect, place: Effect, robot: Robot) -> bool:
-    """Whether the model holds the same thing, or another form of it, at the same place already."""
-    if place.form_of and place.form_of == effect.form_of and set(place.at(robot)) & set(effect.at(robot)):
-        return True
-    if type(effect) is not type(place) or effect.side != place.side:
-        return False
-    plain = {f.name for f in dataclasses.fields(place)} - {"joints", "label", *(p.name for p in place.shape())}
-    if any(getattr(effect, name) != getattr(place, name) for name in plain):
-        return False
-    return set(place.at(robot)) <= set(effect.at(robot))
-
-
-def _choices(place: Effect) -> Iterator[Effect]:
-    """The effect with each member of every enumeration it is configured by (an angle on the joint or on the motor side)."""
-    options = [
-        (f.name, list(type(getattr(place, f.name)).__members__.values()))
-        for f in dataclasses.fields(place)
-        if f.name != "side" and isinstance(getattr(place, f.name), StrEnum)
-    ]
-    for chosen in itertools.product(*(members for _, members in options)):
-        yield dataclasses.replace(place, **dict(zip([n for n, _ in options], chosen, strict=True)))
 
 
 def _shapes(effect: Effect, motions: Motions) -> Iterator[Effect]:
