@@ -53,7 +53,8 @@ def _kernel(name: str) -> Kernel:
             ) from None
         warnings.warn(
             "the compiled kernel is not there: NumPy takes its place, with the same numbers, ten to fifty times slower."
-            " Install a wheel, or a C++ compiler and then ident again; IDENT_KERNEL=numpy silences this.",
+            " In a checkout run `pip install -e .`; else install a wheel, or a C++ compiler and then ident again."
+            " IDENT_KERNEL=numpy silences this.",
             SlowPathWarning,
             stacklevel=4,
         )
