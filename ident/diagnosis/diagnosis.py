@@ -37,6 +37,8 @@ Array = np.ndarray
 _SURE, _BESIDE = 0.99, 0.45
 #: What a member of the confidence set is worth at least, beside the effect that was accepted.
 _LEAST = 0.35
+#: And one that is the same on this motion by another, rarer name.
+_SAME = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +269,7 @@ def _findings(
             without = _fitted(part.model, signals, estimator, part.values, declared)
         error = without.torque_error(report).relative_all
         gain = 1.0 - (final / error) ** 2 if error > 0 else 0.0
-        weights = [max(float(np.exp(min((m.z**2 - x.z**2) / 2.0, 0.0))), _LEAST) for m in x.competing]
+        weights = [_SAME if m.same else max(float(np.exp(min((m.z**2 - x.z**2) / 2.0, 0.0))), _LEAST) for m in x.competing]
         most = _SURE if verdict != Verdict.UNEXPLAINED else _BESIDE
         own = most / (1.0 + sum(weights))
         ranked = sorted(zip(x.competing, weights, strict=True), key=lambda pair: -pair[1])

@@ -31,12 +31,13 @@ _SIMPLER = 4
 @dataclass(frozen=True)
 class Member:
     """A model of the confidence set: the effect that could stand in place of an accepted one; `z` beside the rest, `left`: the largest z
-    after it."""
+    after it. `same`: it has the very columns of the accepted one on this motion, and is the same by another name."""
 
     effect: Effect
     joints: tuple[str, ...]
     z: float
     left: float
+    same: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +141,7 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
     for _ in range(3):
         if not state.accepted or state.scores.z.max(initial=0.0) <= critical:
             break
-        adequate = [(m.left, i, m) for i, s in enumerate(sets) for m in s if m.left <= critical]
+        adequate = [(m.left, i, m) for i, s in enumerate(sets) for m in s if m.left <= critical and not m.same]
         if not adequate:
             break
         _, i, member = min(adequate, key=lambda x: x[0])
@@ -177,7 +178,7 @@ def _decision(state: _Decider, sets: list[tuple[Member, ...]], critical: float, 
     elif not named:
         verdict = "clean"
     else:
-        verdict = "ambiguous" if any(x.competing for x in named) else "explained"
+        verdict = "ambiguous" if any(not m.same for x in named for m in x.competing) else "explained"
     return Decision(verdict, tuple(named), tuple(left), critical, state.fit, state.frame, scores, trail)
 
 
@@ -385,8 +386,11 @@ def _confidence_set(state: _Decider, one: tuple[Effect, tuple[str, ...]], critic
             nearest = mine[int(np.argmax(z[mine]))]
             after = float(beside[nearest])
             own_energy = scores.beside(scores.slice_of(nearest))[1]
+            if energy[nearest] < CONTAINED and own_energy[k] < CONTAINED and scores.degrees[k] == scores.degrees[nearest]:
+                found.setdefault(g.kind, Member(g.effect, g.joints, float(z[k]), left, same=True))
+                continue
             if energy[nearest] < CONTAINED or own_energy[k] < CONTAINED:
-                continue  # a more general form of the same, or the same by another name
+                continue  # a more general form of the same, or a simpler one
             if after > state.chance:
                 left = max(left, critical + after - state.chance)
         if g.kind not in found or left < found[g.kind].left:
