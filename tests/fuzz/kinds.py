@@ -1,0 +1,207 @@
+"""The classes of input that are fuzzed: what files there are, how they are changed, and what is done with each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ident
+from ident._utils.toml import to_toml
+from ident.errors import ConfigurationError, DataError, IdentError
+from ident.robots.urdf import prepare_urdf
+
+from . import mutations, seeds
+from .differences import same_log, same_robot, sound_estimate, sound_log, streamed_as_whole, texts_agree
+from .mutations import Rng
+
+#: Suffixes of classes of files that are read again in other ways, and compared.
+_TEXT = (".csv", ".tsv", ".txt")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """`sources`: files that are right; `change`: one of them, changed; `use`: what is done with it."""
+
+    name: str
+    sources: Callable[[], Mapping[str, Any]]
+    change: Callable[[Rng, str, Any], bytes]
+    use: Callable[[Path], None]
+
+
+# --- logs -----------------------------------------------------------------------------------------------------------
+
+
+def use_log(path: Path) -> None:
+    """Read, audit and, where it is a text, read in other ways too."""
+    robot = seeds.robot()
+    try:
+        logs = ident.read_logs(path, robot)
+    except IdentError:
+        if path.suffix in _TEXT:
+            streamed_as_whole(path, robot, None)
+        raise
+    for log in logs:
+        sound_log(log)
+    if path.suffix in _TEXT:
+        texts_agree(path, robot, logs)
+        streamed_as_whole(path, robot, logs)
+    try:
+        ident.audit(logs, robot)
+    except DataError:
+        return
+    if sum(len(log) for log in logs) >= 60 and path.stat().st_size % 8 == 0:  # one in eight is fitted
+        sound_estimate(ident.fit(logs, robot, model=[ident.make_effect("viscous")], held=0))
+
+
+def change_table(rng: Rng, name: str, data: bytes) -> bytes:
+    return mutations.mutated(rng, data, mutations.TABLE)
+
+
+def change_packed(rng: Rng, name: str, data: bytes) -> bytes:
+    """Bytes of the packed file, or of the text in it."""
+    import bz2
+    import gzip
+    import lzma
+
+    if rng.random() < 0.5:
+        return mutations.mutated(rng, data, mutations.BYTES)
+    text = mutations.mutated(rng, seeds.table(), mutations.TABLE)
+    packed = gzip.compress(text, mtime=0) if ".gz" in name else bz2.compress(text) if ".bz2" in name else lzma.compress(text)
+    return mutations.mutated(rng, packed, mutations.BYTES) if rng.random() < 0.2 else packed + (b"\x00" * 9 if rng.random() < 0.2 else b"")
+
+
+def change_bytes(rng: Rng, name: str, data: bytes) -> bytes:
+    return mutations.mutated(rng, data, mutations.BYTES)
+
+
+# --- robots -----------------------------------------------------------------------------------------------------------
+
+
+def change_urdf(rng: Rng, name: str, data: bytes) -> bytes:
+    """Text, or an attribute or an element of it."""
+    if rng.random() < 0.5:
+        return mutations.mutated(rng, data, mutations.TEXT)
+    from lxml import etree
+
+    root = etree.fromstring(data)
+    for _ in range(int(rng.integers(1, 3))):
+        element = mutations.of(rng, list(root.iter(etree.Element)))
+        way = int(rng.integers(6))
+        parent = element.getparent()
+        if way <= 2 and element.attrib:
+            key = mutations.of(rng, list(element.attrib))
+            words = element.get(key).split()
+            if words and way == 0:
+                words[int(rng.integers(len(words)))] = mutations.of(rng, mutations.NUMBERS)
+            elif words:
+                words = [str(mutations.of(rng, (*mutations.NUMBERS, "j1", "base", "a", "offset", "t")))]
+            _set(element, key, " ".join(words))
+        elif way == 3 and element.attrib:
+            key = mutations.of(rng, list(element.attrib))
+            _set(element, key + "x", element.attrib.pop(key))
+        elif way == 4 and parent is not None:
+            parent.remove(element)
+        elif parent is not None:
+            parent.insert(0, etree.fromstring(etree.tostring(element)))
+    return etree.tostring(root, encoding=str(mutations.of(rng, ("utf-8", "utf-16", "iso-8859-1"))), xml_declaration=True)
+
+
+def _set(element: Any, key: str, value: str) -> None:
+    try:
+        element.set(key, value)
+    except ValueError:  # a character that no XML can hold: such come in by the bytes
+        element.set(key, "?")
+
+
+def use_urdf(path: Path) -> None:
+    """Read, reduce, and write and read again."""
+    robot = ident.Robot.from_urdf(path)
+    again = ident.Robot.from_urdf(robot.source["urdf_text"])
+    same_robot(robot, again)
+    prepare_urdf(robot.source["urdf_text"])
+    if robot.n > 8:
+        return
+    report = ident.base(robot)
+    if not report.agree:
+        from .outcomes import Difference
+
+        raise Difference(f"the ways of counting base parameters do not agree: {str(report)[:200]}")
+    q = np.linspace(-1, 1, robot.n)
+    if not np.all(np.isfinite(robot.rigid_body().nominal())):
+        from .outcomes import Difference
+
+        raise Difference("nominal parameters are not finite")
+    ident.simulate  # noqa: B018 - the name loads
+    del q
+
+
+# --- structured text --------------------------------------------------------------------------------------------------
+
+
+def studies() -> dict[str, Any]:
+    return {"full.toml": seeds.STUDY, "plain.toml": seeds.PLAIN_STUDY, "loop.toml": seeds.LOOP_STUDY}
+
+
+def change_study(rng: Rng, name: str, content: Any) -> bytes:
+    for _ in range(20):
+        changed = mutations.tree(rng, content) if rng.random() < 0.7 else content
+        try:
+            text = to_toml(changed).encode("utf-8", "replace")
+        except (ConfigurationError, AttributeError, TypeError):
+            continue  # what TOML cannot hold
+        return text if changed is not content else mutations.mutated(rng, text, mutations.TEXT)
+    return b""
+
+
+def use_study(path: Path) -> None:
+    """Read a study, and fit with it."""
+    (path.parent / "arm.urdf").write_text(seeds.URDF)
+    (path.parent / "log.csv").write_bytes(seeds.table())
+    study = ident.read_study(path)
+    study.to_toml(path.parent)
+    robot = study.robot()
+    study.model(robot)
+    study.make_estimator()
+    study.make_preparation()
+    if path.stat().st_size % 4 == 0 and study.fit_files():
+        sound_estimate(ident.fit(study))
+
+
+def change_fit(rng: Rng, name: str, content: Any) -> bytes:
+    if rng.random() < 0.7:
+        return json.dumps(mutations.tree(rng, content)).encode()
+    return mutations.mutated(rng, json.dumps(content).encode(), mutations.TEXT)
+
+
+def use_fit(path: Path) -> None:
+    """Load a saved fit, and use it as commands do."""
+    estimate = ident.Estimate.load(path)
+    str(estimate)
+    json.dumps(estimate.to_dict(), allow_nan=False)
+    ident.validate(estimate, seeds.log_set())
+    estimate.save(path.parent / "again.json", force=True)
+    same = ident.Estimate.load(path.parent / "again.json")
+    if not np.array_equal(same.values, estimate.values, equal_nan=True):
+        from .outcomes import Difference
+
+        raise Difference("values are others after a round trip")
+
+
+KINDS: dict[str, Kind] = {
+    k.name: k
+    for k in (
+        Kind("logs", seeds.tables, change_table, use_log),
+        Kind("compressed", seeds.packed, change_packed, use_log),
+        Kind("binary", seeds.stored, change_bytes, use_log),
+        Kind("urdf", seeds.robots, change_urdf, use_urdf),
+        Kind("toml", studies, change_study, use_study),
+        Kind("json", seeds.saved_fits, change_fit, use_fit),
+    )
+}
+
+__all__ = ["KINDS", "Kind", "same_log"]

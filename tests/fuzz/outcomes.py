@@ -1,0 +1,105 @@
+"""One input tried: done, refused in words, or a fault of ours (a traceback, a hang, a difference, a number that is none)."""
+
+from __future__ import annotations
+
+import signal
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from ident.errors import IdentError
+
+#: Seconds after which an input hangs, and characters of a message that is one line for people.
+HANG_S = 10
+_MESSAGE = 2000
+
+
+class Hang(BaseException):
+    """An input took too long. No Exception, so that nothing on the way takes it for one of its own."""
+
+
+class Difference(AssertionError):
+    """Two readings of one file differ, or a result breaks what it promises."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """`kind`: "done", "refused", "traceback", "hang" or "difference"; `where`: the line of ours that raised; `text`: what was said."""
+
+    kind: str
+    where: str = ""
+    text: str = ""
+
+    @property
+    def is_fault(self) -> bool:
+        return self.kind not in ("done", "refused")
+
+
+def tried(action: Callable[[Path], Any], path: Path, seconds: float = HANG_S) -> Outcome:
+    """What comes of `action(path)`."""
+
+    def late(number: int, frame: FrameType | None) -> None:
+        raise Hang
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            action(path)
+        return Outcome("done")
+    except IdentError as error:
+        text = str(error)
+        if not text or len(text) > _MESSAGE or "\x00" in text:
+            return Outcome("difference", "message", f"a message that is none for people: {text[:200]!r} ({len(text)} characters)")
+        return Outcome("refused", type(error).__name__, text)
+    except Hang as error:
+        return Outcome("hang", _where(error), f"more than {seconds:g} s")
+    except Difference as error:
+        return Outcome("difference", _where(error), str(error))
+    except Exception as error:  # noqa: BLE001 - this is what is looked for
+        return Outcome("traceback", _where(error), f"{type(error).__name__}: {str(error)[:300]}")
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _where(error: BaseException) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = [f for f in frames if "/ident/" in f.filename] or list(frames)
+    last = ours[-1]
+    return f"{last.filename.rsplit('/ident/', 1)[-1]}:{last.lineno}"
+
+
+@dataclass
+class Count:
+    """Outcomes of many inputs of one class; of each kind of fault the first example is kept."""
+
+    name: str
+    kinds: Counter[str] = field(default_factory=Counter)
+    faults: dict[tuple[str, str, str], list[Any]] = field(default_factory=dict)
+
+    def add(self, outcome: Outcome, data: bytes, seed: int) -> bool:
+        """Count one; True where its kind of fault is new."""
+        self.kinds[outcome.kind] += 1
+        if not outcome.is_fault:
+            return False
+        key = (outcome.kind, outcome.where, outcome.text.split(":", maxsplit=1)[0])
+        if key in self.faults:
+            self.faults[key][0] += 1
+            return False
+        self.faults[key] = [1, outcome, data, seed]
+        return True
+
+    @property
+    def total(self) -> int:
+        return sum(self.kinds.values())
+
+    def line(self) -> str:
+        kinds = "  ".join(f"{k} {self.kinds[k]}" for k in ("done", "refused", "traceback", "hang", "difference"))
+        return f"{self.name:<12} inputs {self.total:<7} {kinds}"

@@ -1,0 +1,200 @@
+"""Small files that are right, of which the fuzzer makes wrong ones."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import json
+import lzma
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+import ident
+from ident.robots import robot_folder
+
+Array = np.ndarray
+ROWS, RATE = 160, 50.0
+
+URDF = """<?xml version="1.0"?>
+<robot name="arm">
+  <link name="base"/>
+  <link name="a"><inertial><origin xyz="0.01 0.02 0.1" rpy="0 0 0.3"/><mass value="1.5"/>
+    <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.03" iyz="0" izz="0.02"/></inertial>
+    <visual><origin xyz="0 0 0"/><geometry><box size="1 1 1"/></geometry></visual></link>
+  <link name="b"><inertial><origin xyz="0 0 0.2"/><mass value="0.8"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.005"/></inertial></link>
+  <link name="tool"/>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0 0.3" rpy="0 0 0"/><axis xyz="0 0 1"/>
+    <limit lower="-2.5" upper="2.5" velocity="3" effort="50"/><dynamics damping="0.2" friction="0.1"/></joint>
+  <joint name="j2" type="continuous"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0" rpy="1.5708 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="hold" type="fixed"><parent link="b"/><child link="tool"/><origin xyz="0 0 0.2"/></joint>
+</robot>
+"""
+MIMIC = URDF.replace(
+    "</robot>",
+    """  <link name="f"><inertial><mass value="0.2"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
+  <joint name="j3" type="prismatic"><parent link="tool"/><child link="f"/><axis xyz="1 0 0"/><limit lower="0" upper="0.1" velocity="1" effort="9"/>
+    <mimic joint="j2" multiplier="0.5" offset="0.1"/></joint>
+</robot>
+""",
+)
+
+
+@lru_cache(maxsize=1)
+def robot() -> ident.Robot:
+    return ident.Robot.from_urdf(URDF)
+
+
+def motion() -> tuple[Array, Array, Array]:
+    """Time, positions and torques of the two joints."""
+    t = np.arange(ROWS) / RATE
+    q = np.stack([0.9 * np.sin(2.1 * t), 0.8 * np.sin(1.3 * t + 1)], axis=1)
+    rng = np.random.default_rng(0)
+    tau = np.stack([np.cos(2.1 * t), 3 * np.sin(q[:, 1])], axis=1) + 0.01 * rng.normal(size=(ROWS, 2))
+    return t, q, tau
+
+
+def table(
+    names: str = "t,q1,q2,tau1,tau2", delimiter: str = ",", decimal: str = ".", head: str = "", end: str = "\n", scale: float = 1.0
+) -> bytes:
+    """A log as text."""
+    t, q, tau = motion()
+    rows = np.column_stack([t, q * scale, tau])
+    text = end.join(delimiter.join(f"{x:.7g}".replace(".", decimal) for x in row) for row in rows)
+    return (head + names.replace(",", delimiter) + end + text + end).encode()
+
+
+def tables() -> dict[str, bytes]:
+    """Logs as text, in several dialects; name of the file → bytes."""
+    plain = table()
+    return {
+        "plain.csv": plain,
+        "semicolon.csv": table(delimiter=";", decimal=","),
+        "tab.tsv": table(delimiter="\t"),
+        "hash.csv": table(head="# a note\n").replace(b"\nt,", b"\n# t,"),
+        "degrees.csv": table("t,q1_deg,q2_deg,tau1,tau2", scale=180 / np.pi),
+        "units.csv": table("t [s],q1 [rad],q2 [rad],tau1 [Nm],tau2 [Nm]"),
+        "ros.csv": table("time,j1.position,j2.position,j1.effort,j2.effort", end="\r\n"),
+        "spaces.txt": table(delimiter=" "),
+        "quoted.csv": table('"t","q1","q2","tau1","tau2"'),
+        "sep.csv": b"sep=;\n" + table(delimiter=";"),
+        "extra.csv": b"\n".join(line + b",word,7" for line in table("t,q1,q2,tau1,tau2").splitlines()),
+    }
+
+
+def packed() -> dict[str, bytes]:
+    """Compressed logs."""
+    plain = table()
+    return {"a.csv.gz": gzip.compress(plain, mtime=0), "a.csv.bz2": bz2.compress(plain), "a.csv.xz": lzma.compress(plain)}
+
+
+def _made(name: str, write: Any) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        return path.read_bytes()
+
+
+def stored() -> dict[str, bytes]:
+    """Binary logs: Parquet, MAT, NPZ, and a bag where `rosbags` is installed."""
+    import pyarrow as pa
+    from pyarrow import parquet
+    from scipy.io import savemat
+
+    t, q, tau = motion()
+    columns = {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": tau[:, 0], "tau2": tau[:, 1]}
+    lists = {"timestamp": t, "observation.state": list(q), "observation.effort": list(tau)}
+    stamped = {**columns, "t": (t * 1e9).astype("datetime64[ns]")}
+    npz = io.BytesIO()
+    np.savez(npz, t=t, q=q, tau=tau)
+    out = {
+        "a.parquet": _made("a.parquet", lambda p: parquet.write_table(pa.table(columns), p)),
+        "stamped.parquet": _made("s.parquet", lambda p: parquet.write_table(pa.table(stamped), p)),
+        "lists.parquet": _made("l.parquet", lambda p: parquet.write_table(pa.table(lists), p)),
+        "a.mat": _made("a.mat", lambda p: savemat(p, {"t": t, "q": q, "tau": tau})),
+        "packed.mat": _made("p.mat", lambda p: savemat(p, {"log": {"t": t, "q": q, "tau": tau}}, do_compression=True)),
+        "a.npz": npz.getvalue(),
+    }
+    with_bag = _bag(t, q, tau)
+    return {**out, **({"a.bag": with_bag} if with_bag else {})}
+
+
+def _bag(t: Array, q: Array, tau: Array) -> bytes | None:
+    try:
+        from rosbags.rosbag1 import Writer
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        return None
+    types = get_typestore(Stores.ROS1_NOETIC)
+    State, Head, Time = (types.types[n] for n in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
+
+    def write(path: Path) -> None:
+        with Writer(path) as writer:
+            connection = writer.add_connection("/joint_states", State.__msgtype__, typestore=types)
+            for i, s in enumerate(t):
+                head = Head(seq=i, stamp=Time(sec=1 + int(s), nanosec=int((s % 1) * 1e9)), frame_id="")
+                message = State(header=head, name=["j1", "j2"], position=q[i], velocity=np.zeros(0), effort=tau[i])
+                writer.write(connection, int(1e9 * (1 + s)), types.serialize_ros1(message, State.__msgtype__))
+
+    return _made("a.bag", write)
+
+
+STUDY: dict[str, Any] = {
+    "robot": {"urdf": "arm.urdf", "gravity": [0.0, 0.0, -9.81], "joints": ["j1", "j2"]},
+    "drive": {
+        "ratio": [50.0, 30.0],
+        "measured": "motor",
+        "zero": [0.0, 0.1],
+        "torque_constants": [0.1, 0.2],
+        "effects": ["viscous", {"name": "coulomb"}, {"name": "stribeck", "joints": ["j1"]}],
+    },
+    "logs": {"fit": ["log.csv"], "missing": "gap", "rate_hz": 50.0},
+    "signals": {"method": "zero_phase", "cutoff_hz": 8.0, "decimate": True},
+    "estimator": {"method": "irls", "iterations": 20},
+    "columns": {"t": "t", "q1": "q1", "q2": "q2", "tau_m1": "tau1", "tau_m2": "tau2"},
+}
+LOOP_STUDY: dict[str, Any] = {
+    "robot": {"urdf": "arm.urdf", "locked": {"j1": 0.2}},
+    "drive": {"K": [[1.0]], "effects": [{"name": "payload"}, "offset"]},
+    "logs": {"fit": ["log.csv"]},
+    "signals": {"method": "savitzky_golay"},
+    "estimator": {"method": "ls"},
+}
+PLAIN_STUDY: dict[str, Any] = {
+    "robot": {"name": "scara"},
+    "drive": {"effects": ["viscous", "coulomb"]},
+    "logs": {"fit": ["log.csv"]},
+    "signals": {"method": "zero_phase"},
+    "estimator": {"method": "wls"},
+}
+
+
+@lru_cache(maxsize=1)
+def log_set() -> ident.LogSet:
+    t, q, tau = motion()
+    return ident.LogSet((ident.Log("run", t=t, q=q, tau={"joint": tau}),), robot())
+
+
+@lru_cache(maxsize=1)
+def saved_fits() -> dict[str, Any]:
+    """Saved fits, as data."""
+    out = {}
+    for name, effects in {"plain": ["viscous"], "rich": ["viscous", "coulomb", "offset"]}.items():
+        estimate = ident.fit(log_set(), robot(), model=[ident.make_effect(e) for e in effects], held=0)
+        out[f"{name}.json"] = json.loads(_made("fit.json", lambda p, e=estimate: e.save(p)))
+    return out
+
+
+def robots() -> dict[str, bytes]:
+    """URDFs: two of our own, and two that come with ident."""
+    out = {"arm.urdf": URDF.encode(), "mimic.urdf": MIMIC.encode()}
+    for name in ("scara", "puma560"):
+        found = sorted(robot_folder(name).glob("*.urdf"))
+        out |= {f"{name}.urdf": found[0].read_bytes()} if found else {}
+    return out
