@@ -23,7 +23,7 @@ _OUTSIDE, _BRIEF, _AROUND, _SELDOM = 2.0, 3, 20, 1e-3
 def check_torque(add: Add, robot: Robot | None, j: int, name: str, t: Array, x: Array, q: Array) -> None:
     """Say what is wrong with the torque x (N,) of one joint at times t (N,); q (N,): its position. `add`: takes code, severity, text,
     where, value."""
-    missing = np.isnan(x)
+    missing = ~np.isfinite(x)
     if missing.all():
         add(
             "torque_missing",

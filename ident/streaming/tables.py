@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import DataError, UnsupportedError
 from ..logs.columns import ColumnPlan
+from ..logs.readers.damage import DAMAGED, reason
 from ..logs.readers.tables import Header, arrow_values, numeric, open_binary, parquet_file, stored_names
 from .text import TextParser
 
@@ -92,8 +93,8 @@ def _parquet_pieces(path: Path, plan: ColumnPlan, start: PieceOfFile) -> Iterato
             first = row - table.num_rows + 1
             columns = {name: numeric(arrow_values(table.column(own)), path, name, first) for name, own in stored.items()}
             yield Piece(plan.arrays(columns), PieceOfFile(0, row), row / total)
-    except (pa.ArrowException, OSError) as error:
-        raise DataError(f"log {path}: the file is damaged after data row {row} ({str(error).splitlines()[0]}).") from None
+    except (pa.ArrowException, *DAMAGED) as error:
+        raise DataError(f"log {path}: the file is damaged after data row {row} ({reason(error)}).") from None
 
 
 def _text_pieces(
@@ -160,8 +161,8 @@ def _whole_lines(
             if whole:
                 return
             rest = text[cut:end]
-    except (EOFError, OSError) as error:
-        raise DataError(f"log {path}: the file is damaged ({error}).") from None
+    except DAMAGED as error:
+        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
 
 
 def _last_line_end(text: memoryview) -> int:

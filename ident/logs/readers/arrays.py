@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...errors import DataError
+from .damage import reason
 
 Array = np.ndarray
 
@@ -18,8 +18,10 @@ def npz_columns(path: Path) -> dict[str, Array]:
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
-        raise DataError(f"log {path}: is not a file of plain arrays ({error}).") from None
+    except MemoryError:
+        raise DataError(f"log {path}: asks for more memory than there is. Save fewer arrays; a damaged file may ask too.") from None
+    except Exception as error:  # noqa: BLE001 - whatever NumPy makes of a damaged file
+        raise DataError(f"log {path}: is not a file of plain arrays ({reason(error)}).") from None
     numbers = {k: a for k, a in arrays.items() if a.dtype.kind in "fiub" and a.ndim in (1, 2)}
     if not numbers:
         raise DataError(f"log {path}: holds no array of numbers.")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ConfigurationError, DataError
+from .damage import reason
 
 Array = np.ndarray
 _SUFFIXES = (".bag", ".db3", ".mcap")
@@ -33,7 +34,7 @@ def bag_columns(path: Path) -> dict[str, Array]:
     except DataError:
         raise
     except Exception as error:  # noqa: BLE001 - what a damaged bag brings up in another library
-        raise DataError(f"log {path}: cannot be read as a bag ({type(error).__name__}: {str(error).splitlines()[0][:120]}).") from None
+        raise DataError(f"log {path}: cannot be read as a bag ({type(error).__name__}: {reason(error)}).") from None
     if not states:
         raise DataError(f"log {path}: holds no message of type JointState.")
     states.sort(key=lambda s: s[0])

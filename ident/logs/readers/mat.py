@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import DataError
 from ..units import split_unit
+from .damage import reason
 
 Array = np.ndarray
 
@@ -25,7 +26,7 @@ def mat_columns(path: Path) -> dict[str, Array]:
             f"log {path}: asks for more memory than there is. Save fewer columns, or in parts; a damaged file may ask too."
         ) from None
     except Exception as error:  # noqa: BLE001 - whatever SciPy makes of a damaged file
-        raise DataError(f"log {path}: is not a MAT file ({error}).") from None
+        raise DataError(f"log {path}: is not a MAT file ({reason(error)}).") from None
     arrays: dict[str, Array] = {}
     for name, value in content.items():
         if name.startswith("__"):

@@ -24,6 +24,7 @@ import numpy as np
 from ...errors import ConfigurationError, DataError
 from .arrays import list_columns, npz_columns
 from .bag import bag_columns, is_bag
+from .damage import DAMAGED, reason
 from .mat import mat_columns
 
 Array = np.ndarray
@@ -90,7 +91,7 @@ def _read_stored(path: Path, stamp: int) -> dict[str, Array]:
         return bag_columns(path)
     if path.suffix.lower() == ".npz":
         return npz_columns(path)
-    table = parquet_file(path).read()
+    table = parquet_table(path)
     columns: dict[str, Array] = {}
     for name in table.column_names:
         column = table.column(name)
@@ -121,9 +122,8 @@ def read_columns(path: Path, header: Header, names: Sequence[str], optional: Seq
         if kind == ".mat":
             columns = mat_columns(path)
         else:
-            file = parquet_file(path)
-            stored = {name: own for name, own in stored_names(file) if name in (*names, *optional)}
-            table = file.read(columns=list(stored.values()))
+            stored = {name: own for name, own in stored_names(parquet_file(path)) if name in (*names, *optional)}
+            table = parquet_table(path, list(stored.values()))
             columns = {name: arrow_values(table.column(own)) for name, own in stored.items()}
         out = {name: numeric(columns[name], path, name) for name in names}
         for name in optional:
@@ -201,8 +201,8 @@ def _header_of(path: Path, encoding: str) -> Header:
                 raise DataError(f"log {path}: the file holds no header row.")
             rows = [row for row in islice(lines, 4) if row.strip()]
             more = bool(rows)
-    except (EOFError, OSError) as error:
-        raise DataError(f"log {path}: is not a text table ({error}).") from None
+    except DAMAGED as error:
+        raise DataError(f"log {path}: is not a text table ({reason(error)}).") from None
     delimiter = told or next((d for d in (",", ";", "\t") if d in line), ",")
     if delimiter not in line and len(_OTHER.split(line.strip())) > _COLUMNS:
         if "|" in line or not rows or len(rows[0].split()) != len(line.split()):
@@ -289,8 +289,8 @@ def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str,
             return pandas_columns(stream, header, names, header.line)
     except (ValueError, OverflowError) as error:
         raise bad_text(path, header, names, str(error)) from None
-    except (EOFError, OSError) as error:
-        raise DataError(f"log {path}: the file is damaged ({error}).") from None
+    except DAMAGED as error:
+        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
 
 
 def pandas_columns(stream: IO[bytes], header: Header, names: Sequence[str], skip: int) -> dict[str, Array]:
@@ -324,7 +324,7 @@ def _arrow_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str
     try:
         with open_binary(path) as stream:
             return arrow_columns(pa.PythonFile(stream, mode="r"), header, names, header.line)
-    except (pa.ArrowException, OSError, EOFError, ValueError):
+    except (pa.ArrowException, ValueError, *DAMAGED):
         return None
 
 
@@ -480,8 +480,18 @@ def parquet_file(path: Path) -> Any:
 
     try:
         return parquet.ParquetFile(path)
-    except (pa.ArrowException, OSError) as error:
-        raise DataError(f"log {path}: is not a Parquet file ({str(error).splitlines()[0]}).") from None
+    except (pa.ArrowException, *DAMAGED) as error:
+        raise DataError(f"log {path}: is not a Parquet file ({reason(error)}).") from None
+
+
+def parquet_table(path: Path, columns: list[str] | None = None) -> Any:
+    """Columns of a Parquet file. Raises DataError where what the file holds is damaged."""
+    import pyarrow as pa
+
+    try:
+        return parquet_file(path).read(columns=columns)
+    except (pa.ArrowException, *DAMAGED) as error:
+        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
 
 
 def stored_names(file: Any) -> tuple[tuple[str, str], ...]:
