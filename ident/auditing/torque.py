@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..logs.repair import usable_numbers
 from ..robots.robot import Robot
 from ..signals.masks import find_saturation
 from .findings import Severity
@@ -23,7 +24,7 @@ _OUTSIDE, _BRIEF, _AROUND, _SELDOM = 2.0, 3, 20, 1e-3
 def check_torque(add: Add, robot: Robot | None, j: int, name: str, t: Array, x: Array, q: Array) -> None:
     """Say what is wrong with the torque x (N,) of one joint at times t (N,); q (N,): its position. `add`: takes code, severity, text,
     where, value."""
-    missing = ~np.isfinite(x)
+    missing = ~usable_numbers(x)
     if missing.all():
         add(
             "torque_missing",

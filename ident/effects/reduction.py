@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..regressor.base_parameters.reduction import BaseReduction, preference, reduce_columns
+from ..robots.reach import reach
 from .motion import Motion
 
 if TYPE_CHECKING:
@@ -24,9 +25,7 @@ _DECADES = 6.0
 def random_motion(robot: Robot, count: int, seed: int = 0) -> Motion:
     """So many states that have nothing to do with each other: positions within the limits, where the robot has them."""
     rng = np.random.default_rng(seed)
-    lower = np.array([j.lower if np.isfinite(j.lower) else (-1.0 if j.prismatic else -np.pi) for j in robot.joints])
-    upper = np.array([j.upper if np.isfinite(j.upper) else (1.0 if j.prismatic else np.pi) for j in robot.joints])
-    q = rng.uniform(lower, upper, (count, robot.n))
+    q = rng.uniform(*reach(robot.joints), (count, robot.n))
     return Motion.of(robot, q, rng.normal(size=q.shape) * 2.0, rng.normal(size=q.shape) * 5.0)
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from ..statistics.torque_error import TorqueError
-from .io import load, save, to_dict
+from .io import save, to_dict
 from .record import EstimateRecord
+from .saved import load
 from .summary import estimate_summary
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
+from ..robots.reach import reach
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -63,11 +64,8 @@ class Limits:
         accelerations, which URDFs do not have: the speed is reached in 0.3 s. Torque is the effort limit, if there is one."""
         n = robot.n
         prismatic = np.array([j.prismatic for j in robot.joints])
-        half = np.where(prismatic, _STROKE, _HALF_TURN)
-        low = np.array([j.lower for j in robot.joints])
-        high = np.array([j.upper for j in robot.joints])
-        low, high = np.where(np.isfinite(low), low, -half), np.where(np.isfinite(high), high, half)
-        middle, reach = 0.5 * (low + high), 0.5 * share * (high - low)
+        low, high = reach(robot.joints, _HALF_TURN, _STROKE)
+        middle, way = 0.5 * (low + high), 0.5 * share * (high - low)
         speed = np.array([j.velocity for j in robot.joints])
         usual = np.array([_SPEED[bool(p)] for p in prismatic])
         speed = share * np.where(np.isfinite(speed) & (speed > 0), speed, usual)
@@ -86,8 +84,8 @@ class Limits:
 
         speed = given("velocity", velocity, speed)
         return cls(
-            given("lower", lower, middle - reach),
-            given("upper", upper, middle + reach),
+            given("lower", lower, middle - way),
+            given("upper", upper, middle + way),
             speed,
             given("acceleration", acceleration, speed / _RISE),
             given("torque", torque, effort),

@@ -21,7 +21,7 @@ from .readers.bag import is_bag
 from .readers.ros import joint_state_columns, read_joint_states
 from .readers.tables import Header, read_columns, read_header
 from .recognise import recognised
-from .repair import repeated_rows, usable_rows
+from .repair import blank_unusable, repeated_rows, usable_rows
 from .torque import MeasuredTorque, measured
 from .unwrap import motor_turn_notes, unwrapped, within_limits, wrapping
 
@@ -433,6 +433,7 @@ def _read(
         extras = {name: table[name] for name in plan.extra if name in table}
         extras |= {key: table[name] * factor for key, (name, factor) in reference.items() if name in table}
     arrays = plan.arrays(table)
+    blank_unusable(arrays)
     rows = len(arrays["t"])
     if rows == 0:
         raise DataError(f"{where}: there is a header, but no row of data.")

@@ -12,6 +12,8 @@ from ..errors import DataError
 Array = np.ndarray
 #: Missing positions are bridged like a gap in time if no more rows than this follow each other, and few do overall.
 _ISOLATED = 10
+#: Beyond this, a number of a log is none: squares and sums of it would overflow, and no quantity of a robot is so large.
+_LARGEST = 1e30
 #: Share of rows up to which repeats are a recorder's; more of them are the stream itself, held.
 _REPEATS = 0.3
 _SHARE = 0.01
@@ -90,17 +92,30 @@ def repeated_rows(arrays: Mapping[str, Array]) -> Array:
     return same & moving
 
 
+def usable_numbers(values: Array) -> Array:
+    """Which numbers can be ones of a recording: finite, and of a size of which squares and sums stay so."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(values) < _LARGEST)
+
+
+def blank_unusable(arrays: Mapping[str, Array]) -> None:
+    """Torques, speeds and accelerations that can be none of a recording become NaN, in place."""
+    for name, values in arrays.items():
+        if name not in ("t", "q", "q_motor") and not (known := usable_numbers(values)).all():
+            values[~known] = np.nan
+
+
 def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing: str = "refuse", repeated: Array | None = None) -> Pieces:
     """Rows with a position and a rising time stamp, as runs.
 
     `positions`: column name → (N,) for every position column. `missing`: "refuse" (an error beyond isolated rows) or "gap" (rows
     without position are left out, however many). Raises DataError naming the rows."""
     unstamped = Holes()
-    unstamped.add(~np.isfinite(t))
+    unstamped.add(~usable_numbers(t))
     holes = {name: Holes() for name in positions}
-    present = np.isfinite(t)
+    present = usable_numbers(t)
     for name, values in positions.items():
-        hole = ~np.isfinite(values)
+        hole = ~usable_numbers(values)
         holes[name].add(hole)
         present &= ~hole
     notes = missing_rows(unstamped, holes, len(t), where, missing=missing)

@@ -9,9 +9,10 @@ from lxml import etree
 
 from ..errors import ConfigurationError
 
-#: The numbers of an <inertial>, by element and attribute.
 #: Share by which written digits may break the triangle inequality of a flat body.
 _ROUNDED = 0.01
+#: The numbers of an <inertial>, by element and attribute, and the largest that a robot could have (kg, kg m^2, m): beyond, sums overflow.
+_MOST = {"mass": 1e9, "inertia": 1e15, "origin": 1e5}
 _NUMBERS = {"mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "origin": ("xyz", "rpy")}
 
 
@@ -32,8 +33,10 @@ def check_inertials(root: etree._Element, where: str) -> None:
                         f" {'three numbers are' if tag == 'origin' else 'one number is'} needed."
                     )
                 for word in words:
-                    if _is_plain(word):
+                    if abs(plain_number(word)) <= _MOST[tag]:
                         continue
+                    if math.isfinite(plain_number(word)):
+                        raise ConfigurationError(f"URDF {where}: link {link.get('name', '')!r}: <{tag} {key}={text!r}> is no robot's.")
                     hint = "Write a point, not a comma." if "," in word else "Write the number alone, in kg, m and kg m^2."
                     raise ConfigurationError(
                         f"URDF {where}: link {link.get('name', '')!r}: <{tag} {key}={text!r}>: {word!r} is not a finite number. {hint}"
@@ -92,9 +95,9 @@ def link_faults(root: etree._Element) -> dict[str, str]:
     return found
 
 
-def _is_plain(word: str) -> bool:
-    """Whether a word is a finite number as any program reads it."""
+def plain_number(word: str) -> float:
+    """The number that any program reads in a word; NaN where it is none (`1_0` and digits of other scripts are numbers to Python alone)."""
     try:
-        return math.isfinite(float(word)) and "_" not in word
+        return float(word) if word.isascii() and "_" not in word else math.nan
     except ValueError:
-        return False
+        return math.nan

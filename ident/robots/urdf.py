@@ -11,7 +11,7 @@ from pathlib import Path
 from lxml import etree
 
 from ..errors import ConfigurationError
-from .inertials import check_inertials, link_faults, link_oddities
+from .inertials import check_inertials, link_faults, link_oddities, plain_number
 from .urdf_text import decoded, parsed, settle_elements
 
 _SUPPORTED = {"revolute", "continuous", "prismatic", "fixed"}
@@ -217,10 +217,7 @@ def _coefficient(mimic: etree._Element, key: str, default: str, where: str, name
 
 
 def _number(text: str, where: str, name: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = plain_number(text)
     if math.isnan(value):
         raise ConfigurationError(f"URDF {where}: joint {name!r}: {text!r} is not a number.")
     return value
@@ -231,7 +228,19 @@ def _three(text: str, key: str, where: str, name: str) -> list[float]:
     values = [_number(word, where, name) for word in words]
     if len(words) != 3 or not all(math.isfinite(v) for v in values):
         raise ConfigurationError(f"URDF {where}: joint {name!r}: {key}={text!r} does not hold three finite numbers.")
+    if max(map(abs, values)) > _NO_LIMIT:
+        raise ConfigurationError(f"URDF {where}: joint {name!r}: {key}={text!r} is no length or angle of a robot.")
     return values
+
+
+def _axis_numbers(text: str, where: str, name: str) -> list[float]:
+    """Three numbers of which only the ratio counts: of a size that squares can hold."""
+    words = text.split()
+    values = [_number(word, where, name) for word in words]
+    if len(words) != 3 or not all(math.isfinite(v) for v in values):
+        raise ConfigurationError(f"URDF {where}: joint {name!r}: axis xyz={text!r} does not hold three finite numbers.")
+    largest = max(map(abs, values))
+    return [v / largest for v in values] if largest > 0 else values
 
 
 def _settle_axis(joint: etree._Element, where: str, name: str, notes: list[str]) -> None:
@@ -242,7 +251,7 @@ def _settle_axis(joint: etree._Element, where: str, name: str, notes: list[str])
     if not axis.get("xyz"):
         notes.append(f"joint {name}: its <axis> has no xyz: taken as URDF's default, (1, 0, 0).")
         axis.set("xyz", "1 0 0")
-    given = _three(axis.get("xyz", ""), "axis xyz", where, name)
+    given = _axis_numbers(axis.get("xyz", ""), where, name)
     length = math.hypot(*given)
     if length == 0:
         raise ConfigurationError(f"URDF {where}: joint {name!r}: its axis is the zero vector.")
@@ -256,9 +265,10 @@ def _snap_origin(joint: etree._Element, where: str, name: str) -> float:
     origin = joint.find("origin")
     if origin is None:
         return 0.0
-    if origin.get("xyz"):
-        _three(origin.get("xyz", ""), "xyz", where, name)
-    if not origin.get("rpy"):
+    if "xyz" in origin.attrib:
+        # Written anew, so that Pinocchio reads the numbers that were checked.
+        origin.set("xyz", " ".join(map(repr, _three(origin.get("xyz", ""), "xyz", where, name))))
+    if "rpy" not in origin.attrib:
         return 0.0
     given = _three(origin.get("rpy", ""), "rpy", where, name)
     exact = [exact_angle(word) for word in origin.get("rpy", "").split()]

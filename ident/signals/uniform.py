@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import ConfigurationError, DataError
 from ..logs.log import Log, measured
+from ..logs.repair import usable_numbers
 from ..logs.unwrap import motor_turn_notes, unwrapped, wrapping
 from ..robots.robot import Robot
 from .resample import Clock, common_rate, extremes, flag_at, grid, interpolate, interpolate_torque, is_even, slow_clock, stretches, thin
@@ -55,7 +56,7 @@ class Recording:
             notes.append(f"log {log.name}: positions of {', '.join(jumps)} jump by a full turn; they are taken as continuous.")
         torque = measured(log, robot.transmission)
         notes += torque.notes
-        missing = ~np.isfinite(torque.torque)
+        missing = ~usable_numbers(torque.torque)
         least = np.where(missing, np.inf, torque.torque).min(axis=0)
         most = np.where(missing, -np.inf, torque.torque).max(axis=0)
         dead = dead_torque(least, most, np.ptp(q, axis=0), np.abs(np.diff(q, axis=0)).max(axis=0, initial=0.0))

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
+from ..robots.reach import reach
 from ..robots.transmission import Side
 from ..robots.tree import link_names
 from .plant import Plant
@@ -84,9 +85,10 @@ def typical_inertia(model: Model, values: Array, side: Side) -> Array:
     too much for both. Then what a joint moves by itself, D_i = s / (H⁻¹)_ii in the worst posture, s as large as λ(H⁻¹ D) allows."""
     robot = model.robot
     rng = np.random.default_rng(0)
-    lower = np.array([max(j.lower, -np.pi) for j in robot.joints])
-    upper = np.array([min(j.upper, np.pi) for j in robot.joints])
-    q = rng.uniform(lower, upper, (32, robot.n))
+    low, high = reach(robot.joints, stroke=np.pi)
+    lower, upper = np.maximum(low, -np.pi), np.minimum(high, np.pi)
+    beyond = lower >= upper  # all of the range lies more than half a turn from zero
+    q = rng.uniform(np.where(beyond, low, lower), np.where(beyond, high, upper), (32, robot.n))
     dynamics = Plant(model, values).dynamics()
     n = robot.n
     H = dynamics.rigid.terms(q, np.zeros_like(q))[0] + dynamics.inertia[:n, :n]

@@ -16,6 +16,7 @@ from ..effects.force import ForceModel, Simulated
 from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError, UnsupportedError
+from ..robots.reach import reach
 from ..robots.robot import Robot
 from ..robots.transmission import Side
 
@@ -197,9 +198,7 @@ def _examine(label: str, force: ForceModel, robot: Robot, needs: frozenset[Need]
 
 def _random_motion(robot: Robot, rng: np.random.Generator) -> Motion:
     n = robot.n
-    lower = np.array([j.lower if np.isfinite(j.lower) else -np.pi for j in robot.joints])
-    upper = np.array([j.upper if np.isfinite(j.upper) else np.pi for j in robot.joints])
-    q = rng.uniform(lower, upper, (_PROBES, n))
+    q = rng.uniform(*reach(robot.joints, stroke=np.pi), (_PROBES, n))
     spread = np.exp(rng.uniform(np.log(1e-3), np.log(10.0), (_PROBES, 1)))
     motion = Motion.of(robot, q, spread * rng.normal(size=q.shape), rng.normal(size=q.shape), rng.uniform(0, 100, _PROBES))
     return replace(motion, load=rng.normal(size=q.shape) * 10.0, torque=rng.normal(size=q.shape) * 10.0)

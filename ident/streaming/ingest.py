@@ -19,7 +19,7 @@ from ..logs.columns import ColumnPlan, resolve_columns
 from ..logs.names import JointNames
 from ..logs.readers.ros import joint_state_columns
 from ..logs.readers.tables import read_header
-from ..logs.repair import Holes, missing_rows, rising_runs
+from ..logs.repair import Holes, blank_unusable, missing_rows, rising_runs, usable_numbers
 from ..robots.robot import Robot
 from .digest import FileDigest
 from .disk import DiskArray, DiskWriter
@@ -183,12 +183,9 @@ def _record(writers: Mapping[str, DiskWriter], state: _State, record: Path) -> N
 def _present(table: dict[str, Array], side: str, sources: Mapping[int, str], state: _State) -> dict[str, Array]:
     """The rows with a time stamp and every position, torque finite or NaN; the other rows are noted."""
     first = state.place.rows
-    for name, values in table.items():
-        # Infinite torque is as good as none, as in `ident.signals.uniform.Recording`.
-        if name.startswith("tau_") and not (known := np.isfinite(values)).all():
-            values[~known] = np.nan
-    good = np.isfinite(table["t"])
-    positions = np.isfinite(table[side])
+    blank_unusable(table)
+    good = usable_numbers(table["t"])
+    positions = usable_numbers(table[side])
     if good.all() and positions.all():
         return table
     state.unstamped.add(~good, first)

@@ -18,8 +18,8 @@ NUMBERS = (
 )  # fmt: skip
 #: Values where another kind of value should be.
 VALUES: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1, 2, 1e308, -1e308, float("nan"), float("inf"), 10**30, 10**310, "", "x", "\x00", "é" * 50, "n" * 500, [], [None], [[]],
-    [1, 2, 3], ["a"], {}, {"a": 1}, {"": None}, [float("nan")] * 3, 1e-320, [[1.0, 2.0], [3.0]], [0] * 40,
+    None, True, False, 0, -1, 1, 2, 1e308, -1e308, float("nan"), float("inf"), 10**30, 10**310, "", "x", "\x00", "é" * 50, "n" * 500, [], [None],
+    [[]],    [1, 2, 3], ["a"], {}, {"a": 1}, {"": None}, [float("nan")] * 3, 1e-320, [[1.0, 2.0], [3.0]], [0] * 40,
 )  # fmt: skip
 _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 
@@ -58,7 +58,28 @@ def double(rng: Rng, data: bytes) -> bytes:
 def insert(rng: Rng, data: bytes) -> bytes:
     """Something foreign stands in it."""
     at = int(rng.integers(len(data) + 1))
-    what = of(rng, (b"\x00", b"\xff\xfe", b"\xef\xbb\xbf", b"\r", b"\n", b"\n\n", b'"', b"<", b"&lt;", b"&x;", b"#", b",", b";", b"\t", b"\xe9", b"]]>", b"9" * 500))
+    what = of(
+        rng,
+        (
+            b"\x00",
+            b"\xff\xfe",
+            b"\xef\xbb\xbf",
+            b"\r",
+            b"\n",
+            b"\n\n",
+            b'"',
+            b"<",
+            b"&lt;",
+            b"&x;",
+            b"#",
+            b",",
+            b";",
+            b"\t",
+            b"\xe9",
+            b"]]>",
+            b"9" * 500,
+        ),
+    )
     return data[:at] + what + data[at:]
 
 
@@ -116,7 +137,9 @@ def first_line(rng: Rng, data: bytes) -> bytes:
     i = int(rng.integers(len(fields)))
     way = int(rng.integers(5))
     if way == 0:
-        fields[i] = of(rng, (b"", b"t", b"q1", b"tau1", b"q99", b"q1_deg", b"q[0]", b"position", b"name", b"q1 [rad]", b"x" * 300, b'"', b"\xff"))
+        fields[i] = of(
+            rng, (b"", b"t", b"q1", b"tau1", b"q99", b"q1_deg", b"q[0]", b"position", b"name", b"q1 [rad]", b"x" * 300, b'"', b"\xff")
+        )
     elif way == 1:
         del fields[i]
     elif way == 2:

@@ -39,7 +39,8 @@ MIMIC = URDF.replace(
     "</robot>",
     """  <link name="f"><inertial><mass value="0.2"/><origin xyz="0.1 0 0"/>
     <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
-  <joint name="j3" type="prismatic"><parent link="tool"/><child link="f"/><axis xyz="1 0 0"/><limit lower="0" upper="0.1" velocity="1" effort="9"/>
+  <joint name="j3" type="prismatic"><parent link="tool"/><child link="f"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="0.1" velocity="1" effort="9"/>
     <mimic joint="j2" multiplier="0.5" offset="0.1"/></joint>
 </robot>
 """,
@@ -167,7 +168,7 @@ LOOP_STUDY: dict[str, Any] = {
     "estimator": {"method": "ls"},
 }
 PLAIN_STUDY: dict[str, Any] = {
-    "robot": {"name": "scara"},
+    "robot": {"urdf": "arm.urdf"},
     "drive": {"effects": ["viscous", "coulomb"]},
     "logs": {"fit": ["log.csv"]},
     "signals": {"method": "zero_phase"},

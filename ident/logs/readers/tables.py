@@ -209,6 +209,10 @@ def _header_of(path: Path, encoding: str) -> Header:
             mark = "'|'" if "|" in line else "spaces"
             raise DataError(f"log {path}: its columns are separated by {mark} (line {number}); write it with commas, semicolons or tabs.")
         delimiter = " "
+    if "\x00" in line:
+        raise DataError(f"log {path}: line {number} holds NUL characters: it is no text, or UTF-16 without its mark. Save it as UTF-8.")
+    if line.count('"') % 2:
+        raise DataError(f"log {path}: line {number}: a column name opens quotes that it does not close. Close them, or leave them out.")
     names = _fields(line, delimiter, path)
     if all(_is_number(n) for n in names):
         # What numpy.savetxt writes: the header behind a sign of comment, right before the numbers.
@@ -310,6 +314,7 @@ def pandas_columns(stream: IO[bytes], header: Header, names: Sequence[str], skip
         low_memory=False,
         decimal=header.decimal,
         encoding=header.encoding,
+        encoding_errors="replace",  # of columns that are not read; a number with a foreign letter is none
         **exact,
     )
     if not isinstance(frame.index, pd.RangeIndex):

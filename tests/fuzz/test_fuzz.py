@@ -1,0 +1,78 @@
+"""Fixed seeds of the fuzzer: whatever a file holds, it is read, or refused in one sentence; readings of one file do not differ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from . import seeds
+from .kinds import KINDS, Kind
+from .outcomes import Difference, tried
+from .run import fuzz, made
+
+COUNTS = {"logs": 120, "compressed": 120, "binary": 150, "urdf": 100, "toml": 80, "json": 60}
+
+
+def told(found) -> str:
+    """The faults, for the message of a failed test."""
+    return "\n".join(f"{o.kind} at {o.where}, seed {seed}: {o.text}" for _, o, _, seed in found.faults.values())
+
+
+@pytest.mark.parametrize("name", [*KINDS])
+def test_changed_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
+    found = fuzz(KINDS[name], tmp_path, 0, COUNTS[name])
+    assert not found.faults, told(found)
+    assert found.kinds["done"] >= 0.05 * found.total  # the changes are not all of a kind that any reader would refuse
+    assert found.kinds["refused"] >= 0.1 * found.total
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*KINDS])
+def test_many_changed_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
+    found = fuzz(KINDS[name], tmp_path, 10_000, 10 * COUNTS[name])
+    assert not found.faults, told(found)
+
+
+@pytest.mark.parametrize("name", [*KINDS])
+def test_the_files_that_are_changed_are_right(name: str, tmp_path: Path) -> None:
+    kind = Kind(KINDS[name].name, KINDS[name].sources, KINDS[name].change, KINDS[name].use)
+    for file, content in kind.sources().items():
+        path = tmp_path / file
+        path.write_bytes(content if isinstance(content, bytes) else unchanged(name, content))
+        assert tried(kind.use, path).kind == "done", file
+
+
+def unchanged(name: str, content: object) -> bytes:
+    import json
+
+    from ident._utils.toml import to_toml
+
+    return json.dumps(content).encode() if name == "json" else to_toml(content).encode()  # type: ignore[arg-type]
+
+
+def test_an_input_is_made_again_from_its_seed() -> None:
+    assert made(KINDS["logs"], 7) == made(KINDS["logs"], 7)
+    assert made(KINDS["logs"], 7) != made(KINDS["logs"], 8)
+
+
+def test_faults_are_found(tmp_path: Path) -> None:
+    """The harness itself: a traceback, a hang, a difference and a refusal are told apart."""
+    import time
+
+    import ident
+
+    path = tmp_path / "x"
+
+    def refused(_: Path) -> None:
+        raise ident.DataError("no")
+
+    def differs(_: Path) -> None:
+        raise Difference("two readings")
+
+    assert tried(lambda p: p, path).kind == "done"
+    assert tried(refused, path).kind == "refused"
+    assert tried(differs, path).kind == "difference"
+    assert tried(lambda _: 1 / 0, path).kind == "traceback"
+    assert tried(lambda _: time.sleep(5), path, seconds=0.05).kind == "hang"
+    assert seeds.robot().n == 2
