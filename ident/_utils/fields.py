@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,6 +66,13 @@ class Field:
     def texts(self) -> tuple[str, ...]:
         """A list of texts."""
         return tuple(item.text() for item in self.items())
+
+    def one_of(self, choices: Iterable[str]) -> str:
+        """One of some texts."""
+        known = list(choices)
+        if not isinstance(self.value, str) or self.value not in known:
+            raise self.fault("one of " + ", ".join(known))
+        return self.value
 
     def whole(self, least: int = 0, most: int = 1 << 62) -> int:
         """A whole number between two."""

@@ -142,6 +142,7 @@ class Output:
         self.force = bool(args.force)
         self.folder = Path(args.out) if args.out else None
         self._new: list[Path] = []
+        self._scratch: Path | None = None
         self.resume = bool(getattr(args, "resume", False))
         if self.folder is not None:
             self._claim(self.folder)
@@ -197,7 +198,9 @@ class Output:
         return None if path is None else write_atomic(path, data, force=self.force)
 
     def path(self, name: str) -> Path | None:
-        """Path of an artefact in the folder, or None."""
+        """Path at which an artefact of the folder is to be written, or None."""
+        if self._scratch is not None:
+            return self._scratch / name
         self.open()
         return None if self.folder is None else self.folder / name
 
@@ -219,7 +222,11 @@ class Output:
             yield None
             return
         with staged(self.folder, force=self.force) as scratch:
-            yield scratch
+            self._scratch = scratch
+            try:
+                yield scratch
+            finally:
+                self._scratch = None
 
     def progress(self, label: str) -> Callable[[float], None] | None:
         """A progress line on standard error for work that lasts; None where nobody watches."""

@@ -35,10 +35,10 @@ def run(args: argparse.Namespace) -> int:
     inside = int(sum(abs(t - v) <= 1.96 * s for t, v, s in zip(truth, session.estimate.values, session.estimate.std, strict=True)))
     out.say(f"\n4. The truth is known here: {inside} of {len(truth)} parameters lie within their 95 % intervals")
     data = {"fit": session.estimate.to_dict(), "validation": validation.to_dict(), "within_95": inside}
-    out.result(result("ident.demo/1", data, inputs=session.inputs), "demo")
-    path = out.path("fit.json")
-    if path is not None:
-        session.estimate.save(path, force=out.force)
+    with out.together() as scratch:
+        out.result(result("ident.demo/1", data, inputs=session.inputs), "demo")
+        if scratch is not None:
+            session.estimate.save(scratch / "fit.json")
     return 0
 
 

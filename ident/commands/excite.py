@@ -77,12 +77,11 @@ def run(args: argparse.Namespace) -> int:
         progress=out.progress("searching"),
     )
     out.say(found)
-    out.open()
-    path = found.to_csv(target, force=args.force)
-    out.say(f"wrote {path}")
-    out.result(
-        result("ident.excitation/1", {"trajectory": str(path), **found.to_dict()}, inputs=inputs_of(args, model.robot)), "excitation"
-    )
+    with out.together() as folder:
+        found.to_csv(target if folder is None or args.trajectory is not None else folder / _TRAJECTORY, force=args.force)
+        data = {"trajectory": str(target), **found.to_dict()}
+        out.result(result("ident.excitation/1", data, inputs=inputs_of(args, model.robot)), "excitation")
+    out.say(f"wrote {target}")
     return 0
 
 

@@ -46,11 +46,12 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
     estimate = replace(estimate, warnings=(*(f"audit: {finding}" for finding in session.audit.warnings), *estimate.warnings))
     if out.json:
         out.result(estimate.to_dict())
-    path = out.path("fit.json")
-    if path is not None:
-        estimate.save(path, force=out.force)
-        out.keep("fit.txt", estimate.summary() + "\n")
-        out.note(f"saved {path}")
+    with out.together() as folder:
+        if folder is not None:
+            estimate.save(folder / "fit.json")
+            out.keep("fit.txt", estimate.summary() + "\n")
+    if out.folder is not None:
+        out.note(f"saved {out.folder / 'fit.json'}")
     if args.max_error is not None:
         if estimate.heldout_error is None:
             out.note("gate: --max-error asks for an error on data held out, and there is none (see the warning)")

@@ -54,16 +54,18 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
     )
     out.say(plan_text(plan, robot))
-    manifest = out.path("plan.toml")
-    if manifest is not None:
-        write_plan(plan, manifest, force=out.force)
-        out.keep("plan.txt", plan_text(plan, robot) + "\n")
-        if args.motion is not None:
-            _write_motion(plan, out, args.motion)
-        out.note(f"wrote {manifest}")
+    manifest = None if out.folder is None else out.folder / "plan.toml"
     data = {"manifest": None if manifest is None else str(manifest), "duration": plan.duration, **plan.to_dict()}
     data.pop("schema")
-    out.result(result("ident.plan/1", data, inputs=inputs_of(args, robot)), "plan")
+    with out.together() as folder:
+        if folder is not None:
+            write_plan(plan, folder / "plan.toml")
+            out.keep("plan.txt", plan_text(plan, robot) + "\n")
+            if args.motion is not None:
+                _write_motion(plan, out, args.motion)
+        out.result(result("ident.plan/1", data, inputs=inputs_of(args, robot)), "plan")
+    if manifest is not None:
+        out.note(f"wrote {manifest}")
     return 0 if plan.rank == len(plan.base) else 1
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._utils.structured import read_json
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..reporting import report, report_of
@@ -76,10 +76,5 @@ def _of_study(path: Path, args: argparse.Namespace) -> Report:
 
 def _schema(path: Path) -> str:
     """The schema that a JSON file names. Raises ConfigurationError where it is none."""
-    try:
-        data: Any = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise ConfigurationError(f"{path}: no such file or folder.") from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ConfigurationError(f"{path}: is not a kept result ({error}).") from None
+    data: Any = read_json(path, "result")
     return str(data.get("schema", "")) if isinstance(data, dict) else ""

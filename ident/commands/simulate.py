@@ -92,14 +92,12 @@ def run(args: argparse.Namespace) -> int:
         Plant(model, values), desired=desired, rate=args.rate, control_rate=_control_rate(args.rate), sensors=sensors, seed=args.seed,
         progress=out.progress("simulating"),
     )  # fmt: skip
-    out.open()
-    path = made.to_csv(target, force=args.force)
-    out.say(f"wrote {path}: {len(made.t)} samples at {args.rate:g} Hz of {model.robot.name} ({', '.join(model.robot.joint_names)})")
-    data = {"log": str(path), "samples": len(made.t), "rate": args.rate, "joints": list(model.robot.joint_names), "seed": args.seed}
-    out.result(
-        result("ident.simulation/1", {**data, "parameters": _named(model, values)}, inputs=inputs_of(args, model.robot, args.trajectory)),
-        "simulation",
-    )
+    data = {"log": str(target), "samples": len(made.t), "rate": args.rate, "joints": list(model.robot.joint_names), "seed": args.seed}
+    data["parameters"] = _named(model, values)
+    with out.together() as folder:
+        made.to_csv(target if folder is None or args.log is not None else folder / _LOG, force=args.force)
+        out.result(result("ident.simulation/1", data, inputs=inputs_of(args, model.robot, args.trajectory)), "simulation")
+    out.say(f"wrote {target}: {len(made.t)} samples at {args.rate:g} Hz of {model.robot.name} ({', '.join(model.robot.joint_names)})")
     return 0
 
 
@@ -130,17 +128,17 @@ def _planned(args: argparse.Namespace) -> int:
     settings = {"rate": args.rate, "sensors": sensors, "progress": out.progress("simulating")}
     if args.tracking == "controller":
         settings["control_rate"] = _control_rate(args.rate)
-    manifest = simulate_plan(
-        plan, Plant(model, values), out.folder, tests=[t.name for t in tests], tracking=args.tracking, seed=args.seed, force=out.force,
-        **settings,
-    )  # fmt: skip
     seconds = sum(plan.trajectory(t)[0].duration for t in tests)
-    out.say(f"wrote {len(tests)} logs ({seconds:.0f} s at {args.rate:g} Hz) of {model.robot.name} and {manifest}")
+    manifest = out.folder / "plan.toml"
     data = {
         "plan": str(manifest), "logs": [str(out.folder / t.log) for t in tests], "seconds": seconds, "rate": args.rate,
         "joints": list(plan.joints), "seed": args.seed, "parameters": _named(model, values),
     }  # fmt: skip
-    out.result(result("ident.simulation/1", data, inputs=inputs_of(args, model.robot, args.plan)), "simulation")
+    with out.together() as folder:
+        assert folder is not None
+        simulate_plan(plan, Plant(model, values), folder, tests=[t.name for t in tests], tracking=args.tracking, seed=args.seed, **settings)
+        out.result(result("ident.simulation/1", data, inputs=inputs_of(args, model.robot, args.plan)), "simulation")
+    out.say(f"wrote {len(tests)} logs ({seconds:.0f} s at {args.rate:g} Hz) of {model.robot.name} and {manifest}")
     return 0
 
 

@@ -65,16 +65,13 @@ def _restored(kind: type[_E], data: Field) -> _E:
         raise data["covariance"].fault("a covariance, whose diagonal is not negative")
     heldout = data["torque_error"]["heldout"]
     reference = state["reference"]
-    code = data["status"]["code"]
-    if code.value not in list(StatusCode):
-        raise code.fault("one of " + ", ".join(StatusCode))
     return kind(
         method=data["method"].text(),
         model=model,
         base=reduction,
         values=np.array([p["value"].number() for p in data["parameters"].items()]),
         covariance=covariance,
-        status=Status(StatusCode(code.text()), state["status_details"].texts()),
+        status=Status(StatusCode(data["status"]["code"].one_of(StatusCode)), state["status_details"].texts()),
         fit_error=_error(data["torque_error"]["fit"], state["rows"]["fit"], n),
         noise=_noise(state["noise"], n),
         weights=_weights(state["weights"], n),
@@ -121,9 +118,7 @@ def _information(data: Field, n: int) -> Information:
     for R, packed in zip(factors, data["triangles"].items(n), strict=True):
         R[np.triu_indices(k)] = packed.numbers(k * (k + 1) // 2)
     counts = np.array([c.whole() for c in data["counts"].items(n)], np.int64)
-    form = data["form"].text() if "form" in data else Form.TRIANGLE.value
-    if form not in list(Form):
-        raise data["form"].fault("one of " + ", ".join(Form))
+    form = data["form"].one_of(Form) if "form" in data else Form.TRIANGLE
     return Information(factors, counts, names, Form(form))
 
 
@@ -161,8 +156,7 @@ def _model_fields(model: Field) -> dict[str, Any]:
     n = drive["K"].numbers(-1, -1).shape[0]
     drive["K"].numbers(n, n)
     drive["zero"].numbers(n)
-    if drive["measured"].value not in list(Side):
-        raise drive["measured"].fault("one of " + ", ".join(Side))
+    drive["measured"].one_of(Side)
     if drive["torque_constants"].value is not None:
         drive["torque_constants"].numbers(n)
     for effect in model["effects"].items():

@@ -325,8 +325,17 @@ def read_logs(
 
 
 def _files(paths: str | Path | Sequence[str | Path]) -> list[Path]:
+    try:
+        return _expanded([paths] if isinstance(paths, (str, Path)) else paths)
+    except (OSError, ValueError) as error:  # a name that is too long, or holds a NUL
+        if isinstance(error, DataError):
+            raise
+        raise DataError(f"log: one of the names cannot be that of a file ({getattr(error, 'strerror', None) or error}).") from None
+
+
+def _expanded(paths: Sequence[str | Path]) -> list[Path]:
     out: list[Path] = []
-    for entry in [paths] if isinstance(paths, (str, Path)) else paths:
+    for entry in paths:
         text = str(entry)
         if any(c in text for c in "*?[") and not Path(text).exists():
             found = sorted(glob.glob(text, recursive=True))

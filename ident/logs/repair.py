@@ -83,7 +83,7 @@ def repeated_rows(arrays: Mapping[str, Array]) -> Array:
         return none
     q = next(a for k, a in arrays.items() if k in ("q", "q_motor"))
     step = np.abs(np.diff(q, axis=0))
-    usual = np.nanmedian(np.where(step > 0, step, np.nan), axis=0) if (step > 0).any() else np.full(q.shape[1], np.inf)
+    usual = np.array([np.median(moves) if len(moves := column[column > 0]) else np.inf for column in step.T])
     before, after = np.zeros_like(q), np.zeros_like(q)
     before[2:] = np.abs(q[1:-1] - q[:-2])
     after[:-1] = step

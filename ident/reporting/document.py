@@ -6,7 +6,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -14,13 +15,18 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.fields import Field
 from .._utils.json import jsonable
+from .._utils.structured import read_json
 from ..errors import ConfigurationError
 
 Array = np.ndarray
 SCHEMA = "ident.report/1"
 #: Significant digits of the numbers that figures are drawn from.
 _DIGITS = 5
+#: Names of figures, which become names of files, and panels side by side at the most.
+_FILE = re.compile(r"[\w-]{1,80}")
+_MOST_COLUMNS = 12
 
 
 class Role(StrEnum):
@@ -118,7 +124,7 @@ class Report:
         return tuple(s for s in self.sections if isinstance(s, Figure))
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form, from which `from_dict` makes it again."""
+        """JSON form, from which `read_report` makes it again."""
         kinds = {cls: name for name, cls in _SECTIONS.items()}
         return {
             "schema": SCHEMA,
@@ -128,11 +134,6 @@ class Report:
             "sections": [{"section": kinds[type(s)], **jsonable(dataclasses.asdict(s))} for s in self.sections],
         }
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Report:
-        """From `to_dict`. Raises KeyError, TypeError or ValueError for anything else."""
-        return cls(data["headline"], data["kind"], data["subject"], tuple(_section(s) for s in data["sections"]))
-
     def to_json(self) -> str:
         """One line of JSON."""
         return json.dumps(self.to_dict(), separators=(",", ":")) + "\n"
@@ -140,34 +141,48 @@ class Report:
 
 def read_report(path: Path) -> Report:
     """A report that was kept as JSON. Raises ConfigurationError for anything else."""
-    try:
-        data = json.loads(path.read_text())
-        if data["schema"] != SCHEMA:
-            raise KeyError("schema")
-        return Report.from_dict(data)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"report {path}: cannot be read ({error}).") from None
-    except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise ConfigurationError(f"report {path}: is not a kept report ({SCHEMA}): {type(error).__name__}: {error}.") from None
+    data = Field(read_json(path, "report"), f"report {path}")
+    if "schema" not in data or data["schema"].value != SCHEMA:
+        raise ConfigurationError(f"report {path}: is not a kept report ({SCHEMA}).")
+    return _report(data)
 
 
-def _section(data: Mapping[str, Any]) -> Section:
-    values = {k: v for k, v in data.items() if k != "section"}
-    kind = _SECTIONS[data["section"]]
-    if kind is Figure:
-        values["panels"] = tuple(
-            Panel(p["title"], p["x_label"], p["y_label"], tuple(_layer(layer) for layer in p["layers"])) for p in values["panels"]
-        )
-    elif kind is Table:
-        values["head"], values["rows"] = tuple(values["head"]), tuple(tuple(row) for row in values["rows"])
-    else:
-        values["lines"] = tuple(values["lines"])
-    return kind(**values)
+def _report(data: Field) -> Report:
+    return Report(
+        data["headline"].text(), data["kind"].text(), data["subject"].text(), tuple(_section(s) for s in data["sections"].items())
+    )
 
 
-def _layer(data: Mapping[str, Any]) -> Layer:
-    x, y, upper = (tuple(data[k]) for k in ("x", "y", "upper"))
-    return Layer(BlockKind(data["kind"]), Role(data["role"]), x, y, upper, data["label"])
+def _section(data: Field) -> Section:
+    kind = data["section"].one_of(_SECTIONS)
+    title = data["title"].text()
+    if kind == "text":
+        return Text(title, data["lines"].texts())
+    if kind == "table":
+        head = data["head"].texts()
+        rows = tuple(tuple(c.text() for c in row.items(len(head))) for row in data["rows"].items())
+        return Table(title, head, rows, data["note"].text(), data["left"].whole(0, max(len(head), 1)))
+    panels = tuple(
+        Panel(p["title"].text(), p["x_label"].text(), p["y_label"].text(), tuple(map(_layer, p["layers"].items())))
+        for p in data["panels"].items()
+    )
+    name = data["name"].text()
+    if not _FILE.fullmatch(name):  # it becomes the name of a file
+        raise data["name"].fault("letters, digits, - and _")
+    return Figure(name, title, data["caption"].text(), panels, data["columns"].whole(1, _MOST_COLUMNS))
+
+
+def _layer(data: Field) -> Layer:
+    kind, role = BlockKind(data["kind"].one_of(BlockKind)), Role(data["role"].one_of(Role))
+    x, y, upper = (_finite(v.number(absent=True) for v in data[key].items()) for key in ("x", "y", "upper"))
+    wanted = {BlockKind.SPAN: (2, len(y), len(upper)), BlockKind.BAND: (len(x),) * 3}.get(kind, (len(x), len(x), len(upper)))
+    if (len(x), len(y), len(upper)) != wanted:
+        raise data.fault(f"a layer of one length ({kind})")
+    return Layer(kind, role, x, y, upper, data["label"].text())
+
+
+def _finite(values: Iterable[float]) -> tuple[float | None, ...]:
+    return tuple(v if math.isfinite(v) else None for v in values)
 
 
 def _rounded(values: Any) -> tuple[float | None, ...]:

@@ -60,8 +60,8 @@ def read_urdf(path: Path) -> UrdfText:
         data = path.read_bytes()
     except FileNotFoundError:
         raise ConfigurationError(f"URDF {path}: no such file.") from None
-    except OSError as error:
-        raise ConfigurationError(f"URDF {path}: cannot be read ({error.strerror}).") from None
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"URDF {path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from None
     return prepare_urdf(data, str(path))
 
 

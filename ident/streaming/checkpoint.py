@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .._utils.files import write_atomic
+from .._utils.structured import read_json
 from .._utils.version import __version__
 from ..errors import ConfigurationError, DataError
 
@@ -66,7 +67,9 @@ class Checkpoint:
                 raise ConfigurationError(f"{folder} holds unfinished work; go on with it (--resume), or throw it away (--force).")
             shutil.rmtree(folder)
             return cls.beside(results, key, resume=False)
-        found = json.loads(record.read_text())
+        found = read_json(record, "checkpoint")
+        if not isinstance(found, dict) or not isinstance(found.get("settings"), dict) or not isinstance(found.get("files"), list):
+            raise ConfigurationError(f"{record} is damaged; nothing was touched. Throw the unfinished work away (--force).")
         changed = _changed(found, json.loads(json.dumps(key)))
         if changed:
             raise ConfigurationError(

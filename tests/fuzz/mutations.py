@@ -18,8 +18,8 @@ NUMBERS = (
 )  # fmt: skip
 #: Values where another kind of value should be.
 VALUES: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1, 2, 1e308, -1e308, float("nan"), float("inf"), 10**30, 10**310, "", "x", "\x00", "é" * 50, "n" * 500, [], [None],
-    [[]],    [1, 2, 3], ["a"], {}, {"a": 1}, {"": None}, [float("nan")] * 3, 1e-320, [[1.0, 2.0], [3.0]], [0] * 40,
+    None, True, False, 0, -1, 1, 2, 1e308, -1e308, float("nan"), float("inf"), 10**30, 10**310, "", "x", "\x00", "é" * 50, "n" * 500, [],
+    [None], [[]], [1, 2, 3], ["a"], {}, {"a": 1}, {"": None}, [float("nan")] * 3, 1e-320, [[1.0, 2.0], [3.0]], [0] * 40,
 )  # fmt: skip
 _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 

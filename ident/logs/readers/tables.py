@@ -37,6 +37,8 @@ _COLUMNS = 2
 _SHOWN = 40
 #: What stands between the name of a column that occurs again and its number; longest line (characters) of a table.
 AGAIN = "\x00again "
+#: Bytes at the beginning in which the kind of line ends is looked for.
+_HEAD = 1 << 16
 _LONGEST_LINE = 4_000_000
 #: Longest word that a row of units holds.
 _UNIT = 8
@@ -149,11 +151,10 @@ def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[
     """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists)."""
     import pandas as pd
 
-    with open_binary(path) as stream:
+    with _body(path, header) as stream:
         frame = pd.read_csv(
             stream,
             sep=header.delimiter,
-            skiprows=header.line,
             names=list(header.names),
             usecols=list(names),
             dtype=str,
@@ -170,6 +171,19 @@ def open_binary(path: Path) -> IO[bytes]:
         if start.startswith(magic):
             return opener(path, "rb")  # type: ignore[no-any-return]
     return path.open("rb")
+
+
+def _body(path: Path, header: Header) -> IO[bytes]:
+    """The bytes behind the header. Its lines are counted here, since libraries count blank and quoted ones each in their own way."""
+    stream = open_binary(path)
+    start = stream.read(_HEAD)
+    stream.seek(0)
+    if b"\r" in start.replace(b"\r\n", b"").removesuffix(b"\r"):  # lines that end with a carriage return alone
+        with stream:
+            stream = io.BytesIO(stream.read().replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
+    for _ in range(header.line):
+        stream.readline()
+    return stream
 
 
 def _text_header(path: Path) -> Header:
@@ -289,8 +303,8 @@ def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str,
         with open_binary(path) as stream:
             if quotes_stay_open(stream) and over_lines(rows_of_text(path, header), header, names):
                 raise bad_text(path, header, names, "quotes are open at the end of a line")
-        with open_binary(path) as stream:
-            return pandas_columns(stream, header, names, header.line)
+        with _body(path, header) as stream:
+            return pandas_columns(stream, header, names, 0)
     except (ValueError, OverflowError) as error:
         raise bad_text(path, header, names, str(error)) from None
     except DAMAGED as error:
@@ -327,8 +341,8 @@ def _arrow_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str
     import pyarrow as pa
 
     try:
-        with open_binary(path) as stream:
-            return arrow_columns(pa.PythonFile(stream, mode="r"), header, names, header.line)
+        with _body(path, header) as stream:
+            return arrow_columns(pa.PythonFile(stream, mode="r"), header, names, 0)
     except (pa.ArrowException, ValueError, *DAMAGED):
         return None
 
@@ -387,8 +401,11 @@ def _goes_on(field: str) -> bool:
 
 def rows_of_text(path: Path, header: Header) -> Iterator[tuple[int, list[str]]]:
     """Line number (from 1) and fields of every row of data."""
-    with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=header.encoding, errors="replace", newline="") as text:
-        yield from ((line, fields) for line, fields in numbered_rows(text, header) if line > header.line)
+    try:
+        with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=header.encoding, errors="replace", newline="") as text:
+            yield from ((line, fields) for line, fields in numbered_rows(text, header) if line > header.line)
+    except DAMAGED as error:
+        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
 
 
 def numbered_rows(text: Iterable[str], header: Header, before: int = 0) -> Iterator[tuple[int, list[str]]]:
@@ -501,6 +518,9 @@ def parquet_table(path: Path, columns: list[str] | None = None) -> Any:
 
 def stored_names(file: Any) -> tuple[tuple[str, str], ...]:
     """What the columns of a Parquet file are called here, without blanks around it as in a text, and what they are called there."""
-    stored = file.schema.names
+    try:
+        stored = file.schema.names
+    except UnicodeDecodeError:
+        raise DataError("the names of the columns of a Parquet file are no text: the file is damaged.") from None
     bare = [name.strip() for name in stored]
     return tuple((name if bare.count(name) == 1 else own, own) for name, own in zip(bare, stored, strict=True))
