@@ -19,7 +19,7 @@ from ..errors import ConfigurationError
 
 #: What stands in the name of a file or folder that is being written, before the host and the process.
 _MARK = ".ident-"
-#: Characters of the target's name in that of what is being written.
+#: Bytes of the target's name in that of what is being written.
 _NAME = 100
 #: Arguments of Linux' renameat2: paths as they are, and to exchange them.
 _HERE, _EXCHANGE = -100, 2
@@ -190,16 +190,18 @@ def _settle(folder: Path) -> None:
 
 
 def _prefix(path: Path) -> str:
-    return f".{path.name[:_NAME]}{_MARK}{_host()}-{os.getpid()}-"
+    return f"{_start(path)}{os.getpid()}-"
 
 
-def _host() -> str:
-    return hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
+def _start(path: Path) -> str:
+    """How names of what this host writes to a target begin; a name may be as long as the file system allows, in bytes."""
+    host = hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
+    return f".{os.fsencode(path.name)[:_NAME].decode(errors='ignore')}{_MARK}{host}-"
 
 
 def remove_leftovers(path: Path) -> None:
     """Remove what processes of this host that are no more left beside a target while they wrote it."""
-    start = f".{path.name[:_NAME]}{_MARK}{_host()}-"
+    start = _start(path)
     try:
         found = [p for p in path.parent.iterdir() if p.name.startswith(start)]
     except OSError:

@@ -201,7 +201,7 @@ def test_report_of_a_fit(ident, saved_fit, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "message"), [(None, "no such file"), ("{}", "there is no report of this"), ("not json", "is not a kept result")]
+    ("content", "message"), [(None, "no such file"), ("{}", "there is no report of this"), ("not json", "is not JSON")]
 )
 def test_report_refusals(ident, tmp_path, content, message):
     path = tmp_path / "some.json"
