@@ -18,6 +18,15 @@ def names(folder: Path) -> list[str]:
     return sorted(str(p.relative_to(folder)) for p in folder.rglob("*"))
 
 
+def fill(out: Path, content: dict[str, str], *, force: bool = False, fails: type[Exception] | None = None) -> None:
+    """Write a set of files; where it `fails`, with that error after the writing."""
+    with staged(out, force=force) as scratch:
+        for name, text in content.items():
+            (scratch / name).write_text(text)
+        if fails is not None:
+            raise fails
+
+
 def test_a_set_appears_at_once(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with staged(out) as scratch:
@@ -34,9 +43,8 @@ def test_a_failure_leaves_everything_as_it_was(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "a.txt").write_text("old")
-    with pytest.raises(ZeroDivisionError), staged(out, force=True) as scratch:
-        (scratch / "a.txt").write_text("new")
-        raise ZeroDivisionError
+    with pytest.raises(ZeroDivisionError):
+        fill(out, {"a.txt": "new"}, force=True, fails=ZeroDivisionError)
     assert (out / "a.txt").read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
@@ -64,9 +72,8 @@ def test_without_force_nothing_is_written_over(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "a.txt").write_text("old")
-    with pytest.raises(ConfigurationError, match="nothing was written"), staged(out) as scratch:
-        (scratch / "a.txt").write_text("new")
-        (scratch / "b.txt").write_text("b")
+    with pytest.raises(ConfigurationError, match="nothing was written"):
+        fill(out, {"a.txt": "new", "b.txt": "b"})
     assert names(out) == ["a.txt"]
     with pytest.raises(ConfigurationError, match="exists"):
         write_atomic(out / "a.txt", "new")
@@ -78,16 +85,19 @@ def test_a_folder_in_which_one_stands_is_not_taken_away(tmp_path: Path, monkeypa
     (tmp_path / "note.txt").write_text("mine")
     with staged(Path(), force=True) as scratch:
         (scratch / "a.txt").write_text("1")
-    assert sorted(os.listdir()) == ["a.txt", "note.txt"]
+    assert sorted(p.name for p in Path().iterdir()) == ["a.txt", "note.txt"]
 
 
 def test_of_two_that_write_at_once_the_first_wins(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with pytest.raises(ConfigurationError, match="nothing was written"), staged(out) as second:
-        (second / "a.txt").write_text("second")
-        with staged(out) as first:
-            (first / "a.txt").write_text("first")
-            (first / "b.txt").write_text("first")
+
+    def late() -> None:
+        with staged(out) as second:
+            (second / "a.txt").write_text("second")
+            fill(out, {"a.txt": "first", "b.txt": "first"})
+
+    with pytest.raises(ConfigurationError, match="nothing was written"):
+        late()
     assert (out / "a.txt").read_text() == "first"
     assert names(out) == ["a.txt", "b.txt"]
 
@@ -130,6 +140,6 @@ def test_a_name_is_taken_or_refused_in_one_line(tmp_path: Path, name: str) -> No
         return
     with pytest.raises(ConfigurationError, match="nothing was written"):
         write_atomic(tmp_path / name, "1")
-    with pytest.raises(ConfigurationError, match="nothing was written"), staged(tmp_path / name) as scratch:
-        (scratch / "a.txt").write_text("1")
+    with pytest.raises(ConfigurationError, match="nothing was written"):
+        fill(tmp_path / name, {"a.txt": "1"})
     assert list(tmp_path.iterdir()) == []
