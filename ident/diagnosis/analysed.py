@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from ..signals.signals import Signals
 
 Array = np.ndarray
+#: The instrument's filter lies an octave above the reference's band, so that its slope leaves the band as it is.
+_ABOVE = 2.0
 #: Desired positions count as such where the joints follow them to this share of their motion (rms).
 _FOLLOWED = 0.2
 
@@ -93,7 +95,7 @@ def analysed(
     reference = desired(full)
     runs = _runs(full, model, START_HZ, reference)
     first = Fit(runs, model)
-    band = reference_band(first, first.solved(2))
+    band = _ABOVE * reference_band(first, first.solved(2))
     fit = Fit(_runs(full, model, band, reference), model)
     speeds = usual_speed(robot.transmission.motor_rate(full.dq))
     return decide(fit, speeds, note, progress), Instrument("low_band" if reference is None else "q_ref", band)

@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from ..estimators import Estimator
     from ..model import Model
     from ..signals.signals import Signals
-    from .inference.decide import Decision
+    from .inference.decide import AcceptedEffect, Decision
 
 Array = np.ndarray
 #: Confidence in a finding without a competing model, beside nothing left and beside something left.
 _SURE, _BESIDE = 0.99, 0.45
 #: What a member of the confidence set is worth at least, beside the effect that was accepted.
 _LEAST = 0.35
-#: And one that is the same on this motion by another, rarer name.
+#: And those together that are the same on this motion by a name that asks for more.
 _SAME = 0.15
 
 
@@ -269,7 +269,7 @@ def _findings(
             without = _fitted(part.model, signals, estimator, part.values, declared)
         error = without.torque_error(report).relative_all
         gain = 1.0 - (final / error) ** 2 if error > 0 else 0.0
-        weights = [_SAME if m.same else max(float(np.exp(min((m.z**2 - x.z**2) / 2.0, 0.0))), _LEAST) for m in x.competing]
+        weights = _weights(x)
         most = _SURE if verdict != Verdict.UNEXPLAINED else _BESIDE
         own = most / (1.0 + sum(weights))
         ranked = sorted(zip(x.competing, weights, strict=True), key=lambda pair: -pair[1])
@@ -277,6 +277,15 @@ def _findings(
         finding = Finding(x.effect, x.joints, values[x.effect], float(gain), float(x.z**2), own, rivals)
         found.append(replace(finding, advice=advice_for(finding, declared.model.robot, verdict)))
     return tuple(found)
+
+
+def _weights(accepted: AcceptedEffect) -> list[float]:
+    """What each member of an accepted effect's set is worth beside it; those that are the same by a name that asks for more share a part."""
+    renamed = sum(m.renamed for m in accepted.competing)
+    return [
+        _SAME / renamed if m.renamed else 1.0 if m.same else max(float(np.exp(min((m.z**2 - accepted.z**2) / 2.0, 0.0))), _LEAST)
+        for m in accepted.competing
+    ]
 
 
 def _of_the_declared(before: Estimate, findings: tuple[Finding, ...]) -> list[str]:

@@ -19,6 +19,28 @@ def hats(x: Array, count: int) -> Array:
     return np.maximum(0.0, 1.0 - np.abs(u[:, None] - np.arange(count)))
 
 
+#: Seconds after an event over which its answer is looked at.
+_AFTER = (0.0, 0.03, 0.06, 0.1, 0.16, 0.25, 0.4, 0.65)
+
+
+def since(x: Array, clock: Array) -> Array:
+    """Hat functions (N, k) of the time since x (N,) last changed its sign, signed by its new sign: what answers such an event."""
+    sign = np.where(x >= 0.0, 1.0, -1.0)
+    at = np.flatnonzero(np.diff(sign) != 0) + 1
+    last = np.zeros(len(x), int)
+    last[at] = at
+    last = np.maximum.accumulate(last)
+    passed = np.where(last > 0, clock - clock[last], np.inf)
+    nodes = np.array(_AFTER)
+    out = np.zeros((len(x), len(nodes) - 1))
+    for k in range(len(nodes) - 1):
+        left = nodes[k - 1] if k else -1.0
+        rise = np.clip((passed - left) / (nodes[k] - left), 0.0, 1.0)
+        fall = np.clip((nodes[k + 1] - passed) / (nodes[k + 1] - nodes[k]), 0.0, 1.0)
+        out[:, k] = np.where(np.isfinite(passed), np.minimum(rise, fall) if k else np.where(passed < 0, 0.0, fall), 0.0)
+    return out * sign[:, None]
+
+
 def shapes(motions: list[Motion], speeds: Array) -> Iterator[tuple[str, int, list[Array]]]:
     """What the structure follows, the motor, and columns (N, k) for each run. `speeds` (n,): usual speeds of the motors."""
     n = motions[0].joint.q.shape[1]
@@ -39,6 +61,9 @@ def shapes(motions: list[Motion], speeds: Array) -> Iterator[tuple[str, int, lis
         yield "position", j, split(hats(q[:, j], 8))
         yield "position and direction of motion", j, split(s * hats(q[:, j], 8))
         yield "speed", j, split(hats(np.tanh(w[:, j] / (0.5 * speeds[j])), 10))
+        yield "time since its speed turned", j, [since(m.motor.dq[:, j], m.clock) for m in motions]
+        if load is not None:
+            yield "time since its load turned", j, [since(m.load[:, j], m.clock) for m in motions if m.load is not None]
         yield "time", j, split(hats(time, 8))
         yield "time and direction of motion", j, split(s * hats(time, 6))
         if load is not None:

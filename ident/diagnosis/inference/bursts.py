@@ -35,7 +35,7 @@ def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
             paces.append(_windows(np.clip(run.band.rows(speed)[run.band.inner, 0], 0.0, None), width))
             used = np.clip(run.band.rows(run.use[:, [m]])[run.band.inner, 0], 0.0, 1.0)
             energy, share = (_windows(x, width) for x in (frame.residual[a:b, m] ** 2, used / width))
-            good = share > _USED
+            good = (share > _USED) & ~_at_a_moment(fit, run.instrument.clock, run.band.time, width)
             paces[-1] = paces[-1][good]
             energies.append(energy[good] / share[good])
         e = _at_like_speed(np.concatenate(energies), np.concatenate(paces))
@@ -66,6 +66,16 @@ def _by_its_own_tail(energy: Array) -> float:
 def _windows(x: Array, width: int) -> Array:
     sums = np.concatenate([[0.0], np.cumsum(x)])
     return np.asarray((sums[width:] - sums[:-width])[:: max(width // 2, 1)])
+
+
+def _at_a_moment(fit: Fit, clock: Array, time: Array, width: int) -> Array:
+    """Windows in which an effect of the model begins: how it begins no law says."""
+    inside = np.zeros(len(time), bool)
+    for effect in fit.model.effects:
+        for p in effect.shape():
+            if p.unit == "s" and p.name.startswith("t_"):
+                inside |= np.abs(clock[0] + time - float(getattr(effect, p.name))) <= _WINDOW
+    return _windows(inside.astype(float), width) > 0
 
 
 def _at_like_speed(energy: Array, speed: Array) -> Array:

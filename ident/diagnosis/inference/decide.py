@@ -14,6 +14,7 @@ from ...effects.base import Effect, Nature
 from ..design.catalogue import Catalogue
 from ..design.places import grid, is_order, search_range
 from ..thresholds import BOUND, COMPETES, CONTAINED, MATERIAL, MOST
+from ..scoring.fit import depends
 from .bursts import burst
 from .scores import Scores, z_of
 from .significance import parametric
@@ -24,20 +25,30 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 _FINE = 9
-#: Simpler effects that are tried in the place of one that contains them.
-_SIMPLER = 4
+#: Rounds of a shape's refinement at most, and what z must gain by one for the next.
+_ROUNDS, _FINER = 5, 0.05
+import os; DEBUG=bool(os.environ.get('DBG'))
+#: Candidates that are compared by a refit, at most.
+_TRIED = 8
 
 
 @dataclass(frozen=True)
 class Member:
     """A model of the confidence set: the effect that could stand in place of an accepted one; `z` beside the rest, `left`: the largest z
-    after it. `same`: it has the very columns of the accepted one on this motion, and is the same by another name."""
+    after it. `same`: it has the very columns of the accepted one on this motion, and is the same by another name; `more`: it asks for more
+    than the accepted one."""
 
     effect: Effect
     joints: tuple[str, ...]
     z: float
     left: float
     same: bool = False
+    more: bool = False
+
+    @property
+    def renamed(self) -> bool:
+        """The accepted effect by another name that asks for more: it is told, and makes nothing ambiguous."""
+        return self.same and self.more
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,13 +132,13 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
         say(f"    step {step}: {_told(state)}; critical {critical:.1f}")
         if best is None or step == MOST:
             break
-        effect, joints = _refined(state, best)
+        effect, joints = best
         kind = (effect.name, joints)
         if tried.get(kind, 0) >= 1 and effect.name not in _REPEATABLE:
             refused.add(kind)
             continue
         tried[kind] = tried.get(kind, 0) + 1
-        state.accepted.append((_labelled(effect, state), joints))
+        state.accepted.append((effect, joints))
         state.solve()
         if len(state.accepted) > 0:
             _reprofile(state)
@@ -178,16 +189,15 @@ def _decision(state: _Decider, sets: list[tuple[Member, ...]], critical: float, 
     elif not named:
         verdict = "clean"
     else:
-        verdict = "ambiguous" if any(not m.same for x in named for m in x.competing) else "explained"
+        verdict = "ambiguous" if any(not m.renamed for x in named for m in x.competing) else "explained"
     return Decision(verdict, tuple(named), tuple(left), critical, state.fit, state.frame, scores, trail)
 
 
 def _own_z(state: _Decider, effect: Effect, joints: tuple[str, ...]) -> float:
-    """z of an accepted effect beside the others."""
-    others = tuple(e for e, _ in state.accepted if e is not effect)
-    fit = state.fit.with_effects(others)
-    frame = fit.solved(1)
-    scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(effect, joints)]))
+    """z of an accepted effect beside the others, at the noise of the whole model."""
+    fit = state.fit.with_effects(tuple(e for e, _ in state.accepted if e is not effect))
+    frame = fit.behind(state.frame.gains)
+    scores = Scores.of(fit, frame, Catalogue.of_effects(state.fit, [(effect, joints)]))
     return float(scores.plain[0]) if len(scores.kept) else 0.0
 
 
@@ -196,62 +206,90 @@ def _told(state: _Decider) -> str:
     return ", ".join(f"{state.scores.group(k).name} on {'/'.join(state.scores.group(k).joints)} {state.scores.z[k]:.1f}" for k in order)
 
 
-def _best(state: _Decider, critical: float, refused: set[tuple[str, tuple[str, ...]]]) -> Group | None:
-    """The named group of the largest score beyond the critical value whose values are possible."""
-    scores = state.scores
+def _best(state: _Decider, critical: float, refused: set[tuple[str, tuple[str, ...]]]) -> tuple[Effect, tuple[str, ...]] | None:
+    """The effect that accounts best for what is left: of those whose scores come near the largest, by a refit with each.
+
+    Scores are taken at the noise of a model that lacks something, and so are compressed: what a refit leaves tells more."""
+    trials = [_trial(state, g) for g in _candidates(state, critical, refused)]
+    if len(trials) < 2:
+        return (trials[0].effect, trials[0].joints) if trials else None
+    # One noise for all: the least that any of them leaves, at each frequency.
+    gains = [np.max([t.frame.gains[i] for t in trials], axis=0) for i in range(len(state.fit.runs))]
+    trials = [dataclasses.replace(t, cost=t.fit.energy(t.frame, gains) / 2.0) for t in trials]
+    # What a likelihood gains by chance, or by less than what is material, does not decide.
+    least = min(t.cost for t in trials)
+    level = [t for t in trials if t.cost <= least + critical**2 / 2.0]
+    if len(level) > 1:
+        level = [dataclasses.replace(t, left=_left(state, t)) for t in level]
+    if DEBUG:
+        print("      trials", [(t.effect.name, t.joints, round(t.cost - least, 1), round(t.left, 1), t.rank, {p.name: round(getattr(t.effect, p.name), 3) for p in t.effect.shape()}) for t in level + trials])
+    best = min(level, key=lambda t: (t.left > critical, *t.rank, t.cost))
+    return best.effect, best.joints
+
+
+def _candidates(state: _Decider, critical: float, refused: set[tuple[str, tuple[str, ...]]]) -> list[Group]:
+    """Named groups beyond the critical value that come near the largest score, the best of each effect at each place: of those of the
+    largest scores, and of those beside which the least is left."""
+    scores, found, top = state.scores, {}, 0.0
     for k in np.argsort(-scores.z).tolist():
-        if scores.z[k] <= critical:
-            return None
         g = scores.group(k)
-        if g.named and g.kind not in refused and not _impossible(state, k):
-            return _simplest(state, k, refused, critical)
-    return None
-
-
-def _simplest(state: _Decider, k: int, refused: set[tuple[str, tuple[str, ...]]], critical: float) -> Group:
-    """The k-th group, or the simpler effect that it contains, where what it has beyond that one adds nothing."""
-    scores = state.scores
-    energy = scores.beside(scores.slice_of(k))[1]
-    inside = [
-        i
-        for i in range(len(scores.kept))
-        if i != k
-        and energy[i] < CONTAINED
-        and scores.named[i]
-        and scores.degrees[i] <= scores.degrees[k]
-        and scores.group(i).kind not in refused
-    ]
-    inside = [i for i in inside if scores.plain[i] > COMPETES * scores.plain[k] and not _impossible(state, i)]
-
-    def rank(i: int) -> tuple[int, bool, float]:
-        effect = scores.group(i).effect
-        assert effect is not None
-        # Of two with the same columns, the one that also acts where nothing moves asks for less.
-        return int(scores.degrees[i]), effect.nature == Nature.FRICTION, -float(scores.plain[i])
-
-    tried: set[tuple[str, tuple[str, ...]]] = set()
-    for i in sorted(inside, key=rank):
-        g = scores.group(i)
-        if rank(i) >= rank(k) or len(tried) == _SIMPLER:
+        if scores.z[k] <= critical or scores.plain[k] < COMPETES * top:
             break
-        if g.kind in tried:
-            continue
-        tried.add(g.kind)
-        # By a refit: beside a model that lacks so much the noise is known too badly for a score to tell what would be left.
-        assert g.effect is not None
-        trial = _Decider(state.fit, state.catalogue, [*state.accepted, (_labelled(g.effect, state), g.joints)])
-        trial.solve(1)
-        more = [float(trial.scores.plain[x]) for x in range(len(trial.scores.kept)) if trial.scores.group(x).kind == scores.group(k).kind]
-        if max(more, default=0.0) <= critical:
-            return g
-    return scores.group(k)
+        if g.named and g.kind not in refused and g.kind not in found and not _impossible(state, k):
+            found[g.kind] = k
+            top = max(top, float(scores.plain[k]))
+    every = list(found.values())
+    if len(every) > 2 * _TRIED:
+        every = every[: 2 * _TRIED]
+    if len(every) <= _TRIED:
+        return [scores.group(k) for k in every]
+    left = {k: float(scores.beside(scores.slice_of(k))[0].max(initial=0.0)) for k in every}
+    # Of those alike, those that ask for less come first.
+    ranked = sorted(every, key=lambda k: (round(left[k], 1), _rank(scores.group(k))))
+    chosen = list(dict.fromkeys([*every[: _TRIED // 2], *ranked]))[:_TRIED]
+    return [scores.group(k) for k in chosen]
 
 
-def _impossible(state: _Decider, k: int) -> str:
-    """Why the values that a group would have cannot be those of such an effect; "" if they can."""
-    effect, robot = state.scores.group(k).effect, state.fit.robot
+@dataclass(frozen=True)
+class _Trial:
+    """A candidate after a refit with it: `rank`: how much it asks for; `cost` of what it leaves, in units of a log-likelihood; `left`: the
+    largest score beside it."""
+
+    effect: Effect
+    joints: tuple[str, ...]
+    rank: tuple[int, bool, int]
+    fit: Fit
+    frame: Solved
+    cost: float = 0.0
+    left: float = 0.0
+
+
+def _trial(state: _Decider, group: Group) -> _Trial:
+    effect, joints = _refined(state, group)
+    effect = _labelled(effect, state)
+    fit = state.fit.with_effects((*(e for e, _ in state.accepted), effect))
+    # Columns that depend on what the model predicts settle in a few passes.
+    return _Trial(effect, joints, _rank(group), fit, fit.solved(3 if depends(effect) else 1))
+
+
+def _rank(group: Group) -> tuple[int, bool, int]:
+    """How much an effect asks for: parameters, friction (which acts only where something moves), what it needs to know."""
+    effect = group.effect
     assert effect is not None
-    values, std = state.scores.values(k)
+    return len(group.columns) + len(effect.shape()), effect.nature == Nature.FRICTION, len(effect.needs)
+
+
+def _left(state: _Decider, trial: _Trial) -> float:
+    """The largest score beside a candidate."""
+    return float(Scores.of(trial.fit, trial.frame, state.catalogue).z.max(initial=0.0))
+
+
+def _impossible(state: _Decider, k: int, scores: Scores | None = None) -> str:
+    """Why the values that a group would have cannot be those of such an effect; "" if they can."""
+    scores = state.scores if scores is None else scores
+    effect, robot = scores.group(k).effect, state.fit.robot
+    assert effect is not None
+    values, std = scores.values(k)
     for p, v, s in zip(effect.parameters(robot), values, std, strict=True):
         if v < p.lower - BOUND * s or v > p.upper + BOUND * s:
             return f"{p.name} = {v:.3g}"
@@ -279,15 +317,16 @@ def _refined(state: _Decider, group: Group) -> tuple[Effect, tuple[str, ...]]:
     """The effect of a group at the shape that scores best, sought between the neighbours of the grid."""
     assert group.effect is not None
     effect = group.effect
-    if is_order(effect):
-        return effect, group.joints
+    if is_order(effect) and not _on_a_slide(effect, state):
+        return effect, group.joints  # whole orders: there is nothing between
     if not effect.shape() or (effect.response(state.fit.robot) is not None and any(getattr(effect, p.name) == 0.0 for p in effect.shape())):
         return effect, group.joints
     ranges = search_range(effect, state.fit.declared, state.fit.motions(instrument=True))
     first = effect.shape()[0].name
     points = len({getattr(g.effect, first) for g in state.catalogue.groups if g.kind == group.kind and g.effect is not None})
     width = 1.0 / max(points - 1, 1)
-    for _ in range(2):
+    last = 0.0
+    for _ in range(_ROUNDS):
         for p in effect.shape():
             low, high = ranges[p.name]
             log = p.log and low > 0
@@ -298,9 +337,19 @@ def _refined(state: _Decider, group: Group) -> tuple[Effect, tuple[str, ...]]:
             values = np.exp(trial) if log else trial
             values = np.clip(values, p.lower, p.upper)
             options = [effect.with_shape(**{p.name: float(v)}) for v in values]
-            effect = options[int(np.argmax(_squares(state, options, group.joints)))]
+            found = _squares(state, options, group.joints)
+            effect = options[int(np.argmax(found))]
+        if found.max() < last + _FINER:
+            break
+        last = float(found.max())
         width /= 3.0
     return effect, group.joints
+
+
+def _on_a_slide(effect: Effect, state: _Decider) -> bool:
+    """An order's positions are those of a slide, where no order is whole."""
+    robot = state.fit.robot
+    return robot.position_unit(effect.at(robot)[0], getattr(effect, "angle", effect.side)) != "rad"
 
 
 def _reprofile(state: _Decider) -> None:
@@ -312,7 +361,7 @@ def _reprofile(state: _Decider) -> None:
             continue
         others = [x for k, x in enumerate(state.accepted) if k != i]
         trial = _Decider(state.fit.with_effects(tuple(e for e, _ in others)), state.catalogue, others)
-        trial.frame = trial.fit.solved(1)
+        trial.frame = trial.fit.behind(state.frame.gains)
         motions = trial.fit.motions(instrument=True)
         options = [effect, *(grid(effect, state.fit.declared, motions, 13 if len(effect.shape()) == 1 else 4))]
         best = options[int(np.argmax(_squares(trial, options, joints)))]
@@ -323,17 +372,11 @@ def _reprofile(state: _Decider) -> None:
 
 
 def _backward(state: _Decider, critical: float, say: Callable[[str], None]) -> None:
-    """Drop what the others make unnecessary."""
+    """Drop what the others make unnecessary, at the noise of the whole model: one that lacks an effect would hide it in its own."""
     while len(state.accepted) > 1:
         worst: tuple[float, int] | None = None
-        sure = _significance(state)
         for i in range(len(state.accepted)):
-            if sure[i] > critical:
-                continue  # a model without it would hide it in noise that it makes itself
-            others = [x for k, x in enumerate(state.accepted) if k != i]
-            trial = _Decider(state.fit, state.catalogue, others)
-            trial.solve(1)
-            top = float(trial.scores.z.max(initial=0.0))
+            top = float(_without(state, i).z.max(initial=0.0))
             if top <= critical and (worst is None or top < worst[0]):
                 worst = (top, i)
         if worst is None:
@@ -341,33 +384,18 @@ def _backward(state: _Decider, critical: float, say: Callable[[str], None]) -> N
         say(f"dropped: {state.accepted[worst[1]][0].name}")
         del state.accepted[worst[1]]
         state.solve()
-    if state.accepted:
-        state.solve()
 
 
-def _significance(state: _Decider) -> list[float]:
-    """z of each accepted effect's values in the whole model, at the noise that this model leaves."""
-    frame = state.frame
-    X, Z = (a.reshape(-1, a.shape[2]) / frame.scale for a in (frame.X, frame.Z))
-    inverse = np.linalg.pinv(Z.T @ X, rcond=1e-9)
-    covariance = inverse @ (Z.T @ Z) @ inverse.T
-    found, start = [], state.fit.declared.base.count
-    for effect, _ in state.accepted:
-        part = slice(start, start + len(effect.parameters(state.fit.robot)))
-        start = part.stop
-        values = frame.theta[part] * frame.scale[part]
-        square = float(values @ np.linalg.pinv(covariance[part, part], rcond=1e-9) @ values)
-        found.append(float(z_of(np.array([[square]]), np.array([len(values)]))[0, 0]))
-    return found
+def _without(state: _Decider, i: int) -> Scores:
+    """Scores beside a model without the i-th accepted effect, at the noise, and with the columns, of the model with it."""
+    fit = state.fit.with_effects(tuple(e for k, (e, _) in enumerate(state.accepted) if k != i))
+    return Scores.of(fit, fit.behind(state.frame.gains), state.catalogue)
 
 
 def _confidence_set(state: _Decider, one: tuple[Effect, tuple[str, ...]], critical: float) -> tuple[Member, ...]:
     """Effects that could stand in the place of an accepted one, each with what is left beside it."""
     effect, joints = one
-    others = [x for x in state.accepted if x is not one]
-    trial = _Decider(state.fit, state.catalogue, others)
-    trial.solve(1)
-    scores, own = trial.scores, (effect.name, joints)
+    scores, own = _without(state, next(i for i, x in enumerate(state.accepted) if x is one)), (effect.name, joints)
     mine = [k for k in range(len(scores.kept)) if scores.group(k).kind == own]
     z = scores.plain
     top = float(z[scores.named].max(initial=0.0))
@@ -378,7 +406,7 @@ def _confidence_set(state: _Decider, one: tuple[Effect, tuple[str, ...]], critic
         g = scores.group(k)
         if scores.z[k] < critical:
             continue  # it would not have been accepted itself
-        if g.effect is None or g.kind == own or _impossible(trial, k):
+        if g.effect is None or g.kind == own or _impossible(state, k, scores):
             continue
         beside, energy = scores.beside(scores.slice_of(k))
         left = float(beside.max(initial=0.0))
@@ -387,7 +415,8 @@ def _confidence_set(state: _Decider, one: tuple[Effect, tuple[str, ...]], critic
             after = float(beside[nearest])
             own_energy = scores.beside(scores.slice_of(nearest))[1]
             if energy[nearest] < CONTAINED and own_energy[k] < CONTAINED and scores.degrees[k] == scores.degrees[nearest]:
-                found.setdefault(g.kind, Member(g.effect, g.joints, float(z[k]), left, same=True))
+                more = _rank(g) > _rank(scores.group(nearest))
+                found.setdefault(g.kind, Member(g.effect, g.joints, float(z[k]), left, same=True, more=more))
                 continue
             if energy[nearest] < CONTAINED or own_energy[k] < CONTAINED:
                 continue  # a more general form of the same, or a simpler one

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Seconds of a block, within which scores may depend on each other.
 BLOCK = 1.0
+#: Share of the largest eigenvalue below which a direction of a group's parameters is free, and part that a parameter has in it then.
+_FLAT, _SHARED = 1e-8, 1e-3
 
 
 def z_of(squares: Array, degrees: Array) -> Array:
@@ -141,10 +143,17 @@ class Scores:
         return least
 
     def values(self, k: int) -> tuple[Array, Array]:
-        """What the parameters of the k-th group would be, and their standard deviations, in the units of its columns."""
+        """What the parameters of the k-th group would be, and their standard deviations, in the units of its columns; of parameters that
+        the model absorbs, or that never act, the deviation is infinite."""
         ix = self.group(k).columns
-        inverse = np.linalg.pinv(self.raw_gram[np.ix_(ix, ix)], rcond=1e-9)
-        return inverse @ self.raw_scores[ix], np.sqrt(np.maximum(np.diag(inverse), 0.0))
+        gram = self.raw_gram[np.ix_(ix, ix)]
+        size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+        size = np.where(size > 0, size, 1.0)
+        w, U = np.linalg.eigh(gram / np.outer(size, size))
+        good = w > max(float(w[-1]), 1e-300) * _FLAT
+        inverse = (U[:, good] / w[good]) @ U[:, good].T / np.outer(size, size)
+        free = (U[:, ~good] ** 2).sum(axis=1) > _SHARED
+        return inverse @ self.raw_scores[ix], np.where(free, np.inf, np.sqrt(np.maximum(np.diag(inverse), 0.0)))
 
     def beside(self, directions: Array) -> tuple[Array, Array]:
         """z (K,) of all groups after those directions have joined the model; and the share of each group's least direction that is left."""

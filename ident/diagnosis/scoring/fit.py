@@ -30,6 +30,8 @@ _PERIODS = 5.0
 _WEAK = 3.0
 #: Frequency, as a share of the rate, at which columns of a turning angle have fallen to half.
 _FADE = 0.11
+#: By what the log of a residual's power may grow from pass to pass.
+_WORSE = 0.02
 
 
 def depends(effect: Effect) -> bool:
@@ -187,17 +189,32 @@ class Fit:
     def solved(self, passes: int = 2) -> Solved:
         """The frame at the noise that its own residual shows, with columns taken at the values that it yields."""
         frame = self._solve(self._flat(None))
+        best = np.inf
         for _ in range(passes):
-            if any(depends(e) for e in self.effects) or self._dependent_declared:
-                for effect in self.effects:
-                    if depends(effect):
-                        self.rows(effect, fresh=True)
-                if self._dependent_declared:
-                    self.rows(None, fresh=True)
+            before = (dict(self._kept), self.values)
+            dependent = [e for e in self.effects if depends(e)]
+            for effect in [*dependent, *([None] if self._dependent_declared else [])]:
+                self.rows(effect, fresh=True)
             # Whitening must not feed on itself: the density is that of the residual of a fit with one weight for each motor.
             flat = self._solve(self._flat(frame))
+            size = self._size(flat)
+            if size > best + _WORSE:
+                # Columns that follow the values do not settle by repetition: the values before were better.
+                self._kept, self.values = before
+                break
+            best = min(best, size)
             frame = self._solve(self._white(flat))
         return frame
+
+    def _size(self, frame: Solved) -> float:
+        """Sum over the motors of the log of what a frame leaves."""
+        inner = [x[run.band.inner] for run, x in zip(self.runs, self.raw_residual(frame), strict=True)]
+        power = np.mean(np.concatenate(inner) ** 2, axis=0)
+        return float(np.sum(np.log(power[power > 0])))
+
+    def behind(self, gains: tuple[Array, ...]) -> Solved:
+        """The frame behind given whitening filters: at the noise that another model leaves."""
+        return self._solve(gains)
 
     @property
     def _dependent_declared(self) -> bool:
@@ -248,6 +265,11 @@ class Fit:
                 good = bool(np.all(level > 0))
                 gain[m] = (f <= 1.1 * run.band.top_hz) / np.sqrt(level * run.band.row_rate) if good else 0.0
         return tuple(gains)
+
+    def energy(self, frame: Solved, gains: Sequence[Array]) -> float:
+        """Sum of squares of a frame's residual behind whitening filters."""
+        raw = [x[:, :, None] for x in self.raw_residual(frame)]
+        return float(np.sum(self.filtered(raw, gains) ** 2))
 
     def _freed(self, frame: Solved) -> Array:
         """What each motor's residual (n,) lacks of the noise, because parameters took it up: a factor of its power."""

@@ -19,38 +19,75 @@ START_HZ = 2.0
 _LEAST, _LARGEST = 0.5, 10.0
 #: Share of a speed's power that is the bulk of a motion.
 _BULK = 0.95
+#: Seconds of a segment of which spectra are taken, and Hz to which a line leaks in them.
+_SEGMENT = 8.0
+_LEAK = 0.25
 
 
 def reference_band(fit: Fit, frame: Solved) -> float:
-    """Frequency (Hz) up to which disturbances drive less than a small share of the acceleration, of the joint where that is least.
+    """Frequency (Hz) up to which disturbances drive less than a small share of the motion, of the joint where that is least.
 
-    The share is the residual's density over the apparent inertia squared, over the density of the acceleration before the mask: mask edges
-    are broadband. One joint's disturbance moves the others through the inertia, so the least band counts for all."""
-    from scipy.signal import welch
-
+    There are two bounds of that share, and the lower one holds. The residual's density over the apparent inertia squared, over the density
+    of the acceleration before the mask (mask edges are broadband): as if all of the residual were a torque that no controller rejects. And
+    the largest density of the speed beyond a frequency over the density there: a controller rejects disturbances the better the slower they
+    are, so that above the reference's band they drive no less than inside it. One joint's disturbance moves the others through the inertia,
+    so the least band counts for all; a joint whose motion says nothing of its reference is not asked."""
     inertia = _apparent_inertia(fit)
     raw = fit.raw_residual(frame)
     found, driven = [], []
     for m in range(fit.robot.n):
         if fit.share[m] < max(FEW, 0.05):
             continue
-        shares, power, f = [], [], np.zeros(0)
-        size = min(int(8 * fit.runs[0].band.row_rate), *(run.band.inner.stop - run.band.inner.start for run in fit.runs))
-        for run, e in zip(fit.runs, raw, strict=True):
-            inner = run.band.inner
-            power.append(welch(run.band.rows(run.measured.motor.dq[:, [m]])[inner, 0], run.band.row_rate, nperseg=size)[1])
-            acceleration = run.band.rows(run.measured.motor.ddq[:, [m]])[inner, 0]
-            f, left = welch(e[inner, m] / np.sqrt(max(run.share[m], 1e-9)), run.band.row_rate, nperseg=size)
-            _, moved = welch(acceleration, run.band.row_rate, nperseg=size)
-            shares.append(left / max(inertia[m], 1e-300) ** 2 / np.maximum(moved, 1e-300))
-        share = np.mean(shares, axis=0)
-        smooth = np.array([np.exp(np.mean(np.log(np.maximum(share[(np.abs(f - x) <= 0.2) & (f > 0)], 1e-300)))) for x in f])
-        beyond = np.flatnonzero((smooth > DISTURBED) & (f >= _LEAST))
-        found.append(float(np.clip(f[beyond[0]] if len(beyond) else _LARGEST, _LEAST, _LARGEST)))
-        speed = np.cumsum(np.mean(power, axis=0))
-        driven.append(float(f[np.searchsorted(speed, _BULK * speed[-1])]))
+        f, left, acceleration, speed = _densities(fit, raw, m)
+        by_residual = _smooth(f, left / max(inertia[m], 1e-300) ** 2 / np.maximum(acceleration, 1e-300))
+        band = max(_first_beyond(f, by_residual), _last_cliff(f, _smooth(f, speed)))
+        if band > 0.0:
+            found.append(float(np.clip(band, _LEAST, _LARGEST)))
+        power = np.cumsum(speed)
+        driven.append(float(f[np.searchsorted(power, _BULK * power[-1])]))
     # What a model lacks is in the residual, too, and is no disturbance: where the bulk of the motion is, the reference drives it.
-    return min(max(min(found, default=START_HZ), min(driven, default=START_HZ)), _LARGEST)
+    return float(np.clip(max(min(found, default=_LEAST), min(driven, default=START_HZ)), _LEAST, _LARGEST))
+
+
+def _densities(fit: Fit, raw: list[Array], m: int) -> tuple[Array, Array, Array, Array]:
+    """Frequencies, and spectral densities of motor m's residual, acceleration and speed; means over runs."""
+    from scipy.signal import welch
+
+    size = min(int(_SEGMENT * fit.runs[0].band.row_rate), *(run.band.inner.stop - run.band.inner.start for run in fit.runs))
+    found, f = [], np.zeros(0)
+    for run, e in zip(fit.runs, raw, strict=True):
+        inner, rate = run.band.inner, run.band.row_rate
+        parts = (
+            e[inner, m] / np.sqrt(max(run.share[m], 1e-9)),
+            run.band.rows(run.measured.motor.ddq[:, [m]])[inner, 0],
+            run.band.rows(run.measured.motor.dq[:, [m]])[inner, 0],
+        )
+        f = welch(parts[0], rate, nperseg=size)[0]
+        found.append([welch(x, rate, nperseg=size)[1] for x in parts])
+    left, acceleration, speed = np.mean(found, axis=0)
+    return f, left, acceleration, speed
+
+
+def _smooth(f: Array, x: Array) -> Array:
+    """Geometric means of a density over 0.4 Hz."""
+    return np.array([np.exp(np.mean(np.log(np.maximum(x[(np.abs(f - at) <= 0.2) & (f > 0)], 1e-300)))) for at in f])
+
+
+def _first_beyond(f: Array, share: Array) -> float:
+    """First frequency at which a share is too large; 0 where none is small."""
+    small = (share <= DISTURBED) & (f >= _LEAST)
+    beyond = np.flatnonzero((share > DISTURBED) & (f >= _LEAST))
+    if not small.any() or not len(beyond):
+        return float(_LARGEST if small.any() else 0.0)
+    return float(f[beyond[0]]) if small[: beyond[0]].any() else 0.0
+
+
+def _last_cliff(f: Array, speed: Array) -> float:
+    """Largest frequency whose density no density beyond it comes near; 0 where there is none."""
+    top = np.maximum.accumulate(speed[::-1])[::-1]
+    beyond = np.array([top[np.searchsorted(f, at + _LEAK)] if at + _LEAK <= f[-1] else np.inf for at in f])
+    good = np.flatnonzero((beyond <= DISTURBED * speed) & (f >= _LEAST) & (f <= _LARGEST))
+    return float(f[good[-1]]) if len(good) else 0.0
 
 
 def _apparent_inertia(fit: Fit) -> Array:
