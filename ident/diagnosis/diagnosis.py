@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from ..estimators import Estimator
     from ..model import Model
     from ..signals.signals import Signals
-    from .inference.decide import AcceptedEffect, Decision
+    from .inference.confidence_set import AcceptedEffect
+    from .inference.decide import Decision
 
 Array = np.ndarray
 #: Confidence in a finding without a competing model, beside nothing left and beside something left.

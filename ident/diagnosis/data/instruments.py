@@ -110,10 +110,10 @@ def run_rows(signals: Signals, robot: Robot, cutoff_hz: float, reference: Sequen
         torque = np.where(present, torque, 0.0)
         sos = butter(4, kept_hz(rate) / (0.5 * rate), output="sos")
         torque = sosfiltfilt(sos, torque, axis=0)
-        measured = Motion.of(robot, q, signals.dq[run], signals.ddq[run], t, rate=rate, torque=None, cutoff_hz=kept_hz(rate))
+        measured = Motion.of(robot, q, signals.dq[run], signals.ddq[run], t, rate=rate, start=signals.origins[i], cutoff_hz=kept_hz(rate))
         base = q if reference is None else reference[i]
         smooth = low_passed(base, rate, cutoff_hz)
-        instrument = Motion.of(robot, *smooth, t, rate=rate, torque=None, cutoff_hz=cutoff_hz)
+        instrument = Motion.of(robot, *smooth, t, rate=rate, start=signals.origins[i], cutoff_hz=cutoff_hz)
         slow = (np.abs(measured.motor.dq) < SLOW * top) | (np.abs(instrument.motor.dq) < SLOW * top) | ~present
         ends = int(ENDS * rate)
         slow[:ends] = slow[len(slow) - ends :] = True

@@ -1,4 +1,7 @@
-"""Bursts: more energy in half a second than the rest of the log makes likely."""
+"""Bursts: more energy in half a second than the rest of the log makes likely, or in many of them than noise has.
+
+What shows only above the band in which the reference drives the motion (play in a gear, a contact, a joint that shakes) is seen so, if at
+all: no column of the instrument follows it, and none may be made of the measured motion there."""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..thresholds import LEVEL, MATERIAL
+from ..thresholds import LEVEL, LOUD, MATERIAL
 
 if TYPE_CHECKING:
     from ..scoring.fit import Fit, Solved
@@ -17,6 +20,8 @@ _USED = 0.9
 _BINS = 5
 #: Quantile of the energies from which on they are the tail.
 _TAIL = 0.8
+#: Share of the windows that is often.
+_OFTEN = 0.05
 
 
 def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
@@ -46,6 +51,8 @@ def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
         scale = middle / gamma.ppf(0.5, shape)
         p = min(float(gamma.sf(e.max() / scale / (1.0 + MATERIAL) ** 2, shape)) * len(e) * n, 1.0)
         p = max(p, min(_by_its_own_tail(e) * n, 1.0))
+        if np.quantile(e, 1.0 - _OFTEN) > LOUD**2 * np.median(e):
+            p = 0.0  # no tail of one noise: it is quiet, and often it is not
         if p < LEVEL and (found is None or p < found[1]):
             found = (m, p)
     return found

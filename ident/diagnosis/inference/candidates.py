@@ -1,0 +1,112 @@
+"""Which effect joins next: the one that accounts best for what is left, by refits at one noise."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...effects.base import Nature
+from ..scoring.fit import depends
+from ..thresholds import COMPETES
+from .refinement import refined
+from .scores import Scores
+
+if TYPE_CHECKING:
+    from ...effects.base import Effect
+    from ..design.catalogue import Group
+    from ..scoring.fit import Fit, Solved
+    from .search import Placed, Search
+
+#: Candidates that are compared by a refit, at most.
+_TRIED = 12
+#: Passes of a refit whose columns follow the values.
+_PASSES = 3
+
+Kind = tuple[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A candidate after a refit with it: `rank`: how much it asks for; `cost` of what it leaves, in units of a log-likelihood; `left`: the
+    largest score beside it."""
+
+    effect: Effect
+    joints: tuple[str, ...]
+    rank: tuple[int, bool, int]
+    fit: Fit
+    frame: Solved
+    cost: float = 0.0
+    left: float = 0.0
+
+
+def best(state: Search, refused: set[Kind]) -> Placed | None:
+    """The effect that accounts best for what is left: of those whose scores come near the largest, by a refit with each.
+
+    Scores are taken at the noise of a model that lacks something, and so are compressed: what a refit leaves tells more."""
+    trials = [_trial(state, g) for g in _candidates(state, refused)]
+    if len(trials) < 2:
+        return (trials[0].effect, trials[0].joints) if trials else None
+    # One noise for all: the least that any of them leaves, at each frequency.
+    gains = [np.max([t.frame.gains[i] for t in trials], axis=0) for i in range(len(state.fit.runs))]
+    trials = [dataclasses.replace(t, cost=t.fit.energy(t.frame, gains) / 2.0) for t in trials]
+    # What a likelihood gains by chance, or by less than what is material, does not decide.
+    least = min(t.cost for t in trials)
+    level = [t for t in trials if t.cost <= least + state.critical**2 / 2.0]
+    if len(level) > 1:
+        level = [dataclasses.replace(t, left=_left(state, t)) for t in level]
+    chosen = min(level, key=lambda t: (t.left > state.critical, *t.rank, t.cost))
+    return chosen.effect, chosen.joints
+
+
+def rank(group: Group) -> tuple[int, bool, int]:
+    """How much an effect asks for: parameters, friction (which acts only where something moves), what it needs to know."""
+    effect = group.effect
+    assert effect is not None
+    return len(group.columns) + len(effect.shape()), effect.nature == Nature.FRICTION, len(effect.needs)
+
+
+def _candidates(state: Search, refused: set[Kind]) -> list[Group]:
+    """Named groups beyond the critical value that come near the largest score: those beside which the least is left, and each kind of
+    effect where it scores best."""
+    scores, found, top = state.scores, {}, 0.0
+    for k in np.argsort(-scores.z).tolist():
+        g = scores.group(k)
+        if scores.z[k] <= state.critical or scores.plain[k] < COMPETES * top:
+            break
+        if g.named and g.kind not in refused and g.kind not in found and state.possible(scores, k):
+            found[g.kind] = k
+            top = max(top, float(scores.plain[k]))
+    every = list(found.values())
+    if len(every) <= _TRIED:
+        return [scores.group(k) for k in every]
+    of_name: dict[str, int] = {}
+    for k in every:
+        of_name.setdefault(scores.group(k).name, k)
+    left = {k: float(scores.beside(scores.slice_of(k))[0].max(initial=0.0)) for k in every[: 2 * _TRIED]}
+    # Of those alike, those that ask for less come first.
+    ranked = sorted(left, key=lambda k: (round(left[k], 1), rank(scores.group(k))))
+    chosen = dict.fromkeys([*ranked[: _TRIED // 3], *list(of_name.values())[:_TRIED], *ranked])
+    return [scores.group(k) for k in list(chosen)[:_TRIED]]
+
+
+def _trial(state: Search, group: Group) -> _Trial:
+    """A refit with a group's effect, its shape sought first at the noise before, then at the noise after it."""
+    assert group.effect is not None
+    joints, others = group.joints, tuple(e for e, _ in state.accepted)
+    passes = _PASSES if depends(group.effect) else 1
+    effect = state.labelled(refined(group.effect, joints, state.fit, state.frame))
+    fit = state.fit.with_effects((*others, effect))
+    frame = fit.solved(passes)
+    sharper = refined(effect, joints, state.fit, state.fit.behind(frame.gains), near=True)
+    if sharper != effect:
+        effect, fit = sharper, state.fit.with_effects((*others, sharper))
+        frame = fit.solved(passes)
+    return _Trial(effect, joints, rank(group), fit, frame)
+
+
+def _left(state: Search, trial: _Trial) -> float:
+    """The largest score beside a candidate."""
+    return float(Scores.of(trial.fit, trial.frame, state.catalogue).z.max(initial=0.0))

@@ -1,0 +1,111 @@
+"""The set of models that data do not tell apart: what could stand in the place of an accepted effect, and what the others make
+unnecessary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..design.catalogue import Catalogue
+from ..thresholds import COMPETES, CONTAINED
+from .candidates import rank
+from .scores import Scores
+
+if TYPE_CHECKING:
+    from ...effects.base import Effect
+    from .search import Search
+
+
+@dataclass(frozen=True)
+class Member:
+    """A model of the confidence set: the effect that could stand in place of an accepted one; `z` beside the rest, `left`: the largest z
+    after it. `same`: it has the very columns of the accepted one on this motion, and is the same by another name; `more`: it asks for more
+    than the accepted one."""
+
+    effect: Effect
+    joints: tuple[str, ...]
+    z: float
+    left: float
+    same: bool = False
+    more: bool = False
+
+    @property
+    def renamed(self) -> bool:
+        """The accepted effect by another name that asks for more: it is told, and makes nothing ambiguous."""
+        return self.same and self.more
+
+
+@dataclass(frozen=True, eq=False)
+class AcceptedEffect:
+    """An accepted effect, with `z` beside the others, and its competing models."""
+
+    effect: Effect
+    joints: tuple[str, ...]
+    z: float
+    competing: tuple[Member, ...] = ()
+
+
+def drop_unnecessary(state: Search, say: Callable[[str], None]) -> None:
+    """Drop what the others make unnecessary, at the noise of the whole model: one that lacks an effect would hide it in its own."""
+    while len(state.accepted) > 1:
+        tops = [float(state.without(i).z.max(initial=0.0)) for i in range(len(state.accepted))]
+        least = int(np.argmin(tops))
+        if tops[least] > state.critical:
+            return
+        say(f"dropped: {state.accepted[least][0].name}")
+        del state.accepted[least]
+        state.solve()
+
+
+def accepted_effect(state: Search, i: int) -> AcceptedEffect:
+    """The i-th accepted effect with its score beside the others, and what could stand in its place."""
+    effect, joints = state.accepted[i]
+    fit = state.fit.with_effects(tuple(e for k, (e, _) in enumerate(state.accepted) if k != i))
+    own = Scores.of(fit, fit.behind(state.frame.gains), Catalogue.of_effects(state.fit, [(effect, joints)]))
+    z = float(own.plain[0]) if len(own.kept) else 0.0
+    return AcceptedEffect(effect, joints, z, competing(state, i))
+
+
+def competing(state: Search, i: int) -> tuple[Member, ...]:
+    """Effects that could stand in the place of the i-th accepted one, so that nothing is left beside them."""
+    effect, joints = state.accepted[i]
+    scores, own = state.without(i), (effect.name, joints)
+    mine = [k for k in range(len(scores.kept)) if scores.group(k).kind == own]
+    z = scores.plain
+    nearest = mine[int(np.argmax(z[mine]))] if mine else None
+    top = float(z[scores.named].max(initial=0.0))
+    found: dict[tuple[str, tuple[str, ...]], Member] = {}
+    for k in np.argsort(-z).tolist():
+        if z[k] < state.critical or z[k] < COMPETES * top:
+            break
+        g = scores.group(k)
+        if scores.z[k] < state.critical or not g.named or g.kind == own or not state.possible(scores, k):
+            continue
+        member = _member(state, scores, k, nearest)
+        if member is not None and member.left <= state.critical and (g.kind not in found or member.left < found[g.kind].left):
+            found[g.kind] = member
+    return tuple(sorted(found.values(), key=lambda m: m.left))
+
+
+def _member(state: Search, scores: Scores, k: int, nearest: int | None) -> Member | None:
+    """The k-th group in the place of an accepted effect (`nearest`: its own group); None for a more general or a simpler form of it."""
+    g = scores.group(k)
+    assert g.effect is not None
+    beside, energy = scores.beside(scores.slice_of(k))
+    left = float(beside.max(initial=0.0))
+    if nearest is None:
+        return Member(g.effect, g.joints, float(scores.plain[k]), left)
+    other = scores.beside(scores.slice_of(nearest))[1]
+    inside, around = energy[nearest] < CONTAINED, other[k] < CONTAINED
+    if inside and around and scores.degrees[k] == scores.degrees[nearest]:
+        return Member(g.effect, g.joints, float(scores.plain[k]), left, same=True, more=rank(g) > rank(scores.group(nearest)))
+    if inside or around:
+        return None
+    # What the accepted effect still adds after it counts as left.
+    after = float(beside[nearest])
+    if after > state.chance:
+        left = max(left, state.critical + after - state.chance)
+    return Member(g.effect, g.joints, float(scores.plain[k]), left)

@@ -1,0 +1,88 @@
+"""Shapes of an effect, sought where its score is largest."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..design.catalogue import Catalogue
+from ..design.places import is_order, search_range
+from .scores import Scores
+
+if TYPE_CHECKING:
+    from ...effects.base import Effect, ShapeParameter
+    from ..scoring.fit import Fit, Solved
+
+Array = np.ndarray
+#: Points over the whole range of a lone shape and of each of several, and around the best one.
+_WHOLE, _EACH, _FINE = 25, 7, 9
+#: Rounds over the whole range, and around a shape found before; each looks at a quarter of the last.
+_ROUNDS, _NEAR_ROUNDS = 2, 5
+#: Share of the range that is looked at around a shape that was found before.
+_NEAR = 0.06
+
+
+def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False) -> Effect:
+    """An effect at the shape that scores best beside a frame; `near`: only around the one it has."""
+    free = _free(effect, fit)
+    if not free:
+        return effect
+    ranges = search_range(effect, fit.declared, fit.motions(instrument=True))
+    axes = [_Axis.of(p, *ranges[p.name]) for p in free]
+    points, width = (_FINE, _NEAR) if near else (_WHOLE if len(axes) == 1 else _EACH, 1.0)
+    if is_order(effect) and not near:
+        points, width = _FINE, 1.0 / 8.0  # whole numbers of periods were looked at: this is between them
+    for _ in range(_NEAR_ROUNDS if near else _ROUNDS):
+        for axis in axes:
+            options = [effect, *(effect.with_shape(**{axis.name: v}) for v in axis.around(float(getattr(effect, axis.name)), width, points))]
+            effect = options[int(np.argmax(scored(options, joints, fit, frame)))]
+        width, points = width * 2.5 / points, _FINE
+    return effect
+
+
+def scored(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solved) -> Array:
+    """z of each effect of a list beside a frame."""
+    scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, joints) for e in effects]))
+    out = np.zeros(len(effects))
+    for z, k in zip(scores.plain, scores.kept, strict=True):
+        out[k] = z
+    return out
+
+
+def _free(effect: Effect, fit: Fit) -> tuple[ShapeParameter, ...]:
+    """Shapes that may be anything between their bounds: no orders of what turns (they are whole), no delay of which only a slope is taken."""
+    slope = effect.response(fit.robot) is not None and any(getattr(effect, p.name) == 0.0 for p in effect.shape())
+    if slope or (is_order(effect) and not on_a_slide(effect, fit)):
+        return ()
+    return tuple(p for p in effect.shape() if p.points != 1)
+
+
+def on_a_slide(effect: Effect, fit: Fit) -> bool:
+    """An order's positions are those of a slide, where no order is whole."""
+    return fit.robot.position_unit(effect.at(fit.robot)[0], getattr(effect, "angle", effect.side)) != "rad"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Axis:
+    """One shape's range, in logarithms where it is one of scale."""
+
+    name: str
+    low: float
+    high: float
+    log: bool
+    bounds: tuple[float, float]
+
+    @classmethod
+    def of(cls, p: ShapeParameter, low: float, high: float) -> _Axis:
+        log = bool(p.log and low > 0)
+        return cls(p.name, *((float(np.log(low)), float(np.log(high))) if log else (low, high)), log, (p.lower, p.upper))
+
+    def around(self, value: float, width: float, points: int) -> list[float]:
+        """Values within a share of the range around one."""
+        at = float(np.log(value)) if self.log else value
+        reach = width * (self.high - self.low)
+        ends = (self.low, self.high) if width >= 1.0 else (max(self.low, at - reach), min(self.high, at + reach))
+        found = np.linspace(*ends, points)
+        return np.clip(np.exp(found) if self.log else found, *self.bounds).tolist()

@@ -1,0 +1,89 @@
+"""The search's state: the fit with accepted effects, its frame, and the scores of the catalogue beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..design.places import is_order
+from ..thresholds import BOUND, MATERIAL
+from .refinement import on_a_slide, refined
+from .scores import Scores
+from .significance import parametric
+
+if TYPE_CHECKING:
+    from ...effects.base import Effect
+    from ..design.catalogue import Catalogue
+    from ..scoring.fit import Fit, Solved
+
+#: An effect on its joints (() for the whole robot).
+Placed = tuple["Effect", tuple[str, ...]]
+
+
+@dataclass(eq=False)
+class Search:
+    """Fit with accepted effects, its frame, the scores beside it, and the largest score that chance explains."""
+
+    fit: Fit
+    catalogue: Catalogue
+    accepted: list[Placed] = field(default_factory=list)
+    frame: Solved = field(init=False)
+    scores: Scores = field(init=False)
+    chance: float = field(init=False, default=0.0)
+
+    def solve(self) -> None:
+        """Refit with what is accepted, and score everything beside it."""
+        self.fit = self.fit.with_effects(tuple(e for e, _ in self.accepted))
+        self.frame = self.fit.solved(2)
+        self.catalogue.updated(self.fit)
+        self.scores = Scores.of(self.fit, self.frame, self.catalogue)
+
+    def calibrate(self) -> None:
+        """Take the largest score that chance explains, for these scores."""
+        self.chance = parametric(self.scores)
+
+    @property
+    def critical(self) -> float:
+        """What a score must exceed: chance, and what is not material."""
+        share = self.fit.share
+        used = float(share[share > 0].mean()) if (share > 0).any() else 1.0
+        return self.chance + MATERIAL * float(np.sqrt(self.frame.rows * used))
+
+    def without(self, i: int) -> Scores:
+        """Scores beside a model without the i-th accepted effect, at the noise, and with the columns, of the model with it."""
+        fit = self.fit.with_effects(tuple(e for k, (e, _) in enumerate(self.accepted) if k != i))
+        return Scores.of(fit, fit.behind(self.frame.gains), self.catalogue)
+
+    def reprofile(self) -> None:
+        """Shapes of all accepted effects anew, each beside the others, at the noise of the whole model."""
+        changed = False
+        for i, (effect, joints) in enumerate(list(self.accepted)):
+            if not effect.shape() or (is_order(effect) and not on_a_slide(effect, self.fit)):
+                continue
+            fit = self.fit.with_effects(tuple(e for k, (e, _) in enumerate(self.accepted) if k != i))
+            better = refined(effect, joints, fit, fit.behind(self.frame.gains), near=len(self.accepted) == 1)
+            changed |= better != effect
+            self.accepted[i] = (better, joints)
+        if changed:
+            self.solve()
+
+    def labelled(self, effect: Effect) -> Effect:
+        """The effect under a label that keeps its parameters apart from those of the accepted ones."""
+        taken = {p.name for e, _ in self.accepted for p in e.parameters(self.fit.robot)}
+        while any(p.name in taken for p in effect.parameters(self.fit.robot)):
+            effect = dataclasses.replace(effect, label=f"{effect.label}+")
+        return effect
+
+    def possible(self, scores: Scores, k: int) -> bool:
+        """Whether the values that a scored group would have can be those of such an effect."""
+        effect, robot = scores.group(k).effect, self.fit.robot
+        if effect is None:
+            return False
+        values, std = scores.values(k)
+        inside = all(
+            p.lower - BOUND * s <= v <= p.upper + BOUND * s for p, v, s in zip(effect.parameters(robot), values, std, strict=True)
+        )
+        return inside and not effect.implausible(robot, values, std)
