@@ -52,22 +52,28 @@ def robot() -> ident.Robot:
     return ident.Robot.from_urdf(URDF)
 
 
-def motion() -> tuple[Array, Array, Array]:
+def motion(rows: int = ROWS) -> tuple[Array, Array, Array]:
     """Time, positions and torques of the two joints."""
-    t = np.arange(ROWS) / RATE
+    t = np.arange(rows) / RATE
     q = np.stack([0.9 * np.sin(2.1 * t), 0.8 * np.sin(1.3 * t + 1)], axis=1)
     rng = np.random.default_rng(0)
-    tau = np.stack([np.cos(2.1 * t), 3 * np.sin(q[:, 1])], axis=1) + 0.01 * rng.normal(size=(ROWS, 2))
+    tau = np.stack([np.cos(2.1 * t), 3 * np.sin(q[:, 1])], axis=1) + 0.01 * rng.normal(size=(rows, 2))
     return t, q, tau
 
 
 def table(
-    names: str = "t,q1,q2,tau1,tau2", delimiter: str = ",", decimal: str = ".", head: str = "", end: str = "\n", scale: float = 1.0
+    names: str = "t,q1,q2,tau1,tau2",
+    delimiter: str = ",",
+    decimal: str = ".",
+    head: str = "",
+    end: str = "\n",
+    scale: float = 1.0,
+    rows: int = ROWS,
 ) -> bytes:
     """A log as text."""
-    t, q, tau = motion()
-    rows = np.column_stack([t, q * scale, tau])
-    text = end.join(delimiter.join(f"{x:.7g}".replace(".", decimal) for x in row) for row in rows)
+    t, q, tau = motion(rows)
+    values = np.column_stack([t, q * scale, tau])
+    text = end.join(delimiter.join(f"{x:.7g}".replace(".", decimal) for x in row) for row in values)
     return (head + names.replace(",", delimiter) + end + text + end).encode()
 
 
