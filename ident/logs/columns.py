@@ -86,10 +86,9 @@ def resolve_columns(
     joints = None if joints is None else joints.counted([*(h for h in header if h not in _columns_of(mapping)), *(mapping or {})])
     idle: list[str] = []
     automatic = _take_mapped(mapping, header, joints, where, notes, found, idle)
-    taken = {c.source for c in found.values()}
+    taken = set(mapped := {c.source for c in found.values()})
     if not automatic:
         notes.append(f"{where}: [columns] renumbers joints, so only mapped columns are used (besides time).")
-    mapped = set(taken)
     _refuse_twice([h for h in twice if h in mapped], where)
     names: list[str] = []
     zero: dict[str, str] = {}
