@@ -206,7 +206,7 @@ def commands() -> dict[str, Any]:
         "base.arm.urdf": (("base", "--urdf", "{file}"), seeds.MIMIC.encode(), mutations.TEXT),
         "validate.fit.json": (("validate", "--fit", "{file}", "--log", "{right}/log.csv"), _fit(), mutations.TEXT),
         "judge.fit.json": (("judge", "{file}"), _fit(), mutations.TEXT),
-        "export.fit.json": (("export", "{file}", "{out}/made.urdf"), _fit(), mutations.TEXT),
+        "export.fit.json": (("export", "{file}", "{out}/made.urdf"), json.dumps(seeds.possible_fit()).encode(), mutations.TEXT),
         "report.fit.json": (("report", "{file}", "-o", "{out}/made.html"), _fit(), mutations.TEXT),
         "study.toml": (("fit", "{file}"), to_toml(seeds.PLAIN_STUDY).encode(), mutations.TEXT),
         "simulate.way.csv": (("simulate", "--urdf", "{right}/arm.urdf", "--trajectory", "{file}"), _way(), mutations.TABLE),

@@ -16,6 +16,7 @@ import numpy as np
 
 import ident
 from ident.robots import robot_folder
+from tests.recorded import recorded
 
 Array = np.ndarray
 ROWS, RATE = 160, 50.0
@@ -196,6 +197,16 @@ def saved_fits() -> dict[str, Any]:
         estimate = ident.fit(log_set(), robot(), model=[ident.make_effect(e) for e in effects], held=0)
         out[f"{name}.json"] = json.loads(_made("fit.json", lambda p, e=estimate: e.save(p)))
     return out
+
+
+@lru_cache(maxsize=1)
+def possible_fit() -> dict[str, Any]:
+    """A saved fit that some real body has, as data: what can be exported."""
+    model = robot().rigid_body() + ident.make_effect("viscous")
+    values = np.concatenate([robot().nominal, [0.3, 0.2]])
+    log = recorded(robot(), model, values, seed=1, seconds=6.0, noise=1e-4)
+    estimate = ident.fit(log, robot(), model=[ident.make_effect("viscous")], held=0)
+    return dict(json.loads(_made("fit.json", estimate.save)))
 
 
 def robots() -> dict[str, bytes]:
