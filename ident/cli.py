@@ -1,5 +1,5 @@
-"""Command line of ident. Exit codes: 0 done; 1 done, but a gate failed; 2 usage or configuration; 3 the data cannot be used;
-70 a fault of ours, with a report to send."""
+"""Command line of ident. Exit codes: 0 done; 1 done, but a gate failed; 2 usage or configuration; 3 the data cannot be used, or not in
+this memory; 70 a fault of ours, with a report to send."""
 
 from __future__ import annotations
 
@@ -55,6 +55,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         what = f"{error.filename}: " if error.filename else ""
         print(f"ident {args.command}: {what}{error.strerror or error}; nothing half written is left.", file=sys.stderr)
         return 2
+    except MemoryError as error:
+        what = str(error).strip().rstrip(".")
+        print(
+            f"ident {args.command}: the inputs ask for more memory than there is{f' ({what})' if what else ''}; nothing half written is"
+            " left. Give fewer or shorter logs, or read them in pieces (--stream).",
+            file=sys.stderr,
+        )
+        return 3
     except Exception as error:  # noqa: BLE001 - whatever is left is a fault of ours, and is said to be one
         return _fault(args.command, given, error)
 

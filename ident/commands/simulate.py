@@ -15,6 +15,7 @@ from ..estimate.estimate import Estimate
 from ..logs.log import read_logs
 from ..planning.plan import read_plan, simulate_plan
 from ..robots.library.nominal import nominal_values
+from ..robots.reach import reach
 from ..robots.transmission import Side
 from ..robots.urdf import some
 from ..simulation.sensors import Quantisation, Sensors, TorqueNoise, TorqueWindow
@@ -31,6 +32,8 @@ Array = np.ndarray
 _COUNTS = 4000.0
 #: Name of the log, where none is given.
 _LOG = "simulated.csv"
+#: Longest motion (s) that is simulated at once.
+_LONGEST_S = 1e5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -77,6 +80,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError(f"{target} exists; nothing was simulated. Choose another --log, or add --force.")
     model, values = _plant(args)
     _note_unknown(out, model, values)
+    _require_length(args.seconds, "--seconds")
     desired: FourierTrajectory | Coordinates
     if args.trajectory:
         desired = sampled = _followed(args.trajectory, model)
@@ -119,6 +123,8 @@ def _planned(args: argparse.Namespace) -> int:
             f"plan {args.plan} is for joints {', '.join(plan.joints)} (robot {plan.robot!r}), but robot {model.robot.name!r} has {names}."
         )
     tests = plan.tests if args.tests is None else tuple(plan.test(name) for name in args.tests)
+    for test in tests:
+        _require_length(plan.trajectory(test)[0].duration, f"plan {args.plan}: test {test.name!r}")
     out = Output(args)
     assert out.folder is not None
     _note_unknown(out, model, values)
@@ -203,9 +209,9 @@ def random_motion(model: Model, seed: int, seconds: float, base_hz: float = 0.1,
     robot = model.robot
     rng = np.random.default_rng(seed)
     widest = np.array([0.5 if j.prismatic else np.pi for j in robot.joints])
-    lower = np.maximum([j.lower for j in robot.joints], -widest)
-    upper = np.array([j.upper for j in robot.joints])
-    lower = np.where(upper < lower, [j.lower for j in robot.joints], lower)
+    low, upper = reach(robot.joints, stroke=0.5)
+    lower = np.maximum(low, -widest)
+    lower = np.where(upper <= lower, low, lower)
     upper = np.minimum(upper, lower + 2 * widest)
     periods = max(1, round(seconds * base_hz))
     base = periods / seconds
@@ -217,11 +223,18 @@ def random_motion(model: Model, seed: int, seconds: float, base_hz: float = 0.1,
     return FourierTrajectory(centre, scale * sine, scale * cosine, base, periods)
 
 
+def _require_length(seconds: float, what: str) -> None:
+    """Raise ConfigurationError for a motion that nobody means: the wrong unit of time, or a damaged file."""
+    if not seconds <= _LONGEST_S:
+        raise ConfigurationError(f"{what}: the motion lasts {seconds:.3g} s; more than {_LONGEST_S:.0e} s are not simulated at once.")
+
+
 def _followed(file: str, model: Model) -> Coordinates:
     """The motion in a CSV file, resampled to the controller's rate by splines."""
     from scipy.interpolate import CubicSpline
 
     log = read_logs(file, model.robot)[0]
+    _require_length(log.duration, file)
     spline = CubicSpline(log.t, log.position(model.robot.transmission))
     t = np.arange(log.t[0], log.t[-1], 1e-3)
     return Coordinates(spline(t), spline(t, 1), spline(t, 2))

@@ -39,9 +39,7 @@ def add_streaming_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"threads for streamed work; results do not depend on it (default: processors, {_MOST_JOBS} at most)",
     )
     group.add_argument("--resume", action="store_true", help="go on with streamed work that was cut off (the checkpoint in --out)")
-    group.add_argument(
-        "--skip-bad-files", action="store_true", help="leave out files that cannot be read, with a warning in the result (implies --stream)"
-    )
+    group.add_argument("--skip-bad-files", action="store_true", help="leave out files that cannot be read, with a warning in the result")
 
 
 def wants_streaming(args: argparse.Namespace, study: Study, out: Output) -> bool:
@@ -52,7 +50,7 @@ def wants_streaming(args: argparse.Namespace, study: Study, out: Output) -> bool
 def _large(args: argparse.Namespace, study: Study, out: Output, why_not: Callable[[], str] = str) -> bool:
     if args.stream is not None:
         return bool(args.stream)
-    if args.resume or args.skip_bad_files:
+    if args.resume:
         return True
     size = size_of((*study.fit_files(), *study.validation_files()))
     if size < THRESHOLD:
@@ -79,7 +77,12 @@ def signals_from(args: argparse.Namespace, study: Study, out: Output, estimate: 
     """The study's logs as signals for a fit that was saved, prepared as that fit's were."""
     robot, prep = estimate.model.robot, like(estimate.signals_config)
     if not _large(args, study, out):
-        yield prep(read_logs([*map(str, study.fit_files())], robot, study.columns or None, **study.logs.reading()))
+        logs = read_logs(
+            [*map(str, study.fit_files())], robot, study.columns or None, skip_bad_files=args.skip_bad_files, **study.logs.reading()
+        )
+        for reason in logs.left_out:
+            out.note(f"left out: {reason}")
+        yield prep(logs)
         return
 
     checkpoint = Checkpoint.scratch()
@@ -93,7 +96,7 @@ def signals_from(args: argparse.Namespace, study: Study, out: Output, estimate: 
 def session_from(args: argparse.Namespace, study: Study, out: Output, label: str) -> Iterator[Session]:
     """The session of a command. Streamed work is thrown away when the command ends well, or cannot be taken up again anyway."""
     if not wants_streaming(args, study, out):
-        yield Session(study, out.progress(label))
+        yield Session(study, out.progress(label), args.skip_bad_files)
         return
 
     session = StreamedSession.of(

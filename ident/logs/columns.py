@@ -5,7 +5,7 @@ tables or pieces of tables that have these columns."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -86,10 +86,9 @@ def resolve_columns(
     joints = None if joints is None else joints.counted([*(h for h in header if h not in _columns_of(mapping)), *(mapping or {})])
     idle: list[str] = []
     automatic = _take_mapped(mapping, header, joints, where, notes, found, idle)
-    taken = {c.source for c in found.values()}
+    taken = set(mapped := {c.source for c in found.values()})
     if not automatic:
         notes.append(f"{where}: [columns] renumbers joints, so only mapped columns are used (besides time).")
-    mapped = set(taken)
     _refuse_twice([h for h in twice if h in mapped], where)
     names: list[str] = []
     zero: dict[str, str] = {}
@@ -123,6 +122,7 @@ def resolve_columns(
         )
     found = _without_surplus(found, mapping, joints, where, notes)
     notes += _from_zero(zero, found, numbered, joints, where)
+    _refuse_other_joint(found.values(), joints, mapped, where)
     # Questions number the joints that are left, which is not how this log counts where some are locked.
     unknown = [] if joints is not None and joints.numbered else [h for h in header if h not in taken]
     n = _joint_count(found, joints, where, unknown)
@@ -133,6 +133,16 @@ def resolve_columns(
     known, used = known if len(known) == n else (), {c.source for c in columns}
     hint = "" if any(c.quantity.startswith("tau") for c in columns) else torque_question(unknown, range(n), known)
     return ColumnPlan(columns, n, known, tuple(h for h in header if h not in used), tuple(notes), hint, where)
+
+
+def _refuse_other_joint(columns: Iterable[Column], joints: JointNames | None, mapped: Container[str], where: str) -> None:
+    """A column `q2` counts the second joint; where another joint is called q2, nobody knows which of the two is meant."""
+    for c in columns:
+        if joints is not None and c.source not in mapped and c.source in joints.names and joints.names.index(c.source) != c.joint:
+            raise ConfigurationError(
+                f"{where}: column {c.source!r} would be joint {c.joint + 1} by its number ({joints.names[c.joint]}), but another joint"
+                f" is named {c.source!r}. Say which is meant: name it '<joint>.position', or map the columns under [columns]."
+            )
 
 
 def _take_mapped(

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._utils.files import sha256
 from .._utils.short_repr import ShortRepr
-from ..errors import ConfigurationError, DataError, unknown_name
+from ..errors import ConfigurationError, DataError, IdentError, unknown_name
 from ..robots.transmission import Transmission
 from .columns import ColumnPlan, resolve_columns
 from .names import JointNames
@@ -136,7 +136,7 @@ class Log(ShortRepr):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LogSet(ShortRepr):
-    """Runs of one robot. `robot` is the one they were read for, if it was given.
+    """Runs of one robot. `robot` is the one they were read for, if it was given; `left_out`: files that could not be read, and why.
 
     Examples
     --------
@@ -149,6 +149,7 @@ class LogSet(ShortRepr):
 
     logs: tuple[Log, ...]
     robot: Robot | None = None
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "logs", tuple(self.logs))
@@ -268,6 +269,7 @@ def read_logs(
     missing: str = "refuse",
     extra: bool = True,
     rate_hz: float | None = None,
+    skip_bad_files: bool = False,
 ) -> LogSet:
     """Read recordings: CSV in its dialects, compressed or not; Parquet, MAT, NPZ, ROS 1 and ROS 2 bags, MCAP, LeRobot folders.
 
@@ -287,6 +289,8 @@ def read_logs(
         Read columns that are nothing of ours, too.
     rate_hz : float, optional
         Samples per second of logs without a time.
+    skip_bad_files : bool
+        Leave out files that cannot be read; `left_out` of the result says which and why. One must be left.
 
     Returns
     -------
@@ -312,8 +316,16 @@ def read_logs(
         raise unknown_name("treatment of missing positions", missing, ("refuse", "gap"))
     joints = None if robot is None else JointNames.of(robot)
     logs: list[Log] = []
+    left_out: list[str] = []
     for path in _files(paths):
-        logs += _read(path, joints, columns, missing, extra, rate_hz)
+        try:
+            logs += _read(path, joints, columns, missing, extra, rate_hz)
+        except IdentError as error:
+            if not skip_bad_files:
+                raise
+            left_out.append(str(error))
+    if left_out and not logs:
+        raise DataError(f"none of the {len(left_out)} logs can be read; the first: {left_out[0]}")
     names: dict[str, int] = {}
     for i, log in enumerate(logs):
         names[log.name] = names.get(log.name, 0) + 1
@@ -321,7 +333,7 @@ def read_logs(
             logs[i] = replace(log, name=f"{log.name} ({names[log.name]})")
     if robot is not None:
         logs = [_turned(log, robot) if log.q is not None else _joined(log, robot) for log in logs]
-    return LogSet(tuple(logs), robot)
+    return LogSet(tuple(logs), robot, tuple(left_out))
 
 
 def _files(paths: str | Path | Sequence[str | Path]) -> list[Path]:

@@ -346,6 +346,8 @@ def held_joints(
 
 def _closure(urdf: UrdfText, tree_joints: tuple[Joint, ...], loop: Mapping[str, Mapping[str, float]]) -> tuple[Loop, tuple[Joint, ...]]:
     names = [j.name for j in tree_joints]
+    if "offset" in names and (loop or urdf.mimics):
+        raise ConfigurationError("a joint is named 'offset', which is the constant of a rule ([loop], <mimic>): rename the joint.")
     rules: dict[str, dict[str, float]] = {m.joint: {m.master: m.multiplier, "offset": m.offset} for m in urdf.mimics if m.joint in names}
     for joint, rule in loop.items():
         if joint not in names:

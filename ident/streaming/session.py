@@ -196,7 +196,7 @@ class StreamedSession(Session):
 
     @cached_property
     def estimate(self) -> Estimate:
-        """The estimate that the study asks for; files that were skipped are among its warnings."""
+        """The estimate that the study asks for."""
         if self._workers.threads < 2:
             found = super().estimate
         else:
@@ -205,8 +205,7 @@ class StreamedSession(Session):
             with ThreadPoolExecutor(1) as beside:
                 object.__setattr__(self, "_held", beside.submit(self._prepare_held))
                 found = super().estimate
-        skipped = [f"left out: {reason}" for reason in self.skipped]
-        return replace(found, warnings=(*skipped, *found.warnings))
+        return found
 
     @property
     def inputs_apart(self) -> tuple[tuple[dict[str, Any], ...], tuple[dict[str, Any], ...]]:
@@ -269,7 +268,7 @@ def read_task(task: ReadTask) -> tuple[StoredLog, ...] | str:
     """The runs of a file, or why it was skipped."""
     try:
         return store_logs(task.path, task.folder, task.reading, task.progress)
-    except DataError as error:
+    except IdentError as error:
         if not task.skip:
             raise
         return str(error)

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import DataError, UnsupportedError
 from ..logs.columns import ColumnPlan
 from ..logs.readers.damage import DAMAGED, reason
-from ..logs.readers.tables import Header, arrow_values, numeric, open_binary, parquet_file, stored_names
+from ..logs.readers.tables import LONGEST_LINE, Header, arrow_values, numeric, open_binary, parquet_file, stored_names
 from .text import TextParser
 
 Array = np.ndarray
@@ -153,6 +153,8 @@ def _whole_lines(
             cut = end if whole else _last_line_end(text)
             if not cut and not whole and b"\r" in bytes(text):
                 raise UnsupportedError(_CARRIAGE.format(path=path))
+            if not cut and end > LONGEST_LINE:
+                raise DataError(f"log {path}: has a line of more than {LONGEST_LINE} characters: it is no table of rows.")
             if show is not None and cut:
                 show(at, text[:cut])
                 at += cut

@@ -37,6 +37,7 @@ class Session:
 
     study: Study
     progress: Callable[[float], None] | None = None
+    skip_bad_files: bool = False
 
     @cached_property
     def robot(self) -> Robot:
@@ -65,7 +66,14 @@ class Session:
         return self.recorded.split(by="fraction", held=HELD_SHARE)
 
     def _read(self, files: Iterable[Path]) -> LogSet:
-        return read_logs([*map(str, files)], self.robot, self.study.columns or None, **self.study.logs.reading())
+        how = {"skip_bad_files": self.skip_bad_files, **self.study.logs.reading()}
+        return read_logs([*map(str, files)], self.robot, self.study.columns or None, **how)
+
+    @property
+    def skipped(self) -> tuple[str, ...]:
+        """What was left out because it could not be read, with the reason."""
+        held = () if self.held_by_split or self._parts[1] is None else self._parts[1].left_out
+        return (*self.recorded.left_out, *held)
 
     @property
     def held_by_split(self) -> bool:
@@ -108,7 +116,7 @@ class Session:
         found = self.study.make_estimator().solve(self.problem)
         require_rows(found)
         found = replace(found, inputs=self.inputs, signals_config=self.fit_signals.report.to_dict())
-        said = []
+        said = [f"left out: {reason}" for reason in self.skipped]
         try:
             found = found.with_heldout(found.torque_error(self.held_signals))
         except DataError as error:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import json
+import warnings
 from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 import ident
+from ident import cli
 from ident._utils.toml import to_toml
 from ident.errors import ConfigurationError, DataError, IdentError
 from ident.robots.urdf import prepare_urdf
@@ -184,6 +190,91 @@ def use_fit(path: Path) -> None:
         raise Difference("values are others after a round trip")
 
 
+# --- whole commands --------------------------------------------------------------------------------------------------
+
+
+_DRIVE = b"ratio = [50, 30.0]\nmeasured = 'motor'\neffects = ['viscous', { name = 'coulomb', joints = ['j1'] }]\n"
+
+
+def commands() -> dict[str, Any]:
+    """Command lines whose files are changed: name of the changed file → the command, the file, how it is changed."""
+    return {
+        "fit.log.csv": (("fit", "--urdf", "{right}/arm.urdf", "--log", "{file}"), seeds.table(), mutations.TABLE),
+        "fit.arm.urdf": (("fit", "--urdf", "{file}", "--log", "{right}/log.csv"), seeds.URDF.encode(), mutations.TEXT),
+        "check.log.csv.gz": (("check", "--urdf", "{right}/arm.urdf", "--log", "{file}"), seeds.packed()["a.csv.gz"], mutations.BYTES),
+        "stream.log.csv": (("fit", "--stream", "--urdf", "{right}/arm.urdf", "--log", "{file}"), seeds.table(), mutations.TABLE),
+        "base.arm.urdf": (("base", "--urdf", "{file}"), seeds.MIMIC.encode(), mutations.TEXT),
+        "validate.fit.json": (("validate", "--fit", "{file}", "--log", "{right}/log.csv"), _fit(), mutations.TEXT),
+        "judge.fit.json": (("judge", "{file}"), _fit(), mutations.TEXT),
+        "export.fit.json": (("export", "{file}", "{out}/made.urdf"), json.dumps(seeds.possible_fit()).encode(), mutations.TEXT),
+        "report.fit.json": (("report", "{file}", "-o", "{out}/made.html"), _fit(), mutations.TEXT),
+        "study.toml": (("fit", "{file}"), to_toml(seeds.PLAIN_STUDY).encode(), mutations.TEXT),
+        "simulate.way.csv": (("simulate", "--urdf", "{right}/arm.urdf", "--trajectory", "{file}"), _way(), mutations.TABLE),
+        "plan.toml": (("simulate", "--urdf", "{right}/arm.urdf", "--plan", "{file}"), _plan(), mutations.TEXT),
+        "drive.toml": (("base", "--urdf", "{right}/arm.urdf", "--drive", "{file}"), _DRIVE, mutations.TEXT),
+    }
+
+
+def _fit() -> bytes:
+    return json.dumps(seeds.saved_fits()["plain.json"]).encode()
+
+
+@lru_cache(maxsize=1)
+def _way() -> bytes:
+    t, q, _ = seeds.motion()
+    rows = [f"{a:.4f},{b:.6f},{c:.6f}" for a, (b, c) in zip(t, q, strict=True)]
+    return "\n".join(["t,q1,q2", *rows, ""]).encode()
+
+
+@lru_cache(maxsize=1)
+def _plan() -> bytes:
+    plan = ident.plan(seeds.robot().rigid_body())
+    return to_toml(plan.tables()).encode()
+
+
+def change_command(rng: Rng, name: str, content: Any) -> bytes:
+    _, data, ways = content
+    return mutations.mutated(rng, data, ways)
+
+
+def use_command(path: Path) -> None:
+    """Run the command on the changed file; its exit code is 0, 2 or 3, and only that of a gate 1."""
+    arguments = commands()[path.name][0]
+    with TemporaryDirectory() as right, TemporaryDirectory() as out:
+        (Path(right) / "arm.urdf").write_text(seeds.URDF)
+        (Path(right) / "log.csv").write_bytes(seeds.table())
+        (path.parent / "arm.urdf").write_text(seeds.URDF)
+        (path.parent / "log.csv").write_bytes(seeds.table())
+        given = [a.format(file=path, right=right, out=out) for a in arguments]
+        given += [] if "{out}" in " ".join(arguments) else ["--out", f"{out}/results"]
+        said, told = io.StringIO(), io.StringIO()
+        with redirect_stdout(said), redirect_stderr(told):
+            code = run_command(given)
+        left = sorted(str(p.relative_to(out)) for p in Path(out).rglob("*"))
+    text = told.getvalue()
+    if code == 70:
+        raise Difference(f"exit 70: {text[-300:]}")
+    if code not in (0, 1, 2, 3):
+        raise Difference(f"exit {code}: {text[-300:]}")
+    if code in (2, 3):
+        if not text.startswith(f"ident {given[0]}: ") and f"\nident {given[0]}: " not in text:
+            raise Difference(f"exit {code} without a reason: {text[-300:]!r}")
+        if left:
+            raise Difference(f"exit {code}, but something was written: {left}")
+        raise ConfigurationError("refused")
+
+
+def run_command(arguments: list[str]) -> int:
+    """A command in this process; its exit code."""
+    shown = warnings.showwarning
+    try:
+        return cli.main(arguments)
+    except SystemExit as error:
+        return int(error.code or 0)
+    finally:
+        warnings.showwarning = shown
+
+
 KINDS: dict[str, Kind] = {
     k.name: k
     for k in (
@@ -193,6 +284,7 @@ KINDS: dict[str, Kind] = {
         Kind("urdf", seeds.robots, change_urdf, use_urdf),
         Kind("toml", studies, change_study, use_study),
         Kind("json", seeds.saved_fits, change_fit, use_fit),
+        Kind("commands", commands, change_command, use_command),
     )
 }
 

@@ -16,6 +16,7 @@ import numpy as np
 
 import ident
 from ident.robots import robot_folder
+from tests.recorded import recorded
 
 Array = np.ndarray
 ROWS, RATE = 160, 50.0
@@ -52,22 +53,28 @@ def robot() -> ident.Robot:
     return ident.Robot.from_urdf(URDF)
 
 
-def motion() -> tuple[Array, Array, Array]:
+def motion(rows: int = ROWS) -> tuple[Array, Array, Array]:
     """Time, positions and torques of the two joints."""
-    t = np.arange(ROWS) / RATE
+    t = np.arange(rows) / RATE
     q = np.stack([0.9 * np.sin(2.1 * t), 0.8 * np.sin(1.3 * t + 1)], axis=1)
     rng = np.random.default_rng(0)
-    tau = np.stack([np.cos(2.1 * t), 3 * np.sin(q[:, 1])], axis=1) + 0.01 * rng.normal(size=(ROWS, 2))
+    tau = np.stack([np.cos(2.1 * t), 3 * np.sin(q[:, 1])], axis=1) + 0.01 * rng.normal(size=(rows, 2))
     return t, q, tau
 
 
 def table(
-    names: str = "t,q1,q2,tau1,tau2", delimiter: str = ",", decimal: str = ".", head: str = "", end: str = "\n", scale: float = 1.0
+    names: str = "t,q1,q2,tau1,tau2",
+    delimiter: str = ",",
+    decimal: str = ".",
+    head: str = "",
+    end: str = "\n",
+    scale: float = 1.0,
+    rows: int = ROWS,
 ) -> bytes:
     """A log as text."""
-    t, q, tau = motion()
-    rows = np.column_stack([t, q * scale, tau])
-    text = end.join(delimiter.join(f"{x:.7g}".replace(".", decimal) for x in row) for row in rows)
+    t, q, tau = motion(rows)
+    values = np.column_stack([t, q * scale, tau])
+    text = end.join(delimiter.join(f"{x:.7g}".replace(".", decimal) for x in row) for row in values)
     return (head + names.replace(",", delimiter) + end + text + end).encode()
 
 
@@ -190,6 +197,16 @@ def saved_fits() -> dict[str, Any]:
         estimate = ident.fit(log_set(), robot(), model=[ident.make_effect(e) for e in effects], held=0)
         out[f"{name}.json"] = json.loads(_made("fit.json", lambda p, e=estimate: e.save(p)))
     return out
+
+
+@lru_cache(maxsize=1)
+def possible_fit() -> dict[str, Any]:
+    """A saved fit that some real body has, as data: what can be exported."""
+    model = robot().rigid_body() + ident.make_effect("viscous")
+    values = np.concatenate([robot().nominal, [0.3, 0.2]])
+    log = recorded(robot(), model, values, seed=1, seconds=6.0, noise=1e-4)
+    estimate = ident.fit(log, robot(), model=[ident.make_effect("viscous")], held=0)
+    return dict(json.loads(_made("fit.json", estimate.save)))
 
 
 def robots() -> dict[str, bytes]:

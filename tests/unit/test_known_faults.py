@@ -238,3 +238,25 @@ def test_a_fault_of_ours_ends_with_a_report(monkeypatch: pytest.MonkeyPatch, cap
     report = Path(said.split("report is in ")[1].split(". Send")[0])
     assert "made here" in report.read_text()
     report.unlink()
+
+
+@pytest.mark.parametrize("names", [("q2", "q1"), ("q0", "q1")])
+def test_a_number_that_is_another_joints_name_is_asked_about(tmp_path: Path, names: tuple[str, str]) -> None:
+    """By its number, a column would silently be that of the wrong joint."""
+    t, q, tau = motion()
+    robot = ident.Robot.from_urdf(urdf().replace('name="j1"', f'name="{names[0]}"').replace('name="j2"', f'name="{names[1]}"'))
+    file = write(tmp_path / "a.csv", NAMES, [t, *q.T, *tau.T])
+    with pytest.raises(ident.ConfigurationError, match="another joint is named"):
+        ident.read_logs(file, robot)
+    mapped = ident.read_logs(file, robot, {"q1": "q1", "q2": "q2", "tau1": "tau1", "tau2": "tau2"})[0]
+    np.testing.assert_allclose(mapped.q, q)
+    named = ["t", *(f"{n}.position" for n in names), *(f"{n}.effort" for n in names)]
+    np.testing.assert_allclose(ident.read_logs(write(tmp_path / "b.csv", named, [t, *q.T, *tau.T]), robot)[0].q, q)
+
+
+def test_a_joint_named_like_the_constant_of_a_rule_is_refused() -> None:
+    """As a key of the rule, the name would take the place of the multiplier."""
+    text = urdf(joint='<mimic joint="offset" multiplier="0.5" offset="0.1"/>').replace('name="j1"', 'name="offset"')
+    with pytest.raises(ident.ConfigurationError, match="rename the joint"):
+        ident.Robot.from_urdf(text)
+    assert ident.Robot.from_urdf(urdf().replace('name="j1"', 'name="offset"')).joint_names == ("offset", "j2")

@@ -21,7 +21,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from ...errors import ConfigurationError, DataError
+from ...errors import ConfigurationError, DataError, IdentError
 from .arrays import list_columns, npz_columns
 from .bag import bag_columns, is_bag
 from .damage import DAMAGED, reason
@@ -39,7 +39,9 @@ _SHOWN = 40
 AGAIN = "\x00again "
 #: Bytes at the beginning in which the kind of line ends is looked for.
 _HEAD = 1 << 16
-_LONGEST_LINE = 4_000_000
+#: Bytes that a packed file may always unpack to, how many times its own size beyond that, and bytes that are unpacked at a time.
+_UNPACKED, _RATIO, _BLOCK = 1 << 28, 200, 1 << 20
+LONGEST_LINE = 4_000_000
 #: Longest word that a row of units holds.
 _UNIT = 8
 _OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ", lzma.open))
@@ -159,6 +161,8 @@ def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[
             usecols=list(names),
             dtype=str,
             keep_default_na=False,
+            encoding=header.encoding,
+            encoding_errors="replace",
         )
     return {name: frame[name].to_numpy(dtype=object) for name in names}
 
@@ -173,9 +177,47 @@ def open_binary(path: Path) -> IO[bytes]:
     return path.open("rb")
 
 
+class _Unpacked(io.RawIOBase):
+    """What a packed file unpacks to, up to a size that a table of numbers may have."""
+
+    def __init__(self, inner: IO[bytes], path: Path) -> None:
+        self._inner, self._path, self._at = inner, path, 0
+        self._most = max(_UNPACKED, _RATIO * path.stat().st_size)
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        self._at = self._inner.seek(offset, whence)
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        count: int = self._inner.readinto(buffer)  # type: ignore[attr-defined]
+        self._at += count
+        if self._at > self._most:
+            raise DataError(
+                f"log {self._path}: unpacks to more than {_RATIO} times its size ({self._at / 1e6:.0f} MB so far): a damaged file, or one"
+                " made to fill the memory. If it is meant, unpack it, or read it piece by piece (--stream)."
+            )
+        return count
+
+    def close(self) -> None:
+        self._inner.close()
+        super().close()
+
+
+def _open_whole(path: Path) -> IO[bytes]:
+    """`open_binary` for those who keep all of it in memory."""
+    stream = open_binary(path)
+    return stream if isinstance(stream, io.BufferedReader) else io.BufferedReader(_Unpacked(stream, path), _BLOCK)
+
+
 def _body(path: Path, header: Header) -> IO[bytes]:
     """The bytes behind the header. Its lines are counted here, since libraries count blank and quoted ones each in their own way."""
-    stream = open_binary(path)
+    stream = _open_whole(path)
     start = stream.read(_HEAD)
     stream.seek(0)
     if b"\r" in start.replace(b"\r\n", b"").removesuffix(b"\r"):  # lines that end with a carriage return alone
@@ -279,9 +321,9 @@ def bounded_lines(text: Iterable[str], path: Path) -> Iterator[str]:
     if read is None:
         yield from text
         return
-    while line := read(_LONGEST_LINE + 1):
-        if len(line) > _LONGEST_LINE:
-            raise DataError(f"log {path}: has a line of more than {_LONGEST_LINE} characters: it is no table of rows.")
+    while line := read(LONGEST_LINE + 1):
+        if len(line) > LONGEST_LINE:
+            raise DataError(f"log {path}: has a line of more than {LONGEST_LINE} characters: it is no table of rows.")
         yield line
 
 
@@ -300,11 +342,13 @@ def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str,
         if found is not None:
             return found
     try:
-        with open_binary(path) as stream:
+        with _open_whole(path) as stream:
             if quotes_stay_open(stream) and over_lines(rows_of_text(path, header), header, names):
                 raise bad_text(path, header, names, "quotes are open at the end of a line")
         with _body(path, header) as stream:
             return pandas_columns(stream, header, names, 0)
+    except IdentError:
+        raise
     except (ValueError, OverflowError) as error:
         raise bad_text(path, header, names, str(error)) from None
     except DAMAGED as error:
@@ -343,6 +387,8 @@ def _arrow_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str
     try:
         with _body(path, header) as stream:
             return arrow_columns(pa.PythonFile(stream, mode="r"), header, names, 0)
+    except IdentError:
+        raise
     except (pa.ArrowException, ValueError, *DAMAGED):
         return None
 

@@ -1,0 +1,113 @@
+"""Logs that are damaged: refused in one line whatever packs them, left out with a record where that is asked for, never a bomb."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import lzma
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ident
+from ident import DataError
+from ident.logs.readers import tables
+from ident.streaming.ingest import Reading, store_logs
+from tests.fuzz import seeds
+
+PACKS = {"csv.gz": gzip.compress, "csv.bz2": bz2.compress, "csv.xz": lzma.compress}
+TABLE = seeds.table(rows=900)
+WRONG_UNIT = "t,q1_Nm,q2,tau1,tau2"
+
+
+def damaged(folder: Path) -> dict[str, Path]:
+    """One file of each kind of damage, by name."""
+    content = {
+        "empty.csv": b"",
+        "bytes.csv": bytes(range(256)) * 40,
+        "short.csv": b"t,q1\n0,1\n1,2\n",
+        "unit.csv": seeds.table(WRONG_UNIT),
+    }
+    for suffix, pack in PACKS.items():
+        whole = pack(TABLE)
+        content[f"cut.{suffix}"] = whole[: len(whole) // 2]
+        flipped = bytearray(whole)
+        flipped[len(whole) // 2] ^= 0x5A
+        content[f"flipped.{suffix}"] = bytes(flipped)
+    stored = seeds.stored()
+    for name in ("a.parquet", "a.mat", "a.npz", "a.bag"):
+        if name in stored:
+            content[f"cut-{name}"] = stored[name][: len(stored[name]) // 2]
+    paths = {name: folder / name for name in content}
+    for name, path in paths.items():
+        path.write_bytes(content[name])
+    (folder / "folder.csv").mkdir()
+    return {**paths, "folder.csv": folder / "folder.csv", "absent.csv": folder / "absent.csv"}
+
+
+def test_every_damage_is_told_in_one_line(tmp_path: Path) -> None:
+    for name, path in damaged(tmp_path).items():
+        with pytest.raises(ident.IdentError) as error:
+            ident.read_logs(path, seeds.robot())
+        told = str(error.value)
+        assert name in told, told
+        assert "\n" not in told
+        assert len(told) < 600
+
+
+def test_damaged_files_are_left_out_with_a_record(tmp_path: Path) -> None:
+    (tmp_path / "good.csv").write_bytes(TABLE)
+    bad = damaged(tmp_path)
+    files = [*bad.values(), tmp_path / "good.csv"]
+    logs = ident.read_logs(files, seeds.robot(), skip_bad_files=True)
+    assert logs.names == ("good",)
+    assert len(logs.left_out) == len(bad)
+    for name, told in zip(bad, logs.left_out, strict=True):
+        assert name in told
+    assert logs.split(by="fraction", held=0.25)[0].left_out == logs.left_out
+    with pytest.raises(DataError, match=f"none of the {len(bad)} logs can be read; the first: "):
+        ident.read_logs([*bad.values()], seeds.robot(), skip_bad_files=True)
+
+
+def test_a_bomb_is_refused_before_it_fills_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tables, "_UNPACKED", 1 << 20)
+    path = tmp_path / "bomb.csv.gz"
+    with gzip.open(path, "wb") as file:
+        file.write(b"t,q1,q2,tau1,tau2\n")
+        for _ in range(40):
+            file.write(b"0.5,0,0,0,0\n" * 10_000)
+    with pytest.raises(DataError, match="unpacks to more than 200 times its size"):
+        ident.read_logs(path, seeds.robot())
+
+
+@pytest.mark.parametrize("suffix", [*PACKS])
+def test_a_packed_log_of_a_usual_ratio_is_read(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tables, "_UNPACKED", 1 << 10)
+    (tmp_path / f"a.{suffix}").write_bytes(PACKS[suffix](TABLE))
+    np.testing.assert_array_equal(ident.read_logs(tmp_path / f"a.{suffix}", seeds.robot())[0].t, np.arange(900) / seeds.RATE)
+
+
+def test_a_line_without_an_end_is_no_table_where_it_is_streamed(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv.gz"
+    with gzip.open(path, "wb") as file:
+        file.write(TABLE)
+        for _ in range(12):
+            file.write(b"1" * 1_000_000)
+    with pytest.raises(DataError, match="line"):
+        store_logs(path, tmp_path / "rows", Reading(seeds.robot()))
+
+
+@pytest.mark.parametrize("value", ["inf", "-inf", "1e300", "1e400", ""])
+def test_a_torque_that_is_none_is_told_and_left_out(tmp_path: Path, value: str) -> None:
+    rows = TABLE.decode().splitlines()
+    fields = rows[300].split(",")
+    rows[300] = ",".join([*fields[:3], value, fields[4]])
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(rows) + "\n")
+    logs = ident.read_logs(path, seeds.robot())
+    assert np.flatnonzero(np.isnan(logs[0].tau["joint"][:, 0])).tolist() == [299]
+    (found,) = ident.audit(logs, seeds.robot()).of("torque_nan")
+    assert "1 samples" in found.text
+    (run,) = store_logs(path, tmp_path / "rows", Reading(seeds.robot()))
+    np.testing.assert_array_equal(run.read(0, len(run)).tau["joint"], logs[0].tau["joint"])
