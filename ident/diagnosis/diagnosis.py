@@ -281,7 +281,7 @@ def _findings(
 
 
 def _weights(accepted: AcceptedEffect) -> list[float]:
-    """What each member of an accepted effect's set is worth beside it; those that are the same by a name that asks for more share a part."""
+    """What each member of an accepted effect's set is worth beside it; the same by names that ask for more share a part."""
     renamed = sum(m.renamed for m in accepted.competing)
     return [
         _SAME / renamed if m.renamed else 1.0 if m.same else max(float(np.exp(min((m.z**2 - accepted.z**2) / 2.0, 0.0))), _LEAST)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ...effects.base import Effect
     from ..design.catalogue import Group
     from ..scoring.fit import Fit, Solved
-    from .search import Placed, Search
+    from .search import EffectSearch, Placed
 
 #: Candidates that are compared by a refit, at most.
 _TRIED = 12
@@ -42,7 +42,7 @@ class _Trial:
     left: float = 0.0
 
 
-def best(state: Search, refused: set[Kind]) -> Placed | None:
+def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
     """The effect that accounts best for what is left: of those whose scores come near the largest, by a refit with each.
 
     Scores are taken at the noise of a model that lacks something, and so are compressed: what a refit leaves tells more."""
@@ -68,7 +68,7 @@ def rank(group: Group) -> tuple[int, bool, int]:
     return len(group.columns) + len(effect.shape()), effect.nature == Nature.FRICTION, len(effect.needs)
 
 
-def _candidates(state: Search, refused: set[Kind]) -> list[Group]:
+def _candidates(state: EffectSearch, refused: set[Kind]) -> list[Group]:
     """Named groups beyond the critical value that come near the largest score: those beside which the least is left, and each kind of
     effect where it scores best."""
     scores, found, top = state.scores, {}, 0.0
@@ -92,7 +92,7 @@ def _candidates(state: Search, refused: set[Kind]) -> list[Group]:
     return [scores.group(k) for k in list(chosen)[:_TRIED]]
 
 
-def _trial(state: Search, group: Group) -> _Trial:
+def _trial(state: EffectSearch, group: Group) -> _Trial:
     """A refit with a group's effect, its shape sought first at the noise before, then at the noise after it."""
     assert group.effect is not None
     joints, others = group.joints, tuple(e for e, _ in state.accepted)
@@ -107,6 +107,6 @@ def _trial(state: Search, group: Group) -> _Trial:
     return _Trial(effect, joints, rank(group), fit, frame)
 
 
-def _left(state: Search, trial: _Trial) -> float:
+def _left(state: EffectSearch, trial: _Trial) -> float:
     """The largest score beside a candidate."""
     return float(Scores.of(trial.fit, trial.frame, state.catalogue).z.max(initial=0.0))

@@ -16,7 +16,7 @@ from .scores import Scores
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
-    from .search import Search
+    from .search import EffectSearch
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class AcceptedEffect:
     competing: tuple[Member, ...] = ()
 
 
-def drop_unnecessary(state: Search, say: Callable[[str], None]) -> None:
+def drop_unnecessary(state: EffectSearch, say: Callable[[str], None]) -> None:
     """Drop what the others make unnecessary, at the noise of the whole model: one that lacks an effect would hide it in its own."""
     while len(state.accepted) > 1:
         tops = [float(state.without(i).z.max(initial=0.0)) for i in range(len(state.accepted))]
@@ -60,7 +60,7 @@ def drop_unnecessary(state: Search, say: Callable[[str], None]) -> None:
         state.solve()
 
 
-def accepted_effect(state: Search, i: int) -> AcceptedEffect:
+def accepted_effect(state: EffectSearch, i: int) -> AcceptedEffect:
     """The i-th accepted effect with its score beside the others, and what could stand in its place."""
     effect, joints = state.accepted[i]
     fit = state.fit.with_effects(tuple(e for k, (e, _) in enumerate(state.accepted) if k != i))
@@ -69,7 +69,7 @@ def accepted_effect(state: Search, i: int) -> AcceptedEffect:
     return AcceptedEffect(effect, joints, z, competing(state, i))
 
 
-def competing(state: Search, i: int) -> tuple[Member, ...]:
+def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
     """Effects that could stand in the place of the i-th accepted one, so that nothing is left beside them."""
     effect, joints = state.accepted[i]
     scores, own = state.without(i), (effect.name, joints)
@@ -90,7 +90,7 @@ def competing(state: Search, i: int) -> tuple[Member, ...]:
     return tuple(sorted(found.values(), key=lambda m: m.left))
 
 
-def _member(state: Search, scores: Scores, k: int, nearest: int | None) -> Member | None:
+def _member(state: EffectSearch, scores: Scores, k: int, nearest: int | None) -> Member | None:
     """The k-th group in the place of an accepted effect (`nearest`: its own group); None for a more general or a simpler form of it."""
     g = scores.group(k)
     assert g.effect is not None

@@ -14,7 +14,7 @@ from ..thresholds import MOST
 from .bursts import burst
 from .candidates import Kind, best
 from .confidence_set import AcceptedEffect, accepted_effect, competing, drop_unnecessary
-from .search import Search
+from .search import EffectSearch
 
 if TYPE_CHECKING:
     from ..scoring.fit import Fit, Solved
@@ -62,10 +62,11 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
 
     tell = progress or (lambda _: None)
     fit.solved(1)
-    state = Search(fit, Catalogue.of(fit, speeds))
+    state = EffectSearch(fit, Catalogue.of(fit, speeds))
     tell(0.3)
     state.solve()
     _forward(state, say, lambda share: tell(0.3 + 0.45 * share))
+    tell(0.75)
     drop_unnecessary(state, say)
     tell(0.85)
     _swap(state, say)
@@ -73,7 +74,7 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
     return _decision(state, tuple(trail))
 
 
-def _forward(state: Search, say: Callable[[str], None], tell: Callable[[float], None]) -> None:
+def _forward(state: EffectSearch, say: Callable[[str], None], tell: Callable[[float], None]) -> None:
     """Accept effects while a named score is beyond the critical value."""
     refused: set[Kind] = set()
     for step in range(2 * MOST):
@@ -92,7 +93,7 @@ def _forward(state: Search, say: Callable[[str], None], tell: Callable[[float], 
         say(f"accepted: {effect.name} on {', '.join(joints) or 'the whole robot'}")
 
 
-def _swap(state: Search, say: Callable[[str], None]) -> None:
+def _swap(state: EffectSearch, say: Callable[[str], None]) -> None:
     """Where something is left, replace an accepted effect by a member of its set beside which nothing is."""
     for _ in range(_SWAPS):
         if not state.accepted or state.scores.z.max(initial=0.0) <= state.critical:
@@ -107,7 +108,7 @@ def _swap(state: Search, say: Callable[[str], None]) -> None:
         state.reprofile()
 
 
-def _decision(state: Search, trail: tuple[str, ...]) -> Decision:
+def _decision(state: EffectSearch, trail: tuple[str, ...]) -> Decision:
     """The verdict, by definition: something left, nothing accepted, more than one model in the set, or one."""
     scores = state.scores
     own = {(e.name, j) for e, j in state.accepted}
@@ -128,7 +129,7 @@ def _decision(state: Search, trail: tuple[str, ...]) -> Decision:
     return Decision(verdict, named, tuple(left), state.critical, state.fit, state.frame, scores, trail)
 
 
-def _told(state: Search) -> str:
+def _told(state: EffectSearch) -> str:
     """The largest scores, for the trail."""
     order = np.argsort(-state.scores.z)[:5].tolist()
     return ", ".join(f"{state.scores.group(k).name} on {'/'.join(state.scores.group(k).joints)} {state.scores.z[k]:.1f}" for k in order)

@@ -12,7 +12,8 @@ from ..design.places import is_order, search_range
 from .scores import Scores
 
 if TYPE_CHECKING:
-    from ...effects.base import Effect, ShapeParameter
+    from ...effects.base import Effect
+    from ...robots.parameters import ShapeParameter
     from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
@@ -36,7 +37,10 @@ def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *,
         points, width = _FINE, 1.0 / 8.0  # whole numbers of periods were looked at: this is between them
     for _ in range(_NEAR_ROUNDS if near else _ROUNDS):
         for axis in axes:
-            options = [effect, *(effect.with_shape(**{axis.name: v}) for v in axis.around(float(getattr(effect, axis.name)), width, points))]
+            options = [
+                effect,
+                *(effect.with_shape(**{axis.name: v}) for v in axis.around(float(getattr(effect, axis.name)), width, points)),
+            ]
             effect = options[int(np.argmax(scored(options, joints, fit, frame)))]
         width, points = width * 2.5 / points, _FINE
     return effect
@@ -52,7 +56,7 @@ def scored(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solv
 
 
 def _free(effect: Effect, fit: Fit) -> tuple[ShapeParameter, ...]:
-    """Shapes that may be anything between their bounds: no orders of what turns (they are whole), no delay of which only a slope is taken."""
+    """Shapes that may be anything between their bounds: no orders of what turns (they are whole), no delay taken as a slope."""
     slope = effect.response(fit.robot) is not None and any(getattr(effect, p.name) == 0.0 for p in effect.shape())
     if slope or (is_order(effect) and not on_a_slide(effect, fit)):
         return ()

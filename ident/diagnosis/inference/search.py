@@ -24,7 +24,7 @@ Placed = tuple["Effect", tuple[str, ...]]
 
 
 @dataclass(eq=False)
-class Search:
+class EffectSearch:
     """Fit with accepted effects, its frame, the scores beside it, and the largest score that chance explains."""
 
     fit: Fit
@@ -83,7 +83,5 @@ class Search:
         if effect is None:
             return False
         values, std = scores.values(k)
-        inside = all(
-            p.lower - BOUND * s <= v <= p.upper + BOUND * s for p, v, s in zip(effect.parameters(robot), values, std, strict=True)
-        )
+        inside = all(p.lower - BOUND * s <= v <= p.upper + BOUND * s for p, v, s in zip(effect.parameters(robot), values, std, strict=True))
         return inside and not effect.implausible(robot, values, std)
