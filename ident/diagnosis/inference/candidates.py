@@ -10,11 +10,13 @@ import numpy as np
 
 from ...effects.base import Nature
 from ..scoring.fit import depends
-from ..thresholds import COMPETES
+from ..thresholds import COMPETES, CONTAINED
 from .refinement import refined
 from .scores import Scores
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ...effects.base import Effect
     from ..design.catalogue import Group
     from ..scoring.fit import Fit, Solved
@@ -25,6 +27,7 @@ _TRIED = 12
 #: Passes of a refit whose columns follow the values.
 _PASSES = 3
 
+Array = np.ndarray
 Kind = tuple[str, tuple[str, ...]]
 
 
@@ -35,7 +38,7 @@ class _Trial:
 
     effect: Effect
     joints: tuple[str, ...]
-    rank: tuple[int, bool, int]
+    rank: tuple[int, int, bool]
     fit: Fit
     frame: Solved
     cost: float = 0.0
@@ -52,20 +55,25 @@ def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
     # One noise for all: the least that any of them leaves, at each frequency.
     gains = [np.max([t.frame.gains[i] for t in trials], axis=0) for i in range(len(state.fit.runs))]
     trials = [dataclasses.replace(t, cost=t.fit.energy(t.frame, gains) / 2.0) for t in trials]
-    # What a likelihood gains by chance, or by less than what is material, does not decide.
-    least = min(t.cost for t in trials)
-    level = [t for t in trials if t.cost <= least + state.critical**2 / 2.0]
+    # What a likelihood gains by chance, or by a part of the effect that is not material, does not decide against a simpler effect beside
+    # which nothing is left.
+    before = state.fit.energy(state.frame, gains) / 2.0
+    sharpest = min(trials, key=lambda t: t.cost)
+    least = sharpest.cost
+    chance = state.critical**2 / 2.0
+    level = [t for t in trials if t.cost <= least + max(chance, CONTAINED * (before - least))]
     if len(level) > 1:
-        level = [dataclasses.replace(t, left=_left(state, t)) for t in level]
-    chosen = min(level, key=lambda t: (t.left > state.critical, *t.rank, t.cost))
+        level = [dataclasses.replace(t, left=_left(state, t, sharpest.frame.gains)) for t in level]
+    adequate = [t for t in level if t.left <= state.critical]
+    chosen = min(adequate or [t for t in level if t.cost <= least + chance], key=lambda t: (*t.rank, t.cost))
     return chosen.effect, chosen.joints
 
 
-def rank(group: Group) -> tuple[int, bool, int]:
-    """How much an effect asks for: parameters, friction (which acts only where something moves), what it needs to know."""
+def rank(group: Group) -> tuple[int, int, bool]:
+    """How much an effect asks for: parameters, what it needs to know, friction (which acts only where something moves)."""
     effect = group.effect
     assert effect is not None
-    return len(group.columns) + len(effect.shape()), effect.nature == Nature.FRICTION, len(effect.needs)
+    return len(group.columns) + len(effect.shape()), len(effect.needs), effect.nature == Nature.FRICTION
 
 
 def _candidates(state: EffectSearch, refused: set[Kind]) -> list[Group]:
@@ -107,6 +115,7 @@ def _trial(state: EffectSearch, group: Group) -> _Trial:
     return _Trial(effect, joints, rank(group), fit, frame)
 
 
-def _left(state: EffectSearch, trial: _Trial) -> float:
-    """The largest score beside a candidate."""
-    return float(Scores.of(trial.fit, trial.frame, state.catalogue).z.max(initial=0.0))
+def _left(state: EffectSearch, trial: _Trial, gains: Sequence[Array]) -> float:
+    """The largest score beside a candidate, at a given noise."""
+    frame = trial.fit.behind(tuple(gains))
+    return float(Scores.of(trial.fit, frame, state.catalogue).z.max(initial=0.0))
