@@ -14,6 +14,7 @@ from .output_error import OutputError
 from .physical import PhysicalLeastSquares
 from .prior import PriorLeastSquares
 from .recursive import RecursiveLeastSquares, RecursiveState
+from .recursive_instruments import InstrumentState, RecursiveInstrumentalVariable
 from .robust import RobustLeastSquares
 from .sequential import StepByStep
 from .total import TotalLeastSquares
@@ -27,12 +28,14 @@ __all__ = [
     "Experiment",
     "GeneralisedLeastSquares",
     "InstrumentalVariable",
+    "InstrumentState",
     "Instruments",
     "LeastSquares",
     "LinearSolution",
     "OutputError",
     "PhysicalLeastSquares",
     "PriorLeastSquares",
+    "RecursiveInstrumentalVariable",
     "RecursiveLeastSquares",
     "RecursiveState",
     "RobustLeastSquares",
