@@ -31,7 +31,9 @@ _LEAST_SQUARES = -1
 class InstrumentResult:
     """What is known once the iteration has ended: one more pass over the `rows`; `start`: the least-squares solution."""
 
-    def __init__(self, rows: InstrumentRows, start: LinearSolution, *, commanded: bool = False, judged: InstrumentRows | None = None) -> None:
+    def __init__(
+        self, rows: InstrumentRows, start: LinearSolution, *, commanded: bool = False, judged: InstrumentRows | None = None
+    ) -> None:
         """`commanded`: the instruments are made of a measured torque that was commanded, so all they can share is its noise. `judged`:
         rows weighted by the noise's colour, which show how much torque is explained where `rows` are not weighted."""
         self.rows, self.start, self.commanded, self.judged = rows, start, commanded, judged
@@ -78,8 +80,8 @@ class InstrumentResult:
         elif valid is not None and _disagree(valid[0]):
             code = StatusCode.INVALID_INSTRUMENTS
             text = (
-                f"Instruments of the same instant and of earlier ones disagree (χ² = {valid[0].statistic:.0f} with {valid[0].degrees} degrees"
-                f" of freedom), most on {valid[0].name}: by {valid[0].largest:.1f} standard deviations."
+                f"Instruments of the same instant and of earlier ones disagree (χ² = {valid[0].statistic:.0f} with {valid[0].degrees}"
+                f" degrees of freedom), most on {valid[0].name}: by {valid[0].largest:.1f} standard deviations."
             )
             details = (text,)
         solution = LinearSolution(rows.columns, self.start.regroup, rows.values[rows.columns], self.start.root, self.start.condition)
@@ -101,8 +103,9 @@ class InstrumentResult:
         return difference_test(plain.solve(m.own_miss), self._between(plain, _LEAST_SQUARES, self.system, 0), self.std, self.names)
 
     def _against_earlier_instruments(self) -> tuple[DifferenceTest, Array, Array] | None:
-        """The test, the difference (b,) and its covariance (b, b): instruments of some rows ago know nothing of this row's noise: an estimate with them must agree.
+        """The test, the difference (b,) and its covariance (b, b).
 
+        Instruments of some rows ago know nothing of this row's noise: an estimate with them must agree.
         How far those of one and of two such lags disagree, which both are valid, shows by how much the noise exceeds its
         model (quantisation is not quite noise); the first disagreement is measured against that."""
         if self.lag is None:

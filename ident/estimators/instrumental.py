@@ -129,7 +129,9 @@ class InstrumentalVariable(Estimator):
             if source != wanted:
                 # From here on the metric of nearness is that of the instruments, in which the start's bias does not count.
                 source, root = wanted, whole_root(problem.base.count, start.columns, system.information_root)
-        found = InstrumentResult(InstrumentRows.at(problem, instruments, usable, columns, values), start, commanded=self.from_commanded_torque)
+        found = InstrumentResult(
+            InstrumentRows.at(problem, instruments, usable, columns, values), start, commanded=self.from_commanded_torque
+        )
         supposed = (self.experiment.assumed,) if self.experiment is not None and self.experiment.assumed else ()
         return found.estimate(self.name, {"steps": steps, "repaired": repaired}, steps[-1] < 1.0, supposed)
 

@@ -6,6 +6,7 @@ is formed that would square the condition number, and a recursion over samples i
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -13,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import DataError
-from ..problem.information import stacked_information, triangle
+from ..problem.information import triangle
 from ..problem.linear_solution import LinearSolution, order_of, solve_triangle
+from ..regressor.rigid import stacked_information
 from ..statistics.autoregression import Autoregression
 from .instrument_result import InstrumentResult
 from .instrument_rows import InstrumentRows
@@ -153,11 +155,13 @@ def _watched(
     Z, columns, tau, valid = part
     m, piece = len(tau), max(1, getattr(watch, "piece", len(tau)))
     cuts = [0, *range(piece - first % piece, m, piece), m]
-    for a, b in zip(cuts, cuts[1:], strict=False):
+    for a, b in itertools.pairwise(cuts):
         if forgetting < 1.0:
             root = np.sqrt(forgetting ** np.arange(b - a - 1, -1, -1.0))[:, None]
             info = info.scaled(forgetting ** (b - a))
-            info = info.with_rows(Z[a:b] * root[:, :, None], columns[a:b] * root[:, :, None], np.where(valid, tau, 0.0)[a:b] * root, valid[a:b])
+            info = info.with_rows(
+                Z[a:b] * root[:, :, None], columns[a:b] * root[:, :, None], np.where(valid, tau, 0.0)[a:b] * root, valid[a:b]
+            )
         else:
             info = info.with_rows(Z[a:b], columns[a:b], tau[a:b], valid[a:b])
         if watch is not None:

@@ -90,7 +90,7 @@ class RecursiveInstrumentalVariable(Estimator):
         for _ in range(self.passes - 1):
             found = found.next(problem, source, self.experiment)
         names = self.follow or problem.base.names
-        course = _Course(found.columns, [problem.base.names.index(n) for n in names], total, self.trace_points)
+        course = _Passage(found.columns, [problem.base.names.index(n) for n in names], total, self.trace_points)
         found = found.next(problem, source, self.experiment, course, self.forgetting)
         trace = {
             "names": list(names), "samples": course.samples, "values": course.values, "std": course.std, "forgetting": self.forgetting,
@@ -136,7 +136,9 @@ class InstrumentState:
         if self.source is None:
             raise ConfigurationError("method 'riv' needs a model to make instruments from: give prior = an earlier estimate.")
         if self.model.needs & {Need.HISTORY, Need.NEIGHBOURS, Need.REFERENCE}:
-            raise UnsupportedError("an effect of this model depends on other instants; make columns and instruments yourself, and `update`.")
+            raise UnsupportedError(
+                "an effect of this model depends on other instants; make columns and instruments yourself, and `update`."
+            )
         q, dq, ddq, tau = (np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq, tau))
         clock = None if t is None else np.atleast_1d(t)
         robot, values = self.model.robot, self.base.expand(self.source)
@@ -145,9 +147,7 @@ class InstrumentState:
         known = np.isfinite(tau).all(axis=1)
         force = (np.where(known[:, None], tau, 0.0) - bias) @ to_joint.T
         modelled = np.linalg.solve(np.matmul(to_joint, inertia), force[:, :, None])[:, :, 0]
-        columns, instruments = (
-            self.model.columns(Motion.of(robot, q, dq, a, clock))[:, :, self.base.independent] for a in (ddq, modelled)
-        )
+        columns, instruments = (self.model.columns(Motion.of(robot, q, dq, a, clock))[:, :, self.base.independent] for a in (ddq, modelled))
         return self.update(columns, tau, np.isfinite(tau) & known[:, None], instruments)
 
     @cached_property
@@ -177,7 +177,7 @@ def _white_std(information: ExtendedInformation, solution: LinearSolution | None
     return np.asarray(np.linalg.norm(inverse, axis=1) * np.sqrt(information.variance(solution.values)))
 
 
-class _Course:
+class _Passage:
     """Values and standard deviations of some parameters against the number of samples."""
 
     def __init__(self, columns: Array, which: list[int], total: int, points: int) -> None:
