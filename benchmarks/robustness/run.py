@@ -78,8 +78,13 @@ def gaps(count: int, folder: Path) -> Callable[[], object]:
 
 
 def joints(count: int, folder: Path) -> Callable[[], object]:
-    path = table(folder / "a.csv", *motion(3_000, count))
-    return lambda: ident.fit(path, ident.Robot.from_urdf(urdf(count)), held=0)
+    """A log of the chain itself: of other torques, the search for their signs would be measured too."""
+    robot = ident.Robot.from_urdf(urdf(count))
+    t, q, _ = motion(3_000, count)
+    dq, ddq = (np.gradient(a, 1 / RATE, axis=0) for a in (q, np.gradient(q, 1 / RATE, axis=0)))
+    tau = robot.rigid_body().inverse_dynamics(q, dq, ddq, robot.nominal)
+    path = table(folder / "a.csv", t, q, tau + 0.01 * np.std(tau, axis=0) * np.random.default_rng(1).normal(size=tau.shape))
+    return lambda: ident.fit(path, ident.Robot.from_urdf(urdf(count)), model=[ident.make_effect("viscous")], held=0)
 
 
 def columns(count: int, folder: Path) -> Callable[[], object]:
