@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 
+import numpy as np
+
 from .._utils.json import result
+from ..physical import PayloadEstimate, payload_of
 from ..robots.library.load import robot_folder
 from ..robots.library.nominal import nominal_values
 from ..study.session import Session
@@ -34,7 +37,10 @@ def run(args: argparse.Namespace) -> int:
     truth = _truth(session)
     inside = int(sum(abs(t - v) <= 1.96 * s for t, v, s in zip(truth, session.estimate.values, session.estimate.std, strict=True)))
     out.say(f"\n4. The truth is known here: {inside} of {len(truth)} parameters lie within their 95 % intervals")
-    data = {"fit": session.estimate.to_dict(), "validation": validation.to_dict(), "within_95": inside}
+    out.say("\n5. The load: two more logs of the same arm, without and with 1.6 kg at (-7, 7, 11) cm in frame 6")
+    load = _load()
+    out.say(load.text())
+    data = {"fit": session.estimate.to_dict(), "validation": validation.to_dict(), "within_95": inside, "load": load.to_dict()}
     with out.together() as scratch:
         out.result(result("ident.demo/1", data, inputs=session.inputs), "demo")
         if scratch is not None:
@@ -42,6 +48,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _truth(session: Session):  # type: ignore[no-untyped-def]
+def _load() -> PayloadEstimate:
+    """The load of the published experiments, from the logs without and with it."""
+    fits = []
+    for name in ("unloaded", "loaded"):
+        study = Study().with_flags(robot="puma560", logs=[robot_folder("puma560") / f"demo/{name}.csv.gz"])
+        fits.append(Session(study).estimate)
+    return payload_of(*fits, link="link6")
 
+
+def _truth(session: Session) -> np.ndarray:
     return session.estimate.base.base_values(nominal_values(session.model))

@@ -206,13 +206,13 @@ class _Problem:
         """The program with the quadratic or entropic metric, or none; `inside` keeps all inequalities that far from their borders.
 
         How far the constraints move the estimate is not known beforehand: where the solver does not get through, distances are
-        counted in larger units."""
+        counted in larger units. A badly scaled program looks infeasible to it, so that is believed only if every unit says so."""
         for unit in _UNITS:
             try:
                 found = self._conic_in(inside, unit, limit)
                 found.x[: len(self.target.target)] *= unit
                 return found
-            except SolverError:
+            except (SolverError, InfeasibleError):
                 if unit == _UNITS[-1]:
                     raise
         raise AssertionError

@@ -452,3 +452,6 @@ def test_demo(ident, tmp_path):
     # 52 intervals of 95 %: fewer than 44 inside has a probability below 0.5 % even for independent ones.
     assert found["within_95"] >= 44
     assert (tmp_path / "demo" / "fit.json").exists()
+    # The load as its source prints it: 1.6 kg at (-7, 7, 11) cm.
+    assert abs(found["load"]["mass"] - 1.6) < 4 * found["load"]["mass_std"]
+    assert max(abs(a - b) for a, b in zip(found["load"]["centre_of_mass"], (-0.07, 0.07, 0.11), strict=True)) < 1e-3

@@ -25,6 +25,13 @@ class Body:
     com: tuple[float, ...]
     inertia: tuple[float, ...]
 
+    @classmethod
+    def about_origin(cls, mass: float, com: tuple[float, ...], inertia: tuple[float, ...]) -> Body:
+        """A body whose inertia is given about the origin of the link frame."""
+        c = np.array(com)
+        steiner = mass * (c @ c * np.eye(3) - np.outer(c, c))
+        return cls(mass, com, tuple((np.array(inertia) - steiner[np.triu_indices(3)]).tolist()))
+
     def matrix(self) -> Array:
         """Inertia about the centre of mass, (3, 3)."""
         xx, xy, xz, yy, yz, zz = self.inertia
@@ -55,11 +62,14 @@ class PayloadData:
 
 
 def _body(value: Any) -> Body:
-    expected = "a table { mass = kg, com = [x, y, z], inertia = [Ixx, Ixy, Ixz, Iyy, Iyz, Izz] }"
-    keys = {"mass": number, "com": numbers(3), "inertia": numbers(6)}
-    if not isinstance(value, Mapping) or set(value) != set(keys):
+    expected = (
+        "a table { mass = kg, com = [x, y, z], inertia = [Ixx, Ixy, Ixz, Iyy, Iyz, Izz] } (inertia_at_origin: about the link's origin)"
+    )
+    keys = {"mass": number, "com": numbers(3), "inertia": numbers(6), "inertia_at_origin": numbers(6)}
+    if not isinstance(value, Mapping) or set(value) not in ({"mass", "com", "inertia"}, {"mass", "com", "inertia_at_origin"}):
         raise Unfit(expected)
-    return Body(**{key: kind(value[key]) for key, kind in keys.items()})
+    given = {key: kind(value[key]) for key, kind in keys.items() if key in value}
+    return Body.about_origin(*given.values()) if "inertia_at_origin" in given else Body(**given)
 
 
 def read_payloads(data: Any, where: str) -> dict[str, PayloadData]:
