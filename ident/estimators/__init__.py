@@ -14,6 +14,7 @@ from .output_error import OutputError
 from .physical import PhysicalLeastSquares
 from .prior import PriorLeastSquares
 from .recursive import RecursiveLeastSquares, RecursiveState
+from .recursive_instruments import InstrumentState, RecursiveInstrumentalVariable
 from .robust import RobustLeastSquares
 from .sequential import StepByStep
 from .total import TotalLeastSquares
@@ -26,6 +27,7 @@ __all__ = [
     "Estimator",
     "Experiment",
     "GeneralisedLeastSquares",
+    "InstrumentState",
     "InstrumentalVariable",
     "Instruments",
     "LeastSquares",
@@ -33,6 +35,7 @@ __all__ = [
     "OutputError",
     "PhysicalLeastSquares",
     "PriorLeastSquares",
+    "RecursiveInstrumentalVariable",
     "RecursiveLeastSquares",
     "RecursiveState",
     "RobustLeastSquares",

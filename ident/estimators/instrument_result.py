@@ -10,6 +10,7 @@ from ..errors import DataError
 from ..estimate.status import StatusCode
 from ..problem.linear_solution import LinearSolution
 from .finish import finish
+from .instrument_bias import shared_noise
 from .instrument_rows import InstrumentRows
 from .instrument_system import InstrumentSystem
 from .instrument_tests import DifferenceTest, difference_test, shea_strength
@@ -30,8 +31,12 @@ _LEAST_SQUARES = -1
 class InstrumentResult:
     """What is known once the iteration has ended: one more pass over the `rows`; `start`: the least-squares solution."""
 
-    def __init__(self, rows: InstrumentRows, start: LinearSolution) -> None:
-        self.rows, self.start = rows, start
+    def __init__(
+        self, rows: InstrumentRows, start: LinearSolution, *, commanded: bool = False, judged: InstrumentRows | None = None
+    ) -> None:
+        """`commanded`: the instruments are made of a measured torque that was commanded, so all they can share is its noise. `judged`:
+        rows weighted by the noise's colour, which show how much torque is explained where `rows` are not weighted."""
+        self.rows, self.start, self.commanded, self.judged = rows, start, commanded, judged
         self.names = tuple(rows.problem.base.names[c] for c in rows.columns)
         self.lag = self._shortest_lag()
         lags = (0,) if self.lag is None else (0, self.lag, 2 * self.lag)
@@ -61,18 +66,22 @@ class InstrumentResult:
             )
         trace |= {
             "least_squares": None if biased is None else biased.to_dict(),
-            "validity": None if valid is None else valid.to_dict(),
+            "validity": None if valid is None else valid[0].to_dict(),
             "strength": dict(zip(self.names, strength.tolist(), strict=True)),
         }
         if valid is None and not exact:
             warnings.append("the log is too short to test the instruments against earlier ones: nothing tells whether they are valid.")
         code = StatusCode.OK if converged else StatusCode.NOT_CONVERGED
         details: tuple[str, ...] = ()
-        if valid is not None and _disagree(valid):
+        if valid is not None and self.commanded and _disagree(valid[0]):
+            shared = shared_noise(valid[1], valid[2], self.moments.gram[0], float(self.moments.torques.sum()), valid[0])
+            trace["validity"] |= {"bias": shared.to_dict()}
+            warnings.append(shared.text())
+        elif valid is not None and _disagree(valid[0]):
             code = StatusCode.INVALID_INSTRUMENTS
             text = (
-                f"Instruments of the same instant and of earlier ones disagree (χ² = {valid.statistic:.0f} with {valid.degrees} degrees of"
-                f" freedom), most on {valid.name}: by {valid.largest:.1f} standard deviations."
+                f"Instruments of the same instant and of earlier ones disagree (χ² = {valid[0].statistic:.0f} with {valid[0].degrees}"
+                f" degrees of freedom), most on {valid[0].name}: by {valid[0].largest:.1f} standard deviations."
             )
             details = (text,)
         solution = LinearSolution(rows.columns, self.start.regroup, rows.values[rows.columns], self.start.root, self.start.condition)
@@ -83,8 +92,9 @@ class InstrumentResult:
 
     def _unexplained(self) -> Array:
         """Torque (n,) left unexplained, relative, at the frequencies where the noise lets torque be seen."""
+        moments = self.moments if self.judged is None else self.judged.moments()
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.nan_to_num(np.sqrt(np.nansum(self.moments.error**2, axis=0) / self.moments.torques))
+            return np.nan_to_num(np.sqrt(np.nansum(moments.error**2, axis=0) / moments.torques))
 
     def _against_least_squares(self) -> DifferenceTest:
         """Durbin, Wu & Hausman: is least squares on the same whitened rows biased?"""
@@ -92,9 +102,10 @@ class InstrumentResult:
         plain = InstrumentSystem(m.own, m.own, self.names)
         return difference_test(plain.solve(m.own_miss), self._between(plain, _LEAST_SQUARES, self.system, 0), self.std, self.names)
 
-    def _against_earlier_instruments(self) -> DifferenceTest | None:
-        """Instruments of some rows ago know nothing of this row's noise: an estimate with them must agree.
+    def _against_earlier_instruments(self) -> tuple[DifferenceTest, Array, Array] | None:
+        """The test, the difference (b,) and its covariance (b, b).
 
+        Instruments of some rows ago know nothing of this row's noise: an estimate with them must agree.
         How far those of one and of two such lags disagree, which both are valid, shows by how much the noise exceeds its
         model (quantisation is not quite noise); the first disagreement is measured against that."""
         if self.lag is None:
@@ -105,9 +116,11 @@ class InstrumentResult:
         except DataError:
             return None  # earlier instruments are too weak to say anything
         first, second = near.solve(m.miss[1]), far.solve(m.miss[2])
-        found = difference_test(first, self._between(near, 1, self.system, 0), self.std, self.names)
+        gram = self._between(near, 1, self.system, 0)
+        found = difference_test(first, gram, self.std, self.names)
         control = difference_test(second - first, self._between(far, 2, near, 1), self.std, self.names)
-        return found.relaxed(control.statistic / max(1, control.degrees))
+        factor = control.statistic / max(1, control.degrees)
+        return found.relaxed(factor), first, gram * max(1.0, factor)
 
     def _shortest_lag(self) -> int | None:
         """Rows after which instruments are taken for earlier ones; None where the log is too short for any."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
-from ..problem.linear_solution import LinearSolution
 from .base import Capability, Estimator, register
 from .experiment import Experiment, require_experiment
 from .instrument_result import InstrumentResult
@@ -16,6 +15,7 @@ from .instrument_rows import InstrumentRows
 from .instrument_system import InstrumentSystem
 from .instruments import Instruments, instrument_problem
 from .least_squares import weighted_solution
+from .plain_instruments import PlainPasses, whole_root
 from .possible import possible_along
 
 if TYPE_CHECKING:
@@ -36,7 +36,9 @@ class InstrumentalVariable(Estimator):
     whole motion simulated along the same experiment) or "reference" (the desired motion). `loop`: "open" if the logged torque
     was commanded, "closed" if a controller made it from the measured motion, "unknown". `experiment`: controller and desired
     motion, for simulation in closed loop and for "reference". Instruments come from the nearest possible model, and
-    are weighted by the noise's own colour, estimated from the residual and repeated (`estimators.instrument_whitening`).
+    are weighted by the noise's own colour, estimated from the residual and repeated (`estimators.instrument_rows`). `weighting`:
+    "noise" does so; "none" is the plain method of Yoshida (1995), (3.22) to (3.35): every row counts alike, started from ordinary
+    least squares (`estimators.plain_instruments`).
 
     The trace holds the steps, a Durbin-Wu-Hausman test of least squares ("least_squares"), a test of the instruments against
     earlier ones ("validity") and their strength (F of every parameter)."""
@@ -49,6 +51,7 @@ class InstrumentalVariable(Estimator):
     loop: str = "unknown"
     experiment: Experiment | None = None
     iterations: int = 10
+    weighting: str = "noise"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -58,14 +61,25 @@ class InstrumentalVariable(Estimator):
             raise unknown_name("instruments of method 'iv'", self.instruments, known)
         if self.loop not in ("open", "closed", "unknown"):
             raise unknown_name("loop of method 'iv'", self.loop, ("open", "closed", "unknown"))
+        if self.weighting not in ("noise", "none"):
+            raise unknown_name("weighting of method 'iv'", self.weighting, ("noise", "none"))
         if self.iterations < 1:
             raise ConfigurationError(f"method 'iv': iterations must be at least 1, not {self.iterations}.")
 
+    @property
+    def _from_torque(self) -> bool:
+        """Whether the instruments are made of the measured torque."""
+        described = self.experiment is not None and self.experiment.feedback
+        return self.instruments == Instruments.FORWARD_DYNAMICS or (self.instruments == Instruments.SIMULATION and not described)
+
+    @property
+    def from_commanded_torque(self) -> bool:
+        """Whether the instruments are made of the measured torque, which was commanded: they share the noise of its reading, no more."""
+        return self.loop == "open" and self._from_torque
+
     def check(self, problem: Problem) -> None:
         feedback = self.loop == "closed" or (self.experiment is not None and self.experiment.feedback)
-        described = self.experiment is not None and self.experiment.feedback
-        from_torque = self.instruments == Instruments.FORWARD_DYNAMICS or (self.instruments == Instruments.SIMULATION and not described)
-        if feedback and from_torque:
+        if feedback and self._from_torque:
             raise UnsupportedError(
                 "inside a feedback loop the measured torque answers to the noise of the measurement, so instruments made from it are not"
                 " valid; use instruments = 'simulation' with experiment = Experiment(controller=…, desired=…), or 'reference' with the"
@@ -74,13 +88,25 @@ class InstrumentalVariable(Estimator):
         if self.instruments == Instruments.REFERENCE and (self.experiment is None or not self.experiment.desired):
             raise ConfigurationError("instruments 'reference' need the desired motion: experiment = Experiment(controller=…, desired=…).")
 
+    def _plain(self, problem: Problem) -> Estimate:
+        """The plain method, unweighted."""
+        found = PlainPasses.begin(problem)
+        while len(found.steps) < self.iterations and not (len(found.steps) > 1 and found.steps[-1] < _SETTLED):
+            found = found.next(problem, Instruments(self.instruments), self.experiment)
+        trace = {"steps": list(found.steps), "repaired": list(found.repaired)}
+        supposed = (self.experiment.assumed,) if self.experiment is not None and self.experiment.assumed else ()
+        result = found.result(problem, commanded=self.from_commanded_torque)
+        return result.estimate(self.name, trace, found.steps[-1] < 1.0, supposed)
+
     def _solve(self, problem: Problem) -> Estimate:
+        if self.weighting == "none":
+            return self._plain(problem)
         start, _ = weighted_solution(problem)
         columns = start.columns
         names = tuple(problem.base.names[c] for c in columns)
         values = np.zeros(problem.base.count)
         values[columns] = start.values
-        root = _whole_root(problem.base.count, start)
+        root = whole_root(problem.base.count, start.columns, start.root)
         wanted = Instruments(self.instruments)
         # A model fitted by least squares may be too wrong to be simulated under the controller; the desired motion needs no model.
         tracked = self.experiment is not None and self.experiment.feedback and wanted == Instruments.SIMULATION
@@ -102,8 +128,10 @@ class InstrumentalVariable(Estimator):
                 break
             if source != wanted:
                 # From here on the metric of nearness is that of the instruments, in which the start's bias does not count.
-                source, root = wanted, _whole_root(problem.base.count, replace(start, root=system.information_root))
-        found = InstrumentResult(InstrumentRows.at(problem, instruments, usable, columns, values), start)
+                source, root = wanted, whole_root(problem.base.count, start.columns, system.information_root)
+        found = InstrumentResult(
+            InstrumentRows.at(problem, instruments, usable, columns, values), start, commanded=self.from_commanded_torque
+        )
         supposed = (self.experiment.assumed,) if self.experiment is not None and self.experiment.assumed else ()
         return found.estimate(self.name, {"steps": steps, "repaired": repaired}, steps[-1] < 1.0, supposed)
 
@@ -112,12 +140,3 @@ def _step(change: Array, std: Array, values: Array) -> float:
     """Largest change in standard deviations; changes within round-off of the value count as none."""
     live = np.abs(change) > 1e-10 * np.abs(values)
     return float(np.max(np.where(live, np.abs(change) / np.maximum(std, 1e-300), 0.0), initial=0.0))
-
-
-def _whole_root(count: int, solution: LinearSolution) -> Array:
-    """The solution's root over all base parameters; those that were grouped away are held where they are."""
-    root = np.zeros((count, count))
-    root[np.ix_(solution.columns, solution.columns)] = solution.root
-    gone = np.setdiff1d(np.arange(count), solution.columns)
-    root[gone, gone] = 1e3 * float(np.abs(np.diag(solution.root)).max(initial=1.0))
-    return root

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from lxml import etree
@@ -11,8 +12,10 @@ from ..errors import ConfigurationError
 
 #: Share by which written digits may break the triangle inequality of a flat body.
 _ROUNDED = 0.01
+#: Below this, a number is written as zero.
+_NOTHING = 1e-290
 #: The numbers of an <inertial>, by element and attribute, and the largest that a robot could have (kg, kg m^2, m): beyond, sums overflow.
-_MOST = {"mass": 1e9, "inertia": 1e15, "origin": 1e5}
+_MOST = {"mass": 1e9, "inertia": 1e15, "origin": 1e3}
 _NUMBERS = {"mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "origin": ("xyz", "rpy")}
 
 
@@ -26,8 +29,10 @@ def check_inertials(root: etree._Element, where: str) -> None:
             element = link.find(f"inertial/{tag}")
             given = {} if element is None else {key: element.get(key) for key in keys}
             for key, text in given.items():
-                words = [] if text is None else text.split() or [text]
-                if text is not None and len(words) != (3 if tag == "origin" else 1):
+                if text is None or element is None:
+                    continue
+                words = text.split() or [text]
+                if len(words) != (3 if tag == "origin" else 1):
                     raise ConfigurationError(
                         f"URDF {where}: link {link.get('name', '')!r}: <{tag} {key}={text!r}>:"
                         f" {'three numbers are' if tag == 'origin' else 'one number is'} needed."
@@ -41,6 +46,12 @@ def check_inertials(root: etree._Element, where: str) -> None:
                     raise ConfigurationError(
                         f"URDF {where}: link {link.get('name', '')!r}: <{tag} {key}={text!r}>: {word!r} is not a finite number. {hint}"
                     )
+                element.set(key, written(map(plain_number, words)))
+
+
+def written(numbers: Iterable[float]) -> str:
+    """Numbers anew, so that Pinocchio reads those that were checked: its parser takes some that are nearly nothing for an error."""
+    return " ".join(repr(0.0 if abs(x) < _NOTHING else x) for x in numbers)
 
 
 def _check_whole(link: etree._Element, where: str) -> None:
@@ -50,6 +61,7 @@ def _check_whole(link: etree._Element, where: str) -> None:
         return
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     if mass is None and inertia is None:
+        link.remove(inertial)
         return
     missing = ["<mass value=…>"] if mass is None or mass.get("value") is None else []
     given: dict[str, str] = {} if inertia is None else {str(k): str(v) for k, v in inertia.attrib.items()}

@@ -11,13 +11,15 @@ from pathlib import Path
 from lxml import etree
 
 from ..errors import ConfigurationError
-from .inertials import check_inertials, link_faults, link_oddities, plain_number
+from .inertials import check_inertials, link_faults, link_oddities, plain_number, written
 from .urdf_text import decoded, parsed, settle_elements
 
 _SUPPORTED = {"revolute", "continuous", "prismatic", "fixed"}
 #: Positions (rad, m) and speeds that are no limits, and efforts that are none: what exporters write for "without".
 _NO_LIMIT = 1e5
 _NO_EFFORT = 1e9
+#: Lengths (m) and angles (rad) between joints that no robot has: beside them, the digits of the others would be lost.
+_FARTHEST = 1e3
 _NOISE = 1e-6  # rad: below this, an angle differs from an exact one by the writer's round-off alone
 _TOLD = 1e-5  # rad: below this, an angle differs from an exact one by how many digits of it were written, and nothing is said
 
@@ -228,7 +230,7 @@ def _three(text: str, key: str, where: str, name: str) -> list[float]:
     values = [_number(word, where, name) for word in words]
     if len(words) != 3 or not all(math.isfinite(v) for v in values):
         raise ConfigurationError(f"URDF {where}: joint {name!r}: {key}={text!r} does not hold three finite numbers.")
-    if max(map(abs, values)) > _NO_LIMIT:
+    if max(map(abs, values)) > _FARTHEST:
         raise ConfigurationError(f"URDF {where}: joint {name!r}: {key}={text!r} is no length or angle of a robot.")
     return values
 
@@ -257,7 +259,7 @@ def _settle_axis(joint: etree._Element, where: str, name: str, notes: list[str])
         raise ConfigurationError(f"URDF {where}: joint {name!r}: its axis is the zero vector.")
     unit = [v / length for v in given]
     unit = [float(round(v)) for v in unit] if max(abs(v - round(v)) for v in unit) < _NOISE else unit
-    axis.set("xyz", " ".join(repr(v) for v in unit))
+    axis.set("xyz", written(unit))
 
 
 def _snap_origin(joint: etree._Element, where: str, name: str) -> float:
@@ -266,14 +268,13 @@ def _snap_origin(joint: etree._Element, where: str, name: str) -> float:
     if origin is None:
         return 0.0
     if "xyz" in origin.attrib:
-        # Written anew, so that Pinocchio reads the numbers that were checked.
-        origin.set("xyz", " ".join(map(repr, _three(origin.get("xyz", ""), "xyz", where, name))))
+        origin.set("xyz", written(_three(origin.get("xyz", ""), "xyz", where, name)))
     if "rpy" not in origin.attrib:
         return 0.0
     given = _three(origin.get("rpy", ""), "rpy", where, name)
     exact = [exact_angle(word) for word in origin.get("rpy", "").split()]
     values = [g if e is None else e for g, e in zip(given, exact, strict=True)]
-    origin.set("rpy", " ".join(repr(v) for v in values))
+    origin.set("rpy", written(values))
     return max(abs(v - g) for v, g in zip(values, given, strict=True))
 
 

@@ -38,7 +38,7 @@ def decoded(data: bytes | str, where: str) -> str:
 
 def _settled(text: str, where: str) -> str:
     """The text without its declaration. Raises ConfigurationError for a document type or an entity."""
-    text = _DECLARATION.sub("", text, count=1).strip()
+    text = _DECLARATION.sub("", text.lstrip("\ufeff"), count=1).strip("\ufeff \t\r\n")
     if re.search(r"<!(DOCTYPE|ENTITY)", text):
         raise ConfigurationError(f"URDF {where}: declares a document type or an entity. Take <!DOCTYPE …> away and write the parts out.")
     return text

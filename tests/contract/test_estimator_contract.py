@@ -112,6 +112,7 @@ def driven() -> Signals:
 NEEDED: dict[str, Callable[[], dict[str, Any]]] = {
     "tls": lambda: {"acceleration_std": (0.05,) * MODEL.robot.n},
     "iv": lambda: {"instruments": "reference", "loop": "closed", "experiment": tracked()},
+    "riv": lambda: {"instruments": "reference", "loop": "closed", "experiment": tracked()},
     "didim": lambda: {"experiment": tracked(), "starts": 1},
 }
 #: Methods that repeat the experiment: their log is one that it made.

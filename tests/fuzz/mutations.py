@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -189,11 +190,11 @@ def _change(rng: Rng, content: Any) -> None:
         break
     way = int(rng.integers(6))
     if way <= 2:
-        here[key] = of(rng, VALUES)
+        here[key] = deepcopy(of(rng, VALUES))
     elif way == 3:
         del here[key]
     elif way == 4 and isinstance(here, list):
-        here.append(here[key])
+        here.append(deepcopy(here[key]))
     elif way == 4:
         here[str(of(rng, ("x", "", "name", "\x00")))] = here.pop(key)
     elif isinstance(below := here[key], bool | str):

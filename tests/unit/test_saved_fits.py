@@ -151,3 +151,25 @@ def test_of_an_axis_only_the_direction_counts(size: str) -> None:
     text = seeds.URDF.replace('<axis xyz="0 0 1"/></joint>', f'<axis xyz="0 0 {size}"/></joint>')
     assert text != seeds.URDF
     np.testing.assert_array_equal(ident.Robot.from_urdf(text).tree.axis, ident.Robot.from_urdf(seeds.URDF).tree.axis)
+
+
+def test_numbers_that_are_nearly_nothing_are_zero(capfd: pytest.CaptureFixture[str]) -> None:
+    """The parser behind Pinocchio takes them for an error, and the link for one without mass."""
+    small = seeds.URDF.replace('ixz="0"', 'ixz="1e-320"').replace('xyz="0.4 0 0"', 'xyz="0.4 0 4e-321"')
+    robot, usual = ident.Robot.from_urdf(small), ident.Robot.from_urdf(seeds.URDF)
+    np.testing.assert_array_equal(robot.nominal, usual.nominal)
+    np.testing.assert_array_equal(robot.tree.translation, usual.tree.translation)
+    assert capfd.readouterr().err == ""
+
+
+def test_an_inertial_that_says_nothing_is_none(capfd: pytest.CaptureFixture[str]) -> None:
+    text = seeds.URDF.replace('<link name="tool"/>', '<link name="tool"><inertial><origin xyz="0 0 1"/></inertial></link>')
+    np.testing.assert_array_equal(ident.Robot.from_urdf(text).nominal, ident.Robot.from_urdf(seeds.URDF).nominal)
+    assert capfd.readouterr().err == ""
+
+
+def test_two_marks_of_byte_order_are_none() -> None:
+    assert ident.Robot.from_urdf("<robot" + seeds.URDF.split("<robot", 1)[1]).n == 2
+    from ident.robots.urdf import prepare_urdf
+
+    assert prepare_urdf(b"\xef\xbb\xbf\xef\xbb\xbf" + seeds.URDF.encode()).text.startswith("<robot")

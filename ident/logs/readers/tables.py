@@ -548,7 +548,7 @@ def parquet_file(path: Path) -> Any:
 
     try:
         return parquet.ParquetFile(path)
-    except (pa.ArrowException, *DAMAGED) as error:
+    except (pa.ArrowException, UnicodeDecodeError, *DAMAGED) as error:
         raise DataError(f"log {path}: is not a Parquet file ({reason(error)}).") from None
 
 
@@ -558,7 +558,7 @@ def parquet_table(path: Path, columns: list[str] | None = None) -> Any:
 
     try:
         return parquet_file(path).read(columns=columns)
-    except (pa.ArrowException, *DAMAGED) as error:
+    except (pa.ArrowException, UnicodeDecodeError, *DAMAGED) as error:
         raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
 
 
