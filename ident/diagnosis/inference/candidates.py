@@ -10,7 +10,7 @@ import numpy as np
 
 from ...effects.base import Nature
 from ..scoring.fit import depends
-from ..thresholds import COMPETES, CONTAINED
+from ..thresholds import COMPETES
 from .refinement import refined
 from .scores import Scores
 
@@ -54,18 +54,15 @@ def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
         return (trials[0].effect, trials[0].joints) if trials else None
     # One noise for all: the least that any of them leaves, at each frequency.
     gains = [np.max([t.frame.gains[i] for t in trials], axis=0) for i in range(len(state.fit.runs))]
-    trials = [dataclasses.replace(t, cost=t.fit.energy(t.frame, gains) / 2.0) for t in trials]
-    # What a likelihood gains by chance, or by a part of the effect that is not material, does not decide against a simpler effect beside
-    # which nothing is left.
-    before = state.fit.energy(state.frame, gains) / 2.0
+    # Schwarz's criterion: what a parameter must gain grows with the logarithm of the rows.
+    each = np.log(max(state.frame.rows, 2)) / 2.0
+    trials = [dataclasses.replace(t, cost=t.fit.energy(t.frame, gains) / 2.0 + each * t.rank[0]) for t in trials]
+    # What a likelihood gains by chance, or by less than what is material, does not decide.
     sharpest = min(trials, key=lambda t: t.cost)
-    least = sharpest.cost
-    chance = state.critical**2 / 2.0
-    level = [t for t in trials if t.cost <= least + max(chance, CONTAINED * (before - least))]
+    level = [t for t in trials if t.cost <= sharpest.cost + state.critical**2 / 2.0]
     if len(level) > 1:
         level = [dataclasses.replace(t, left=_left(state, t, sharpest.frame.gains)) for t in level]
-    adequate = [t for t in level if t.left <= state.critical]
-    chosen = min(adequate or [t for t in level if t.cost <= least + chance], key=lambda t: (*t.rank, t.cost))
+    chosen = min(level, key=lambda t: (t.left > state.critical, *t.rank, t.cost))
     return chosen.effect, chosen.joints
 
 

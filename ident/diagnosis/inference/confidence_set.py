@@ -72,17 +72,17 @@ def accepted_effect(state: EffectSearch, i: int) -> AcceptedEffect:
 def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
     """Effects that could stand in the place of the i-th accepted one, so that nothing is left beside them.
 
-    Members are put in its place to first order, as it is itself: what this leaves of it, beside which nothing is left, is no fault of
-    theirs."""
+    They are put in its place to first order. What this leaves of the effect itself, beside which nothing is left, is no fault of those
+    that are the same."""
     effect, joints = state.accepted[i]
     scores, own = state.without(i), (effect.name, joints)
     mine = [k for k in range(len(scores.kept)) if scores.group(k).kind == own]
     z = scores.plain
     nearest = mine[int(np.argmax(z[mine]))] if mine else None
     top = float(z[scores.named].max(initial=0.0))
-    limit = state.critical
-    if nearest is not None and state.scores.z.max(initial=0.0) <= limit:
-        limit = max(limit, float(scores.beside(scores.slice_of(nearest))[0].max(initial=0.0)))
+    own_limit = state.critical
+    if nearest is not None and state.scores.z.max(initial=0.0) <= own_limit:
+        own_limit = max(own_limit, float(scores.beside(scores.slice_of(nearest))[0].max(initial=0.0)))
     found: dict[tuple[str, tuple[str, ...]], Member] = {}
     for k in np.argsort(-z).tolist():
         if z[k] < state.critical or z[k] < COMPETES * top:
@@ -91,6 +91,7 @@ def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
         if scores.z[k] < state.critical or not g.named or g.kind == own or not state.possible(scores, k):
             continue
         member = _member(state, scores, k, nearest)
+        limit = own_limit if member is not None and member.same else state.critical
         if member is not None and member.left <= limit and (g.kind not in found or member.left < found[g.kind].left):
             found[g.kind] = member
     return tuple(sorted(found.values(), key=lambda m: m.left))
