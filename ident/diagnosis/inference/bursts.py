@@ -59,7 +59,9 @@ def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
 
 
 def _by_its_own_tail(energy: Array) -> float:
-    """Probability of the largest energy if it belongs to the tail that the others show: logarithms beyond a quantile, exponential."""
+    """Probability of the largest energy if it belongs to the tail that the others show: logarithms beyond a quantile, exponential.
+
+    The tail's slope is known from the others alone, half of which are independent: the law of the next one is Lomax's."""
     size = np.sort(np.log(np.maximum(energy, 1e-300)))
     base = float(np.quantile(size, _TAIL))
     beyond = size[size > base] - base
@@ -67,7 +69,8 @@ def _by_its_own_tail(energy: Array) -> float:
     others = beyond[:-3]
     if len(others) < 5:
         return 1.0
-    return min(len(beyond) * float(np.exp(-beyond[-1] / max(float(others.mean()), 1e-12))), 1.0)
+    independent = len(others) / 2.0
+    return min(len(beyond) * float((1.0 + beyond[-1] / max(float(others.sum()) / 2.0, 1e-12)) ** -independent), 1.0)
 
 
 def _windows(x: Array, width: int) -> Array:
