@@ -51,7 +51,7 @@ def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
         scale = middle / gamma.ppf(0.5, shape)
         p = min(float(gamma.sf(e.max() / scale / (1.0 + MATERIAL) ** 2, shape)) * len(e) * n, 1.0)
         p = max(p, min(_by_its_own_tail(e) * n, 1.0))
-        if np.quantile(e, 1.0 - _OFTEN) > LOUD**2 * np.median(e):
+        if float(np.mean(e[e >= np.quantile(e, 1.0 - _OFTEN)])) > LOUD**2 * float(np.median(e)):
             p = 0.0  # no tail of one noise: it is quiet, and often it is not
         if p < LEVEL and (found is None or p < found[1]):
             found = (m, p)
