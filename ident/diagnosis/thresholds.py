@@ -26,7 +26,7 @@ BOUND = 3.0
 COMPETES = 0.4
 #: Energy of an effect that is left beside another, below which the other contains it.
 CONTAINED = 0.02
-#: Times the usual noise (rms of half a second, at like speed) that the loudest twentieth of a log may have: clean logs have up to 2.
-LOUD = 2.5
+#: Times the usual noise (rms of half a second, at like speed) that the loudest twentieth of a log may have: clean logs have up to 2.9.
+LOUD = 3.0
 #: Effects that are accepted at most.
 MOST = 5
