@@ -137,6 +137,12 @@ def per_joint(value: Sequence[float] | float, n: int, what: str, *, positive: bo
     return np.broadcast_to(given, n).copy()
 
 
+def require_forgetting(factor: float, method: str) -> None:
+    """Raises ConfigurationError for a weight of a sample against the next that is none."""
+    if not 0.0 < factor <= 1.0:
+        raise ConfigurationError(f"method {method!r}: forgetting must lie in (0, 1] (1: nothing is forgotten), not {factor}.")
+
+
 def _frozen(value: Any) -> Any:
     if isinstance(value, dict):
         return tuple((k, _frozen(v)) for k, v in value.items())

@@ -16,7 +16,7 @@ from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..problem.information import Information
 from ..problem.linear_solution import LinearSolution, order_of
 from ..problem.reweighting import reweighted, solve_with_prior
-from .base import Capability, Estimator, per_joint, register
+from .base import Capability, Estimator, per_joint, register, require_forgetting
 from .earlier import load_earlier, prior_rows
 from .finish import finish
 
@@ -57,8 +57,7 @@ class RecursiveLeastSquares(Estimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0.0 < self.forgetting <= 1.0:
-            raise ConfigurationError(f"method 'rls': forgetting must lie in (0, 1] (1: nothing is forgotten), not {self.forgetting}.")
+        require_forgetting(self.forgetting, self.name)
         if self.trace_points < 0:
             raise ConfigurationError("method 'rls': trace_points must not be negative.")
 

@@ -14,7 +14,7 @@ from ..effects.reduction import base_reduction
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..problem.linear_solution import LinearSolution
 from ..robots.transmission import Side
-from .base import Capability, Estimator, register
+from .base import Capability, Estimator, register, require_forgetting
 from .earlier import load_earlier
 from .experiment import Experiment, require_experiment
 from .instrumental import InstrumentalVariable
@@ -60,8 +60,7 @@ class RecursiveInstrumentalVariable(Estimator):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_experiment(self.experiment, self.name)
-        if not 0.0 < self.forgetting <= 1.0:
-            raise ConfigurationError(f"method 'riv': forgetting must lie in (0, 1] (1: nothing is forgotten), not {self.forgetting}.")
+        require_forgetting(self.forgetting, self.name)
         if self.passes < 1 or self.trace_points < 0:
             raise ConfigurationError("method 'riv': passes must be at least 1, and trace_points must not be negative.")
         self._batch  # noqa: B018 - its own checks of instruments and loop

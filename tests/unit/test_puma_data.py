@@ -175,7 +175,7 @@ def test_verified_verdicts_on_the_published_tables(robot):
 
 
 def test_neglecting_the_coupling_costs_what_was_published(robot, model):
-    """Same motor motion: 11 to 14 % rms on the wrist without any coupling, 1 to 2 % with k65 alone ."""
+    """Same motor motion: 11 to 14 % rms on the wrist without any coupling, 1 to 2 % with k65 alone."""
     values, m = nominal_values(model), motion(robot, 2000)
     tau = model.torque(m, values)
     K = robot.transmission.K
@@ -236,7 +236,7 @@ def test_published_tables_agree_with_the_record(data_folder: Path):
 
 
 def test_rigid_links_rule_out_the_published_sets():
-    """J6z^2 >= J6(x-y)^2 + 4 J6xy^2 for any body; all three tables violate it , the nominal robot does not."""
+    """J6z^2 >= J6(x-y)^2 + 4 J6xy^2 for any body; all three tables violate it, the nominal robot does not."""
     for table in published_tables("puma560").values():
         v = table.values
         assert v["J6z"] ** 2 < v["J6(x-y)"] ** 2 + 4 * v["J6xy"] ** 2

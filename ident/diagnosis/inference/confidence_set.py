@@ -63,7 +63,7 @@ def drop_unnecessary(state: EffectSearch, say: Callable[[str], None]) -> None:
 def accepted_effect(state: EffectSearch, i: int) -> AcceptedEffect:
     """The i-th accepted effect with its score beside the others, and what could stand in its place."""
     effect, joints = state.accepted[i]
-    fit = state.fit.with_effects(tuple(e for k, (e, _) in enumerate(state.accepted) if k != i))
+    fit = state.fit_without(i)
     own = Scores.of(fit, fit.behind(state.frame.gains), Catalogue.of_effects(state.fit, [(effect, joints)]))
     z = float(own.plain[0]) if len(own.kept) else 0.0
     return AcceptedEffect(effect, joints, z, competing(state, i))

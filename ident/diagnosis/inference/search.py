@@ -52,9 +52,13 @@ class EffectSearch:
         used = float(share[share > 0].mean()) if (share > 0).any() else 1.0
         return self.chance + MATERIAL * float(np.sqrt(self.frame.rows * used))
 
+    def fit_without(self, i: int) -> Fit:
+        """The fit with all accepted effects but the i-th."""
+        return self.fit.with_effects(tuple(e for k, (e, _) in enumerate(self.accepted) if k != i))
+
     def without(self, i: int) -> Scores:
         """Scores beside a model without the i-th accepted effect, at the noise, and with the columns, of the model with it."""
-        fit = self.fit.with_effects(tuple(e for k, (e, _) in enumerate(self.accepted) if k != i))
+        fit = self.fit_without(i)
         return Scores.of(fit, fit.behind(self.frame.gains), self.catalogue)
 
     def reprofile(self) -> None:
@@ -63,7 +67,7 @@ class EffectSearch:
         for i, (effect, joints) in enumerate(list(self.accepted)):
             if not effect.shape() or (is_order(effect) and not on_a_slide(effect, self.fit)):
                 continue
-            fit = self.fit.with_effects(tuple(e for k, (e, _) in enumerate(self.accepted) if k != i))
+            fit = self.fit_without(i)
             better = refined(effect, joints, fit, fit.behind(self.frame.gains), near=len(self.accepted) == 1)
             changed |= better != effect
             self.accepted[i] = (better, joints)
