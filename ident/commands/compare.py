@@ -13,7 +13,7 @@ from .._utils.json import result
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..evaluation.comparison import compare
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..study.session import like
 from ..study.study import Study, read_study
 from .common import Output, add_output_arguments

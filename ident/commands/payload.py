@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .._utils.json import result
 from ..errors import ConfigurationError, DataError
 from ..estimate.estimate import Estimate
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..physical import payload_of
 from ..problem.problem import Problem
 from ..study.session import like

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..errors import ConfigurationError, IdentError
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..streaming.checkpoint import Checkpoint
 from ..streaming.session import THRESHOLD, StreamedSession, size_of, stored_signals, why_not
 from ..study.session import Session, like

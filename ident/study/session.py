@@ -11,7 +11,7 @@ from ..auditing import Audit, audit
 from ..errors import DataError
 from ..evaluation.doubts import counted_twice, doubts, fitted_as_well, require_rows
 from ..evaluation.validation import validate
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..problem.problem import Problem
 from ..signals.preparation import make_preparation
 
