@@ -11,20 +11,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from ..drawing.document import Figure, Section, Table, Text, plain
+from ..drawing.shown import Shown
 from ..errors import ConfigurationError
 from ..simulation.result import write_log_csv
 from ..simulation.trajectory import Trajectory
 from .limits import Limits
 from .objective import chosen_parameters, condition_number
+from .pictures import excitation_figure
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..model import Model
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Excitation(ShortRepr):
+class Excitation(Shown, ShortRepr):
     """An exciting trajectory and the information it gives.
 
     `information` (b, b): on the base parameters `names`, for one pass sampled at `rate` Hz with white torque noise of std `noise`
@@ -72,6 +77,30 @@ class Excitation(ShortRepr):
         if not np.all(wanted > 0):
             raise ConfigurationError("excitation: a wanted standard deviation must be positive.")
         return float(self.trajectory.duration * correlation * np.max(np.diag(self.covariance)[places] / wanted**2))
+
+    def figure(self) -> Figure:
+        """Position and speed of each joint between their limits; see `plot`."""
+        return excitation_figure(self.model.robot, self.trajectory, self.limits)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The trajectory at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
+        import pandas as pd
+
+        t = np.arange(round(self.trajectory.duration * self.rate) + 1) / self.rate
+        motion = self.trajectory.sample(t)
+        parts = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}
+        return pd.DataFrame({"t": t} | {f"{key}{j + 1}": own for key, values in parts.items() for j, own in enumerate(values.T)})
+
+    def sections(self) -> tuple[Section, ...]:
+        """What it uses of the limits, and the accuracy to expect."""
+        base, std = self.model.base, self.expected_std()
+        rows = tuple(
+            (name, text, plain(float(std[i])), base.parameters[base.independent[i]].unit)
+            for i, (name, text) in enumerate(zip(base.names, base.expressions, strict=True))
+        )
+        used = tuple(f"{kind}: {100 * share:.1f} % of its limit at most" for kind, share in self.shares.items())
+        head = ("parameter", "base-parameter expression", "expected std", "unit")
+        return Text(f"Excitation of {self.trajectory.duration:g} s", used), Table("Accuracy to expect", head, rows, left=2)
 
     def to_csv(self, path: str | Path, *, force: bool = False) -> Path:
         """Write the trajectory at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
