@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read(files: list[str], study: Study, estimate: Estimate) -> LogSet:
-    return read_logs(files, estimate.model.robot, study.columns or None, **study.logs.reading())
+    return read_logs(files, estimate.model.robot, study.columns or None, **study.reading())
 
 
 def _reference(args: argparse.Namespace, study: Study, estimate: Estimate) -> tuple[Signals | None, str]:

@@ -78,7 +78,7 @@ def signals_from(args: argparse.Namespace, study: Study, out: Output, estimate: 
     robot, prep = estimate.model.robot, like(estimate.signals_config)
     if not _large(args, study, out):
         logs = read_logs(
-            [*map(str, study.fit_files())], robot, study.columns or None, skip_bad_files=args.skip_bad_files, **study.logs.reading()
+            [*map(str, study.fit_files())], robot, study.columns or None, skip_bad_files=args.skip_bad_files, **study.reading()
         )
         for reason in logs.left_out:
             out.note(f"left out: {reason}")

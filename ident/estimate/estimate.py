@@ -4,17 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
+from ..drawing.document import Figure, Section
+from ..drawing.figures import draw_on
+from ..drawing.shown import Shown
+from ..errors import ConfigurationError
 from ..statistics.torque_error import TorqueError
 from .io import save, to_dict
+from .pictures import estimate_frame, estimate_sections, torque_figure, values_figure
 from .record import EstimateRecord
 from .saved import load
 from .summary import estimate_summary
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+    from ..signals.signals import Signals
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimate(EstimateRecord):
+class Estimate(Shown, EstimateRecord):
     """The one result of every estimator: base parameters with covariance, noise, errors and status.
 
     Its fields are those of `EstimateRecord`. It prints as a table, saves and loads as JSON, and predicts torque.
@@ -38,6 +51,38 @@ class Estimate(EstimateRecord):
 
     def __str__(self) -> str:
         return self.summary()
+
+    def figure(self) -> Figure:
+        """Each parameter with its 95 % interval; see `plot`."""
+        return values_figure(self)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each base parameter: value, std, 95 % interval, unit, effect, joint, whether significant, expression."""
+        return estimate_frame(self)
+
+    def sections(self) -> tuple[Section, ...]:
+        """Status, torque errors and parameters."""
+        return estimate_sections(self)
+
+    def plot_torque(self, signals: Signals | None = None, ax: Axes | Sequence[Axes] | None = None) -> Any:
+        """Draw for each joint measured against predicted torque, and beside them the residual.
+
+        Parameters
+        ----------
+        signals : Signals, optional
+            Prepared signals; by default those that were fitted, which a saved estimate does not hold.
+        ax : Axes or sequence of Axes, optional
+            See `plot`.
+
+        Returns
+        -------
+        Axes or array of Axes
+        """
+        if signals is None and self.problem is None:
+            raise ConfigurationError("a saved estimate does not hold the signals it was fitted to; give some: plot_torque(signals).")
+        shown = signals if signals is not None or self.problem is None else self.problem.signals
+        assert shown is not None
+        return draw_on(torque_figure(self, shown), ax)
 
     def to_dict(self) -> dict[str, Any]:
         """The `ident.fit/1` result (docs/formats.md)."""

@@ -10,20 +10,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from ..drawing.document import Figure
+from ..drawing.shown import Shown
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.transmission import Transmission
+from .pictures import TORQUE, log_figure, log_frame
 from .recognise import RecordedChannels
 from .torque import MeasuredTorque, measured
 from .unwrap import unwrapped
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..robots.robot import Robot
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Log(ShortRepr):
+class Log(Shown, ShortRepr):
     """One run as recorded, in SI, joints in the robot's order. N samples, n joints.
 
     `t` (N,) s, rising, otherwise as recorded; `q` (N, n) on the joint side, or None where only `q_motor` (N, n) was logged.
@@ -91,6 +96,18 @@ class Log(ShortRepr):
     def began(self) -> float:
         """Time at which the recording began."""
         return self.origin if self.origin is not None else float(self.t[0]) if len(self.t) else 0.0
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per sample, columns by the names of docs/formats.md, SI; `read_logs` takes it back."""
+        motor = self.q_motor if self.q is None else None
+        arrays = {"q": self.q, "q_m": motor, "dq": self.dq, "ddq": self.ddq, "dq_m": self.dq_motor}
+        return log_frame(self.t, arrays | {TORQUE[side][0]: values for side, values in self.tau.items()}, self.extra)
+
+    def figure(self) -> Figure:
+        """Position and torque of each joint over time; see `plot`."""
+        position = ("motor position (rad)", self.q_motor) if self.q is None else ("position (rad, m)", self.q)
+        torque = [(TORQUE[side][1], values) for side, values in self.tau.items()]
+        return log_figure(self.name, self.t, [(label, values) for label, values in (position, *torque[:1]) if values is not None])
 
     def position(self, transmission: Transmission) -> Array:
         """Joint positions (N, n), from the motors' where only those were logged."""

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-
 import numpy as np
 
 from ..errors import DataError
 from .channels import words_of
-from .readers.header import Header
-from .readers.tables import read_columns, stored_table
-from .readers.text import read_text_columns
+from .source import TableSource
 
 Array = np.ndarray
 _KEYS = {"id", "servo", "joint", "axis", "motor", "name", "actuator", "device"}
@@ -19,26 +14,27 @@ _KEYS = {"id", "servo", "joint", "axis", "motor", "name", "actuator", "device"}
 _MOST = 64
 
 
-def long_table(path: Path, header: Header) -> dict[str, Array] | None:
+def long_table(source: TableSource) -> dict[str, Array] | None:
     """Columns `<name>[<joint>]` of a table that has a row for each joint and time, and its other columns at the first joint's rows; None
     where the file is no such table.
 
     A column whose name is a word for joints, with a few values that take turns, makes it one; joints that were read one after the other
     keep their readings, in the row of the first."""
-    keys = [n for n in header.names if words_of(n) and words_of(n) <= _KEYS]
-    if len(keys) != 1 or header.unnamed:
+    keys = [n for n in source.header.names if words_of(n) and words_of(n) <= _KEYS]
+    if len(keys) != 1 or source.header.unnamed:
         return None
-    labels = _labels(path, header, keys[0])
-    if labels is None:
+    try:
+        labels = source.labels(keys[0])
+    except (DataError, ValueError):
         return None
     joints = list(dict.fromkeys(labels))
     if not 2 <= len(joints) <= _MOST or len(labels) < 2 * len(joints):
         return None
-    rest = [n for n in header.names if n != keys[0]]
+    rest = [n for n in source.header.names if n != keys[0]]
     try:
-        table: Mapping[str, Array] = read_columns(path, header, rest)
+        table = source.read(rest, ())
     except DataError:
-        table = read_columns(path, header, [], optional=rest)
+        table = source.read([], rest)
     sweep = _sweeps(labels, joints)
     if sweep is None:
         return None
@@ -49,15 +45,6 @@ def long_table(path: Path, header: Header) -> dict[str, Array] | None:
         else:
             out |= {f"{name}[joint {joint}]": values[rows] for joint, rows in zip(joints, sweep, strict=True)}
     return out
-
-
-def _labels(path: Path, header: Header, key: str) -> list[str] | None:
-    if (stored := stored_table(path)) is not None:
-        return [f"{x:g}" for x in stored.columns[key]] if key in stored.columns else None
-    try:
-        return [str(x).strip() for x in read_text_columns(path, header, [key])[key]]
-    except (DataError, ValueError, KeyError):
-        return None
 
 
 def _sweeps(labels: list[str], joints: list[str]) -> list[Array] | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,10 @@ from .channels import ChannelGroup, groups
 from .columns import ColumnPlan, resolve_columns
 from .long_tables import long_table
 from .names import JointNames, parse_name
-from .readers.header import Header
-from .readers.tables import read_columns, stored_table
 from .recognise import RecordedChannels, recognised
 from .recorders import recorder_of
 from .references import references
+from .source import TableSource
 from .unnamed import proposal
 
 Array = np.ndarray
@@ -44,10 +42,10 @@ class PlannedLog:
 
 
 def planned(
-    path: Path, header: Header, joints: JointNames | None, columns: Mapping[str, Any] | None = None, rate_hz: float | None = None
+    source: TableSource, joints: JointNames | None, columns: Mapping[str, Any] | None = None, rate_hz: float | None = None
 ) -> PlannedLog:
-    """The plan for a file. Raises DataError where something must be asked, ConfigurationError for a mapping that does not fit."""
-    where = f"log {path}"
+    """The plan for a table. Raises DataError where something must be asked, ConfigurationError for a mapping that does not fit."""
+    where, header = source.where, source.header
     if rate_hz is not None and not rate_hz > 0:
         raise ConfigurationError(f"rate_hz must be a positive number of samples per second, not {rate_hz!r}.")
     names, notes = _of_driven_joints(header.names, joints, where)
@@ -57,18 +55,18 @@ def planned(
     counted = columns or ({"t": COUNTED} if COUNTED in names else None)
     try:
         if header.unnamed and not columns:
-            raise DataError(_unnamed(path, header, where))
-        if not columns and recorder_of(header.names) is not None and (known := _recognised(path, header, joints, COUNTED in names)):
+            raise DataError(_unnamed(source))
+        if not columns and recorder_of(header.names) is not None and (known := _recognised(source, joints, COUNTED in names)):
             return known  # whose names and units are known better than the words tell
         plan = resolve_columns(names, joints, counted, where=where)
-        reference, more = _beside(path, header, plan)
+        reference, more = _beside(source, plan)
         return PlannedLog(replace(plan, notes=(*notes, *plan.notes, *more)), None, reference)
     except DataError:
         if columns or header.unnamed:
             raise
         own = any((p := parse_name(n, joints, [])) is not None and p.quantity in ("q", "q_motor") for n in names)
         try:
-            found = _recognised(path, header, joints, COUNTED in names)
+            found = _recognised(source, joints, COUNTED in names)
         except DataError:
             if not own:
                 raise
@@ -78,17 +76,17 @@ def planned(
         return found
 
 
-def _recognised(path: Path, header: Header, joints: JointNames | None, counted: bool) -> PlannedLog | None:
+def _recognised(source: TableSource, joints: JointNames | None, counted: bool) -> PlannedLog | None:
     """A recording as it is recognised, None where it is not. Raises DataError with a question."""
-    where = f"log {path}"
+    where, header = source.where, source.header
     known: dict[str, Array] = {}
-    rearranged = long_table(path, header)
+    rearranged = long_table(source)
     names = tuple(rearranged) if rearranged is not None else header.names
 
     def read(wanted: Sequence[str]) -> dict[str, Array]:
         new = [n for n in dict.fromkeys(wanted) if n not in known]
         if new:
-            known.update({n: rearranged[n] for n in new} if rearranged is not None else read_columns(path, header, new))
+            known.update({n: rearranged[n] for n in new} if rearranged is not None else source.read(new, ()))
         return known
 
     try:
@@ -96,7 +94,7 @@ def _recognised(path: Path, header: Header, joints: JointNames | None, counted: 
     except DataError as error:
         raise DataError(str(error) if str(error).startswith("log ") else f"{where}: {error}") from None
     if found is None:
-        looks = _looks_like(path, header) if stored_table(path) is not None else ""
+        looks = _looks_like(source) if source.whole else ""
         if looks:
             raise DataError(f"{where}: the names of its columns ({', '.join(names[:4])} …) do not tell what they hold. {looks}")
         return None
@@ -117,18 +115,17 @@ def _recognised(path: Path, header: Header, joints: JointNames | None, counted: 
     return PlannedLog(plan, found, found.reference, rearranged)
 
 
-def _beside(path: Path, header: Header, plan: ColumnPlan) -> tuple[dict[str, tuple[str, float, float]], tuple[str, ...]]:
+def _beside(source: TableSource, plan: ColumnPlan) -> tuple[dict[str, tuple[str, float, float]], tuple[str, ...]]:
     """Desired motion beside columns that go by our own names, and what was noticed."""
     own = plan.quantity("q")
-    wanted = [
-        g for g in groups(plan.extra, None, dict(zip(header.names, header.units, strict=False))) if g.wanted and g.quantity in _MOTION
-    ]
+    found = groups(plan.extra, None, dict(zip(source.header.names, source.header.units, strict=False)))
+    wanted = [g for g in found if g.wanted and g.quantity in _MOTION]
     wanted = [g for g in wanted if len(g.columns) == len(own) and not _IS_REFERENCE.match(g.columns[0])]
     if not own or not wanted or any(c.scale != own[0].scale or c.offset for c in own):
         return {}, ()
     q = ChannelGroup("", tuple(c.source for c in own), plan.joints, "q", frozenset())
     try:
-        table = read_columns(path, header, [*q.columns, *(c for g in wanted for c in g.columns)])
+        table = source.read([*q.columns, *(c for g in wanted for c in g.columns)], ())
     except DataError:
         return {}, ()
     return references(wanted, q, table, (own[0].scale, 0.0))
@@ -155,17 +152,19 @@ def _of_driven_joints(names: tuple[str, ...], joints: JointNames | None, where: 
     return tuple(n for n in names if of.get(n) not in idle), [note]
 
 
-def _unnamed(path: Path, header: Header, where: str) -> str:
-    looks = _looks_like(path, header) or "Say which is which under [columns] of a study file, or add a header row."
+def _unnamed(source: TableSource) -> str:
+    where, header = source.where, source.header
+    looks = _looks_like(source) or "Say which is which under [columns] of a study file, or add a header row."
     return (
         f"{where}: line {header.line + 1} holds numbers where a header row should name the {len(header.names)} columns;"
         f" {header.names[0]} … {header.names[-1]} stand for them, from the left. {looks}"
     )
 
 
-def _looks_like(path: Path, header: Header) -> str:
+def _looks_like(source: TableSource) -> str:
+    header = source.header
     try:
-        table = read_columns(path, header, header.names)
+        table = source.read(header.names, ())
     except DataError:
         return ""
     said = proposal(header.names, [table[name][:_LOOKED_AT] for name in header.names])

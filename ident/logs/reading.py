@@ -17,13 +17,17 @@ from .files import LogFile, log_files
 from .log import Log, LogSet
 from .names import JointNames
 from .planning import COUNTED, PlannedLog, planned
+from .readers.frames import is_frame
 from .readers.ros import joint_state_columns, read_joint_states
 from .readers.stored import split_inside
-from .readers.tables import read_columns, read_header, stored_table
 from .repair import blank_unusable, repeated_rows, usable_rows
+from .source import TableSource
+from .torque import as_meant
 from .unwrap import from_one_turn, motor_turn_notes, unwrapped, within_limits, wrapping
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..robots.robot import Robot
 
 Array = np.ndarray
@@ -42,16 +46,20 @@ class _Request:
     missing: str
     extra: bool
     rate_hz: float | None
+    torque: str | None
+    sign: tuple[float, ...]
 
 
 def read_logs(
-    paths: str | Path | Sequence[str | Path],
+    paths: str | Path | pd.DataFrame | Sequence[str | Path | pd.DataFrame],
     robot: Robot | None = None,
     columns: Mapping[str, Any] | None = None,
     *,
     missing: str = "refuse",
     extra: bool = True,
     rate_hz: float | None = None,
+    torque: str | None = None,
+    torque_sign: Sequence[float] = (1.0,),
     skip_bad_files: bool = False,
 ) -> LogSet:
     """Read recordings: CSV in its dialects, compressed or not; Parquet, MAT, NPZ, HDF5, ROS 1 and ROS 2 bags, MCAP, JSON and XML messages.
@@ -61,9 +69,9 @@ def read_logs(
 
     Parameters
     ----------
-    paths : str, Path or sequence
+    paths : str, Path, DataFrame or sequence
         A file, a pattern (`runs/*.csv`), the folder of a bag, of a data set or of logs, a recording inside a file
-        (`demo.hdf5/data/demo_3`), or several.
+        (`demo.hdf5/data/demo_3`), a pandas DataFrame with a file's columns, or several.
     robot : Robot, optional
         Checks the joint count, matches columns by joint name, and carries motor-side positions to the joints.
     columns : mapping, optional
@@ -74,6 +82,11 @@ def read_logs(
         Read columns that are nothing of ours, too.
     rate_hz : float, optional
         Samples per second of logs without a time.
+    torque : str, optional
+        What a torque is whose column tells neither side nor unit: "link" (behind the gears), "motor", "current", "estimated" or "command"
+        (said in the notes), "none" (not used); "external", without gravity and friction, is refused.
+    torque_sign : sequence
+        1 or -1, for all joints or for each: by what torques and currents are multiplied.
     skip_bad_files : bool
         Leave out files that cannot be read; `left_out` of the result says which and why. One must be left.
 
@@ -99,12 +112,12 @@ def read_logs(
     """
     if missing not in ("refuse", "gap"):
         raise unknown_name("treatment of missing positions", missing, ("refuse", "gap"))
-    request = _Request(None if robot is None else JointNames.of(robot), columns, missing, extra, rate_hz)
+    request = _Request(None if robot is None else JointNames.of(robot), columns, missing, extra, rate_hz, torque, tuple(torque_sign))
     logs: list[Log] = []
     left_out: list[str] = []
-    for file in log_files(paths):
+    for source in _sources(paths):
         try:
-            logs += _with_desired(_read(file.path, request), file, request)
+            logs += _with_desired(source, request) if isinstance(source, LogFile) else _read(source, request)
         except IdentError as error:
             if not skip_bad_files:
                 raise
@@ -140,8 +153,17 @@ def _turned(log: Log, robot: Robot) -> Log:
     return replace(log, q=q, notes=(*log.notes, said))
 
 
-def _with_desired(logs: list[Log], file: LogFile, request: _Request) -> list[Log]:
-    """The same logs with the desired motion of the file beside theirs, on their clock."""
+def _sources(paths: Any) -> list[LogFile | pd.DataFrame]:
+    """Files, and tables in memory, in the order given."""
+    given: list[Any] = [paths] if isinstance(paths, str | Path) or is_frame(paths) else list(paths)
+    if not any(is_frame(one) for one in given):
+        return [*log_files(given)]
+    return [source for one in given for source in ([one] if is_frame(one) else log_files([one]))]
+
+
+def _with_desired(file: LogFile, request: _Request) -> list[Log]:
+    """The logs of a file, with the desired motion of the file beside it on their clock, if there is one."""
+    logs = _read(file.path, request)
     if file.desired is None:
         return logs
     try:
@@ -161,28 +183,29 @@ def _with_desired(logs: list[Log], file: LogFile, request: _Request) -> list[Log
     return out
 
 
-def _read(path: Path, request: _Request) -> list[Log]:
-    where = f"log {path}"
-    header = read_header(path)
+def _read(given: Path | pd.DataFrame, request: _Request) -> list[Log]:
+    source = TableSource.of(given)
+    where, path = source.where, source.path
     joints, columns = request.joints, request.columns
-    layout = None if columns else joint_state_columns(header)
-    if layout is not None:
-        table = read_joint_states(path, header, layout, joints.names if joints else None)
+    layout = None if columns or path is None else joint_state_columns(source.header)
+    if layout is not None and path is not None:
+        table = read_joint_states(path, source.header, layout, joints.names if joints else None)
         found = PlannedLog(resolve_columns(tuple(table), joints, None, where=where))
         extras: dict[str, Array] = {}
     else:
-        found = planned(path, header, joints, columns, request.rate_hz)
-        table, extras = _values(path, found, request, header)
+        found = planned(source, joints, columns, request.rate_hz)
+        table, extras = _values(source, found, request)
     plan = found.plan
     arrays = plan.arrays(table)
     blank_unusable(arrays)
+    meant = as_meant(arrays, request.torque, request.sign, where)
     rows = len(arrays["t"])
     if rows == 0:
         raise DataError(f"{where}: there is a header, but no row of data.")
     if rows < 2:
         raise DataError(f"{where}: one row of data; a log needs many.")
     empty = _drop_empty(arrays, where)
-    notes = [*_stored_notes(path), *plan.notes, *empty]
+    notes = [*source.notes, *plan.notes, *meant, *empty]
     hint = "what stands there for a torque is zero in every row" if empty and not any(k.startswith("tau") for k in arrays) else plan.hint
     side = "q" if "q" in arrays else "q_motor"
     if found.recording is not None and side == "q" and joints is None:
@@ -191,9 +214,9 @@ def _read(path: Path, request: _Request) -> list[Log]:
     positions = {c.source: arrays[side][:, c.joint] for c in plan.quantity(side)}
     pieces = usable_rows(arrays["t"], positions, where, missing=request.missing, repeated=repeated_rows(arrays))
     extras = _numbered_references(extras, joints.names if joints else plan.joints)
-    outer, inside = split_inside(path)
-    stem = inside.replace("/", " ") or path.name.split(".")[0]
-    digest = sha256(_content(outer))
+    outer, inside = (None, "") if path is None else split_inside(path)
+    stem = inside.replace("/", " ") or source.name
+    digest = "" if outer is None else sha256(_content(outer))
     whole = len(pieces.rows) == 1 and len(pieces.rows[0]) == rows
     logs = []
     for i, index in enumerate(pieces.rows):
@@ -209,7 +232,7 @@ def _read(path: Path, request: _Request) -> list[Log]:
                 ddq=recorded.get("ddq"),
                 dq_motor=recorded.get("dq_motor"),
                 tau={k.removeprefix("tau_"): v for k, v in recorded.items() if k.startswith("tau_")},
-                source=str(outer),
+                source="" if outer is None else str(outer),
                 sha256=digest,
                 extra={k: v[cut] for k, v in extras.items()},
                 notes=(*notes, *pieces.notes),
@@ -221,26 +244,21 @@ def _read(path: Path, request: _Request) -> list[Log]:
     return logs
 
 
-def _values(path: Path, found: PlannedLog, request: _Request, header: Any) -> tuple[dict[str, Array], dict[str, Array]]:
+def _values(source: TableSource, found: PlannedLog, request: _Request) -> tuple[dict[str, Array], dict[str, Array]]:
     """The planned columns of a file, and others."""
     plan = found.plan
     stored = tuple(name for name in plan.sources if name != COUNTED)
     if found.table is not None:
         table = dict(found.table)
     else:
-        table = read_columns(path, header, stored, optional=plan.extra if request.extra else ())
+        table = source.read(stored, plan.extra if request.extra else ())
     if request.rate_hz is not None and COUNTED in plan.sources:
         table[COUNTED] = np.arange(len(table[stored[0]])) / request.rate_hz
     extras = {name: table[name] for name in plan.extra if name in table}
     missing = [name for name, *_ in found.reference.values() if name not in table]
-    table |= read_columns(path, header, missing) if missing else {}
+    table |= source.read(missing, ()) if missing else {}
     extras |= {key: table[name] * factor + offset for key, (name, factor, offset) in found.reference.items()}
     return table, extras
-
-
-def _stored_notes(path: Path) -> tuple[str, ...]:
-    stored = stored_table(path)
-    return () if stored is None else stored.notes
 
 
 def _drop_empty(arrays: dict[str, Array], where: str) -> list[str]:

@@ -9,7 +9,7 @@ from functools import cache
 from types import ModuleType
 
 from ..errors import ConfigurationError
-from . import numpy_dynamics, numpy_rows
+from . import numpy_dynamics, numpy_rows, numpy_series
 
 
 class SlowPathWarning(RuntimeWarning):
@@ -18,10 +18,12 @@ class SlowPathWarning(RuntimeWarning):
 
 @dataclass(frozen=True)
 class Kernel:
-    """The modules that do the work: `dynamics` of a tree, and `rows` of the regression equation with their information."""
+    """The modules that do the work: `dynamics` of a tree, `rows` of the regression equation with their information, and `series`: filters
+    along time."""
 
     dynamics: ModuleType
     rows: ModuleType
+    series: ModuleType
 
     @property
     def compiled(self) -> bool:
@@ -38,7 +40,7 @@ def kernel() -> Kernel:
 
 @cache
 def _kernel(name: str) -> Kernel:
-    plain = Kernel(numpy_dynamics, numpy_rows)
+    plain = Kernel(numpy_dynamics, numpy_rows, numpy_series)
     if name not in ("", "native", "numpy"):
         raise ConfigurationError(f"IDENT_KERNEL={name!r}: must be 'native' or 'numpy', or not set.")
     if name == "numpy":
@@ -59,4 +61,13 @@ def _kernel(name: str) -> Kernel:
             stacklevel=4,
         )
         return plain
-    return Kernel(native, native)
+    return Kernel(native, native, _series())
+
+
+def _series() -> ModuleType:
+    """The compiled filters; those of NumPy where the kernel was built from older sources."""
+    try:
+        from . import native_series
+    except ImportError:
+        return numpy_series
+    return native_series

@@ -126,7 +126,7 @@ def information(
     return out
 
 
-def row_columns(
+def packed_columns(
     tree: RigidBodyTree,
     q: Array,
     dq: Array,
@@ -138,23 +138,18 @@ def row_columns(
     threads: int | None = None,
     taps: Array | None = None,
     factor: int = 1,
-) -> Array:
-    """Columns (M, R, k) of the filtered rows; see `rigid.row_columns`. Holds NaN where an array is not finite."""
+) -> tuple[Array, tuple[Array, ...]]:
+    """Columns (M, w) of the filtered rows, one row after the other, and which of the k chosen ones each row has; see
+    `rigid.packed_columns`. Holds NaN where an array is not finite."""
     own = compiled(tree)
     plan = own.plan(tree, rows, columns, extra, pattern)
     count = len(q) if taps is None else max(0, (len(q) - len(taps)) // factor + 1)
-    packed = np.empty((count, sum(len(live) - 1 for live in plan.live)))
+    live = tuple(shown[:-1] for shown in plan.live)
+    packed = np.empty((count, sum(len(shown) for shown in live)))
     beside = extra if extra.shape[-1] else None
-    finite = _kernel.row_columns(own.handle, plan.handle, len(q), thread_count(threads), taps, factor, q, dq, ddq, beside, packed)
-    out = np.zeros((count, len(rows), len(columns)))
-    if not finite:
-        out[:1, :1, :1] = np.nan
-        return out
-    start = 0
-    for r, live in enumerate(plan.live):
-        out[:, r, live[:-1]] = packed[:, start : start + len(live) - 1]
-        start += len(live) - 1
-    return out
+    if not _kernel.row_columns(own.handle, plan.handle, len(q), thread_count(threads), taps, factor, q, dq, ddq, beside, packed):
+        packed[:1] = np.nan
+    return packed, live
 
 
 def simulate(tree: RigidBodyTree, work: tuple[Any, ...], plant: tuple[Array, ...], *arrays: Any) -> int:

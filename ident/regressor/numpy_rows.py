@@ -50,7 +50,7 @@ def information(
     return out
 
 
-def row_columns(
+def packed_columns(
     tree: RigidBodyTree,
     q: Array,
     dq: Array,
@@ -62,8 +62,9 @@ def row_columns(
     threads: int | None = None,
     taps: Array | None = None,
     factor: int = 1,
-) -> Array:
-    """Columns (M, R, k) of the filtered rows; see `rigid.row_columns`. Holds NaN where an array is not finite."""
+) -> tuple[Array, tuple[Array, ...]]:
+    """Columns (M, R k) of the filtered rows, one row after the other, and which of the k chosen ones each row has: here all; see
+    `rigid.packed_columns`. Holds NaN where an array is not finite."""
     count = len(q) if taps is None else max(0, (len(q) - len(taps)) // factor + 1)
     out = np.zeros((count, len(rows), len(columns)))
     with np.errstate(over="ignore", invalid="ignore"):  # the caller sees infinity in the result
@@ -71,7 +72,7 @@ def row_columns(
             out[part] = filtered
     if not all(np.isfinite(array).all() for array in (q, dq, ddq, extra)):
         out[:1, :1, :1] = np.nan
-    return out
+    return out.reshape(count, len(rows) * len(columns)), (np.arange(len(columns)),) * len(rows)
 
 
 def _filtered_rows(

@@ -157,14 +157,41 @@ def row_columns(
 
     With taps the columns at the full rate are never written to memory, only the M filtered rows are: what a pass that keeps rows for
     later ones needs. Raises DataError for input that is not finite."""
+    given = {"rows": rows, "columns": columns, "extra": extra, "pattern": pattern, "taps": taps, "factor": factor, "threads": threads}
+    packed, live = packed_columns(tree, q, dq, ddq, **given)
+    width = 10 * tree.nb + (0 if extra is None else np.shape(extra)[-1]) if columns is None else len(columns)
+    out, start = np.zeros((len(packed), len(live), width)), 0
+    for row, shown in enumerate(live):
+        out[:, row, shown] = packed[:, start : start + len(shown)]
+        start += len(shown)
+    return out
+
+
+def packed_columns(
+    tree: RigidBodyTree,
+    q: Any,
+    dq: Any,
+    ddq: Any,
+    *,
+    rows: Any = None,
+    columns: Any = None,
+    extra: Any = None,
+    pattern: Any = None,
+    taps: Any = None,
+    factor: int = 1,
+    threads: int | None = None,
+) -> tuple[Array, tuple[Array, ...]]:
+    """The columns of `row_columns` without those that are zero in their row by structure: `(packed (M, w), live)`.
+
+    One row of the equation follows the other; `live[r]` says which of the k chosen columns row r has, in this order."""
     work = _Work.of(tree, q, dq, ddq, rows, columns, extra, pattern, taps, factor)
     w = work
-    out = kernel().rows.row_columns(tree, w.q, w.dq, w.ddq, w.rows, w.columns, w.extra, w.pattern, threads, w.taps, w.factor)
-    if not np.isfinite(out.sum()):
+    packed, live = kernel().rows.packed_columns(tree, w.q, w.dq, w.ddq, w.rows, w.columns, w.extra, w.pattern, threads, w.taps, w.factor)
+    if not np.isfinite(packed.sum()):
         work.blame(None)
-        if not np.isfinite(out).all():
+        if not np.isfinite(packed).all():
             raise DataError("a column overflows: some speed or acceleration is beyond 1e150. Check the units of the log.")
-    return out
+    return packed, live
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from ..logs.readers.ros import joint_state_columns
 from ..logs.readers.stored import format_of
 from ..logs.readers.tables import read_header
 from ..logs.repair import Holes, blank_unusable, missing_rows, rising_runs, usable_numbers
+from ..logs.source import TableSource
 from ..robots.robot import Robot
 from .digest import FileDigest
 from .disk import DiskArray, DiskWriter
@@ -98,7 +99,7 @@ class Reading:
             raise UnsupportedError(f"log {path}: this dialect is read as a whole only; take --stream away, or write it with commas.")
         if not self.columns and joint_state_columns(header) is not None:
             raise UnsupportedError(f"log {path}: JointState messages with a name array cannot be streamed; read it whole (--no-stream).")
-        found = planned(path, header, JointNames.of(self.robot), self.columns)
+        found = planned(TableSource.of(path), JointNames.of(self.robot), self.columns)
         if found.table is not None:
             raise UnsupportedError(f"log {path}: a table with a row for each joint is read as a whole only; take --stream away.")
         return header, found.plan

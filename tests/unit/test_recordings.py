@@ -543,7 +543,8 @@ def test_a_recorder_of_ones_own(tmp_path: Path) -> None:
     t, q, _, tau = motion()
     known = tmp_path / "rig.toml"
     known.write_text(
-        '[[recorder]]\nname = "our rig"\ncolumns = ["rigpos_0"]\ncounts = 1000\ncentre = 500\neffort = "current"\neffort_scale = 0.01\nchannels = { q = "rigpos_{}" }\n'
+        '[[recorder]]\nname = "our rig"\ncolumns = ["rigpos_0"]\ncounts = 1000\ncentre = 500\neffort = "current"\n'
+        'effort_scale = 0.01\nchannels = { q = "rigpos_{}" }\n'
     )
     add_recorders(known)
     counts = np.round(q / (2 * np.pi) * 1000) + 500

@@ -16,7 +16,7 @@ from .dialect import text_header
 from .header import MISSING, Header, check_file, is_number, numeric, seconds
 from .parquet import arrow_values, parquet_file, parquet_table, stored_names
 from .stored import Stored, format_of, split_inside
-from .text import rows_of_text, text_columns
+from .text import read_text_columns, rows_of_text, text_columns
 
 Array = np.ndarray
 #: The formats that come with the package.
@@ -49,6 +49,16 @@ def _read_stored(name: str, path: Path, stamp: int) -> Stored:
     found = format_of(path)
     assert found is not None
     return found.read(path)
+
+
+def read_labels(path: Path, header: Header, name: str) -> list[str]:
+    """A column as text, one a row. Raises DataError."""
+    if (stored := stored_table(path)) is not None:
+        return [f"{x:g}" for x in stored.columns[name]]
+    if path.suffix.lower() in _PARQUET:
+        own = dict(stored_names(parquet_file(path)))[name]
+        return [str(x).strip() for x in parquet_table(path, [own]).column(0).to_pylist()]
+    return [str(x).strip() for x in read_text_columns(path, header, [name])[name]]
 
 
 def recordings_in(path: Path) -> list[Path]:

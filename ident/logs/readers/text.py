@@ -107,7 +107,12 @@ def _arrow_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str
 
     try:
         with body_of(path, header) as stream:
-            return arrow_columns(pa.PythonFile(stream, mode="r"), header, names, 0)
+            # From memory: a thread of Arrow that reads ahead from a file of Python's may outlive the interpreter, which ends it badly.
+            if isinstance(stream, io.BufferedReader) and isinstance(stream.raw, io.FileIO):
+                content = pa.memory_map(str(path)).read_buffer().slice(stream.tell())
+            else:
+                content = pa.py_buffer(stream.read())
+            return arrow_columns(pa.BufferReader(content), header, names, 0)
     except IdentError:
         raise
     except (pa.ArrowException, ValueError, *DAMAGED):
