@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Random postures on which it is seen what can be kept clear of what, and the share of them beyond which shapes overlap by construction.
 #: And the change (m) below which a distance to a plane is the same in all of them.
-_POSTURES, _ALWAYS, _FIXED = 400, 0.95, 1e-3
+_POSTURES, _ALWAYS, _FIXED = 400, 0.95, 1e-2
 #: Below the required distance and this much (m) a pair weighs on the search, and this much (m) is kept beyond what is required, for between
 #: samples; pairs that are always near are kept this far (m) apart.
 _ACTIVE, _MARGIN, _TOUCH = 0.06, 0.004, 0.0005
