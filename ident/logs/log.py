@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
+_LOG = logging.getLogger(__name__)
 #: The time of a log that has none, counted from its rate.
 _COUNTED = "\x00counted"
 
@@ -368,6 +370,8 @@ def read_logs(
             if not skip_bad_files:
                 raise
             left_out.append(str(error))
+    for log in logs:
+        _LOG.info("read %s: %d samples, %d joints, %.4g s", log.source or log.name, len(log), log.n, log.duration)
     if left_out and not logs:
         raise DataError(f"none of the {len(left_out)} logs can be read; the first: {left_out[0]}")
     names: dict[str, int] = {}
