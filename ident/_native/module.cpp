@@ -306,7 +306,7 @@ PyObject* information(PyObject* const* a) {
     for (int64_t i = 0; i < threads || i == 0; ++i) places.push_back(factors((int)i));
     const auto work = [&](int i, int64_t lo, int64_t hi, char* at) { active->information(t, plan, x, lo, hi, at, places[(size_t)i].data()); };
     over_samples(samples.count, threads, memory, work, samples.block());
-    std::unique_ptr<char[]> scratch(new char[memory]);
+    std::unique_ptr<char[]> scratch(places.size() > 1 ? new char[memory] : nullptr);   // not for a single thread: a live sample must not wait
     for (size_t i = 1; i < places.size(); ++i) active->merge(plan, scratch.get(), places[0].data(), places[i].data());
     Py_RETURN_NONE;
 }

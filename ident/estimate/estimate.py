@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
 
 from ..drawing.document import Figure, Section
 from ..drawing.figures import draw_on
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError
 from ..statistics.torque_error import TorqueError
+from .feedforward import FixedModel
 from .io import save, to_dict
 from .pictures import estimate_frame, estimate_sections, torque_figure, values_figure
 from .record import EstimateRecord
@@ -24,6 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..signals.signals import Signals
+
+Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,6 +89,45 @@ class Estimate(Shown, EstimateRecord):
         shown = signals if signals is not None or self.problem is None else self.problem.signals
         assert shown is not None
         return draw_on(torque_figure(self, shown), ax)
+
+    def feedforward(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Torque of a motion by the fitted model, friction and rotor inertia included; made for a control loop.
+
+        Parameters
+        ----------
+        q, dq, ddq : (n,) or (N, n) array
+            Position, velocity and acceleration on the joint side, rad, rad/s, rad/s² (m, …): one state, or many.
+
+        Returns
+        -------
+        (n,) or (N, n) array
+            Torque on the measured side, N m (N): what the log would show without noise.
+
+        Notes
+        -----
+        The first call prepares the model; one compiled call follows if every effect is a rigid body or a declared factor of its joint's
+        motion (rotor inertia, viscous and Coulomb friction, offset, linear spring).
+
+        Examples
+        --------
+        >>> import ident
+        >>> import numpy as np
+        >>> train, test = ident.demo_logs()
+        >>> estimate = ident.fit(train, "puma560", held=0)
+        >>> estimate.feedforward(np.zeros(6), np.zeros(6), np.zeros(6)).shape
+        (6,)
+        """
+        return self._fixed.torque(q, dq, ddq)
+
+    def forward_dynamics(self, q: Array, dq: Array, tau: Array) -> Array:
+        """Joint acceleration at a torque on the measured side by the fitted model; states and shapes as for `feedforward`.
+
+        Raises DataError where the estimated inertia matrix is singular."""
+        return self._fixed.acceleration(q, dq, tau)
+
+    @cached_property
+    def _fixed(self) -> FixedModel:
+        return FixedModel(self.model, self.all_values)
 
     def to_dict(self) -> dict[str, Any]:
         """The `ident.fit/1` result (docs/formats.md)."""

@@ -9,7 +9,7 @@ from functools import cache
 from types import ModuleType
 
 from ..errors import ConfigurationError
-from . import numpy_dynamics, numpy_rows, numpy_series
+from . import numpy_drive, numpy_dynamics, numpy_rows, numpy_series
 
 
 class SlowPathWarning(RuntimeWarning):
@@ -18,12 +18,13 @@ class SlowPathWarning(RuntimeWarning):
 
 @dataclass(frozen=True)
 class Kernel:
-    """The modules that do the work: `dynamics` of a tree, `rows` of the regression equation with their information, and `series`: filters
-    along time."""
+    """The modules that do the work: `dynamics` of a tree, `rows` of the regression equation with their information, `series`: filters along
+    time, and `drive`: a tree with the terms of its drives."""
 
     dynamics: ModuleType
     rows: ModuleType
     series: ModuleType
+    drive: ModuleType
 
     @property
     def compiled(self) -> bool:
@@ -40,7 +41,7 @@ def kernel() -> Kernel:
 
 @cache
 def _kernel(name: str) -> Kernel:
-    plain = Kernel(numpy_dynamics, numpy_rows, numpy_series)
+    plain = Kernel(numpy_dynamics, numpy_rows, numpy_series, numpy_drive)
     if name not in ("", "native", "numpy"):
         raise ConfigurationError(f"IDENT_KERNEL={name!r}: must be 'native' or 'numpy', or not set.")
     if name == "numpy":
@@ -61,13 +62,8 @@ def _kernel(name: str) -> Kernel:
             stacklevel=4,
         )
         return plain
-    return Kernel(native, native, _series())
-
-
-def _series() -> ModuleType:
-    """The compiled filters; those of NumPy where the kernel was built from older sources."""
     try:
-        from . import native_series
-    except ImportError:
-        return numpy_series
-    return native_series
+        from . import native_drive, native_series
+    except ImportError:  # the kernel was built from older sources: all but the newer parts
+        return Kernel(native, native, numpy_series, numpy_drive)
+    return Kernel(native, native, native_series, native_drive)

@@ -152,6 +152,34 @@ def packed_columns(
     return packed, live
 
 
+class FixedRows:
+    """Information on fixed rows and columns that takes one sample at a time (see `rigid.live_information`), without new memory."""
+
+    def __init__(self, tree: RigidBodyTree, factors: Array, rows: Array, columns: Array, pattern: Array) -> None:
+        own = compiled(tree)
+        self._plan = own.plan(tree, rows, columns, np.zeros((1, pattern.shape[1])), pattern)
+        self._tree, self._handle, self._shape = own.handle, self._plan.handle, factors.shape
+        size, taken, upper, _ = self._plan.unpacking
+        self._flat = np.zeros(size)
+        self._flat[taken] = factors.ravel()[upper]
+
+    def add(self, q: Array, dq: Array, ddq: Array, tau: Array, extra: Array, valid: Array | None) -> None:
+        """A sample of finite numbers."""
+        beside = extra if len(extra) else None
+        _kernel.information(self._tree, self._handle, 0, 1, 1, None, 1, q, dq, ddq, tau, valid, None, beside, self._flat)
+
+    def scale(self, factor: float) -> None:
+        """Every sample so far weighted by the square of `factor`."""
+        np.multiply(self._flat, factor, out=self._flat)
+
+    def factors(self) -> Array:
+        """Upper triangular (R, k+1, k+1)."""
+        _, taken, upper, _ = self._plan.unpacking
+        out = np.zeros(self._shape)
+        np.put(out, upper, self._flat[taken])
+        return out
+
+
 def simulate(tree: RigidBodyTree, work: tuple[Any, ...], plant: tuple[Array, ...], *arrays: Any) -> int:
     """Integrate runs of a plant; arguments as `simulate` of ident/_native/module.cpp has them, but for the inertial parameters,
     which come in Pinocchio's order. For `ident.simulation.compiled` alone."""

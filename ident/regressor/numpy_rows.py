@@ -75,6 +75,30 @@ def packed_columns(
     return out.reshape(count, len(rows) * len(columns)), (np.arange(len(columns)),) * len(rows)
 
 
+class FixedRows:
+    """Information on fixed rows and columns that takes one sample at a time (see `rigid.live_information`)."""
+
+    def __init__(self, tree: RigidBodyTree, factors: Array, rows: Array, columns: Array, pattern: Array) -> None:
+        self._tree, self._factors = tree, np.array(factors)
+        self._rows, self._columns, self._pattern = rows, columns, pattern
+
+    def add(self, q: Array, dq: Array, ddq: Array, tau: Array, extra: Array, valid: Array | None) -> None:
+        """A sample of finite numbers."""
+        used = None if valid is None else valid[None]
+        motion = q[None], dq[None], ddq[None], tau[None]
+        found = information(self._tree, *motion, self._rows, self._columns, extra[None], self._pattern, used, None, False)
+        for r, R in enumerate(found):
+            self._factors[r] = _triangle(np.concatenate([self._factors[r], R]))
+
+    def scale(self, factor: float) -> None:
+        """Every sample so far weighted by the square of `factor`."""
+        self._factors *= factor
+
+    def factors(self) -> Array:
+        """Upper triangular (R, k+1, k+1)."""
+        return self._factors.copy()
+
+
 def _filtered_rows(
     tree: RigidBodyTree,
     motion: tuple[Array, Array, Array],

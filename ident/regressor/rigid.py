@@ -19,6 +19,7 @@ import numpy as np
 
 from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..robots.tree import RigidBodyTree
+from .drive_terms import DriveTerms
 from .kernel_choice import kernel
 
 Array = np.ndarray
@@ -76,6 +77,43 @@ def dynamics(tree: RigidBodyTree, inertia: Any, added: Any = None) -> Dynamics:
 
     `inertia` (10 nb,), `added` (nv, nv) as in `forward_dynamics`. States that are not finite raise DataError."""
     made: Dynamics = kernel().dynamics.FixedDynamics(tree, _inertia(tree, inertia), added_inertia(tree, added))
+    return made
+
+
+class Drive(Protocol):
+    """A robot with the terms of its drives, parameters fixed, for control: one state (1-D arrays) or a batch of N."""
+
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Torque (nv,) or (N, nv) of a motion."""
+
+    def acceleration(self, q: Array, dq: Array, tau: Array) -> Array:
+        """Acceleration (nv,) or (N, nv) at a torque."""
+
+
+def drive(tree: RigidBodyTree, inertia: Any, terms: DriveTerms) -> Drive:
+    """A fixed-base tree with `inertia` (10 nb,) and the terms of its drives: checked once, then as little as possible around each call."""
+    made: Drive = kernel().drive.FixedDrive(tree, _inertia(tree, inertia), terms)
+    return made
+
+
+class LiveInformation(Protocol):
+    """Triangular factors of [Phi tau] that take one sample at a time."""
+
+    def add(self, q: Array, dq: Array, ddq: Array, tau: Array, extra: Array, valid: Array | None) -> None:
+        """A sample of finite numbers: positions and rates of the tree, torque (R,), extra columns (e,), rows that are `valid` (R,)."""
+
+    def scale(self, factor: float) -> None:
+        """Every sample so far weighted by the square of `factor`."""
+
+    def factors(self) -> Array:
+        """Upper triangular (R, k+1, k+1), as `information` has them."""
+
+
+def live_information(tree: RigidBodyTree, factors: Array, rows: Array, columns: Array, pattern: Array) -> LiveInformation:
+    """Information that starts with `factors` (R, k+1, k+1); `rows`, `columns`, `pattern` as in `information`."""
+    q, rates = np.zeros((1, tree.nq)), np.zeros((1, tree.nv))
+    work = _Work.of(tree, q, rates, rates, rows, columns, np.zeros((1, np.shape(pattern)[1])), pattern, None, 1)
+    made: LiveInformation = kernel().rows.FixedRows(tree, _finite("factors", factors), work.rows, work.columns, work.pattern)
     return made
 
 
