@@ -16,7 +16,9 @@ import numpy as np
 
 from ..errors import DataError
 from ..logs.columns import ColumnPlan
-from ..logs.readers.tables import Header, arrow_columns, bad_text, numbered_rows, open_binary, over_lines, pandas_columns, quotes_stay_open
+from ..logs.readers.header import Header
+from ..logs.readers.packed import open_binary
+from ..logs.readers.text import arrow_columns, bad_text, numbered_rows, over_lines, pandas_columns, quotes_stay_open
 
 Array = np.ndarray
 _COUNTED = 1 << 20

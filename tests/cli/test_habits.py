@@ -63,7 +63,7 @@ def test_steps_go_to_the_log_named_ident(ident: Ident, arm: Arm, caplog: pytest.
     with caplog.at_level(logging.INFO, logger="ident"):
         package.fit(str(arm.train), arm.urdf, held=0)
     told = {record.name for record in caplog.records}
-    assert {"ident.logs.log", "ident.signals.preparation", "ident.estimators.base"} <= told
+    assert {"ident.logs.reading", "ident.signals.preparation", "ident.estimators.base"} <= told
     assert all(name.startswith("ident") for name in told)
     quiet = ident("fit", arm.train, "--urdf", arm.urdf, *FRICTION, "--quiet")
     told_all = ident("-v", "fit", arm.train, "--urdf", arm.urdf, *FRICTION, "--quiet")

@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 
 from ident.errors import DataError
 from ident.logs.columns import resolve_columns
-from ident.logs.log import Log, read_logs
+from ident.logs.log import Log
 from ident.logs.names import JointNames
 from ident.logs.readers.tables import read_header
+from ident.logs.reading import read_logs
 from ident.robots.robot import Robot
 from ident.streaming.ingest import Reading, store_logs
 from ident.streaming.text import TextParser
