@@ -34,7 +34,7 @@ What it is confused with: the share of it that the usual model (rigid body, roto
 that motion, and the share of the rest that other effects take up. Near 100 %, this motion cannot tell them apart; another one may."""
 JOINT = "joint3"
 USUAL = ("rigid_body", "rotor_inertia", "viscous", "coulomb")
-#: Shares below this are not told, and so many of those above.
+#: Shares below this are left out, and all but so many of those above.
 LEAST, MOST = 0.5, 3
 
 
@@ -99,7 +99,7 @@ def small(png: bytes) -> bytes:
     return file.getvalue()
 
 
-def told(kind: type[Effect], robot: Robot, motion: Motion) -> Effect:
+def shown(kind: type[Effect], robot: Robot, motion: Motion) -> Effect:
     """The effect where it is shown; laws of friction with shapes in the middle of what is searched on this motion."""
     effect = placed(kind, robot)
     if effect.nature != Nature.FRICTION:
@@ -143,21 +143,23 @@ def confusions(columns: dict[str, Array], base: Array) -> dict[str, tuple[float,
     return found
 
 
-def entry(effect: Effect, robot: Robot, hidden: float, rivals: list[tuple[str, float]]) -> list[str]:
+def entry(effect: Effect, robot: Robot, hidden: float, others: list[tuple[str, float]]) -> list[str]:
     """The lines of one effect."""
     doc = " ".join((type(effect).__doc__ or "").split())
     lines = [f"## `{effect.name}`", f"**{effect.title[0].upper()}{effect.title[1:]}.** {doc}", ""]
     lines += [f"![{effect.title}](gallery/{effect.name}.png)", ""]
     parameters = effect.parameters(robot)
-    told = ", ".join(f"`{p.name}` ({p.unit})" for p in parameters[:6]) + (f" and {len(parameters) - 6} more" if len(parameters) > 6 else "")
+    names = ", ".join(f"`{p.name}` ({p.unit})" for p in parameters[:6]) + (
+        f" and {len(parameters) - 6} more" if len(parameters) > 6 else ""
+    )
     shapes = ", ".join(f"`{s.name}` ({effect.shape_unit(s, robot)}, {s.lower:g} to {s.upper:g})" for s in effect.shape()) or "none"
     needs = ", ".join(sorted(n.value for n in effect.needs)) or "the motion at the same instant"
     lines += [
-        f"- parameters: {told}; searched shapes: {shapes}",
+        f"- parameters: {names}; searched shapes: {shapes}",
         f"- acts on the {effect.side.value} side; seen against {effect.axis.value}; needs {needs}",
         f"- to see it: {motion_for(effect, 'the joint')}",
         f"- the usual model takes up {100 * hidden:.0f} % of it on a random motion"
-        + ("; of the rest: " + ", ".join(f"`{name}` {100 * share:.0f} %" for name, share in rivals) if rivals else ""),
+        + ("; of the rest: " + ", ".join(f"`{name}` {100 * share:.0f} %" for name, share in others) if others else ""),
         "",
     ]
     return lines
@@ -170,7 +172,7 @@ def gallery(pictures: Path | None = None) -> str:
     motion = motion_of(model, values)
     scale = np.sqrt(np.mean(model.torque(motion, values) ** 2, axis=0))
     kinds = {name: kind for name, kind in effect_types().items() if name not in USUAL and kind.__module__.startswith("ident.")}
-    effects = {name: told(kind, robot, motion) for name, kind in kinds.items()}
+    effects = {name: shown(kind, robot, motion) for name, kind in kinds.items()}
     columns = {}
     for name, effect in effects.items():
         own = effect.columns(motion, robot)
