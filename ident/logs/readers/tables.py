@@ -386,11 +386,34 @@ def _arrow_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str
 
     try:
         with _body(path, header) as stream:
-            return arrow_columns(pa.PythonFile(stream, mode="r"), header, names, 0)
+            counted = _CountedQuotes(stream)
+            found = arrow_columns(pa.PythonFile(counted, mode="r"), header, names, 0)
+            # Quotes that are never closed hide all rows behind them, which Arrow does not mind.
+            return None if counted.quotes % 2 else found
     except IdentError:
         raise
     except (pa.ArrowException, ValueError, *DAMAGED):
         return None
+
+
+#: What pandas says of quotes that are open at the end of the text.
+_NEVER_CLOSED = "EOF inside string"
+
+
+class _CountedQuotes(io.RawIOBase):
+    """A stream of bytes that counts the quotes read from it."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        super().__init__()
+        self._stream, self.quotes = stream, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int = -1, /) -> bytes:
+        data = self._stream.read(size)
+        self.quotes += data.count(b'"')
+        return data
 
 
 def arrow_columns(
@@ -478,7 +501,7 @@ def bad_text(
 ) -> DataError:
     """Find the first row that cannot be read and say what is wrong with it. `rows`: those to look at, beginning with data row
     `first`; by default all."""
-    index = [(header.names.index(n), n) for n in names]
+    index, last = [(header.names.index(n), n) for n in names], (first, 0)
     for row, (line, fields) in enumerate(rows_of_text(path, header) if rows is None else rows, first):
         if len(fields) > len(header.names):
             return DataError(
@@ -503,6 +526,12 @@ def bad_text(
                 elif _is_moment(text):
                     remedy = "It is a date with a time: write times as seconds (since any moment), in every row."
                 return DataError(f"log {path}: column {name!r}, line {line} (data row {row}): {shown!r} is not a number. {remedy}")
+        last = row, line
+    if _NEVER_CLOSED in reason:
+        return DataError(
+            f"log {path}: line {last[1]} (data row {last[0]}) opens quotes that are never closed, which hide all behind it. Close them,"
+            " or leave them out."
+        )
     return DataError(f"log {path}: cannot be read as a table of numbers: {reason}.")
 
 
