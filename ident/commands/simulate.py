@@ -12,7 +12,7 @@ from .._utils.json import result
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..planning.plan import read_plan, simulate_plan
 from ..robots.library.nominal import nominal_values
 from ..robots.reach import reach

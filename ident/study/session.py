@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..auditing import Audit, audit
 from ..errors import DataError
-from ..evaluation.doubts import counted_twice, doubts, fitted_as_well, require_rows
+from ..estimators import make_estimator
+from ..evaluation.doubts import all_turned, counted_twice, doubts, fitted_as_well, require_rows
 from ..evaluation.validation import validate
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..problem.problem import Problem
 from ..signals.preparation import make_preparation
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from ..signals.preparation import Preparation
     from ..signals.signals import Signals
     from .study import Study
+
+from .study import DEFAULT_METHOD
 
 #: Share of each log that is held out (its last part) where no validation log is given.
 HELD_SHARE = 0.25
@@ -66,7 +69,7 @@ class Session:
         return self.recorded.split(by="fraction", held=HELD_SHARE)
 
     def _read(self, files: Iterable[Path]) -> LogSet:
-        how = {"skip_bad_files": self.skip_bad_files, **self.study.logs.reading()}
+        how = {"skip_bad_files": self.skip_bad_files, **self.study.reading()}
         return read_logs([*map(str, files)], self.robot, self.study.columns or None, **how)
 
     @property
@@ -127,6 +130,14 @@ class Session:
             said.append(again)
         said += self.repeated
         return replace(found, warnings=(*found.warnings, *self.robot.doubts, *said, *doubts(found)))
+
+    @cached_property
+    def turned(self) -> str:
+        """What to say first of all where every torque has the opposite sign; "" where they have not, or where it cannot be told."""
+        try:
+            return all_turned(make_estimator(DEFAULT_METHOD).solve(self.problem))
+        except DataError:
+            return ""
 
     @property
     def repeated(self) -> list[str]:

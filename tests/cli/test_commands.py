@@ -389,7 +389,7 @@ def test_simulate_says_what_it_has_no_value_for(ident, tmp_path):
 def test_simulated_torque_is_recorded_as_it_acts(ident, tmp_path):
     """Torque that a controller holds for a period acts half a period late; a record of what it asked for would look early."""
     from ident.effects.base import make_effect
-    from ident.logs.log import read_logs
+    from ident.logs.reading import read_logs
     from ident.problem.problem import Problem
     from ident.robots import load_robot, nominal_values
     from ident.signals import ZeroPhase

@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 
 from ident.errors import DataError
 from ident.logs.columns import resolve_columns
-from ident.logs.log import Log, read_logs
+from ident.logs.log import Log
 from ident.logs.names import JointNames
 from ident.logs.readers.tables import read_header
+from ident.logs.reading import read_logs
 from ident.robots.robot import Robot
 from ident.streaming.ingest import Reading, store_logs
 from ident.streaming.text import TextParser
@@ -281,7 +282,7 @@ def test_quotes_that_are_never_closed_hide_no_rows(robot: Robot, tmp_path: Path,
     rows[70][-1] = '"note'
     path.write_text("\n".join(",".join(row) for row in [[*NAMES, "comment"], *rows]) + "\n")
     if reader == "pandas":
-        monkeypatch.setattr("ident.logs.readers.tables.find_spec", lambda name: None)
+        monkeypatch.setattr("ident.logs.readers.text.find_spec", lambda name: None)
     found = alike(path, robot, tmp_path / "scratch")
     assert isinstance(found, str), "rows are missing, and nothing says so"
     assert "line 72 (data row 71) opens quotes that are never closed" in found
