@@ -25,6 +25,7 @@ LAZY = {
     ("logs/log.py", "ident.logs.reading"): "Log.from_frame beside Log.to_frame: tables are read where files are",
     ("simulation/dynamics.py", "ident.simulation.compiled"): "a plant makes its compiled twin once",
     ("regressor/kernel_choice.py", "ident.regressor"): "the compiled kernel may not be built",
+    ("commands/check.py", "ident.commands.diagnose"): "a check loads the diagnosis only when it is strict",
     ("effects/flexing.py", "ident._native"): "the compiled recursions may not be built",
     ("signals/filters.py", "ident._native"): "the compiled filters may not be built",
     ("streaming/text.py", "ident._native"): "the compiled reader may not be built",
