@@ -11,7 +11,6 @@ from ..errors import ConfigurationError, DataError
 from ..streaming.session import StreamedSession
 from ..study.session import Session
 from .common import Output, add_output_arguments, add_study_arguments, study_from
-from .diagnose import diagnosis_of
 from .recording import check_recording, told, write_study_of
 from .streaming import add_streaming_arguments, session_from
 
@@ -107,6 +106,8 @@ def _undeclared(session: Session, out: Output) -> tuple[dict[str, Any] | None, s
     Data that are good enough to be checked may be too few for a diagnosis: then nobody knows, and the gate stays closed."""
     out.say()
     try:
+        from .diagnose import diagnosis_of
+
         diagnosis = diagnosis_of(session, out)
     except DataError as error:
         out.say_wrapped(f"no diagnosis: {error}")

@@ -11,8 +11,9 @@ if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
 
 Array = np.ndarray
-#: The inertials of a URDF are right within this factor where they are of the same pattern at all, which a correlation of so much shows.
-_FACTOR, _PATTERN = 3.0, 0.95
+#: The inertials of a URDF are right within this factor where they are of the right pattern at all: where two factors, of gravity and of
+#: inertia, leave no more than this share of a joint's torque.
+_FACTOR, _LEFT = 3.0, 0.3
 #: What the URDF asks for, or what is fitted, must stand so far above the noise of the fit.
 _CLEAR = 10.0
 
@@ -26,24 +27,26 @@ class _Beside:
     plain: Array
     inertia: Array
 
-    def asked(self, chosen: Array) -> tuple[Array, Array]:
-        """What fitted and nominal values of some parameters ask of all joints, in standard deviations of the noise."""
+    def factors(self, j: int) -> tuple[float | None, float | None]:
+        """How many times gravity and inertia are, in one joint's torque, what the nominal values ask for, beside friction and rotors,
+        which are free; None for what is not told."""
         information = self.estimate.information
         assert information is not None
-        roots = [np.sqrt(max(w, 0.0)) * R[:-1, :-1][:, chosen] for w, R in zip(self.estimate.weights, information.factors, strict=True)]
-        rows = np.concatenate(roots)
-        return rows @ self.estimate.values[chosen], rows @ self.nominal[chosen]
-
-    def of_joint(self, j: int) -> float | None:
-        """How many times one joint's torque is what the nominal values ask for, beside friction and rotors, which are free."""
-        information = self.estimate.information
-        assert information is not None
-        weight = float(np.sqrt(max(self.estimate.weights[j], 0.0)))
-        R = weight * information.factors[j]
-        given, free = R[:, :-1] @ np.where(self.plain, self.nominal, 0.0), R[:, :-1][:, ~self.plain]
+        R = float(np.sqrt(max(self.estimate.weights[j], 0.0))) * information.factors[j]
+        free = R[:, :-1][:, ~self.plain]
         basis = np.linalg.svd(free, full_matrices=False)[0][:, : int(np.linalg.matrix_rank(free))] if free.size else free
-        x, z = (v - basis @ (basis.T @ v) for v in (given, R[:, -1]))
-        return _factor(z, x)
+        parts = [R[:, :-1] @ np.where(chosen, self.nominal, 0.0) for chosen in (self.plain & ~self.inertia, self.plain & self.inertia)]
+        A, z = (v - basis @ (basis.T @ v) for v in (np.stack(parts, axis=1), R[:, -1]))
+        found = np.linalg.lstsq(A, z, rcond=1e-9)[0]
+        left = float(np.linalg.norm(z - A @ found))
+        if left > _LEFT * max(float(np.linalg.norm(z)), float(np.linalg.norm(A))):
+            return None, None
+        size = [float(np.linalg.norm(A[:, k] - _along_of(A[:, 1 - k], A[:, k]))) for k in (0, 1)]
+        gravity, inertia = (
+            max(abs(float(k)), 1.0 / one) if one > 0.0 and max(one, one * abs(float(k))) > _CLEAR else None
+            for k, one in zip(found, size, strict=True)
+        )
+        return gravity, inertia
 
 
 def factor_doubt(estimate: Estimate) -> str:
@@ -51,29 +54,38 @@ def factor_doubt(estimate: Estimate) -> str:
     beside = _beside(estimate)
     if beside is None:
         return ""
-    joints = estimate.model.robot.joint_names
-    told = {name: k for j, name in enumerate(joints) if (k := beside.of_joint(j)) is not None}
-    if not told:
+    told = {name: beside.factors(j) for j, name in enumerate(estimate.model.robot.joint_names)}
+    gravity = {name: g for name, (g, _) in told.items() if g is not None}
+    inertia = {name: s for name, (_, s) in told.items() if s is not None}
+    if not gravity and not inertia:
         return ""
-    middle = float(np.median(list(told.values())))
-    if len(told) > 1 and not _usual(middle):
+    heavy, swung = (float(np.median(list(k.values()))) if k else None for k in (gravity, inertia))
+    if heavy is not None and swung is not None and _usual(heavy) and not _usual(swung / heavy):
+        return _of_the_clock(heavy, swung)
+    middle = swung if heavy is None else heavy
+    assert middle is not None
+    if len({*gravity, *inertia}) > 1 and not _usual(middle):
         return (
             f"torque is about {middle:.2g} times what the URDF's inertials ask for, on all joints: look at its unit, at the side of the"
             " gears that it is of ([drive] measured, torque, ratio), and at the torque constants."
         )
-    odd = [f"{name} ({k:.2g})" for name, k in told.items() if not _usual(k / middle)]
-    if odd and len(told) > len(odd):
-        return (
-            f"torque is many times, or a small part of, what the URDF's inertials ask for on some joints alone: {', '.join(odd)}. Look at"
-            " its unit, its gear ratio and its torque constant there."
-        )
-    heavy, swung = _factor(*beside.asked(beside.plain & ~beside.inertia)), _factor(*beside.asked(beside.plain & beside.inertia))
-    if heavy is None or swung is None or not _usual(heavy) or _usual(swung / heavy):
+    odd = {name: k for part in (inertia, gravity) for name, k in part.items() if not _usual(k / middle)}
+    # A joint is odd where all that is known of its torque is.
+    odd = {name: k for name, k in odd.items() if all(not _usual(x / middle) for x in told[name] if x is not None)}
+    if not odd or 2 * len(odd) >= len({*gravity, *inertia}):
         return ""
+    listed = ", ".join(f"{name} ({k:.2g})" for name, k in odd.items())
+    return (
+        f"torque is many times, or a small part of, what the URDF's inertials ask for on some joints alone: {listed}. Look at its unit,"
+        " its gear ratio and its torque constant there."
+    )
+
+
+def _of_the_clock(heavy: float, swung: float) -> str:
     times, way = np.sqrt(max(swung / heavy, heavy / swung)), "slowly" if swung > heavy else "fast"
     return (
-        f"gravity is {heavy:.2g} times what the URDF's inertials ask for, but inertia {swung:.2g} times: time that runs {times:.2g} times"
-        f" too {way} does that. Look at the unit of the time, and at rate_hz; or the URDF's inertias are made up."
+        f"gravity is {heavy:.2g} times what the URDF's inertials ask for, but inertia {swung:.2g} times: time that runs about {times:.2g}"
+        f" times too {way} does that. Look at the unit of the time, and at rate_hz; or the URDF's inertias are made up."
     )
 
 
@@ -81,16 +93,10 @@ def _usual(factor: float) -> bool:
     return 1.0 / _FACTOR < abs(factor) < _FACTOR
 
 
-def _factor(fitted: Array, nominal: Array) -> float | None:
-    """How many times the one is the other, at the most where it is lost in noise; None where they have not the same pattern, or where
-    nothing is there. Both in standard deviations of the noise."""
-    size, own = float(np.linalg.norm(nominal)), float(np.linalg.norm(fitted))
-    if not max(size, own) > _CLEAR or not min(size, own) > 0.0:
-        return None
-    product = float(fitted @ nominal)
-    if abs(product) > _PATTERN * size * own:
-        return product / size**2
-    return own / size if _FACTOR * own < size else None
+def _along_of(v: Array, x: Array) -> Array:
+    """The part of x that lies along v."""
+    size = float(v @ v)
+    return v * (float(v @ x) / size) if size > 0.0 else np.zeros_like(v)
 
 
 def _beside(estimate: Estimate) -> _Beside | None:

@@ -23,6 +23,8 @@ Array = np.ndarray
 _SHOWN = 40
 #: Bytes at the beginning in which the kind of line ends is looked for.
 _HEAD = 1 << 16
+#: What pandas says of quotes that are open at the end of the text.
+_NEVER_CLOSED = "EOF inside string"
 
 
 def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
@@ -112,7 +114,8 @@ def _arrow_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str
                 content = pa.memory_map(str(path)).read_buffer().slice(stream.tell())
             else:
                 content = pa.py_buffer(stream.read())
-            return arrow_columns(pa.BufferReader(content), header, names, 0)
+            # Quotes that are never closed hide all rows behind them, which Arrow does not mind.
+            return None if unpaired_quotes(content) else arrow_columns(pa.BufferReader(content), header, names, 0)
     except IdentError:
         raise
     except (pa.ArrowException, ValueError, *DAMAGED):
@@ -136,6 +139,12 @@ def arrow_columns(
         memory_pool=pool,
     )
     return {name: arrow_values(table.column(name)) for name in names}
+
+
+def unpaired_quotes(text: Any) -> bool:
+    """Whether a text, as any buffer of bytes, holds an odd number of quotes."""
+    whole = memoryview(text)
+    return sum(bytes(whole[i : i + _HEAD]).count(b'"') for i in range(0, len(whole), _HEAD)) % 2 == 1
 
 
 def quotes_stay_open(stream: IO[bytes]) -> bool:
@@ -191,7 +200,7 @@ def bad_text(
 ) -> DataError:
     """Find the first row that cannot be read and say what is wrong with it. `rows`: those to look at, beginning with data row
     `first`; by default all."""
-    index = [(header.names.index(n), n) for n in names]
+    index, last = [(header.names.index(n), n) for n in names], (first, 0)
     for row, (line, fields) in enumerate(rows_of_text(path, header) if rows is None else rows, first):
         if len(fields) > len(header.names):
             return DataError(
@@ -216,6 +225,12 @@ def bad_text(
                 elif _is_moment(text):
                     remedy = "It is a date with a time: write times as seconds (since any moment), in every row."
                 return DataError(f"log {path}: column {name!r}, line {line} (data row {row}): {shown!r} is not a number. {remedy}")
+        last = row, line
+    if _NEVER_CLOSED in reason:
+        return DataError(
+            f"log {path}: line {last[1]} (data row {last[0]}) opens quotes that are never closed, which hide all behind it. Close them,"
+            " or leave them out."
+        )
     return DataError(f"log {path}: cannot be read as a table of numbers: {reason}.")
 
 
