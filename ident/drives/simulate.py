@@ -1,0 +1,124 @@
+"""Many joints' drives in closed loop under their logged commands, many sets of parameters at once.
+
+One step: implicit midpoint rule for the drive's gains and viscous friction, dry friction as the impulse that stops a joint or stays
+within its level (projected Gauss-Seidel over the joints). Second order between velocity reversals, stable for stiff gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+Array = np.ndarray
+#: Sweeps over the joints to find the dry friction of a step, which starts from that of the step before.
+_SWEEPS = 2
+#: Motion beyond so many rad or rad/s is none of a robot.
+_BEYOND = 1e4
+
+
+class LinkTerms(Protocol):
+    """Inertia matrix (B, n, n) and bias torque (B, n) of the links at states (B, n), of a set of parameters per lane."""
+
+    def terms(self, q: Array, dq: Array) -> tuple[Array, Array]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class LaneDrives:
+    """Drive and friction of B lanes, each (B, n): `armature`, `viscous`, `dry` (level of dry friction), `load` (its growth with the
+    load), `excess` (more at low speed) and `fall` (the speed at which that is gone), `offset`; `kp`, `kd`, `limit`, `back_emf`."""
+
+    armature: Array
+    viscous: Array
+    dry: Array
+    load: Array
+    excess: Array
+    fall: Array
+    offset: Array
+    kp: Array
+    kd: Array
+    limit: Array
+    back_emf: Array
+
+    @property
+    def loaded(self) -> bool:
+        """Whether dry friction is anything but constant."""
+        return bool(np.any(self.load) or np.any(self.excess))
+
+
+def simulated(
+    links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, q: Array, dq: Array, h: float, groups: list[list[int]]
+) -> Array:
+    """Positions (K + 1, B, n) from states q, dq (B, n), in K steps of h seconds.
+
+    `target` (K, B, n): kp q_cmd + kd dq_cmd + feed-forward of each step; `strength` (K, B, n): factor of the drive's torque, None: 1.
+    `groups`: joints that do not act on each other stand in one group. Lanes that leave every bound are NaN from there on."""
+    out = np.empty((len(target) + 1, *q.shape))
+    out[0] = q
+    n, f, load, before = q.shape[1], np.zeros_like(q), np.zeros_like(q), dq
+    limited = bool(np.isfinite(drives.limit).any())
+    diagonal = np.arange(n)
+    half, level = 0.5 * h, drives.dry
+    with np.errstate(all="ignore"):
+        for k in range(len(target)):
+            H, c = links.terms(q + half * dq, 1.5 * dq - 0.5 * before)
+            M = H.copy()
+            M[:, diagonal, diagonal] += drives.armature
+            pull, damping = _drive(drives, target[k], None if strength is None else strength[k], q, dq, half, limited)
+            A = M.copy()
+            A[:, diagonal, diagonal] += half * damping
+            inverse = 1.0 / A if n == 1 else np.linalg.inv(A)
+            momentum = (M @ dq[..., None])[..., 0] + half * (pull - drives.offset - c)
+            free = 2.0 * (inverse @ momentum[..., None])[..., 0] - dq
+            if drives.loaded:
+                level = drives.dry + drives.load * np.abs(load) + drives.excess * np.exp(-np.square(dq / drives.fall))
+            f, after = _rubbed(free, h * inverse, f, level, groups)
+            if drives.loaded:
+                load = (H @ ((after - dq) / h)[..., None])[..., 0] + c
+            q, before, dq = q + half * (dq + after), dq, after
+            wild = ~(np.abs(dq).max(axis=1) < _BEYOND)
+            if wild.any():
+                q, dq, f, load, before = (np.where(wild[:, None], fill, x) for x, fill in ((q, np.nan), (dq, 0.0), (f, 0.0), (load, 0.0), (before, 0.0)))
+            out[k + 1] = q
+            if wild.any():
+                q = np.where(wild[:, None], 0.0, q)
+                out[k + 1 :, wild] = np.nan
+    lost = np.cumsum(~np.isfinite(out).all(axis=2), axis=0) > 0
+    out[lost] = np.nan
+    return out
+
+
+def _drive(
+    drives: LaneDrives, target: Array, strength: Array | None, q: Array, dq: Array, half: float, limited: bool
+) -> tuple[Array, Array]:
+    """Torque (B, n) of the drive at q with no speed, and what damps the mean speed of the step."""
+    kp, kd, pull = drives.kp, drives.kd, target - drives.kp * q
+    if limited:
+        asked = pull - (kp * half + kd) * dq
+        clipped = np.abs(asked) > drives.limit
+        if clipped.any():
+            pull = np.where(clipped, np.sign(asked) * drives.limit, pull)
+            kp, kd = np.where(clipped, 0.0, kp), np.where(clipped, 0.0, kd)
+    damping = kp * half + kd
+    if strength is None:
+        return pull, damping + drives.back_emf + drives.viscous
+    on = strength > 0
+    return strength * pull, strength * damping + np.where(on, drives.back_emf, 0.0) + drives.viscous
+
+
+def _rubbed(free: Array, response: Array, f: Array, level: Array, groups: list[list[int]]) -> tuple[Array, Array]:
+    """Dry friction (B, n) of a step, and the speed after it; `free`: the speed without, `response` (B, n, n): speed per torque."""
+    if free.shape[1] == 1:
+        f = np.clip(free / response[:, 0], -level, level)
+        return f, free - response[:, 0] * f
+    f = np.clip(f, -level, level)
+    speed = free - (response @ f[..., None])[..., 0]
+    for _ in range(_SWEEPS):
+        for at in groups:
+            own = f[:, at]
+            new = np.clip(own + speed[:, at] / response[:, at, at], -level[:, at], level[:, at])
+            speed = speed - (response[:, :, at] @ (new - own)[..., None])[..., 0]
+            f[:, at] = new
+    # What a joint at rest keeps of round-off is taken off.
+    held = np.abs(f) < level
+    return f, np.where(held, 0.0, speed)
