@@ -39,7 +39,7 @@ setup(
         extension(
             "kernel",
             ("module", "baseline", "avx2", "avx512"),
-            ("tree", "lanes", "dynamics", "rows", "information", "integrator", "kernel"),
+            ("tree", "lanes", "dynamics", "rows", "information", "integrator", "series", "kernel"),
             ("-fno-tree-vectorize",),  # its vectors are in its source; a compiler's own slow its short loops down
         ),
         extension("recursions"),

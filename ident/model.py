@@ -149,6 +149,20 @@ class Model(ShortRepr):
 
     def inertia_and_bias(self, q: Array, dq: Array, values: Array) -> tuple[Array, Array]:
         """`(M (N, n, n), b (N, n))` with torque = M ddq + b on the measured side: the columns are affine in ddq."""
+        if self.needs & {Need.LOAD, Need.REFERENCE}:
+            return self._affine_whole(q, dq, values)
+        robot, measured = self.robot, self.robot.transmission.measured
+        inertia, bias = np.zeros((*q.shape, robot.n)), np.zeros(q.shape)
+        motion = Motion.of(robot, q, dq, np.zeros_like(q))
+        for effect, part in zip(self.effects, self.slices, strict=True):
+            own, added = effect.affine(motion, robot, np.asarray(values)[part])
+            bias += robot.transmission.torque(own, effect.side, measured)
+            if added is not None:
+                inertia += added if effect.side == measured else np.matmul(robot.transmission.torque_map(effect.side, measured), added)
+        return inertia, bias
+
+    def _affine_whole(self, q: Array, dq: Array, values: Array) -> tuple[Array, Array]:
+        """`inertia_and_bias` from the whole torque, where an effect follows the others'."""
         N, n = q.shape
         accelerations = np.concatenate([np.zeros((1, n)), np.eye(n)])
         repeat = n + 1

@@ -5,13 +5,14 @@ from __future__ import annotations
 import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from ident.regressor import numpy_dynamics, numpy_rows
+from ident.regressor import kernel_choice, numpy_drive, numpy_dynamics, numpy_rows, numpy_series
 from ident.regressor.kernel_choice import Kernel
 from ident.robots.tree import RigidBodyTree
 
@@ -37,12 +38,12 @@ def using(name: str) -> Iterator[Kernel]:
     """The kernel of that name, with that instruction set for the time being."""
     module = native()
     if name == "numpy":
-        yield Kernel(numpy_dynamics, numpy_rows)
+        yield Kernel(numpy_dynamics, numpy_rows, numpy_series, numpy_drive)
         return
     assert module is not None
     module.use_instruction_set(name)
     try:
-        yield Kernel(module, module)
+        yield replace(kernel_choice.kernel(), dynamics=module, rows=module)
     finally:
         module.use_instruction_set(module.instruction_sets()[-1])
 

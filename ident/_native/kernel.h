@@ -138,6 +138,7 @@ static int64_t by_groups(const Tree& t, const Plan* plan, const Arrays& x, int64
 
 #include "information.h"
 #include "integrator.h"
+#include "series.h"
 }  // namespace INSTRUCTIONS
 
 #define TABLE_NAME(name) kernel_##name
@@ -154,5 +155,7 @@ extern const Kernel TABLE(INSTRUCTIONS) = {
     INSTRUCTIONS::row_columns,
     INSTRUCTIONS::merge,
     INSTRUCTIONS::simulation_memory,
-    INSTRUCTIONS::simulate};
+    INSTRUCTIONS::simulate,
+    INSTRUCTIONS::average,
+    INSTRUCTIONS::recursion};
 }  // namespace ident

@@ -306,7 +306,7 @@ PyObject* information(PyObject* const* a) {
     for (int64_t i = 0; i < threads || i == 0; ++i) places.push_back(factors((int)i));
     const auto work = [&](int i, int64_t lo, int64_t hi, char* at) { active->information(t, plan, x, lo, hi, at, places[(size_t)i].data()); };
     over_samples(samples.count, threads, memory, work, samples.block());
-    std::unique_ptr<char[]> scratch(new char[memory]);
+    std::unique_ptr<char[]> scratch(places.size() > 1 ? new char[memory] : nullptr);   // not for a single thread: a live sample must not wait
     for (size_t i = 1; i < places.size(); ++i) active->merge(plan, scratch.get(), places[0].data(), places[i].data());
     Py_RETURN_NONE;
 }
@@ -376,6 +376,92 @@ PyObject* simulate(PyObject* const* a) {
     return PyLong_FromLongLong(worst);
 }
 
+// filter_rows(recursive, polynomial (order + 1,), width, count, x, y): every column of rows of `width` numbers, a multiple of 8, filtered along
+// time. Not recursive: x (order + count, width) to y (count, width), y[t] = a[0] x[t] + ...; recursive: x (count, width) to
+// y (order + count, width), whose first rows are the results before, y[t] = x[t] - a[1] y[t - 1] - ...
+PyObject* filter_rows(PyObject* const* a) {
+    const bool recursive = integer(a[0]) != 0;
+    const int64_t width = integer(a[2]), count = integer(a[3]);
+    Buffer given, from, to;
+    const double* polynomial = given.numbers(a[1], -1, "polynomial");
+    const int64_t order = polynomial ? given.view.len / 8 - 1 : -1;
+    require(order >= 0 && order < 100000 && width >= 0 && width % 8 == 0 && count >= 0 && width < (1LL << 31) && count < (1LL << 40), "filter_rows: out of range");
+    const double* x = from.numbers(a[4], (count + (recursive ? 0 : order)) * width, "x");
+    double* y = to.room(a[5], (count + (recursive ? order : 0)) * width, "y");
+    require(x && y, "filter_rows: an array is missing");
+    std::vector<double> padded((size_t)order + 7, 0.0);
+    memcpy(padded.data() + 3, polynomial, (size_t)(order + 1) * sizeof(double));
+    Py_BEGIN_ALLOW_THREADS
+    (recursive ? active->recursion : active->average)(padded.data() + 3, (int)order, x, width, count, y);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
+// drive(tree, inertia, contacts, count, terms, q, dq, ddq or None, tau or None, out) -> as `compute`: torque of a motion (tau None), or acceleration at a
+// torque (ddq None), of a robot with the terms of its drives. tau = T rnea(q, dq, ddq) + c + P q + V dq + A ddq + D sign(S dq); `terms`, one after
+// the other: T, P, V, A, B = T^-1, B A (n x n each), c (n), S (contacts x n), D (n x contacts).
+PyObject* drive(PyObject* const* a) {
+    const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
+    const int64_t n = t.nv, contacts = integer(a[2]), count = integer(a[3]), square = n * n;
+    require(t.nq == n && contacts >= 0 && contacts < 100000 && count >= 0, "drive: out of range");
+    Buffer held[7];
+    Arrays x{};
+    x.inertia = held[0].numbers(a[1], PARAMETERS * t.nb, "inertia");
+    const double* terms = held[1].numbers(a[4], 6 * square + n + 2 * contacts * n, "terms");
+    x.q = held[2].numbers(a[5], count * n, "q"), x.dq = held[3].numbers(a[6], count * n, "dq");
+    x.ddq = held[4].numbers(a[7], count * n, "ddq");
+    const double* tau = held[5].numbers(a[8], count * n, "tau");
+    x.out = held[6].room(a[9], count * n, "out");
+    require(x.inertia && terms && x.q && x.dq && x.out && (x.ddq == nullptr) == (tau != nullptr), "drive: an array is missing, or one too many");
+    const double *T = terms, *P = T + square, *V = P + square, *A = V + square, *B = A + square, *c = B + 2 * square, *S = c + n, *D = S + contacts * n;
+    double sum = 0.0;
+    for (int64_t e = 0; e < count * n; ++e) sum += x.q[e] + x.dq[e] + (tau ? tau[e] : x.ddq[e]);
+    if (!std::isfinite(sum)) return PyLong_FromLong(-2);
+    // What the drives ask for beside the links, A ddq left out.
+    const auto beside = [&](const double* q, const double* dq, double* sign, double* out) {
+        for (int64_t k = 0; k < contacts; ++k) {
+            double speed = 0.0;
+            for (int64_t j = 0; j < n; ++j) speed += S[k * n + j] * dq[j];
+            sign[k] = (double)(speed > 0.0) - (double)(speed < 0.0);
+        }
+        for (int64_t i = 0; i < n; ++i) {
+            double own = c[i];
+            for (int64_t j = 0; j < n; ++j) own += P[i * n + j] * q[j] + V[i * n + j] * dq[j];
+            for (int64_t k = 0; k < contacts; ++k) own += D[i * contacts + k] * sign[k];
+            out[i] = own;
+        }
+    };
+    static thread_local std::vector<double> room, forces;
+    room.resize((size_t)(2 * n + contacts));
+    double *own = room.data(), *turned = own + n, *sign = turned + n;
+    if (tau) {
+        forces.resize((size_t)(count * n));
+        for (int64_t s = 0; s < count; ++s) {
+            beside(x.q + s * n, x.dq + s * n, sign, own);
+            for (int64_t i = 0; i < n; ++i) {
+                double force = 0.0;
+                for (int64_t j = 0; j < n; ++j) force += B[i * n + j] * (tau[s * n + j] - own[j]);
+                forces[(size_t)(s * n + i)] = force;
+            }
+        }
+        x.tau = forces.data(), x.added = B + square;
+    }
+    int64_t stop = -1;
+    over_samples(count, 1, active->workspace(t, nullptr),
+                 [&](int, int64_t lo, int64_t hi, char* memory) { stop = active->task[tau ? FORWARD : INVERSE](t, nullptr, x, lo, hi, memory); });
+    for (int64_t s = 0; !tau && s < count; ++s) {
+        double* out = x.out + s * n;
+        beside(x.q + s * n, x.dq + s * n, sign, own);
+        for (int64_t i = 0; i < n; ++i) {
+            double total = own[i];
+            for (int64_t j = 0; j < n; ++j) total += T[i * n + j] * out[j] + A[i * n + j] * x.ddq[s * n + j];
+            turned[i] = total;
+        }
+        memcpy(out, turned, (size_t)n * sizeof(double));
+    }
+    return PyLong_FromLongLong(stop);
+}
+
 PyObject* instruction_sets(PyObject* const*) {
     std::string names;
     for (const Kernel* kernel : supported()) names += std::string(names.empty() ? "" : " ") + kernel->name;
@@ -406,7 +492,8 @@ template <PyObject* (*function)(PyObject* const*), int count> PyObject* call(PyO
 
 #define METHOD(name, count) {#name, (PyCFunction)(void (*)())call<name, count>, METH_FASTCALL, nullptr}
 PyMethodDef methods[] = {METHOD(make_tree, 4),    METHOD(make_plan, 7),        METHOD(compute, 13), METHOD(information, 15),   METHOD(row_columns, 11),
-                         METHOD(simulate, 17),    METHOD(instruction_sets, 0), METHOD(use, 1), {nullptr, nullptr, 0, nullptr}};
+                         METHOD(simulate, 17),    METHOD(filter_rows, 6),      METHOD(drive, 10),   METHOD(instruction_sets, 0), METHOD(use, 1),
+                         {nullptr, nullptr, 0, nullptr}};
 PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", "Compiled rigid-body kernels.", -1, methods, nullptr, nullptr, nullptr, nullptr};
 
 }  // namespace

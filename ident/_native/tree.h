@@ -129,6 +129,9 @@ struct Kernel {
     void (*merge)(const Plan&, char* memory, double* const* into, const double* const* from);
     size_t (*simulation_memory)(const Tree&, const Drive&);
     int64_t (*simulate)(const Tree&, const Drive&, const Runs&, int64_t lo, int64_t hi, char* memory);   // -1, or 4 periods + Failure
+    // Filters along time over rows of `width` numbers (series.h): `a` (order + 1) has three zeros on either side.
+    void (*average)(const double* a, int order, const double* x, int64_t width, int64_t count, double* y);
+    void (*recursion)(const double* a, int order, const double* x, int64_t width, int64_t count, double* y);
 };
 
 extern const Kernel kernel_baseline;

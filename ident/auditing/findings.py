@@ -8,8 +8,11 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
+from ..drawing.document import Section, Table
+from ..drawing.shown import Shown
+
 if TYPE_CHECKING:
-    pass
+    import pandas as pd
 
 
 class Severity(StrEnum):
@@ -44,7 +47,7 @@ class AuditFinding:
 
 
 @dataclass(frozen=True)
-class Audit:
+class Audit(Shown):
     """All findings on a set of logs, the worst first."""
 
     findings: tuple[AuditFinding, ...]
@@ -64,6 +67,18 @@ class Audit:
     def of(self, code: str) -> tuple[AuditFinding, ...]:
         """The findings of one kind."""
         return tuple(f for f in self.findings if f.code == code)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per finding."""
+        import pandas as pd
+
+        return pd.DataFrame([f.to_dict() for f in self.findings], columns=["severity", "code", "where", "run", "text", "value"])
+
+    def sections(self) -> tuple[Section, ...]:
+        """The findings as a table."""
+        rows = tuple((f.severity.value, f.code, _place(f), f.text) for f in self.findings)
+        note = "What each means and what to do: docs/troubleshooting.md." if rows else "Nothing was found."
+        return (Table(f"Audit of {', '.join(self.runs[:4])}", ("severity", "code", "where", "finding"), rows, note, left=4),)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON results."""

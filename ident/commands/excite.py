@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 from .._utils.json import result
 from ..effects.base import make_effect
@@ -11,14 +12,17 @@ from ..errors import ConfigurationError, unknown_name
 from ..estimate.estimate import Estimate
 from ..excitation.design import excite, tell_apart
 from ..excitation.families import BSplineFamily, FourierFamily
+from ..excitation.limits import Limits
 from ..excitation.noise import sample_noise
 from ..excitation.objective import Both, ConditionNumber, DOptimality
-from .common import Output, add_output_arguments, add_study_arguments, inputs_of, positive, study_from, whole
+from ..excitation.surroundings import Surroundings
+from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, study_from, whole
 
 if TYPE_CHECKING:
     from ..excitation.families import Family
     from ..excitation.objective import Measure
     from ..model import Model
+    from ..robots.robot import Robot
 
 _FAMILIES = ("fourier", "bspline")
 _MEASURES = ("both", "volume", "condition")
@@ -44,6 +48,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--separate", nargs=2, metavar="EFFECT", help="two effects that are to be told apart")
     parser.add_argument("--noise", type=float, nargs="+", help="torque noise (std), one value or one a joint, measured side")
+    room = parser.add_argument_group("room: what the motion keeps clear of, at every moment; the robot itself always")
+    where = "height of the ground in the base frame, m, or none (default: that of the frame)"
+    room.add_argument("--ground", default="base", metavar="HEIGHT", help=where)
+    room.add_argument(
+        "--workspace", nargs=6, type=float, metavar=("X", "X", "Y", "Y", "Z", "Z"), help="walls within which all that moves stays, m"
+    )
+    room.add_argument("--clearance", type=not_negative, default=0.02, metavar="M", help="distance that is kept, m (default: %(default)s)")
+    room.add_argument("--link-radius", type=positive, metavar="M", help="radius of links without a shape (default: up to 0.05)")
+    room.add_argument("--no-collision-check", action="store_true", help="do not look at collisions at all")
+    limits = parser.add_argument_group("limits, joint side: one value, or one per joint; by default shares of the robot's own")
+    limits.add_argument("--limit-share", type=positive, default=0.9, metavar="S", help="share of its own limits (default: %(default)s)")
+    limits.add_argument("--position-share", type=positive, metavar="S", help="share of the position range, about its middle")
+    for name, unit in (("velocity", "rad/s, m/s"), ("acceleration", "rad/s^2, m/s^2"), ("torque", "N m, N")):
+        limits.add_argument(f"--max-{name}", type=positive, nargs="+", metavar="X", help=f"largest {name}, {unit}")
+    parser.add_argument("--ros", metavar="FILE", help="write the motion as a ROS 2 JointTrajectory (YAML), too")
     parser.add_argument("--starts", type=whole, default=3, help="independent searches (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed (default: %(default)s)")
     add_output_arguments(parser)
@@ -62,6 +81,8 @@ def run(args: argparse.Namespace) -> int:
             f"{args.seconds:g} s at {args.rate:g} Hz are {int(args.seconds * args.rate)} samples: fewer equations than the"
             f" {model.base.count} base parameters; give a longer trajectory (--seconds)."
         )
+    if args.ros and Path(args.ros).exists() and not args.force:
+        raise ConfigurationError(f"{args.ros} exists; nothing was designed. Choose another --ros, or add --force.")
     noise = args.noise[0] if args.noise and len(args.noise) == 1 else args.noise
     if noise is None and estimate is not None:
         noise = sample_noise(estimate, args.rate)
@@ -71,6 +92,8 @@ def run(args: argparse.Namespace) -> int:
         noise=noise,
         family=_family(args),
         measure=measure,
+        limits=_limits(args, model.robot),
+        surroundings=_surroundings(args),
         rate=args.rate,
         starts=args.starts,
         seed=args.seed,
@@ -79,10 +102,36 @@ def run(args: argparse.Namespace) -> int:
     out.say(found)
     with out.together() as folder:
         found.to_csv(target if folder is None or args.trajectory is not None else folder / _TRAJECTORY, force=args.force)
+        if args.ros:
+            found.to_ros(args.ros, force=args.force)
         data = {"trajectory": str(target), **found.to_dict()}
         out.result(result("ident.excitation/1", data, inputs=inputs_of(args, model.robot)), "excitation")
-    out.say(f"wrote {target}")
+    out.say(f"wrote {target}" + (f" and {args.ros}" if args.ros else ""))
     return 0
+
+
+def _surroundings(args: argparse.Namespace) -> Surroundings | None:
+    if args.no_collision_check:
+        return None
+    try:
+        words: dict[str, Literal["base"] | None] = {"none": None, "base": "base"}
+        ground = words[args.ground] if args.ground in words else float(args.ground)
+    except ValueError:
+        raise ConfigurationError(f"--ground must be a height in m or none, not {args.ground!r}.") from None
+    room: dict[str, Any] = {"ground": ground, "clearance": args.clearance, "link_radius": args.link_radius}
+    return Surroundings(**room) if args.workspace is None else Surroundings.within(args.workspace, **room)
+
+
+def _limits(args: argparse.Namespace, robot: Robot) -> Limits:
+    if args.limit_share > 1 or (args.position_share or 0) > 1:
+        raise ConfigurationError("--limit-share and --position-share are shares of the robot's own limits: at most 1.")
+    given = {name: getattr(args, f"max_{name}") for name in ("velocity", "acceleration", "torque")}
+    values = {name: x[0] if x is not None and len(x) == 1 else x for name, x in given.items()}
+    ends = {}
+    if args.position_share is not None:
+        whole = Limits.of(robot, share=args.position_share)
+        ends = {"lower": whole.lower.tolist(), "upper": whole.upper.tolist()}
+    return Limits.of(robot, share=args.limit_share, **values, **ends)
 
 
 def _family(args: argparse.Namespace) -> Family:

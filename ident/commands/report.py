@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._utils.structured import read_json
+from ..drawing.document import read_report
+from ..drawing.figures import require_matplotlib
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..reporting import report, report_of
-from ..reporting.document import read_report
-from ..reporting.figures import require_matplotlib
 from ..study.session import Session
 from ..study.study import read_study
 from .common import Output
 from .diagnose import diagnosis_of
 
 if TYPE_CHECKING:
-    from ..reporting.document import Report
+    from ..drawing.document import Report
 
 _KEPT = "report.json"
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.json import result
+from ..drawing.document import Figure, Section, Text
+from ..drawing.shown import Shown
 from ..errors import ConfigurationError, IdentError
 from ..estimators import estimator_types, make_estimator
 from ..evaluation.comparison import Comparison, compare
@@ -19,12 +21,15 @@ from .advice import advice_for
 from .analysed import Instrument, analysed
 from .data.quality import jumps, lost
 from .detectability import undetectable
+from .pictures import diagnosis_figure, diagnosis_frame, findings_section
 from .result import Finding, Hidden, Imitator, Unexplained
 from .text import diagnosis_text
 from .uncertainty import found_parameters
 from .verdict import Verdict
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..effects.base import Effect
     from ..estimate.estimate import Estimate
     from ..estimators import Estimator
@@ -43,7 +48,7 @@ _SAME = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Shown):
     """The answer to what a declared model lacks.
 
     `before`: the declared model's estimate; `after`: the same with the findings; `signals`: what was fitted and decided on; `held`: data
@@ -128,6 +133,19 @@ class Diagnosis:
             "signals": self.signals.report.to_dict(),
         }
         return result("ident.diagnosis/1", body, inputs=self.before.inputs, warnings=self.warnings)
+
+    def figure(self) -> Figure:
+        """Residual before and after against the quantity that reveals each finding; see `plot`."""
+        return diagnosis_figure(self)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each parameter of each finding; none where nothing was found."""
+        return diagnosis_frame(self)
+
+    def sections(self) -> tuple[Section, ...]:
+        """Verdict, findings, and what stays unexplained."""
+        left = [Text("What stays unexplained", tuple(u.evidence for u in self.unexplained))] if self.unexplained else []
+        return (Text(f"Diagnosis: {self.verdict}", ()), *findings_section(self), *left, *self.comparison.sections())
 
     def __str__(self) -> str:
         return diagnosis_text(self)

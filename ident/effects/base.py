@@ -10,7 +10,7 @@ import importlib
 import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
@@ -204,6 +204,14 @@ class Effect(ABC):
         """Torque (N, n) on the effect's side for parameter values (k,)."""
         return self.columns(motion, robot) @ values
 
+    def affine(self, motion: Motion, robot: Robot, values: Array) -> tuple[Array, Array | None]:
+        """Torque (N, n) without acceleration, and what a unit of each joint's acceleration adds to it, (N, n, n) with the accelerated joint
+        last, or None for nothing; on the effect's side, for parameter values (k,). Accelerations of `motion` do not count."""
+        n, at_rest = robot.n, np.zeros_like(motion.joint.dq)
+        bias = self.torque(_accelerated(motion, robot, at_rest), robot, values)
+        parts = [self.torque(_accelerated(motion, robot, at_rest + np.eye(n)[j]), robot, values) - bias for j in range(n)]
+        return bias, np.stack(parts, axis=2)
+
     def applied(self, robot: Robot, values: Array) -> Robot | SignalCorrection | None:
         """The finding made permanent, for parameter values (k,): the robot it means, or what to do to the logged signals.
 
@@ -295,6 +303,25 @@ class JointEffect(Effect):
         for s, basis in enumerate(self.basis(motion.on(self.side).of(at), motion, at)):
             out[:, at] += basis * each[:, s]
         return out
+
+    def affine(self, motion: Motion, robot: Robot, values: Array) -> tuple[Array, Array | None]:
+        if self.needs or self.nature == Nature.SENSOR or type(self).columns is not JointEffect.columns:
+            return super().affine(motion, robot, values)
+        still = _accelerated(motion, robot, np.zeros_like(motion.joint.dq))
+        bias = self.torque(still, robot, values)
+        if self.factors and Factor.ACCELERATION not in self.factors:
+            return bias, None
+        # A joint's torque depends on its own acceleration alone.
+        own = replace(still.on(self.side), ddq=np.ones_like(bias))
+        moved = replace(still, joint=own) if self.side == Side.JOINT else replace(still, motor=own)
+        own_rates = np.eye(robot.n) if self.side == Side.JOINT else robot.transmission.K_inverse
+        return bias, (self.torque(moved, robot, values) - bias)[:, :, None] * own_rates
+
+
+def _accelerated(motion: Motion, robot: Robot, ddq: Array) -> Motion:
+    """The same states at other joint accelerations (N, n)."""
+    motor = replace(motion.motor, ddq=robot.transmission.motor_rate(ddq))
+    return replace(motion, joint=replace(motion.joint, ddq=ddq), motor=motor)
 
 
 _S = TypeVar("_S", bound=StrEnum)

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._utils.text import WIDTH, shortened, wrapped
 from ..problem.information import Form
+from .significance import insignificant
 
 if TYPE_CHECKING:
     from ..statistics.torque_error import TorqueError
@@ -39,6 +40,7 @@ def estimate_summary(estimate: EstimateRecord, correlations: int = 5) -> str:
         lines.append(head + shown)
     if cut:
         lines.append("…: cut; `ident base` and the JSON result have the whole expressions.")
+    lines += _insignificant(estimate)
     lines += [
         "",
         error_table(estimate, {"fit": estimate.fit_error} | ({"held out": estimate.heldout_error} if estimate.heldout_error else {})),
@@ -50,6 +52,28 @@ def estimate_summary(estimate: EstimateRecord, correlations: int = 5) -> str:
         lines += ["", wrapped("strongest correlations: " + "; ".join(strongest))]
     lines += [wrapped(f"warning: {w}") for w in estimate.warnings]
     return "\n".join(lines)
+
+
+def _insignificant(estimate: EstimateRecord) -> list[str]:
+    """The parameters that carry no weight, and what to do about them."""
+    found = insignificant(estimate)
+    if not found:
+        return []
+    zero = [f"{i.name} ({_share(i.relative)})" for i in found if i.covers_zero]
+    large = [f"{i.name} ({_share(i.relative)})" for i in found if not i.covers_zero]
+    lines = ["", f"insignificant: {len(found)} of {len(estimate.values)} parameters (std in per cent of the value)"]
+    lines += [wrapped(f"  95 % interval covers zero: {', '.join(zero)}")] if zero else []
+    lines += [wrapped(f"  std above 30 %: {', '.join(large)}")] if large else []
+    advice = (
+        "  Do not read them as physical values; predicted torque along similar motion is not affected. To determine them, record"
+        " motion that excites them (ident excite --sharpen NAME), or a longer log. To do without, leave out an effect whose"
+        " parameters are all here, and compare the error on held-out data."
+    )
+    return [*lines, wrapped(advice)]
+
+
+def _share(relative: float) -> str:
+    return f"{100 * relative:.0f} %" if relative < 10 else "> 1000 %"
 
 
 def _reduced(estimate: EstimateRecord) -> str:

@@ -12,6 +12,7 @@ from ..problem.linear_solution import LinearSolution
 from .finish import finish
 from .instrument_bias import shared_noise
 from .instrument_rows import InstrumentRows
+from .instrument_scores import score_covariance
 from .instrument_system import InstrumentSystem
 from .instrument_tests import DifferenceTest, difference_test, shea_strength
 
@@ -40,10 +41,10 @@ class InstrumentResult:
         self.names = tuple(rows.problem.base.names[c] for c in rows.columns)
         self.lag = self._shortest_lag()
         lags = (0,) if self.lag is None else (0, self.lag, 2 * self.lag)
-        self.moments = rows.moments(lags)
+        self.moments = rows.moments(lags, windowed=True)
         self.system = InstrumentSystem(self.moments.cross[0], self.moments.gram[0], self.names)
         count, b = float(self.moments.rows.sum()), len(self.names)
-        self.scores = rows.score_gram(self.moments, lags)
+        self.scores = score_covariance(rows, self.moments.error, lags)
         self.covariance = self.system.both_sides(self._gram(0, 0))
         # The residual lacks what the fit took up of the noise; and its model misses what is weak beside noise at other frequencies.
         slow = np.diag(self.system.both_sides(self.moments.windowed)) / np.maximum(np.diag(self.covariance), 1e-300)

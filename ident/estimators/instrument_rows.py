@@ -13,17 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..signals.rows import Rows
+from ..regressor.kernel_choice import kernel
 from ..statistics.autoregression import Autoregression, lower_orders, rising
-from ..statistics.noise import NoiseModel, fit_noise, noise_gram
-from .instruments import paired
-from .moments import InstrumentMoments, WhiteRows, instrument_moments, with_earlier
+from ..statistics.noise import NoiseModel, fit_noise
+from .moments import InstrumentMoments, WhiteRows, instrument_moments
 
 if TYPE_CHECKING:
-    from ..problem.problem import Problem
+    from ..problem.columns import PackedColumns
+    from ..problem.problem import PackedRows, Problem
 
 Array = np.ndarray
-_ROWS = 128
 #: Rows in a piece of which the motion's spectrum is taken.
 _SPECTRUM = 4096
 #: Windows of time within which errors may be correlated beyond their model: seconds of each, and how many there are at least.
@@ -31,6 +30,8 @@ _WINDOW_S = 0.5
 _WINDOWS = 60
 #: Variance of the residual below this share of the torque's own square is round-off.
 _ROUND_OFF = 1e-24
+#: Numbers that a line has a multiple of: what the compiled filter takes at once.
+_LANES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,36 +61,31 @@ class InstrumentRows:
 
     def __iter__(self) -> Iterator[WhiteRows]:
         """Weighted blocks. Rows of different joints are weighted apart; what correlates them does not make the estimate inconsistent."""
-        b, run = len(self.columns), -1
+        run = -1
+        joints: tuple[_JointColumns, ...] = ()
         filters = [_Whitener(w.polynomial, w.innovation) for w in self.weighting]
-        for rows, Z in paired(self.problem, self.instruments, self.usable):
+        for rows, other in zip(self.problem.packed_rows(), self.instruments.packed_rows(), strict=True):
+            if not joints:
+                chosen = np.full(self.problem.base.count, -1)
+                chosen[self.columns] = np.arange(len(self.columns))
+                joints = tuple(_JointColumns.of(rows.columns, j, chosen) for j in range(len(filters)))
             if rows.run != run:
                 run = rows.run
-                for one in filters:
-                    one.reset(2 * b + 2)
-            torque = np.where(rows.valid, rows.tau, 0.0)
-            error = torque - np.where(rows.valid, rows.columns @ self.values, 0.0)
-            out = np.empty((*rows.valid.shape, 2 * b + 2))
-            for j, one in enumerate(filters):
-                line = np.concatenate([Z[:, j, self.columns], rows.columns[:, j, self.columns], np.stack([error, torque], 2)[:, j]], axis=1)
-                out[:, j] = one(line, rows.valid[:, j])
-            yield WhiteRows(out[:, :, :b], out[:, :, b : 2 * b], out[:, :, 2 * b], out[:, :, 2 * b + 1], rows.valid, rows.place, run)
+                for one, joint in zip(filters, joints, strict=True):
+                    one.reset(joint.width)
+            valid = rows.valid & self.usable[rows.place]
+            lines = tuple(
+                one(joint.line(rows, other.columns, self.values, j), valid[:, j])
+                for j, (one, joint) in enumerate(zip(filters, joints, strict=True))
+            )
+            yield WhiteRows(lines, tuple(joint.columns for joint in joints), valid, rows.place, run)
 
-    def moments(self, lags: tuple[int, ...] = (0,)) -> InstrumentMoments:
-        """One pass over the samples."""
+    def moments(self, lags: tuple[int, ...] = (0,), *, windowed: bool = False) -> InstrumentMoments:
+        """One pass over the samples; `windowed`: also what correlates errors within windows of time."""
         rows = len(self.usable)
         per_second = rows / max(sum(r.stop - r.start for r in self.problem.signals.runs) / self.problem.signals.rate, 1e-9)
         window = max(1, min(round(_WINDOW_S * per_second), rows // _WINDOWS))
-        return instrument_moments(self, self.usable.shape, len(self.columns), lags, window)
-
-    def score_gram(self, moments: InstrumentMoments, lags: tuple[int, ...]) -> Array:
-        """Covariance ((k+1) b, (k+1) b) of the sums Zᵀ e of instruments of k lags and, last, of Φᵀ e.
-
-        Under the colour that the weighted errors still have, and with their own squares for their variance (`noise_gram`)."""
-        runs = self.problem.row_runs
-        left = fit_noise(moments.error, runs)
-        blocks = (Rows(scores, rows.error, rows.valid, rows.place, rows.run) for rows, scores in with_earlier(self, lags))
-        return noise_gram(left, blocks, np.ones(self.usable.shape[1]), moments.error)
+        return instrument_moments(self, self.usable.shape, len(self.columns), lags, window if windowed else 0)
 
     @property
     def exact(self) -> bool:
@@ -119,21 +115,56 @@ def _power(torque: Array, runs: tuple[slice, ...]) -> Array:
     return out
 
 
+@dataclass(frozen=True, eq=False)
+class _JointColumns:
+    """What one joint has of the columns: the base columns `every` at `places` of the packed values, for the prediction; the estimated ones
+    among them at `estimated`, which are `columns` of those estimated; `width` of its line."""
+
+    every: Array
+    places: slice | Array
+    estimated: slice | Array
+    columns: Array
+    width: int
+
+    @classmethod
+    def of(cls, packed: PackedColumns, j: int, chosen: Array) -> _JointColumns:
+        """`chosen` (b_all,): place of each base column among those estimated, −1 for none."""
+        every, places = packed.columns[j], packed.places[j]
+        mine = chosen[every] >= 0
+        columns = chosen[every[mine]]
+        width = -(-(2 * len(columns) + 2) // _LANES) * _LANES
+        return cls(every, _stretch(places), _stretch(places[mine]), columns, width)
+
+    def line(self, rows: PackedRows, instruments: PackedColumns, values: Array, j: int) -> Array:
+        """Instruments, columns, error and torque (m, width) of joint j; rows that are not valid may hold anything."""
+        size = len(self.columns)
+        out = np.zeros((len(rows.tau), self.width))
+        out[:, :size] = instruments.values[:, self.estimated]
+        out[:, size : 2 * size] = rows.columns.values[:, self.estimated]
+        out[:, 2 * size + 1] = rows.tau[:, j]
+        np.subtract(rows.tau[:, j], rows.columns.values[:, self.places] @ values[self.every], out=out[:, 2 * size])
+        return out
+
+
+def _stretch(places: Array) -> slice | Array:
+    """Places that follow one another as a slice, which needs no copy."""
+    if len(places) and np.array_equal(places, np.arange(places[0], places[0] + len(places))):
+        return slice(int(places[0]), int(places[0]) + len(places))
+    return places
+
+
 class _Whitener:
     """Rows of one joint, block by block, through the predictor of the order that the rows since the last gap allow."""
 
     def __init__(self, polynomial: Array, innovation: float) -> None:
         last = int(np.flatnonzero(polynomial)[-1])
         predictors = [a / np.sqrt(variance) for a, variance in lower_orders(polynomial[: last + 1], innovation)]
-        #: By rows since the last gap: weights of a row and of those before it.
-        self.young = np.zeros((last + 1, last + 1))
-        for order, a in enumerate(predictors):
-            self.young[order, : order + 1] = a
+        self.full = predictors[-1]
+        #: By rows since the last gap: weights of the rows since then.
+        self.triangle = np.zeros((last, last))
+        for order, a in enumerate(predictors[:-1]):
+            self.triangle[order, : order + 1] = a[::-1]
         self.order = last
-        full = predictors[-1][::-1]
-        self.band = np.zeros((_ROWS, _ROWS + last))
-        for r in range(_ROWS):
-            self.band[r, r : r + last + 1] = full
         self.reset(0)
 
     def reset(self, width: int) -> None:
@@ -143,20 +174,23 @@ class _Whitener:
     def __call__(self, x: Array, valid: Array) -> Array:
         """Whitened rows (m, c) of x (m, c) that follow the last ones; zero where `valid` (m,) is false."""
         m, p = len(x), self.order
-        line = np.concatenate([self.past, np.where(valid[:, None], x, 0.0)])
+        line = np.concatenate([self.past, x])
+        whole = bool(valid.all())
+        if not whole:
+            line[p:][~valid] = 0.0
+        self.past = line[len(line) - p :].copy()
+        out = kernel().series.average(self.full, line)
         place = np.arange(m)
         # Rows since the last gap, before each row; those of the blocks before count on.
         gap = np.maximum.accumulate(np.where(valid, -1 - self.age, place))
         age = np.minimum(np.concatenate([[self.age], place[1:] - gap[:-1] - 1]), p)
         self.age = int(min(place[-1] - gap[-1], p))
-        self.past = line[len(line) - p :]
-        out = np.empty_like(x)
-        for first in range(0, m, _ROWS):
-            last = min(first + _ROWS, m)
-            np.matmul(self.band[: last - first, : last - first + p], line[first : last + p], out=out[first:last])
-        out[~valid] = 0.0
+        if not whole:
+            out[~valid] = 0.0
         young = np.flatnonzero(valid & (age < p))
-        if len(young):
-            before = line[young[:, None] + p - np.arange(p + 1)]
-            out[young] = np.matmul(self.young[age[young]][:, None, :], before)[:, 0]
+        for stretch in np.split(young, np.flatnonzero(np.diff(young) != 1) + 1) if len(young) else ():
+            first, last, seen = int(stretch[0]), int(stretch[-1]) + 1, int(age[stretch[0]])
+            np.matmul(
+                self.triangle[seen : seen + last - first, : seen + last - first], line[p + first - seen : p + last], out=out[first:last]
+            )
         return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,16 +12,28 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class WhiteRows:
-    """A block of m rows in units of the noise's standard deviation: `instruments`, `columns` (m, n, b); `error` (m, n): torque less
-    what the parameters predict; `torque` (m, n); `valid` (m, n), all is zero elsewhere; `place` in the problem's rows; `run`."""
+    """A block of m rows in units of the noise's standard deviation, joint by joint: `lines[j]` (m, w) holds the instruments of the columns
+    `columns[j]` that the joint has, then these columns, the error (torque less what the parameters predict) and the torque; what
+    follows is zero. All is zero where `valid` (m, n) is false; `place` in the problem's rows; `run`."""
 
-    instruments: Array
-    columns: Array
-    error: Array
-    torque: Array
+    lines: tuple[Array, ...]
+    columns: tuple[Array, ...]
     valid: Array
     place: slice
     run: int
+
+    def instruments(self, j: int) -> Array:
+        """(m, l) of joint j, over its own columns."""
+        return self.lines[j][:, : len(self.columns[j])]
+
+    def others(self, j: int) -> Array:
+        """Columns, error and torque (m, l + 2) of joint j."""
+        size = len(self.columns[j])
+        return self.lines[j][:, size : 2 * size + 2]
+
+    def error(self, j: int) -> Array:
+        """(m,) of joint j."""
+        return self.lines[j][:, 2 * len(self.columns[j])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +41,8 @@ class InstrumentMoments:
     """Sums over weighted rows, for b columns and instruments of k lags.
 
     `cross` (k, b, b): Zᵀ Φ; `gram` (k, b, b): Zᵀ Z; `miss` (k, b): Zᵀ e at some parameters; `own` (b, b): Φᵀ Φ, `own_miss` (b,): Φᵀ e;
-    `error` (M, n): e itself, NaN in rows not used; `torques` (n,): Σ τ²; `windowed` (b, b): Σ s sᵀ over windows of time, s the
-    window's part of Zᵀ e of the first lag: its covariance with all that correlates the errors within a window."""
+    `error` (M, n): e itself, NaN in rows not used; `torques` (n,): Σ τ²; `windowed` (b, b), where asked for: Σ s sᵀ over windows of
+    time, s the window's part of Zᵀ e of the first lag: its covariance with all that correlates the errors within a window."""
 
     cross: Array
     gram: Array
@@ -48,51 +60,120 @@ class InstrumentMoments:
 
 
 def instrument_moments(
-    blocks: Iterable[WhiteRows], shape: tuple[int, ...], b: int, lags: tuple[int, ...] = (0,), window: int = 1
+    blocks: Iterable[WhiteRows], shape: tuple[int, ...], b: int, lags: tuple[int, ...] = (0,), window: int = 0
 ) -> InstrumentMoments:
     """One pass over M rows of n joints, `shape`; instruments as they are and as they were so many rows before, run by run.
 
-    `window`: rows in a window of time."""
-    k = len(lags)
-    cross, gram, miss = np.zeros((k, b, b)), np.zeros((k, b, b)), np.zeros((k, b))
-    own, own_miss, torques = np.zeros((b, b)), np.zeros(b), np.zeros(shape[1])
-    error, windows = np.full(shape, np.nan), _Windows(window, b)
-    for rows, together in with_earlier(blocks, lags):
-        e, flat = rows.error.reshape(-1), rows.columns.reshape(-1, b)
-        for i in range(k):
-            Z = together[:, :, i * b : (i + 1) * b].reshape(-1, b)
-            cross[i] += Z.T @ flat
-            gram[i] += Z.T @ Z
-            miss[i] += Z.T @ e
-        windows.add(rows, np.einsum("mnb,mn->mb", together[:, :, :b], rows.error))
-        own += flat.T @ flat
-        own_miss += flat.T @ e
-        error[rows.place] = np.where(rows.valid, rows.error, np.nan)
-        torques += np.sum(rows.torque**2, axis=0)
-    return InstrumentMoments(cross, gram, miss, own, own_miss, error, torques, windows.gram)
-
-
-def with_earlier(blocks: Iterable[WhiteRows], lags: tuple[int, ...]) -> Iterator[tuple[WhiteRows, Array]]:
-    """Blocks of rows beside their instruments of every lag and, last, their columns: (m, n, (k+1) b)."""
-    earlier = [_Lagged(lag) for lag in lags]
+    The first lag is 0. `window`: rows in a window of time (0: `windowed` stays zero)."""
+    own, earlier = _OwnSums(shape, b, window), [_LaggedSums(lag, b) for lag in lags[1:]]
     for rows in blocks:
-        yield rows, np.concatenate([*(lag(rows) for lag in earlier), rows.columns], axis=2)
+        own.add(rows)
+        for sums in earlier:
+            sums.add(rows)
+    own.close()
+    for sums in earlier:
+        sums.close()
+    return InstrumentMoments(
+        np.stack([own.cross, *(sums.cross for sums in earlier)]),
+        np.stack([own.gram, *(sums.gram for sums in earlier)]),
+        np.stack([own.miss, *(sums.miss for sums in earlier)]),
+        own.own,
+        own.own_miss,
+        own.error,
+        own.torques,
+        own.windows.gram,
+    )
 
 
-class _Lagged:
-    """Instruments of `lag` rows ago, run by run; where there are none yet, zero."""
+class _OwnSums:
+    """Sums with the instruments of the same rows; see `InstrumentMoments`."""
+
+    def __init__(self, shape: tuple[int, ...], b: int, window: int) -> None:
+        self.cross, self.gram, self.own = np.zeros((3, b, b))
+        self.miss, self.own_miss = np.zeros((2, b))
+        self.error, self.torques = np.full(shape, np.nan), np.zeros(shape[1])
+        self.windows = _Windows(window, b)
+        self._columns: tuple[Array, ...] = ()
+        self._products: list[Array] = []
+
+    def add(self, rows: WhiteRows) -> None:
+        """Rows that follow the last ones."""
+        if not self._columns:
+            self._columns = rows.columns
+            self._products = [np.zeros((line.shape[1],) * 2) for line in rows.lines]
+        for j, line in enumerate(rows.lines):
+            self._products[j] += line.T @ line
+            self.error[rows.place, j] = np.where(rows.valid[:, j], rows.error(j), np.nan)
+        if self.windows.length:
+            scores = np.zeros((len(rows.valid), len(self.miss)))
+            for j, columns in enumerate(rows.columns):
+                scores[:, columns] += rows.instruments(j) * rows.error(j)[:, None]
+            self.windows.add(rows.run, scores)
+
+    def close(self) -> None:
+        """The sums of all joints together."""
+        for j, (columns, products) in enumerate(zip(self._columns, self._products, strict=True)):
+            size, square = len(columns), np.ix_(columns, columns)
+            Z, Phi, error, torque = slice(size), slice(size, 2 * size), 2 * size, 2 * size + 1
+            self.gram[square] += products[Z, Z]
+            self.cross[square] += products[Z, Phi]
+            self.own[square] += products[Phi, Phi]
+            self.miss[columns] += products[Z, error]
+            self.own_miss[columns] += products[Phi, error]
+            self.torques[j] = products[torque, torque]
+
+
+class _LaggedSums:
+    """Sums with the instruments of `lag` rows ago; see `InstrumentMoments`."""
+
+    def __init__(self, lag: int, b: int) -> None:
+        self.cross, self.gram = np.zeros((2, b, b))
+        self.miss = np.zeros(b)
+        self._lagged = Lagged(lag)
+        self._columns: tuple[Array, ...] = ()
+        self._products: list[tuple[Array, Array]] = []
+
+    def add(self, rows: WhiteRows) -> None:
+        """Rows that follow the last ones."""
+        if not self._columns:
+            self._columns = rows.columns
+            self._products = [(np.zeros((len(c), len(c))), np.zeros((len(c), len(c) + 2))) for c in rows.columns]
+        for j, (Z, (gram, others)) in enumerate(zip(self._lagged(rows), self._products, strict=True)):
+            gram += Z.T @ Z
+            others += Z.T @ rows.others(j)
+
+    def close(self) -> None:
+        """The sums of all joints together."""
+        for columns, (gram, others) in zip(self._columns, self._products, strict=True):
+            square = np.ix_(columns, columns)
+            self.gram[square] += gram
+            self.cross[square] += others[:, :-2]
+            self.miss[columns] += others[:, -2]
+
+
+class Lagged:
+    """Instruments (m, l) of each joint as they were `lag` rows ago, run by run; where there are none yet, zero."""
 
     def __init__(self, lag: int) -> None:
-        self.lag, self._run, self._past = lag, -1, np.zeros((0, 0, 0))
+        self.lag, self._run = lag, -1
+        self._past: list[Array] = []
 
-    def __call__(self, rows: WhiteRows) -> Array:
+    def __call__(self, rows: WhiteRows) -> list[Array]:
+        """Of rows that follow the last ones."""
+        now = [rows.instruments(j) for j in range(len(rows.lines))]
         if self.lag == 0:
-            return rows.instruments
+            return now
         if rows.run != self._run:
-            self._run, self._past = rows.run, np.zeros((self.lag, *rows.instruments.shape[1:]))
-        line = np.concatenate([self._past, rows.instruments])
-        self._past = line[len(line) - self.lag :]
-        return np.where(rows.valid[:, :, None], line[: len(rows.instruments)], 0.0)
+            self._run, self._past = rows.run, [np.zeros((self.lag, Z.shape[1])) for Z in now]
+        out = []
+        for j, Z in enumerate(now):
+            line = np.concatenate([self._past[j], Z])
+            self._past[j] = line[len(line) - self.lag :]
+            found = line[: len(Z)]
+            if not rows.valid[:, j].all():
+                found = np.where(rows.valid[:, j, None], found, 0.0)
+            out.append(found)
+        return out
 
 
 class _Windows:
@@ -102,11 +183,11 @@ class _Windows:
         self.length, self._run, self._seen = length, -1, 0
         self._open, self._closed = np.zeros(b), np.zeros((b, b))
 
-    def add(self, rows: WhiteRows, scores: Array) -> None:
-        """Rows (m, b) that follow the last ones."""
-        if rows.run != self._run:
+    def add(self, run: int, scores: Array) -> None:
+        """Rows (m, b) of a run that follow the last ones."""
+        if run != self._run:
             self._close()
-            self._run, self._seen = rows.run, 0
+            self._run, self._seen = run, 0
         number = (self._seen + np.arange(len(scores))) // self.length
         firsts = np.flatnonzero(np.diff(number, prepend=-1))
         sums = np.add.reduceat(scores, firsts, axis=0)

@@ -19,6 +19,7 @@ from ..problem.reweighting import reweighted, solve_with_prior
 from .base import Capability, Estimator, per_joint, register, require_forgetting
 from .earlier import load_earlier, prior_rows
 from .finish import finish
+from .live import LiveRecursion
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -39,7 +40,7 @@ class RecursiveLeastSquares(Estimator):
     sample against the next (1: none is forgotten; 0.999 at 200 Hz forgets within 5 s). `prior`: an earlier estimate, or the
     path of a saved one. `follow`: base parameters whose course is kept in the trace (None: all), at `trace_points` points.
 
-    Use `solve` for logs. In a live loop: `state = estimator.start(model)`, then `state = state.observe(q, dq, ddq, tau)`."""
+    Use `solve` for logs. In a live loop: `live = estimator.start(model).live()`, then `live.add(q, dq, ddq, tau)`, and `live.state`."""
 
     name: ClassVar[str] = "rls"
     title: ClassVar[str] = "recursive least squares"
@@ -139,6 +140,14 @@ class RecursiveState:
         arrays = [np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq, tau)]
         motion = Motion.of(self.model.robot, arrays[0], arrays[1], arrays[2], None if t is None else np.atleast_1d(t))
         return self.update(self.model.columns(motion)[:, :, self.base.independent], arrays[3])
+
+    def at(self, information: Information, effective: Array, seen: int) -> RecursiveState:
+        """The same recursion elsewhere; see the fields."""
+        return replace(self, information=information, effective=effective, seen=seen)
+
+    def live(self) -> LiveRecursion[RecursiveState]:
+        """For a live loop: `live.add(q, dq, ddq, tau)` takes one sample at a time, `live.state` gives the state when it is asked for."""
+        return LiveRecursion(self, self.config.forgetting)
 
     def solution(self, weights: Array | None = None, iterations: int = 20) -> tuple[LinearSolution, Array]:
         """Least-squares solution and the weights (n,) of the rows; `weights` start their iteration where noise is not given."""

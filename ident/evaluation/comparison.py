@@ -10,11 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from ..drawing.document import Figure, Role, Section
+from ..drawing.shown import Shown
 from ..errors import ConfigurationError
+from ..estimate.pictures import dots_figure, error_frame, error_section
 from ..estimate.summary import error_table
 from ..statistics.torque_error import TorqueError, number
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..estimate.estimate import Estimate
     from ..signals.signals import Signals
 
@@ -41,7 +46,7 @@ class Shift:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(ShortRepr):
+class Comparison(Shown, ShortRepr):
     """Errors of two estimates on data that neither fitted, on the rows that both use.
 
     `floor` (n,): rms of the residual that the later estimate leaves on its own fit, per joint (the earlier one where the later one was
@@ -76,6 +81,24 @@ class Comparison(ShortRepr):
         seen = np.isfinite(self.error_before.rms) & (self.error_before.rows > 0) & np.isfinite(weight)
         total = [float(np.sum((weight * e.rms**2 * e.rows)[seen])) for e in (self.error_before, self.error_after)]
         return 1.0 - total[1] / total[0] if total[0] > 0 else 0.0
+
+    @property
+    def errors(self) -> dict[str, TorqueError]:
+        """Torque errors before and after."""
+        return {"before": self.error_before, "after": self.error_after}
+
+    def figure(self) -> Figure:
+        """Relative torque error of each joint before and after; see `plot`."""
+        caption = "Relative torque error on data that neither estimate was fitted to, on the rows that both use."
+        return dots_figure(self.after.model.robot, self.errors, (Role.BEFORE, Role.AFTER), "Torque error before and after", caption)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per joint and one for all: rms (N m, N) and relative torque error (a share) before and after."""
+        return error_frame(self.after.model.robot, self.errors)
+
+    def sections(self) -> tuple[Section, ...]:
+        """Torque errors before and after."""
+        return (error_section(self.after.model.robot, self.errors, "Torque error before and after"),)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form (without the common fields)."""

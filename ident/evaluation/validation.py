@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
-from ..errors import DataError
+from ..drawing.document import Figure, Section, Text
+from ..drawing.shown import Shown
+from ..errors import ConfigurationError, DataError
+from ..estimate.pictures import error_frame, error_section, torque_figure
 from ..estimate.summary import error_table
 from ..problem.linear_solution import solve_triangle
 from ..problem.problem import Problem
@@ -16,6 +19,8 @@ from ..simulation.replay import replay
 from ..statistics.torque_error import TorqueError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..estimate.estimate import Estimate
     from ..signals.signals import Signals
     from ..simulation.replay import Replay
@@ -24,13 +29,13 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Validation(ShortRepr):
+class Validation(Shown, ShortRepr):
     """Errors on held-out data.
 
     `error`: torque error over all runs; `by_run`: the same run by run; `nominal`: the error with the URDF's own inertials and
     only the drive parameters fitted (None where the URDF has none); `replay`: forward simulation against the measured
     trajectory, if it was asked for and can be made; `noise_share` (n,): rms error over the rms that the fit left, per joint (1 = as
-    good); `notes`: what was left out, and why.
+    good); `notes`: what was left out, and why; `signals`: the held-out data.
 
     See `ident.validate`.
 
@@ -51,6 +56,28 @@ class Validation(ShortRepr):
     replay: Replay | None
     noise_share: Array
     notes: tuple[str, ...] = ()
+    signals: Signals | None = field(default=None, repr=False)
+
+    @property
+    def errors(self) -> dict[str, TorqueError]:
+        """Torque errors by what they are of: the fit, the held-out data, and those with the URDF's inertials."""
+        nominal = {} if self.nominal is None else {"URDF inertials": self.nominal}
+        return {"fit": self.estimate.fit_error, "held out": self.error} | nominal
+
+    def figure(self) -> Figure:
+        """Measured against predicted torque with the residual on the held-out data; see `plot`."""
+        if self.signals is None:
+            raise ConfigurationError("this validation does not hold its signals; make it with ident.validate(estimate, signals).")
+        return torque_figure(self.estimate, self.signals, "held-out")
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per joint and one for all: rms (N m, N) and relative torque error (a share) of fit and held-out data."""
+        return error_frame(self.estimate.model.robot, self.errors)
+
+    def sections(self) -> tuple[Section, ...]:
+        """Torque errors and notes."""
+        table = error_section(self.estimate.model.robot, self.errors)
+        return (table, *([Text("Notes", self.notes)] if self.notes else []))
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form (without the common fields)."""
@@ -118,7 +145,7 @@ def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) ->
     error = TorqueError.of(residual, signals.tau)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = error.rms / estimate.fit_error.rms
-    return Validation(estimate, error, by_run, nominal_error(estimate, signals), replayed, share, notes)
+    return Validation(estimate, error, by_run, nominal_error(estimate, signals), replayed, share, notes, signals)
 
 
 def _named_runs(names: tuple[str, ...], rows: tuple[slice, ...]) -> dict[str, slice]:

@@ -8,6 +8,7 @@ from .limits import Limits
 from .noise import sample_noise
 from .objective import Both, ConditionNumber, DOptimality, Measure, condition_number
 from .result import Excitation
+from .surroundings import Safety, Surroundings
 
 __all__ = [
     "BSplineFamily",
@@ -19,6 +20,8 @@ __all__ = [
     "FourierFamily",
     "Limits",
     "Measure",
+    "Safety",
+    "Surroundings",
     "condition_number",
     "excite",
     "random_excitation",

@@ -10,13 +10,16 @@ import numpy as np
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, UnsupportedError
 from ..robots.library.nominal import nominal_values
+from .clearance import Clearance
 from .families import BSplineFamily, Family, FourierFamily
 from .information import MotionInformation
 from .limits import Limits
+from .margins import margins_of
 from .noise import sample_noise
 from .objective import Both, ConditionNumber, DOptimality, Measure, condition_number
 from .result import Excitation
 from .search import TrajectoryCandidate, TrajectorySearch
+from .surroundings import Safety, Surroundings
 
 if TYPE_CHECKING:
     from ..effects.base import Effect
@@ -53,6 +56,7 @@ def excite(
     noise: Sequence[float] | float | None = None,
     family: Family = _FAMILY,
     measure: Measure = _MEASURE,
+    surroundings: Surroundings | None = None,
     rate: float = 200.0,
     starts: int = 3,
     iterations: int = 60,
@@ -64,8 +68,9 @@ def excite(
     `limits`: by default nine tenths of what the robot's description allows. `values` (k,): parameter values, for torque limits
     and for effects that need the model's prediction; by default the nominal ones, if there are any. `noise`: std of the torque,
     one value or (n,), measured side; by default one hundredth of the rms torque of random motion. `starts`: independent
-    searches, of which the best is taken; `iterations` of each per level of the limits' barrier. Collisions are not looked at:
-    check the trajectory before it is run. Raises ConfigurationError for limits within which the robot cannot move.
+    searches, of which the best is taken; `iterations` of each per level of the limits' barrier. `surroundings`: what the motion keeps
+    clear of, the robot itself among it, at every moment; None: collisions are not looked at, and the result says so. Raises
+    ConfigurationError for limits or surroundings within which the robot cannot move, with what is in the way.
 
     Examples
     --------
@@ -75,13 +80,19 @@ def excite(
     >>> sorted(found.shares) != []
     True
     """
-    search, noise_std = _prepared(model, limits, values, noise, family, measure)
+    search, noise_std = _prepared(model, limits, values, noise, family, measure, surroundings)
     rng = np.random.default_rng(seed)
     found: list[TrajectoryCandidate] = []
     for start in range(max(1, starts)):
-        found.append(search.run(rng, iterations))
+        candidate = search.run(rng, iterations)
+        found += [] if candidate is None else [candidate]
         if progress is not None:
             progress((start + 1) / max(1, starts))
+    if not found:
+        raise ConfigurationError(
+            f"excitation: no motion of {max(1, starts)} searches keeps clear at every moment and still moves; allow more room (ground,"
+            " workspace, clearance), more time, or more searches."
+        )
     best = min(found, key=lambda c: c.value)
     return _result(search, best, noise_std, rate, tuple(c.value for c in found))
 
@@ -131,6 +142,7 @@ def _prepared(
     noise: Sequence[float] | float | None,
     family: Family,
     measure: Measure,
+    surroundings: Surroundings | None = None,
 ) -> tuple[TrajectorySearch, Array]:
     robot = model.robot
     limits = limits or Limits.of(robot)
@@ -147,7 +159,8 @@ def _prepared(
         std = np.broadcast_to(np.asarray(noise, float), (robot.n,)).copy()
         if not np.all(std > 0):
             raise ConfigurationError("excitation: the noise must be positive on every joint.")
-    return TrajectorySearch(MotionInformation(model, values, std), limits, family, measure), std
+    clearance = None if surroundings is None else Clearance(robot, surroundings, limits)
+    return TrajectorySearch(MotionInformation(model, values, std), limits, family, measure, clearance), std
 
 
 def _usual_noise(model: Model, values: Array | None, limits: Limits) -> Array:
@@ -176,4 +189,18 @@ def _result(search: TrajectorySearch, best: TrajectoryCandidate, noise: Array, r
     kinds = ("position", "velocity", "acceleration", "torque")
     used = np.abs(limits.shares(joint, torque)).max(axis=(1, 2))
     shares = {kind: float(share) for kind, share in zip(kinds, used, strict=False)}
-    return Excitation(info.model, trajectory, limits, rate, noise, info.matrix(columns), best.value, values, shares)
+    margins = margins_of(info.model.robot, joint, torque)
+    return Excitation(
+        info.model, trajectory, limits, rate, noise, info.matrix(columns), best.value, values, shares, margins, _safety(search, best)
+    )
+
+
+def _safety(search: TrajectorySearch, best: TrajectoryCandidate) -> Safety | None:
+    """How clear the motion keeps, if that was asked for."""
+    clearance, certificate = search.clearance, search.certificate(best)
+    if clearance is None or certificate is None:
+        return None
+    return Safety(
+        clearance.surroundings.clearance, certificate.nearest[:12], certificate.whole, clearance.touching, clearance.unchecked,
+        clearance.bodies.invented, clearance.bodies.radius, clearance.notes,
+    )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,26 +11,35 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.files import write_atomic
 from .._utils.short_repr import ShortRepr
+from ..drawing.document import Figure, Section, Table, Text, plain
+from ..drawing.shown import Shown
 from ..errors import ConfigurationError
 from ..simulation.result import write_log_csv
 from ..simulation.trajectory import Trajectory
 from .limits import Limits
+from .margins import Margin, margin_lines
 from .objective import chosen_parameters, condition_number
+from .pictures import excitation_figure
+from .surroundings import Safety
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..model import Model
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Excitation(ShortRepr):
+class Excitation(Shown, ShortRepr):
     """An exciting trajectory and the information it gives.
 
     `information` (b, b): on the base parameters `names`, for one pass sampled at `rate` Hz with white torque noise of std `noise`
     (n,) on the measured side; `value`: the cost function, and of each start in `values`; `shares`: largest share
-    of each kind of limit that is used."""
+    of each kind of limit that is used; `margins`: what each joint leaves of the robot's own limits; `safety`: how clear the motion keeps,
+    None where collisions were not looked at."""
 
     model: Model = field(repr=False)
     trajectory: Trajectory
@@ -40,6 +50,8 @@ class Excitation(ShortRepr):
     value: float
     values: tuple[float, ...]
     shares: Mapping[str, float]
+    margins: tuple[Margin, ...] = ()
+    safety: Safety | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -73,12 +85,50 @@ class Excitation(ShortRepr):
             raise ConfigurationError("excitation: a wanted standard deviation must be positive.")
         return float(self.trajectory.duration * correlation * np.max(np.diag(self.covariance)[places] / wanted**2))
 
+    def figure(self) -> Figure:
+        """Position and speed of each joint between their limits; see `plot`."""
+        return excitation_figure(self.model.robot, self.trajectory, self.limits)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The trajectory at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
+        import pandas as pd
+
+        t = np.arange(round(self.trajectory.duration * self.rate) + 1) / self.rate
+        motion = self.trajectory.sample(t)
+        parts = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}
+        return pd.DataFrame({"t": t} | {f"{key}{j + 1}": own for key, values in parts.items() for j, own in enumerate(values.T)})
+
+    def sections(self) -> tuple[Section, ...]:
+        """What it uses of the limits, and the accuracy to expect."""
+        base, std = self.model.base, self.expected_std()
+        rows = tuple(
+            (name, text, plain(float(std[i])), base.parameters[base.independent[i]].unit)
+            for i, (name, text) in enumerate(zip(base.names, base.expressions, strict=True))
+        )
+        used = tuple(f"{kind}: {100 * share:.1f} % of its limit at most" for kind, share in self.shares.items())
+        head = ("parameter", "base-parameter expression", "expected std", "unit")
+        return Text(f"Excitation of {self.trajectory.duration:g} s", used), Table("Accuracy to expect", head, rows, left=2)
+
     def to_csv(self, path: str | Path, *, force: bool = False) -> Path:
         """Write the trajectory at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
         count = round(self.trajectory.duration * self.rate) + 1
         t = np.arange(count) / self.rate
         motion = self.trajectory.sample(t)
         return write_log_csv(path, t, {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}, force=force)
+
+    def to_ros(self, path: str | Path, *, force: bool = False) -> Path:
+        """Write the trajectory at `rate` as a ROS 2 `trajectory_msgs/msg/JointTrajectory` in YAML, for `ros2 topic pub` or an action."""
+        names = ", ".join(json.dumps(name) for name in self.model.robot.joint_names)
+        lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", f"joint_names: [{names}]", "points:"]
+        count = round(self.trajectory.duration * self.rate) + 1
+        t = np.arange(count) / self.rate
+        motion = self.trajectory.sample(t)
+        for i, at in enumerate(t):
+            nanoseconds = round(float(at) * 1e9)
+            for mark, key, values in (("-", "positions", motion.q), (" ", "velocities", motion.dq), (" ", "accelerations", motion.ddq)):
+                lines.append(f"{mark} {key}: [{', '.join(repr(float(x)) for x in values[i])}]")
+            lines.append(f"  time_from_start: {{sec: {nanoseconds // 10**9}, nanosec: {nanoseconds % 10**9}}}")
+        return write_atomic(Path(path), "\n".join(lines) + "\n", force=force)
 
     def to_dict(self, values: Array | None = None) -> dict[str, Any]:
         """JSON form. `values` (k,): parameters from which relative standard deviations are told."""
@@ -100,6 +150,9 @@ class Excitation(ShortRepr):
             "value": self.value,
             "values_of_starts": list(self.values),
             "share_of_limits": dict(self.shares),
+            "margins": [m.to_dict() for m in self.margins],
+            "safety": None if self.safety is None else self.safety.to_dict(),
+            "start": self.trajectory.sample(np.zeros(1)).q[0].tolist(),
             "parameters": rows,
         }
 
@@ -112,4 +165,7 @@ class Excitation(ShortRepr):
         lines = [f"{head} of the limits it uses: {used}", f"accuracy to expect at torque noise (std of each sample) of {noise}:"]
         for i, (name, text) in enumerate(zip(base.names, base.expressions, strict=True)):
             lines.append(f"  {name:<{width}}  ± {std[i]:9.3g} {base.parameters[base.independent[i]].unit:<8} {text}")
+        start = ", ".join(f"{x:.3f}" for x in self.trajectory.sample(np.zeros(1)).q[0])
+        lines += [*margin_lines(self.margins), f"starts and ends at rest at ({start})"]
+        lines += ["NOT checked: collisions of any kind, the ground among them"] if self.safety is None else self.safety.lines()
         return "\n".join(lines)

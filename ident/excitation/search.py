@@ -13,6 +13,8 @@ import numpy as np
 
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
+from .certificate import ClearanceCertificate, certify
+from .clearance import Clearance
 from .families import Family
 from .information import MotionInformation
 from .limits import Limits
@@ -22,6 +24,10 @@ Array = np.ndarray
 _BARRIERS = (0.1, 0.01, 1e-3)
 _CANDIDATES = 20
 _PEAKS, _ZOOMS = 3, 8
+#: Postures that are tried for one that is clear, shares to which a motion about it is scaled until it is, and the least that is left.
+_POSTURES = 2000
+_SHARES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1, 0.05)
+_LEAST = 0.02
 #: How far a torque between samples may exceed that at samples, relative.
 _TORQUE_MARGIN = 2e-3
 
@@ -36,10 +42,14 @@ class TrajectoryCandidate:
 
 
 class TrajectorySearch:
-    """One search problem. `limited_torque`: whether the parameter values allow a torque limit."""
+    """One search problem. `limited_torque`: whether the parameter values allow a torque limit; `clearance`: what the motion keeps clear
+    of, if anything."""
 
-    def __init__(self, information: MotionInformation, limits: Limits, family: Family, measure: Measure) -> None:
+    def __init__(
+        self, information: MotionInformation, limits: Limits, family: Family, measure: Measure, clearance: Clearance | None = None
+    ) -> None:
         self.information, self.limits, self.family, self.measure = information, limits, family, measure
+        self.clearance = clearance
         self.n = limits.n
         self.limited_torque = information.values is not None and bool(np.isfinite(limits.torque).any())
         count = int(np.ceil(30 * family.highest_hz * family.duration)) + 1
@@ -48,6 +58,8 @@ class TrajectorySearch:
         fine = 4 * (len(self.t) - 1) + 1
         self.fine_t = np.linspace(0.0, family.duration, fine)
         self.fine_basis = family.basis(self.fine_t)
+        # Distances bend faster than a joint moves: they are looked at twice as often as the motion.
+        self.clear_basis = self.fine_basis[0][::2]
 
     # --- one trajectory -----------------------------------------------------------------------------------------------
 
@@ -80,7 +92,11 @@ class TrajectorySearch:
         value, dA = self.measure.evaluate(info.matrix(columns), info.base.names)
         if not np.isfinite(value):
             return np.inf, None
+        near, near_slope = self.nearness(offset, coefficients, wants_gradient)
+        if not np.isfinite(near):
+            return np.inf, None
         count = shares[0].size
+        value += mu * near
         value -= mu * float(np.sum(np.log1p(-(shares**2)))) / count
         if torque_share is not None:
             value -= mu * float(np.sum(np.log1p(-(torque_share**2)))) / count
@@ -94,8 +110,61 @@ class TrajectorySearch:
             d_torque = 2.0 * mu / count * torque_share / (1.0 - torque_share**2) / limits.torque
         pull = info.pull(motion, columns, dA, d_torque)
         to_q, to_dq, to_ddq = pull.q + slope[0], pull.dq + slope[1], pull.ddq + slope[2]
-        gradient = self.basis[0].T @ to_q + self.basis[1].T @ to_dq + self.basis[2].T @ to_ddq
-        return value, np.concatenate([gradient.reshape(-1), to_q.sum(axis=0)])
+        gradient = self.basis[0].T @ to_q + self.basis[1].T @ to_dq + self.basis[2].T @ to_ddq + mu * self.clear_basis.T @ near_slope[1:]
+        return value, np.concatenate([gradient.reshape(-1), to_q.sum(axis=0) + mu * near_slope.sum(axis=0)])
+
+    # --- clearance ----------------------------------------------------------------------------------------------------
+
+    def nearness(self, offset: Array, coefficients: Array, wants_gradient: bool) -> tuple[float, Array]:
+        """The barrier of the clearance, and its gradient (T + 1, n): the first row at the offset, which stays clear so that a motion can be
+        scaled down to it."""
+        if self.clearance is None:
+            return 0.0, np.zeros((len(self.clear_basis) + 1, self.n))
+        return self.clearance.barrier(np.vstack([offset, self.clear_basis @ coefficients + offset]), wants_gradient)
+
+    def is_clear(self, offset: Array, coefficients: Array) -> bool:
+        """Whether the barrier of the clearance is finite."""
+        return self.clearance is None or bool(
+            (self.clearance.slack(self.clear_basis @ coefficients + offset, 0.01) > self.clearance.margin).all()
+        )
+
+    def cleared(self, offset: Array, coefficients: Array) -> Array | None:
+        """The coefficients times the largest of some shares that keeps clear; None where even the smallest does not."""
+        return next((s * coefficients for s in _SHARES if self.is_clear(offset, s * coefficients)), None)
+
+    def certificate(self, candidate: TrajectoryCandidate) -> ClearanceCertificate | None:
+        """Whether a candidate keeps clear at every moment; None where nothing is to be kept clear of."""
+        if self.clearance is None:
+            return None
+        return certify(self.clearance, self.family.build(candidate.offset, candidate.coefficients), self.limits)
+
+    def certified(self, offset: Array, coefficients: Array) -> Array | None:
+        """The coefficients, scaled down until the motion keeps clear at every moment; None where that leaves hardly any."""
+        if self.clearance is None:
+            return coefficients
+        share = 1.0
+        while share > _LEAST:
+            if certify(self.clearance, self.family.build(offset, share * coefficients), self.limits).holds:
+                return share * coefficients
+            share *= 0.97 if share > 0.5 else 0.8
+        return None
+
+    def _postures(self, rng: np.random.Generator) -> Array:
+        """Random postures (K, n) that are clear. Raises ConfigurationError, saying what is in the way, where there is none."""
+        reach = 0.5 * (self.limits.upper - self.limits.lower)
+        if self.clearance is None:
+            return self.limits.middle + rng.uniform(-0.5, 0.5, (_POSTURES // 10, self.n)) * reach
+        offsets = self.limits.middle + rng.uniform(-0.8, 0.8, (_POSTURES, self.n)) * reach
+        slack = self.clearance.slack(offsets, 0.01) - self.clearance.margin
+        clear = offsets[(slack > 0.0).all(axis=1)]
+        if len(clear):
+            return clear
+        blocked = np.mean(slack <= 0.0, axis=0)
+        worst = ", ".join(f"{self.clearance.constraints[k].what} ({100 * blocked[k]:.0f} %)" for k in np.argsort(-blocked)[:3])
+        raise ConfigurationError(
+            f"excitation: none of {_POSTURES} random postures within the limits keeps {1000 * self.clearance.surroundings.clearance:g} mm"
+            f" clear. Nearer in most of them: {worst}. Allow more room (ground, workspace, clearance), or give other position limits."
+        )
 
     def _level(self, mu: float, x: Array, wants_gradient: bool) -> tuple[float, Array | None]:
         return self.barrier_value(x, mu, wants_gradient)
@@ -165,20 +234,26 @@ class TrajectorySearch:
 
     def random(self, rng: np.random.Generator, share: float = 1.0) -> TrajectoryCandidate:
         """A random trajectory scaled to use `share` of the limits. Raises ConfigurationError if gravity alone exceeds the torque limits."""
-        reach = 0.5 * (self.limits.upper - self.limits.lower)
-        for _ in range(200):
-            offset = self.limits.middle + rng.uniform(-0.5, 0.5, self.n) * reach
+        carried = False
+        for offset in self._postures(rng)[:200]:
             coefficients = self.scaled(offset, self.family.random(self.n, rng), share)
+            carried |= coefficients is not None
+            coefficients = None if coefficients is None else self.cleared(offset, coefficients)
             if coefficients is not None:
                 return TrajectoryCandidate(offset, coefficients, self.value(offset, coefficients))
+        if carried:
+            raise ConfigurationError(
+                "excitation: about none of 200 clear postures can the robot move without coming too near to something; allow more room"
+                " (ground, workspace, clearance)."
+            )
         raise ConfigurationError(
             "excitation: in 200 random postures the torque limits do not even carry the robot; raise the torque limits or give others."
         )
 
     # --- search -------------------------------------------------------------------------------------------------------
 
-    def run(self, rng: np.random.Generator, iterations: int) -> TrajectoryCandidate:
-        """Descent from the best of some random trajectories."""
+    def run(self, rng: np.random.Generator, iterations: int) -> TrajectoryCandidate | None:
+        """Descent from the best of some random trajectories; None where what it finds cannot be shown to keep clear."""
         first = min((self.random(rng, 0.7) for _ in range(_CANDIDATES)), key=lambda c: c.value)
         x = np.concatenate([first.coefficients.reshape(-1), first.offset])
         for mu in _BARRIERS:
@@ -186,10 +261,12 @@ class TrajectorySearch:
         coefficients, offset = x[: -self.n].reshape(-1, self.n), x[-self.n :]
         full = self.scaled(offset, coefficients, 1.0 - 1e-10)
         if full is None:
-            return first
+            offset, full = first.offset, first.coefficients
+            coefficients = full
         # The largest motion is not always the best conditioned.
         own = coefficients if np.linalg.norm(coefficients) <= np.linalg.norm(full) else full
-        return min((TrajectoryCandidate(offset, c, self.value(offset, c)) for c in (full, own)), key=lambda c: c.value)
+        kept = [c for c in (self.certified(offset, full), self.certified(offset, own)) if c is not None]
+        return min((TrajectoryCandidate(offset, c, self.value(offset, c)) for c in kept), key=lambda c: c.value, default=None)
 
 
 def descend(function: Callable[[Array, bool], tuple[float, Array | None]], x: Array, iterations: int) -> Array:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +13,15 @@ import numpy as np
 
 from .._utils.files import sha256
 from .._utils.short_repr import ShortRepr
+from ..drawing.document import Figure
+from ..drawing.shown import Shown
 from ..errors import ConfigurationError, DataError, IdentError, unknown_name
 from ..robots.transmission import Transmission
 from .columns import ColumnPlan, resolve_columns
 from .names import JointNames
+from .pictures import TORQUE, log_figure, log_frame
 from .readers.bag import is_bag
+from .readers.frames import chosen_columns, frame_columns, is_frame
 from .readers.ros import joint_state_columns, read_joint_states
 from .readers.tables import Header, read_columns, read_header
 from .recognise import recognised
@@ -26,6 +30,8 @@ from .torque import MeasuredTorque, measured
 from .unwrap import motor_turn_notes, unwrapped, within_limits, wrapping
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..robots.robot import Robot
 
 Array = np.ndarray
@@ -34,7 +40,7 @@ _COUNTED = "\x00counted"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Log(ShortRepr):
+class Log(Shown, ShortRepr):
     """One run as recorded, in SI, joints in the robot's order. N samples, n joints.
 
     `t` (N,) s, rising, otherwise as recorded; `q` (N, n) on the joint side, or None where only `q_motor` (N, n) was logged.
@@ -99,6 +105,44 @@ class Log(ShortRepr):
     def began(self) -> float:
         """Time at which the recording began."""
         return self.origin if self.origin is not None else float(self.t[0]) if len(self.t) else 0.0
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: pd.DataFrame,
+        robot: Robot | None = None,
+        columns: Mapping[str, Any] | None = None,
+        *,
+        name: str = "frame",
+        **reading: Any,
+    ) -> Log:
+        """A log from a pandas DataFrame whose columns are named as a file's would be.
+
+        `columns`, `reading`: as of `read_logs`. Raises DataError for a table that cannot be used as one run.
+
+        Examples
+        --------
+        >>> import ident
+        >>> train, test = ident.demo_logs()
+        >>> ident.Log.from_frame(train[0].to_frame()).n
+        6
+        """
+        logs = read_logs(frame, robot, columns, **reading)
+        if len(logs) > 1:
+            raise DataError(f"log {name}: {len(logs)} runs are in one table; read them with ident.read_logs(frame).")
+        return replace(logs[0], name=name)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per sample, columns by the names of docs/formats.md, SI; `read_logs` takes it back."""
+        motor = self.q_motor if self.q is None else None
+        arrays = {"q": self.q, "q_m": motor, "dq": self.dq, "ddq": self.ddq, "dq_m": self.dq_motor}
+        return log_frame(self.t, arrays | {TORQUE[side][0]: values for side, values in self.tau.items()}, self.extra)
+
+    def figure(self) -> Figure:
+        """Position and torque of each joint over time; see `plot`."""
+        position = ("motor position (rad)", self.q_motor) if self.q is None else ("position (rad, m)", self.q)
+        torque = [(TORQUE[side][1], values) for side, values in self.tau.items()]
+        return log_figure(self.name, self.t, [(label, values) for label, values in (position, *torque[:1]) if values is not None])
 
     def position(self, transmission: Transmission) -> Array:
         """Joint positions (N, n), from the motors' where only those were logged."""
@@ -262,7 +306,7 @@ def spread(count: int, share: float) -> set[int]:
 
 
 def read_logs(
-    paths: str | Path | Sequence[str | Path],
+    paths: str | Path | pd.DataFrame | Sequence[str | Path | pd.DataFrame],
     robot: Robot | None = None,
     columns: Mapping[str, Any] | None = None,
     *,
@@ -277,8 +321,8 @@ def read_logs(
 
     Parameters
     ----------
-    paths : str, Path or sequence
-        A file, a pattern (`runs/*.csv`), the folder of a bag or a dataset, or several.
+    paths : str, Path, DataFrame or sequence
+        A file, a pattern (`runs/*.csv`), the folder of a bag or a dataset, a pandas DataFrame with a file's columns, or several.
     robot : Robot, optional
         Checks the joint count, matches columns by joint name, and carries motor-side positions to the joints.
     columns : mapping, optional
@@ -317,9 +361,9 @@ def read_logs(
     joints = None if robot is None else JointNames.of(robot)
     logs: list[Log] = []
     left_out: list[str] = []
-    for path in _files(paths):
+    for source in _sources(paths):
         try:
-            logs += _read(path, joints, columns, missing, extra, rate_hz)
+            logs += _read(source, joints, columns, missing, extra, rate_hz)
         except IdentError as error:
             if not skip_bad_files:
                 raise
@@ -336,9 +380,17 @@ def read_logs(
     return LogSet(tuple(logs), robot, tuple(left_out))
 
 
-def _files(paths: str | Path | Sequence[str | Path]) -> list[Path]:
+def _sources(paths: Any) -> list[Path | pd.DataFrame]:
+    """Files, and tables in memory, in the order given."""
+    given: list[Any] = [paths] if isinstance(paths, str | Path) or is_frame(paths) else list(paths)
+    if not any(is_frame(one) for one in given):
+        return [*_files(given)]
+    return [source for one in given for source in ([one] if is_frame(one) else _files([one]))]
+
+
+def _files(paths: Sequence[str | Path]) -> list[Path]:
     try:
-        return _expanded([paths] if isinstance(paths, (str, Path)) else paths)
+        return _expanded(paths)
     except (OSError, ValueError) as error:  # a name that is too long, or holds a NUL
         if isinstance(error, DataError):
             raise
@@ -381,11 +433,34 @@ def _content(path: Path) -> Path:
     return next((p for p in sorted(path.iterdir()) if p.suffix in (".db3", ".mcap")), path) if path.is_dir() else path
 
 
+@dataclass(frozen=True)
+class _Table:
+    """A table to be read as a log: what messages call it, its name, its header, the content of columns, and the file that it is."""
+
+    where: str
+    name: str
+    header: Header
+    read: Callable[[Sequence[str], Sequence[str]], dict[str, Array]]
+    path: Path | None = None
+
+    @classmethod
+    def of(cls, source: Path | pd.DataFrame) -> _Table:
+        if isinstance(source, Path):
+            header = read_header(source)
+
+            def read(names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
+                return read_columns(source, header, names, optional=optional)
+
+            return cls(f"log {source}", source.name.split(".")[0], header, read, source)
+        columns = frame_columns(source)
+        return cls("log DataFrame", "frame", Header(tuple(columns)), partial(chosen_columns, columns))
+
+
 def _planned(
-    path: Path, header: Header, joints: JointNames | None, columns: Mapping[str, Any] | None, rate_hz: float | None
+    table: _Table, joints: JointNames | None, columns: Mapping[str, Any] | None, rate_hz: float | None
 ) -> tuple[ColumnPlan, Mapping[str, tuple[str, float]]]:
     """Which column is what, by our own names, by the user's mapping, or as a recording is recognised; and what was wanted."""
-    where = f"log {path}"
+    where, header = table.where, table.header
     if rate_hz is not None and not rate_hz > 0:
         raise ConfigurationError(f"rate_hz must be a positive number of samples per second, not {rate_hz!r}.")
     names = header.names
@@ -403,7 +478,7 @@ def _planned(
         def read(names: Sequence[str]) -> dict[str, Array]:
             new = [n for n in dict.fromkeys(names) if n not in known]
             if new:
-                known.update(read_columns(path, header, new))
+                known.update(table.read(new, ()))
             return known
 
         try:
@@ -431,24 +506,24 @@ def _turned(log: Log, robot: Robot) -> Log:
 
 
 def _read(
-    path: Path,
+    source: Path | pd.DataFrame,
     joints: JointNames | None,
     columns: Mapping[str, Any] | None,
     missing: str,
     extra: bool,
     rate_hz: float | None,
 ) -> list[Log]:
-    where = f"log {path}"
-    header = read_header(path)
-    layout = None if columns else joint_state_columns(header)
-    if layout is not None:
-        table = read_joint_states(path, header, layout, joints.names if joints else None)
+    file = _Table.of(source)
+    where, path = file.where, file.path
+    layout = None if columns or path is None else joint_state_columns(file.header)
+    if layout is not None and path is not None:
+        table = read_joint_states(path, file.header, layout, joints.names if joints else None)
         plan = resolve_columns(tuple(table), joints, None, where=where)
         extras: dict[str, Array] = {}
     else:
-        plan, reference = _planned(path, header, joints, columns, rate_hz)
+        plan, reference = _planned(file, joints, columns, rate_hz)
         stored = tuple(name for name in plan.sources if name != _COUNTED)
-        table = read_columns(path, header, stored, optional=plan.extra if extra else ())
+        table = file.read(stored, plan.extra if extra else ())
         if rate_hz is not None and _COUNTED in plan.sources:
             table[_COUNTED] = np.arange(len(table[stored[0]])) / rate_hz
         extras = {name: table[name] for name in plan.extra if name in table}
@@ -463,8 +538,7 @@ def _read(
     side = "q" if "q" in arrays else "q_motor"
     positions = {c.source: arrays[side][:, c.joint] for c in plan.quantity(side)}
     pieces = usable_rows(arrays["t"], positions, where, missing=missing, repeated=repeated_rows(arrays))
-    stem = path.name.split(".")[0]
-    digest = sha256(_content(path))
+    digest = "" if path is None else sha256(_content(path))
     whole = len(pieces.rows) == 1 and len(pieces.rows[0]) == rows
     logs = []
     for i, index in enumerate(pieces.rows):
@@ -472,7 +546,7 @@ def _read(
         recorded = {k: v[cut] for k, v in arrays.items()}
         logs.append(
             Log(
-                name=stem if len(pieces.rows) == 1 else f"{stem} run {i + 1}",
+                name=file.name if len(pieces.rows) == 1 else f"{file.name} run {i + 1}",
                 t=recorded["t"],
                 q=recorded.get("q"),
                 q_motor=recorded.get("q_motor"),
@@ -480,7 +554,7 @@ def _read(
                 ddq=recorded.get("ddq"),
                 dq_motor=recorded.get("dq_motor"),
                 tau={k.removeprefix("tau_"): v for k, v in recorded.items() if k.startswith("tau_")},
-                source=str(path),
+                source="" if path is None else str(path),
                 sha256=digest,
                 extra={k: v[cut] for k, v in extras.items()},
                 notes=(*plan.notes, *pieces.notes),

@@ -9,14 +9,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from ..drawing.document import Figure, Section, Text
+from ..drawing.shown import Shown
 from ..errors import ConfigurationError
 from ..friction import Coulomb, RotorInertia, Viscous
 from .conic import solver_available
 from .consistent import Consistent, judge_consistent
+from .pictures import shortfall_figure, shortfall_frame
 from .possible import Possible, judge_possible
 from .structure import InertiaStructure
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..estimate.estimate import Estimate
     from ..robots.robot import Robot
 
@@ -24,13 +29,38 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Judgement(ShortRepr):
-    """`possible` and `consistent` (None without the semidefinite solver) of a set called `subject`."""
+class Judgement(Shown, ShortRepr):
+    """`possible` and `consistent` (None without the semidefinite solver) of a set called `subject`, of a robot with these `links`.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, test = ident.demo_logs()
+    >>> judged = ident.judge(ident.fit(train, "puma560", held=0))
+    >>> list(judged.to_frame().columns)
+    ['possible', 'lacks']
+    """
 
     subject: str
     possible: Possible
     consistent: Consistent | None
     notes: tuple[str, ...] = ()
+    links: tuple[str, ...] = ()
+
+    def figure(self) -> Figure:
+        """What each link's pseudo-inertia lacks to be that of a real body; see `plot`."""
+        return shortfall_figure(self.links, self.consistent)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per moving link: whether a real body can have its parameters, and what its scaled pseudo-inertia lacks."""
+        return shortfall_frame(self.links, self.consistent)
+
+    def sections(self) -> tuple[Section, ...]:
+        """Both verdicts in words."""
+        return (Text(f"Judgement of {self.subject}", tuple(self.text().splitlines()[1:])),)
+
+    def __str__(self) -> str:
+        return self.text()
 
     def text(self) -> str:
         """A few lines for people."""
@@ -129,7 +159,7 @@ def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: floa
     consistent = None
     if solver_available():
         consistent = judge_consistent(subject.structure, subject.values, unseen=subject.unseen, covariance=subject.covariance)
-    return Judgement(subject.name, possible, consistent, subject.notes)
+    return Judgement(subject.name, possible, consistent, subject.notes, subject.structure.body_names)
 
 
 #: First letter and axes of a published name -> symbol of the parameter that stays in that base parameter (theorem 2.3.1).

@@ -14,7 +14,7 @@ from ..effects.base import Effect, JointEffect, Need
 from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
 from ..model import Model
-from ..regressor.rigid import row_columns
+from ..regressor.rigid import packed_columns
 from ..signals.filters import RowFilter
 
 Array = np.ndarray
@@ -28,24 +28,55 @@ def can_filter(model: Model) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
+class PackedColumns:
+    """Columns at m rows without those that are zero in theirs by structure: `values` (m, w); joint j has the base columns `columns[j]`,
+    which stand at `places[j]` among the values."""
+
+    values: Array
+    places: tuple[Array, ...]
+    columns: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, dense: Array) -> PackedColumns:
+        """Columns (m, n, b), all of which may be other than zero."""
+        m, n, b = dense.shape
+        return cls(dense.reshape(m, n * b), tuple(np.arange(j * b, (j + 1) * b) for j in range(n)), (np.arange(b),) * n)
+
+    def part(self, rows: slice) -> PackedColumns:
+        """Some of the rows."""
+        return PackedColumns(self.values[rows], self.places, self.columns)
+
+    def dense(self, count: int) -> Array:
+        """The same as (m, n, b) with b = `count` columns."""
+        out = np.zeros((len(self.values), len(self.places), count))
+        for j, (places, columns) in enumerate(zip(self.places, self.columns, strict=True)):
+            out[:, j, columns] = self.values[:, places]
+        return out
+
+
+@dataclass(frozen=True, eq=False)
 class RowColumns:
-    """Base columns (m, n, b) of `model` at the rows of `row_filter` (None: rows are samples). `threads`: of the kernel."""
+    """Base columns of `model` at the rows of `row_filter` (None: rows are samples). `threads`: of the kernel."""
 
     model: Model
     row_filter: RowFilter | None
     threads: int | None = 1
 
     def __call__(self, motion: Motion) -> Array:
-        """Columns at the rows of a stretch of samples, measured side."""
+        """Columns (m, n, b) at the rows of a stretch of samples, measured side."""
+        return self.packed(motion).dense(len(self.model.base.independent))
+
+    def packed(self, motion: Motion) -> PackedColumns:
+        """The same, packed."""
         model, robot, keep = self.model, self.model.robot, self.model.base.independent
         drive, tree, row_filter = robot.transmission, robot.tree, self.row_filter
-        out = np.zeros((len(motion) if row_filter is None else row_filter.count(len(motion)), robot.n, len(keep)))
         # What the kernel makes: columns of the links, then signals; `places`: where among the base columns each of them goes.
         chosen: list[int] = []
         places: list[int] = []
         signals: list[Array] = []
         pattern: list[Array] = []
         rows = np.zeros((robot.n, tree.nv))
+        found: list[_ColumnGroup] = []
         for effect, part in zip(model.effects, model.slices, strict=True):
             at = np.flatnonzero((keep >= part.start) & (keep < part.stop))
             mine = keep[at] - part.start
@@ -65,10 +96,11 @@ class RowColumns:
             else:
                 values = np.ascontiguousarray(effect.columns(motion, robot)[:, :, mine])
                 values = values if row_filter is None else row_filter.apply(values)
-                out[:, :, at] = values if effect.side == drive.measured else np.matmul(to_measured, values)
+                values = values if effect.side == drive.measured else np.matmul(to_measured, values)
+                found.append(_ColumnGroup(values.reshape(len(values), robot.n * len(at)), (at,) * robot.n))
         if chosen:
             own = motion.joint
-            out[:, :, places] = row_columns(
+            packed, live = packed_columns(
                 tree,
                 robot.tree_position(own.q),
                 robot.tree_rate(own.dq),
@@ -81,7 +113,31 @@ class RowColumns:
                 factor=1 if row_filter is None else row_filter.factor,
                 threads=self.threads,
             )
-        return out
+            into = np.array(places)
+            found.insert(0, _ColumnGroup(packed, tuple(into[shown] for shown in live)))
+        return _together(found, len(motion) if row_filter is None else row_filter.count(len(motion)), robot.n)
+
+
+@dataclass(frozen=True, eq=False)
+class _ColumnGroup:
+    """Values (m, w) of columns, joint after joint, and which base columns each joint has."""
+
+    values: Array
+    columns: tuple[Array, ...]
+
+
+def _together(groups: list[_ColumnGroup], count: int, n: int) -> PackedColumns:
+    if not groups:
+        return PackedColumns(np.zeros((count, 0)), (np.zeros(0, int),) * n, (np.zeros(0, int),) * n)
+    columns = tuple(np.concatenate([g.columns[j] for g in groups]) for j in range(n))
+    places: list[list[Array]] = [[] for _ in range(n)]
+    start = 0
+    for g in groups:
+        for j in range(n):
+            places[j].append(np.arange(start, start + len(g.columns[j])))
+            start += len(g.columns[j])
+    values = groups[0].values if len(groups) == 1 else np.concatenate([g.values for g in groups], axis=1)
+    return PackedColumns(values, tuple(np.concatenate(p) for p in places), columns)
 
 
 def _by_joint(effect: Effect) -> TypeGuard[JointEffect]:

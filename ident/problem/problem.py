@@ -23,7 +23,7 @@ from ..signals.signals import Signals
 from ..statistics.noise import row_shape
 from ..statistics.torque_error import TorqueError
 from .check import check_problem
-from .columns import RowColumns
+from .columns import PackedColumns, RowColumns
 from .information import Accumulation, Form, Information
 
 if TYPE_CHECKING:
@@ -33,8 +33,23 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Full-rate samples held in memory at a time are limited so that their columns stay below this many numbers.
 _BLOCK_NUMBERS = 4_000_000
+#: Rows of a block of packed columns: few enough to stay in the cache from one step of the work to the next.
+_PACKED_ROWS = 2048
+#: Samples whose torque is predicted at a time.
+_PREDICTED = 16_384
 #: Samples a row up to which products instead of reflections save time worth having.
 _FEW_SAMPLES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class PackedRows:
+    """A block of m rows: their packed `columns`, `tau` (m, n), `valid` (m, n), `place` in the signals' rows, `run`."""
+
+    columns: PackedColumns
+    tau: Array
+    valid: Array
+    place: slice
+    run: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,6 +138,27 @@ class Problem(ShortRepr):
             if self.progress is not None:
                 self.progress(min(1.0, block.rows.stop / total))
 
+    def packed_rows(self) -> Iterator[PackedRows]:
+        """The same rows in small blocks, without columns that are zero in a row by structure."""
+        signals, model, row_filter = self.signals, self.model, self.signals.row_filter
+        if not self._plain or Need.HISTORY in model.needs or not any(isinstance(effect, RigidBody) for effect in model.effects):
+            for rows in self.rows():
+                packed, start = PackedColumns.of(rows.columns), rows.place.start
+                for first in range(0, len(rows.tau), _PACKED_ROWS):
+                    part = slice(first, min(first + _PACKED_ROWS, len(rows.tau)))
+                    place = slice(start + part.start, start + part.stop)
+                    yield PackedRows(packed.part(part), rows.tau[part], rows.valid[part], place, rows.run)
+            return
+        make = RowColumns(model, row_filter)
+        for block in signals.blocks(_PACKED_ROWS if row_filter is None else _PACKED_ROWS * row_filter.factor + len(row_filter.taps)):
+            columns = make.packed(self.motion(block.samples))
+            yield PackedRows(columns, signals.tau[block.rows], signals.valid[block.rows], block.rows, block.run)
+
+    @property
+    def _plain(self) -> bool:
+        """Rows are those of the torque equation itself, made from the signals. Other formulations have columns of their own."""
+        return type(self) is Problem and self._stored is None
+
     def motion(self, samples: slice, needs: frozenset[Need] = frozenset()) -> Motion:
         """The motion of a range of full-rate samples, with what the model's effects (and `needs`) ask for."""
         s, model = self.signals, self.model
@@ -147,9 +183,7 @@ class Problem(ShortRepr):
     def information(self) -> Information:
         """Information on the base parameters, one triangular factor per measured row."""
         total = Information.empty(self.valid.shape[1], self.base.names)
-        # Other formulations of the rows (`IntegratedProblem`) have columns of their own.
-        plain = type(self) is Problem and not self.model.needs and self._stored is None
-        if plain and self.model.effects and isinstance(self.model.effects[0], RigidBody):
+        if self._plain and not self.model.needs and self.model.effects and isinstance(self.model.effects[0], RigidBody):
             total = self._instant_information()
         else:
             for r in self.rows():
@@ -206,8 +240,13 @@ class Problem(ShortRepr):
     def predict(self, values: Array) -> Array:
         """Torque (M, n) on the measured side, filtered like the measured one, for base values (b,)."""
         out = np.empty(self.tau.shape)
-        for rows in self.rows():
-            out[rows.place] = rows.columns @ values
+        if not self._plain:
+            for rows in self.rows():
+                out[rows.place] = rows.columns @ values
+            return out
+        everything, model = self.base.expand(values), self.model
+        for block in self.signals.blocks(None if Need.HISTORY in model.needs else _PREDICTED):
+            out[block.rows] = block.reduce(model.torque(self.motion(block.samples), everything))
         return out
 
     def residual(self, values: Array) -> Array:

@@ -9,7 +9,7 @@ from functools import cache
 from types import ModuleType
 
 from ..errors import ConfigurationError
-from . import numpy_dynamics, numpy_rows
+from . import numpy_drive, numpy_dynamics, numpy_rows, numpy_series
 
 
 class SlowPathWarning(RuntimeWarning):
@@ -18,10 +18,13 @@ class SlowPathWarning(RuntimeWarning):
 
 @dataclass(frozen=True)
 class Kernel:
-    """The modules that do the work: `dynamics` of a tree, and `rows` of the regression equation with their information."""
+    """The modules that do the work: `dynamics` of a tree, `rows` of the regression equation with their information, `series`: filters along
+    time, and `drive`: a tree with the terms of its drives."""
 
     dynamics: ModuleType
     rows: ModuleType
+    series: ModuleType
+    drive: ModuleType
 
     @property
     def compiled(self) -> bool:
@@ -38,7 +41,7 @@ def kernel() -> Kernel:
 
 @cache
 def _kernel(name: str) -> Kernel:
-    plain = Kernel(numpy_dynamics, numpy_rows)
+    plain = Kernel(numpy_dynamics, numpy_rows, numpy_series, numpy_drive)
     if name not in ("", "native", "numpy"):
         raise ConfigurationError(f"IDENT_KERNEL={name!r}: must be 'native' or 'numpy', or not set.")
     if name == "numpy":
@@ -59,4 +62,8 @@ def _kernel(name: str) -> Kernel:
             stacklevel=4,
         )
         return plain
-    return Kernel(native, native)
+    try:
+        from . import native_drive, native_series
+    except ImportError:  # the kernel was built from older sources: all but the newer parts
+        return Kernel(native, native, numpy_series, numpy_drive)
+    return Kernel(native, native, native_series, native_drive)

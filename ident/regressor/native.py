@@ -126,7 +126,7 @@ def information(
     return out
 
 
-def row_columns(
+def packed_columns(
     tree: RigidBodyTree,
     q: Array,
     dq: Array,
@@ -138,23 +138,46 @@ def row_columns(
     threads: int | None = None,
     taps: Array | None = None,
     factor: int = 1,
-) -> Array:
-    """Columns (M, R, k) of the filtered rows; see `rigid.row_columns`. Holds NaN where an array is not finite."""
+) -> tuple[Array, tuple[Array, ...]]:
+    """Columns (M, w) of the filtered rows, one row after the other, and which of the k chosen ones each row has; see
+    `rigid.packed_columns`. Holds NaN where an array is not finite."""
     own = compiled(tree)
     plan = own.plan(tree, rows, columns, extra, pattern)
     count = len(q) if taps is None else max(0, (len(q) - len(taps)) // factor + 1)
-    packed = np.empty((count, sum(len(live) - 1 for live in plan.live)))
+    live = tuple(shown[:-1] for shown in plan.live)
+    packed = np.empty((count, sum(len(shown) for shown in live)))
     beside = extra if extra.shape[-1] else None
-    finite = _kernel.row_columns(own.handle, plan.handle, len(q), thread_count(threads), taps, factor, q, dq, ddq, beside, packed)
-    out = np.zeros((count, len(rows), len(columns)))
-    if not finite:
-        out[:1, :1, :1] = np.nan
+    if not _kernel.row_columns(own.handle, plan.handle, len(q), thread_count(threads), taps, factor, q, dq, ddq, beside, packed):
+        packed[:1] = np.nan
+    return packed, live
+
+
+class FixedRows:
+    """Information on fixed rows and columns that takes one sample at a time (see `rigid.live_information`), without new memory."""
+
+    def __init__(self, tree: RigidBodyTree, factors: Array, rows: Array, columns: Array, pattern: Array) -> None:
+        own = compiled(tree)
+        self._plan = own.plan(tree, rows, columns, np.zeros((1, pattern.shape[1])), pattern)
+        self._tree, self._handle, self._shape = own.handle, self._plan.handle, factors.shape
+        size, taken, upper, _ = self._plan.unpacking
+        self._flat = np.zeros(size)
+        self._flat[taken] = factors.ravel()[upper]
+
+    def add(self, q: Array, dq: Array, ddq: Array, tau: Array, extra: Array, valid: Array | None) -> None:
+        """A sample of finite numbers."""
+        beside = extra if len(extra) else None
+        _kernel.information(self._tree, self._handle, 0, 1, 1, None, 1, q, dq, ddq, tau, valid, None, beside, self._flat)
+
+    def scale(self, factor: float) -> None:
+        """Every sample so far weighted by the square of `factor`."""
+        np.multiply(self._flat, factor, out=self._flat)
+
+    def factors(self) -> Array:
+        """Upper triangular (R, k+1, k+1)."""
+        _, taken, upper, _ = self._plan.unpacking
+        out = np.zeros(self._shape)
+        np.put(out, upper, self._flat[taken])
         return out
-    start = 0
-    for r, live in enumerate(plan.live):
-        out[:, r, live[:-1]] = packed[:, start : start + len(live) - 1]
-        start += len(live) - 1
-    return out
 
 
 def simulate(tree: RigidBodyTree, work: tuple[Any, ...], plant: tuple[Array, ...], *arrays: Any) -> int:

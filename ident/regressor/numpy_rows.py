@@ -50,7 +50,7 @@ def information(
     return out
 
 
-def row_columns(
+def packed_columns(
     tree: RigidBodyTree,
     q: Array,
     dq: Array,
@@ -62,8 +62,9 @@ def row_columns(
     threads: int | None = None,
     taps: Array | None = None,
     factor: int = 1,
-) -> Array:
-    """Columns (M, R, k) of the filtered rows; see `rigid.row_columns`. Holds NaN where an array is not finite."""
+) -> tuple[Array, tuple[Array, ...]]:
+    """Columns (M, R k) of the filtered rows, one row after the other, and which of the k chosen ones each row has: here all; see
+    `rigid.packed_columns`. Holds NaN where an array is not finite."""
     count = len(q) if taps is None else max(0, (len(q) - len(taps)) // factor + 1)
     out = np.zeros((count, len(rows), len(columns)))
     with np.errstate(over="ignore", invalid="ignore"):  # the caller sees infinity in the result
@@ -71,7 +72,31 @@ def row_columns(
             out[part] = filtered
     if not all(np.isfinite(array).all() for array in (q, dq, ddq, extra)):
         out[:1, :1, :1] = np.nan
-    return out
+    return out.reshape(count, len(rows) * len(columns)), (np.arange(len(columns)),) * len(rows)
+
+
+class FixedRows:
+    """Information on fixed rows and columns that takes one sample at a time (see `rigid.live_information`)."""
+
+    def __init__(self, tree: RigidBodyTree, factors: Array, rows: Array, columns: Array, pattern: Array) -> None:
+        self._tree, self._factors = tree, np.array(factors)
+        self._rows, self._columns, self._pattern = rows, columns, pattern
+
+    def add(self, q: Array, dq: Array, ddq: Array, tau: Array, extra: Array, valid: Array | None) -> None:
+        """A sample of finite numbers."""
+        used = None if valid is None else valid[None]
+        motion = q[None], dq[None], ddq[None], tau[None]
+        found = information(self._tree, *motion, self._rows, self._columns, extra[None], self._pattern, used, None, False)
+        for r, R in enumerate(found):
+            self._factors[r] = _triangle(np.concatenate([self._factors[r], R]))
+
+    def scale(self, factor: float) -> None:
+        """Every sample so far weighted by the square of `factor`."""
+        self._factors *= factor
+
+    def factors(self) -> Array:
+        """Upper triangular (R, k+1, k+1)."""
+        return self._factors.copy()
 
 
 def _filtered_rows(

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..robots.tree import RigidBodyTree
+from .drive_terms import DriveTerms
 from .kernel_choice import kernel
 
 Array = np.ndarray
@@ -76,6 +77,43 @@ def dynamics(tree: RigidBodyTree, inertia: Any, added: Any = None) -> Dynamics:
 
     `inertia` (10 nb,), `added` (nv, nv) as in `forward_dynamics`. States that are not finite raise DataError."""
     made: Dynamics = kernel().dynamics.FixedDynamics(tree, _inertia(tree, inertia), added_inertia(tree, added))
+    return made
+
+
+class Drive(Protocol):
+    """A robot with the terms of its drives, parameters fixed, for control: one state (1-D arrays) or a batch of N."""
+
+    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Torque (nv,) or (N, nv) of a motion."""
+
+    def acceleration(self, q: Array, dq: Array, tau: Array) -> Array:
+        """Acceleration (nv,) or (N, nv) at a torque."""
+
+
+def drive(tree: RigidBodyTree, inertia: Any, terms: DriveTerms) -> Drive:
+    """A fixed-base tree with `inertia` (10 nb,) and the terms of its drives: checked once, then as little as possible around each call."""
+    made: Drive = kernel().drive.FixedDrive(tree, _inertia(tree, inertia), terms)
+    return made
+
+
+class LiveInformation(Protocol):
+    """Triangular factors of [Phi tau] that take one sample at a time."""
+
+    def add(self, q: Array, dq: Array, ddq: Array, tau: Array, extra: Array, valid: Array | None) -> None:
+        """A sample of finite numbers: positions and rates of the tree, torque (R,), extra columns (e,), rows that are `valid` (R,)."""
+
+    def scale(self, factor: float) -> None:
+        """Every sample so far weighted by the square of `factor`."""
+
+    def factors(self) -> Array:
+        """Upper triangular (R, k+1, k+1), as `information` has them."""
+
+
+def live_information(tree: RigidBodyTree, factors: Array, rows: Array, columns: Array, pattern: Array) -> LiveInformation:
+    """Information that starts with `factors` (R, k+1, k+1); `rows`, `columns`, `pattern` as in `information`."""
+    q, rates = np.zeros((1, tree.nq)), np.zeros((1, tree.nv))
+    work = _Work.of(tree, q, rates, rates, rows, columns, np.zeros((1, np.shape(pattern)[1])), pattern, None, 1)
+    made: LiveInformation = kernel().rows.FixedRows(tree, _finite("factors", factors), work.rows, work.columns, work.pattern)
     return made
 
 
@@ -157,14 +195,41 @@ def row_columns(
 
     With taps the columns at the full rate are never written to memory, only the M filtered rows are: what a pass that keeps rows for
     later ones needs. Raises DataError for input that is not finite."""
+    given = {"rows": rows, "columns": columns, "extra": extra, "pattern": pattern, "taps": taps, "factor": factor, "threads": threads}
+    packed, live = packed_columns(tree, q, dq, ddq, **given)
+    width = 10 * tree.nb + (0 if extra is None else np.shape(extra)[-1]) if columns is None else len(columns)
+    out, start = np.zeros((len(packed), len(live), width)), 0
+    for row, shown in enumerate(live):
+        out[:, row, shown] = packed[:, start : start + len(shown)]
+        start += len(shown)
+    return out
+
+
+def packed_columns(
+    tree: RigidBodyTree,
+    q: Any,
+    dq: Any,
+    ddq: Any,
+    *,
+    rows: Any = None,
+    columns: Any = None,
+    extra: Any = None,
+    pattern: Any = None,
+    taps: Any = None,
+    factor: int = 1,
+    threads: int | None = None,
+) -> tuple[Array, tuple[Array, ...]]:
+    """The columns of `row_columns` without those that are zero in their row by structure: `(packed (M, w), live)`.
+
+    One row of the equation follows the other; `live[r]` says which of the k chosen columns row r has, in this order."""
     work = _Work.of(tree, q, dq, ddq, rows, columns, extra, pattern, taps, factor)
     w = work
-    out = kernel().rows.row_columns(tree, w.q, w.dq, w.ddq, w.rows, w.columns, w.extra, w.pattern, threads, w.taps, w.factor)
-    if not np.isfinite(out.sum()):
+    packed, live = kernel().rows.packed_columns(tree, w.q, w.dq, w.ddq, w.rows, w.columns, w.extra, w.pattern, threads, w.taps, w.factor)
+    if not np.isfinite(packed.sum()):
         work.blame(None)
-        if not np.isfinite(out).all():
+        if not np.isfinite(packed).all():
             raise DataError("a column overflows: some speed or acceleration is beyond 1e150. Check the units of the log.")
-    return out
+    return packed, live
 
 
 @dataclass(frozen=True, eq=False)

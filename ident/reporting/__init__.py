@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
+from ..drawing.document import Report, read_report
 from .build import report, report_of
-from .document import Report, read_report
 
 __all__ = ["Report", "read_report", "report", "report_of"]

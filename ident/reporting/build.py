@@ -6,14 +6,14 @@ from pathlib import Path
 
 from .._utils.files import write_atomic
 from ..diagnosis import Diagnosis
+from ..drawing.document import Report, read_report
+from ..drawing.figures import draw, require_matplotlib
+from ..drawing.html import to_html
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..monitoring import Monitoring
 from .diagnosis import diagnosis_report
-from .document import Report, read_report
 from .estimate import estimate_report
-from .figures import draw, require_matplotlib
-from .html import to_html
 from .monitoring import monitoring_report
 
 __all__ = ["Report", "read_report", "report"]

@@ -7,20 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..diagnosis.pictures import data_of, finding_figures, findings_section
 from ..diagnosis.result import by_effect
 from ..diagnosis.text import undecided
+from ..drawing.document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from ..effects.places import on, place_of
 from ..monitoring.stages.analysis import without_reversals
 from ..robots.transmission import Side
-from .document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
+from ..signals.timeline import Timeline
 from .replayed import replay_sections
-from .rows import Timeline, binned, cloud, contribution, revealing
 
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
-    from ..diagnosis.result import Finding
-    from ..effects.base import Effect
-    from ..robots.robot import Robot
     from ..signals.signals import Signals
 
 Array = np.ndarray
@@ -36,10 +34,10 @@ _REPLAYED_JOINTS = 12
 def diagnosis_report(d: Diagnosis, *, replay: bool = True) -> Report:
     """Verdict, findings, errors, residuals before and after, imitators, advice, shifts, replayed motion, and what was used."""
     robot = d.before.model.robot
-    sections: list[Section] = [*_findings(d), *_left(d), *_hidden(d), _errors(d), *_axes(d), _over_time(d)]
+    sections: list[Section] = [*findings_section(d), *_left(d), *_hidden(d), _errors(d), *finding_figures(d), _over_time(d)]
     sections += [*_imitators(d), *_advice(d), *_shifts(d)]
     if replay and d.findings and robot.n <= _REPLAYED_JOINTS:
-        sections += replay_sections(d.before, d.after, d.signals if d.held is None else d.held, _data(d))
+        sections += replay_sections(d.before, d.after, d.signals if d.held is None else d.held, data_of(d))
     sections += [_source(d), *_warnings(d)]
     declared = joined(e.name for e in d.before.model.effects)
     return Report(headline(d), d.verdict, f"{robot.name}, {robot.n} joints; declared model: {declared}", tuple(sections))
@@ -58,28 +56,6 @@ def headline(d: Diagnosis) -> str:
         "unexplained": f"Unexplained: structure on {left} that no catalogued effect accounts for"
         + (f"; found beside it: {named}" if named else ""),
     }[d.verdict]
-
-
-def _data(d: Diagnosis) -> str:
-    return "fitted" if d.held is None else "held-out"
-
-
-def _findings(d: Diagnosis) -> list[Section]:
-    rows = []
-    for i, f in enumerate(d.findings, 1):
-        head: tuple[str, ...] = (f"{i}. {f.name}", f.effect.title, place_of(f.effect, f.joints) or "whole robot")
-        tail = (f"{f.confidence:.2f}", f"{percent(f.heldout_gain, 1)} %")
-        for p in f.parameters:
-            rows.append((*head, p.name, uncertain(p.value, p.std), p.unit, *tail))
-            head, tail = ("", "", ""), ("", "")
-    if not rows:
-        return []
-    head = ("effect", "what it is", "joints", "parameter", "value ± std", "unit", "confidence", "held-out gain")
-    note = (
-        "Confidence: that it is this effect on these joints, among all that were tried. Held-out gain: share of the squared error,"
-        " weighted by noise, that it removes on blocks that the fit did not see."
-    )
-    return [Table("What the model lacks", head, tuple(rows), note, left=4)]
 
 
 def _left(d: Diagnosis) -> list[Section]:
@@ -122,71 +98,11 @@ def _errors(d: Diagnosis) -> Table:
     rows.append(("all joints", "", "", "", "", "", percent(c.error_before.relative_all), percent(c.error_after.relative_all)))
     head = ("joint", "unit", "rms before", "rms after", "noise floor", "after / floor", "relative before %", "relative after %")
     note = (
-        f"Torque error on the {robot.transmission.measured.value} side, {_data(d)} data."
+        f"Torque error on the {robot.transmission.measured.value} side, {data_of(d)} data."
         " Noise floor: what is left when everything that any candidate can take up is taken up; it is of rows away from reversals, and"
         " so is the error that is divided by it."
     )
-    return Table(f"Torque error before and after, {_data(d)} data", head, tuple(rows), note, left=2)
-
-
-def _axes(d: Diagnosis) -> list[Section]:
-    """For each finding: residual before, the effect in the residual, residual after, against the quantity that reveals it."""
-    out: list[Section] = []
-    for number, finding in enumerate(d.findings[:_FIGURES], 1):
-        effect = _own(d, finding)
-        if effect is None:
-            continue
-        signals = d.signals if d.held is None or effect.axis == "time" else d.held
-        data = "held-out" if signals is d.held else "fitted"
-        torque = contribution(d.after, effect, signals)
-        before, after = d.before.residual(signals), d.after.residual(signals)
-        panels: list[Panel] = []
-        for row in _most(torque, signals.valid, d.noise_floor):
-            joint = effect.at(d.after.model.robot)[0] if effect.joints is not None else row
-            label, x = revealing(d.after, effect, joint, signals)
-            panels += _three(d.after.model.robot, row, label, x, before[:, row], after[:, row], torque[:, row], d.noise_floor[row])
-        if not panels:
-            continue
-        caption = (
-            f"Residual on {data} data. Left: of the declared model. Middle: what is left after the refit, with the effect"
-            " put back, and the effect itself. Right: what is left. Lines: means over bins; grey: noise floor (± 1 std)."
-        )
-        title = f"{number}. {finding.effect.title}{on(place_of(finding.effect, finding.joints))}"
-        out.append(Figure(f"finding_{number}_{finding.name}", title, caption, tuple(panels), columns=3))
-    return out
-
-
-def _own(d: Diagnosis, finding: Finding) -> Effect | None:
-    """The finding's effect as the model with the findings holds it."""
-    declared = len(d.before.model.effects)
-    return next((e for e in d.after.model.effects[declared:] if e == finding.effect), None)
-
-
-def _most(torque: Array, valid: Array, floor: Array, most: int = 2) -> list[int]:
-    """Rows on which an effect is largest beside the noise: one, or two that are alike."""
-    used = np.where(valid, torque, 0.0)
-    size = np.sqrt(np.sum(used**2, axis=0) / np.maximum(valid.sum(axis=0), 1)) / np.maximum(floor, 1e-300)
-    order = np.argsort(-size)[:most]
-    return [int(j) for j in order if size[j] > 0 and size[j] >= 0.5 * size[order[0]]]
-
-
-def _three(robot: Robot, row: int, label: str, x: Array, before: Array, after: Array, torque: Array, floor: float) -> list[Panel]:
-    unit = robot.force_unit(row, robot.transmission.measured)
-    name = robot.joint_names[row]
-    ends = [float(np.nanmin(x)), float(np.nanmax(x))] if np.isfinite(x).any() else [0.0, 1.0]
-    band = Layer.of(BlockKind.BAND, Role.FLOOR, ends, [-floor, -floor], [floor, floor], "noise floor")
-
-    def panel(title: str, y: Array, role: Role, words: str, *more: Layer) -> Panel:
-        layers = (band, Layer.of(BlockKind.POINTS, role, *cloud(x, y)), *more, Layer.of(BlockKind.LINE, role, *binned(x, y), label=words))
-        return Panel(title, label, f"torque of {name} ({unit})", layers)
-
-    seen = np.isfinite(after)
-    effect = Layer.of(BlockKind.LINE, Role.EFFECT, *binned(x, np.where(seen, torque, np.nan)), label="effect")
-    return [
-        panel(f"{name}: declared model", before, Role.BEFORE, "before"),
-        panel(f"{name}: the effect", after + torque, Role.AFTER, "after", effect),
-        panel(f"{name}: with the findings", after, Role.AFTER, "after"),
-    ]
+    return Table(f"Torque error before and after, {data_of(d)} data", head, tuple(rows), note, left=2)
 
 
 def _over_time(d: Diagnosis) -> Figure:

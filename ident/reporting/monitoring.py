@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..drawing.document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from ..effects.places import on, place_of
 from ..monitoring.result import said
-from .document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
-from .rows import Timeline
+from ..signals.timeline import Timeline
 
 if TYPE_CHECKING:
     from ..monitoring import Monitoring

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..drawing.document import BlockKind, Figure, Layer, Panel, Role, Section, Table, Text, plain
 from ..errors import IdentError
 from ..simulation.replay import replay
-from .document import BlockKind, Figure, Layer, Panel, Role, Section, Table, Text, plain
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate

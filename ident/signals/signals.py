@@ -11,11 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from ..drawing.document import Figure
+from ..drawing.shown import Shown
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..logs.log import spread
 from .filters import RowFilter
+from .pictures import signals_figure, signals_frame
+from .timeline import Timeline
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..logs.log import LogSet
     from ..model import Model
     from ..robots.robot import Robot
@@ -102,7 +108,7 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Signals(ShortRepr):
+class Signals(Shown, ShortRepr):
     """Prepared runs, concatenated. N samples at full rate, M rows of the regression equation for each of n joints.
 
     `t` (N,) s; `q`, `dq`, `ddq` (N, n) joint side; `torque` (N, n) on the measured side at full rate, not filtered (NaN where
@@ -147,6 +153,21 @@ class Signals(ShortRepr):
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __str__(self) -> str:
+        return self.report.text()
+
+    def figure(self) -> Figure:
+        """Position, velocity, acceleration and torque of each joint at the rows; see `plot`."""
+        return signals_figure(self.robot, Timeline.of([self]), self.dq[self.centres], self.tau, self.valid, self.row_rate)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each row of the regression equation: run, t, and for each joint position, velocity, acceleration, torque and whether
+        it is used."""
+        at = self.centres
+        runs = [name for name, rows in zip(self.run_names, self.row_runs, strict=True) for _ in range(rows.stop - rows.start)]
+        motion = {"position": self.q[at], "velocity": self.dq[at], "acceleration": self.ddq[at]}
+        return signals_frame(self.robot, self.row_time, runs, motion | {"effort": self.tau, "used": self.valid})
 
     def _count(self, samples: int) -> int:
         return samples if self.row_filter is None else self.row_filter.count(samples)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..effects.base import Effect, Factor, JointEffect, Nature, Need
+from ..effects.factors import coefficients
 from ..effects.force import ForceModel, Simulated
 from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
@@ -114,7 +115,7 @@ def model_terms(model: Model, values: Array, extra: tuple[ForceModel, ...]) -> t
             )
         elif own.any():
             term = _examine(effect.name, _effect_force(effect, own, robot), robot, effect.needs, effect.nature == Nature.LINK)
-            found.append(replace(term, parts=_declared(effect, own, robot)))
+            found.append(replace(term, parts=coefficients(effect, own, robot)))
     found += [_examine(type(force).__name__, force, robot) for force in extra]
     return robot, tuple(found), inertial
 
@@ -126,22 +127,6 @@ def _made_permanent(effect: Effect, values: Array, robot: Robot) -> Robot:
             f"effect {effect.name!r} corrects the model's prediction and cannot be simulated; leave it out of the simulated model."
         )
     return changed
-
-
-def _declared(effect: Effect, values: Array, robot: Robot) -> Mapping[Factor, Array] | None:
-    """Coefficients (n,) of an effect's columns by what they are, where the effect declares it.
-
-    A subclass with columns of its own does not inherit what its base declared."""
-    if not isinstance(effect, JointEffect) or type(effect).torque is not JointEffect.torque or effect.needs:
-        return None
-    says, does = (next(kind for kind in type(effect).__mro__ if name in vars(kind)) for name in ("factors", "basis"))
-    if not effect.factors or says is not does:
-        return None
-    found = {factor: np.zeros(robot.n) for factor in Factor}
-    at = effect.at(robot)
-    for factor, each in zip(effect.factors, values.reshape(len(at), -1).T, strict=True):
-        found[factor][at] += each
-    return found
 
 
 def _effect_force(effect: Effect, values: Array, robot: Robot) -> ForceModel:

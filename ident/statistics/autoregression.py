@@ -30,24 +30,27 @@ def burg(x: Array, max_order: int) -> Autoregression | None:
     Only samples whose whole past is present enter (Burg 1975; de Waele & Broersen, IEEE Trans. Signal Processing 48(10), 2000,
     for segments). No window is implied, so a spectrum that falls by six decades, as that of differenced rounding does,
     keeps its floor; sample autocovariances over gaps bury it. Always stable. None where too few samples have a past."""
-    ahead, behind = x[1:], x[:-1]
     known = x[np.isfinite(x)]
     variance = float(np.mean(known**2)) if len(known) else 0.0
     if variance <= 0.0:
         return None
     start, count = variance, len(known)
     a, best, score, waited = np.ones(1), Autoregression(np.ones(1), variance), count * np.log(variance), 0
+    # What is not `live` is zero in both errors, and adds nothing to their products.
+    present = np.isfinite(x)
+    live = present[1:] & present[:-1]
+    ahead, behind = np.where(live, x[1:], 0.0), np.where(live, x[:-1], 0.0)
     for order in range(1, max_order + 1):
-        live = np.isfinite(ahead) & np.isfinite(behind)
-        size = float(np.sum(ahead[live] ** 2 + behind[live] ** 2))
+        size = float(ahead @ ahead + behind @ behind)
         if np.count_nonzero(live) < max(8, 3 * order) or size <= 0.0:
             return None if order == 1 else best
-        reflection = -2.0 * float(ahead[live] @ behind[live]) / size
+        reflection = -2.0 * float(ahead @ behind) / size
         a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
         variance *= 1.0 - reflection**2
         if not variance > 1e-12 * start:
             break
-        ahead, behind = (ahead + reflection * behind)[1:], (behind + reflection * ahead)[:-1]
+        live = live[1:] & live[:-1]
+        ahead, behind = (ahead[1:] + reflection * behind[1:]) * live, (behind[:-1] + reflection * ahead[:-1]) * live
         now = count * np.log(variance) + order * np.log(count)
         waited += 1
         if now < score:

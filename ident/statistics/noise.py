@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from ..regressor.kernel_choice import kernel
 from ..signals.rows import KeptRows, Rows
 from .autoregression import (
     autocovariance,
@@ -24,7 +25,7 @@ from .autoregression import (
 
 Array = np.ndarray
 #: Numbers of a run's columns that are held at a time.
-_HELD_NUMBERS = 30_000_000
+HELD_NUMBERS = 30_000_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,11 +111,9 @@ def _whitened(gamma: Array, a: Array) -> Array:
 
 def _impulse_response(a: Array) -> Array:
     """Response of 1/A to a unit innovation, long enough for any stable process met here."""
-    from scipy.signal import lfilter
-
-    impulse = np.zeros(4000)
+    impulse = np.zeros((4000, 1))
     impulse[0] = 1.0
-    return lfilter([1.0], a, impulse)
+    return kernel().series.recursion(a, impulse, np.zeros((len(a) - 1, 1)))[len(a) - 1 :, 0]
 
 
 def _shaping_gain(a: Array) -> float:
@@ -135,7 +134,7 @@ def _innovation_covariance(residual: Array, runs: list[slice], ar: Array, level:
     n = ar.shape[0]
     total, count = np.zeros((n, n)), np.zeros((n, n))
     for run in runs:
-        innovation = _innovations(residual[run], ar)
+        innovation = innovations(residual[run], ar)
         present = np.isfinite(innovation)
         filled = np.where(present, innovation, 0.0)
         total += filled.T @ filled
@@ -169,7 +168,7 @@ def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array, residual
         if gram is None:
             gram = np.zeros((b, b))
         state = np.zeros((n, noise.order, b))
-        if residual is None or sum(block.columns.size for block in run) > _HELD_NUMBERS:
+        if residual is None or sum(block.columns.size for block in run) > HELD_NUMBERS:
             for block in run:
                 shaped, state = _shaped(noise, np.where(block.valid[:, :, None], block.columns, 0.0) * weights[:, None], state)
                 mixed = np.einsum("ij,mik->mjk", root, shaped).reshape(-1, b)
@@ -178,7 +177,7 @@ def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array, residual
         weighted = np.concatenate([np.where(block.valid[:, :, None], block.columns, 0.0) for block in run]) * weights[:, None]
         # e = B u with B lower triangular, hence Φᵀ e = (Bᵀ Φ)ᵀ u: the columns are filtered backwards in time.
         shaped = _shaped(noise, weighted[::-1], state)[0][::-1]
-        innovation = _innovations(residual[run[0].place.start : run[-1].place.stop], noise.ar)
+        innovation = innovations(residual[run[0].place.start : run[-1].place.stop], noise.ar)
         known = np.all(np.isfinite(innovation), axis=1)
         score = np.einsum("mnk,mn->mk", shaped[known], innovation[known])
         mixed = np.einsum("ij,mik->mjk", root, shaped[~known]).reshape(-1, b)
@@ -191,8 +190,8 @@ def _gram_by_blocks(noise: NoiseModel, rows: KeptRows, weights: Array, residual:
     root, n, b = _root(noise.innovation), noise.ar.shape[0], rows.count
     gram = np.zeros((b, b))
     for number, run in enumerate(rows.row_runs):
-        stationary = (run.stop - run.start) * n * b > _HELD_NUMBERS
-        innovation = _innovations(residual[run], noise.ar)
+        stationary = (run.stop - run.start) * n * b > HELD_NUMBERS
+        innovation = innovations(residual[run], noise.ar)
         state = np.zeros((n, noise.order, b))
         # Backwards in time where the innovations stand for themselves, for the reason given above.
         order = 1 if stationary else -1
@@ -212,7 +211,7 @@ def _whole_runs(rows: Iterable[Rows]) -> Iterator[list[Rows]]:
     """Blocks of rows, run by run; a run that is too long to be held comes in pieces."""
     held: list[Rows] = []
     for block in rows:
-        if held and (block.run != held[0].run or sum(x.columns.size for x in held) > 4 * _HELD_NUMBERS):
+        if held and (block.run != held[0].run or sum(x.columns.size for x in held) > 4 * HELD_NUMBERS):
             yield held
             held = []
         held.append(block)
@@ -221,23 +220,28 @@ def _whole_runs(rows: Iterable[Rows]) -> Iterator[list[Rows]]:
 
 
 def _shaped(noise: NoiseModel, columns: Array, state: Array) -> tuple[Array, Array]:
-    """Columns (m, n, b) through the shaping filter 1/A of each row, and the filter's state after them."""
-    from scipy.signal import lfilter
-
-    out, after = columns.copy(), state.copy()
-    if noise.order:
+    """Columns (m, n, b) through the shaping filter 1/A of each row, and the last of them, (n, p, b), from which the filter goes on."""
+    out, after, p = columns.copy(), state.copy(), noise.order
+    if p:
         for j in range(columns.shape[1]):
-            out[:, j], after[j] = lfilter([1.0], noise.ar[j], columns[:, j], axis=0, zi=state[j])
+            whole = kernel().series.recursion(noise.ar[j], columns[:, j], state[j])
+            out[:, j], after[j] = whole[p:], whole[len(whole) - p :]
     return out, after
 
 
-def _innovations(e: Array, ar: Array) -> Array:
+def innovations(e: Array, ar: Array) -> Array:
     """Innovations (m, n) of a residual (m, n); NaN where the residual or its past is absent."""
-    p = ar.shape[1] - 1
     out = np.full(e.shape, np.nan)
-    if len(e) > p:
+    p = ar.shape[1] - 1
+    if len(e) <= p:
+        return out
+    absent = ~np.isfinite(e)
+    filled = np.where(absent, 0.0, e)
+    for j, a in enumerate(ar):
+        a = a[: int(np.flatnonzero(a)[-1]) + 1]
         # A coefficient of zero must not call for a sample that may be absent.
-        out[p:] = sum(np.where(ar[:, lag] != 0, ar[:, lag] * e[p - lag : len(e) - lag], 0.0) for lag in range(p + 1))
+        missing = np.convolve(absent[:, j], (a != 0).astype(float), mode="full")[p : len(e)] > 0.5 if absent[:, j].any() else False
+        out[p:, j] = np.where(missing, np.nan, np.convolve(filled[:, j], a, mode="full")[p : len(e)])
     return out
 
 

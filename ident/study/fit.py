@@ -43,7 +43,7 @@ def fit(
 
     Parameters
     ----------
-    logs : LogSet, Log, path, sequence of paths, or Study
+    logs : LogSet, Log, path, DataFrame, sequence of paths or DataFrames, or Study
         The logs; a study file (`.toml`) or a `Study` says everything by itself.
     robot : Robot, str or Path, optional
         A robot, the name of one, or the path of a URDF; needed where the logs do not carry theirs.
@@ -125,7 +125,7 @@ def _read(logs: Any, robot: Robot | None) -> LogSet:
         return logs
     if isinstance(logs, Log):
         return LogSet((logs,), robot)
-    return read_logs(logs if isinstance(logs, str | Path) else [str(one) for one in logs], robot)
+    return read_logs(logs, robot)
 
 
 def _parts(logs: LogSet, held: Any, robot: Robot) -> tuple[LogSet, LogSet | None]:

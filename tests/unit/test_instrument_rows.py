@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular, toeplitz
 from scipy.signal import lfilter
 
 from ident.estimators.instrument_rows import _Whitener
-from ident.estimators.moments import WhiteRows, _Windows
+from ident.estimators.moments import _Windows
 from ident.statistics.autoregression import burg, by_autocovariance, lower_orders, rising
 from ident.statistics.noise import fit_noise
 
@@ -120,14 +120,13 @@ def test_weighting_follows_noise_that_rises_and_nothing_else() -> None:
 def test_windows_do_not_depend_on_blocks() -> None:
     rng = np.random.default_rng(4)
     scores = rng.normal(size=(53, 3))
-    nothing = np.zeros((0, 0, 0))
 
     def gram(cuts: list[int]) -> np.ndarray:
         windows = _Windows(7, 3)
         for run, (first, last) in enumerate(((0, 30), (30, 53))):
             edges = [first, *(c for c in cuts if first < c < last), last]
             for i, j in pairwise(edges):
-                windows.add(WhiteRows(nothing, nothing, nothing, nothing, nothing, slice(i, j), run), scores[i:j])
+                windows.add(run, scores[i:j])
         return windows.gram
 
     pieces = [scores[a : min(a + 7, end)].sum(axis=0) for begin, end in ((0, 30), (30, 53)) for a in range(begin, end, 7)]

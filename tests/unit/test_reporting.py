@@ -10,11 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ident.drawing.document import BlockKind, Figure, Layer, Panel, Report, Role, Table, Text, percent, plain, read_report, uncertain
+from ident.drawing.html import to_html
 from ident.errors import ConfigurationError
 from ident.reporting import report, report_of
-from ident.reporting.document import BlockKind, Figure, Layer, Panel, Report, Role, Table, Text, percent, plain, read_report, uncertain
-from ident.reporting.html import to_html
-from ident.reporting.rows import Timeline, binned, cloud
+from ident.signals.timeline import Timeline, binned, cloud
 
 NAN = float("nan")
 
@@ -71,7 +71,7 @@ def test_files(tmp_path):
 def test_a_band_of_single_rows_is_still_seen():
     """Few rows over a long time: least and greatest value of a stretch are the same, and a band without an edge would vanish."""
     pytest.importorskip("matplotlib")
-    from ident.reporting.figures import COLOURS, draw
+    from ident.drawing.figures import COLOURS, draw
 
     t = np.arange(20.0)
     layer = Layer.of(BlockKind.BAND, Role.BEFORE, t, t, t, label="before")
@@ -138,14 +138,15 @@ def test_points_and_bins_leave_nothing_odd():
 def test_the_motor_of_a_coupling_is_named():
     from ident import make_effect
     from ident.diagnosis import Finding, Imitator
-    from ident.reporting.diagnosis import _findings, _imitators, headline
+    from ident.diagnosis.pictures import findings_section
+    from ident.reporting.diagnosis import _imitators, headline
 
     effect = make_effect("gear_coupling", joints=("j6",), motors=("j5",))
     finding = Finding(effect, ("j6",), (), 0.5, 100.0, 0.9, (Imitator("offset", ("j6",), 0.05, (), 0.8, (("offset_j6", -3.2, "N m"),)),))
     d = SimpleNamespace(verdict="explained", findings=(finding,), unexplained=())
     assert headline(d) == "Explained: the model lacks gear_coupling on j6 (motor of j5)"
     assert _imitators(d)[0].rows[0] == ("1. gear_coupling on j6 (motor of j5)", "offset on j6", "-3.2 N m", "80 %", "0.050")
-    assert _findings(replace_parameters(d))[0].rows[0][2] == "j6 (motor of j5)"
+    assert findings_section(replace_parameters(d))[0].rows[0][2] == "j6 (motor of j5)"
 
 
 def replace_parameters(d: SimpleNamespace) -> SimpleNamespace:

@@ -40,10 +40,12 @@ class Role(StrEnum):
 
 
 class BlockKind(StrEnum):
-    """How a layer is drawn. BAND: between `y` and `upper`; SPAN: between x[0] and x[1] over the whole height."""
+    """How a layer is drawn. POINTS: a cloud of many; MARKS: a few, each to be seen; BAND: between `y` and `upper`; SPAN: between x[0] and
+    x[1] over the whole height."""
 
     LINE = "line"
     POINTS = "points"
+    MARKS = "marks"
     BAND = "band"
     SPAN = "span"
 
@@ -67,12 +69,13 @@ class Layer:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes."""
+    """One pair of axes. `names`: what stands at y = 0, 1, 2 … from above, where y counts things."""
 
     title: str
     x_label: str
     y_label: str
     layers: tuple[Layer, ...]
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -163,9 +166,12 @@ def _section(data: Field) -> Section:
         rows = tuple(tuple(c.text() for c in row.items(len(head))) for row in data["rows"].items())
         return Table(title, head, rows, data["note"].text(), data["left"].whole(0, max(len(head), 1)))
     panels = tuple(
-        Panel(p["title"].text(), p["x_label"].text(), p["y_label"].text(), tuple(map(_layer, p["layers"].items())))
+        Panel(
+            p["title"].text(), p["x_label"].text(), p["y_label"].text(), tuple(map(_layer, p["layers"].items())),
+            p["names"].texts() if "names" in p else (),
+        )
         for p in data["panels"].items()
-    )
+    )  # fmt: skip
     name = data["name"].text()
     if not _FILE.fullmatch(name):  # it becomes the name of a file
         raise data["name"].fault("letters, digits, - and _")

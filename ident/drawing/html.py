@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from html import escape
 from importlib import resources
 
@@ -38,6 +39,11 @@ def to_html(report: Report, drawn: dict[str, bytes] | None = None) -> str:
 </body>
 </html>
 """
+
+
+def to_fragment(sections: Sequence[Section]) -> str:
+    """Texts and tables as a piece of a page, for notebooks: no style of its own, so that it is dark where the notebook is."""
+    return "\n".join(_section(s, {}) for s in sections if not isinstance(s, Figure))
 
 
 def _section(section: Section, drawn: dict[str, bytes]) -> str:

@@ -1,0 +1,61 @@
+"""What a motion leaves of a robot's own limits, joint by joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..robots.transmission import Side
+from ..statistics.torque_error import number
+
+if TYPE_CHECKING:
+    from ..effects.motion import Coordinates
+    from ..robots.robot import Robot
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Margin:
+    """What one joint leaves of the limits in its robot's description: the least distance to an end of its range (rad, m; inf: no end), and
+    the largest shares of speed and effort limits (NaN: no limit, or no parameter values to predict torque with)."""
+
+    joint: str
+    unit: str
+    to_end: float
+    speed: float
+    effort: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        shares = {"share_of_speed": number(self.speed), "share_of_effort": number(self.effort)}
+        return {"joint": self.joint, "unit": self.unit, "to_end": number(self.to_end), **shares}
+
+
+def margins_of(robot: Robot, joint: Coordinates, torque: Array | None) -> tuple[Margin, ...]:
+    """Margins of a motion with joint-side torque (N, n), where that is known."""
+    out = []
+    for j, own in enumerate(robot.joints):
+        to_end = min(float(np.min(joint.q[:, j])) - own.lower, own.upper - float(np.max(joint.q[:, j])))
+        speed = float(np.abs(joint.dq[:, j]).max()) / own.velocity if 0 < own.velocity < np.inf else np.nan
+        known = torque is not None and 0 < own.effort < np.inf
+        effort = float(np.abs(torque[:, j]).max()) / own.effort if known and torque is not None else np.nan
+        out.append(Margin(own.name, robot.position_unit(j, Side.JOINT), to_end, speed, effort))
+    return tuple(out)
+
+
+def margin_lines(margins: tuple[Margin, ...]) -> list[str]:
+    """A table for people."""
+    width = max((len(m.joint) for m in margins), default=5)
+
+    def share(x: float) -> str:
+        return f"{100 * x:.1f} %" if np.isfinite(x) else "no limit"
+
+    head = f"  {'joint':<{width}}  {'to end of range':>16} {'speed':>10} {'effort':>10}"
+    lines = ["margins against the limits of the robot's own description:", head]
+    for m in margins:
+        end = f"{m.to_end:.3f} {m.unit}" if np.isfinite(m.to_end) else "no end"
+        lines.append(f"  {m.joint:<{width}}  {end:>16} {share(m.speed):>10} {share(m.effort):>10}")
+    return lines
