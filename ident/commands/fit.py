@@ -11,6 +11,7 @@ from ..effects.base import effect_names
 from ..estimate.status import StatusCode
 from ..estimators import estimator_types
 from ..study.session import HELD_SHARE, Session
+from .commanded import asks_for_simulation, fit_under_law
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from
 
@@ -28,7 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
-    with session_from(args, study_from(args), out, "fitting") as session:
+    study = study_from(args)
+    if asks_for_simulation(study):
+        return fit_under_law(study, args, out)
+    with session_from(args, study, out, "fitting") as session:
         return _fitted(session, args, out)
 
 

@@ -96,7 +96,7 @@ class DriveLaw:
         forms = {key: given.pop(key) for key in ("command", "velocity_command") if given.get(key) is not None}
         given = {key: value for key, value in given.items() if value is not None}
         constants, shared = {}, set()
-        per_log = [table for table in (by_log or {}).values()]
+        per_log = list((by_log or {}).values())
         for key, default in _DEFAULTS[kind].items():
             value = given.pop(key, default)
             if value is None and not all(key in table for table in per_log or [{}]):
@@ -158,7 +158,9 @@ def _per_joint(key: str, value: Any, robot: Robot) -> Array:
         value = [value[name] for name in robot.joint_names]
     entries = list(value) if isinstance(value, list | tuple | np.ndarray) else [value] * robot.n
     if len(entries) != robot.n:
-        raise ConfigurationError(f"[drive] {key}: {len(entries)} values, but the robot has {robot.n} joints ({', '.join(robot.joint_names)}).")
+        raise ConfigurationError(
+            f"[drive] {key}: {len(entries)} values, but the robot has {robot.n} joints ({', '.join(robot.joint_names)})."
+        )
     found = np.array([np.nan if isinstance(x, str) else float(x) for x in entries])
     if np.any(found < 0):
         raise ConfigurationError(f"[drive] {key} of joint {robot.joint_names[int(np.argmax(found < 0))]!r} is negative.")

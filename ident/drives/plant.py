@@ -42,9 +42,9 @@ class _FreeLinks:
         ddq = np.concatenate([np.zeros((1, 1, n)), np.eye(n)[:, None]]) * np.ones((1, lanes, 1))
         rates = np.concatenate([dq[None], np.zeros((n, lanes, n))])
         still = rigid.regressor(self.robot.tree, q, np.zeros_like(q), np.zeros_like(q))
-        columns = rigid.regressor(
-            self.robot.tree, np.tile(q, (n + 1, 1)), rates.reshape(-1, n), ddq.reshape(-1, n)
-        ).reshape(n + 1, lanes, n, -1)
+        columns = rigid.regressor(self.robot.tree, np.tile(q, (n + 1, 1)), rates.reshape(-1, n), ddq.reshape(-1, n)).reshape(
+            n + 1, lanes, n, -1
+        )
         torque = np.einsum("xbnk,bk->xbn", columns, self.parameters)
         gravity = np.einsum("bnk,bk->bn", still, self.parameters)
         return np.moveaxis(torque[1:] - gravity, 0, 2), torque[0]

@@ -18,7 +18,7 @@ _SETTLED = 1e-5
 #: Share of a parameter's size by which it is moved for a derivative.
 _NUDGE = 3e-3
 #: So many starts are followed for a few steps.
-_FOLLOWED = 4
+_FOLLOWED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,15 +38,13 @@ class Fitted:
         return np.sqrt(np.mean(self.residual**2, axis=0))
 
 
-def fitted(
-    plant: DrivePlant, starts: Array, sizes: Array, *, steps: int = 40, progress: Callable[[float], None] | None = None
-) -> Fitted:
+def fitted(plant: DrivePlant, starts: Array, sizes: Array, *, steps: int = 40, progress: Callable[[float], None] | None = None) -> Fitted:
     """From starts (S, p): the better ones are followed coarsely, the best to the end, then again with weights from its own residual.
 
     `sizes` (p,): what is a usual size of each unknown."""
     measured = np.concatenate([log.q for log in plant.logs])
     spread = np.maximum(np.std(measured, axis=0), 1e-6)
-    search = _Search(plant, measured, sizes, 1.0 / spread)
+    search = _SimulatedSearch(plant, measured, sizes, 1.0 / spread)
     coarse = search.coarse()
     costs = coarse.costs(starts)
     order = [i for i in np.argsort(costs)[:_FOLLOWED] if np.isfinite(costs[i])]
@@ -64,18 +62,18 @@ def fitted(
     values, _, settled, used = search.run(values, steps)
     if progress is not None:
         progress(1.0)
-    residual, slopes = search.linear(values)
+    residual, slopes = search.linear(values, central=True)
     return Fitted(values, residual, slopes, search.weights, settled, used)
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _SimulatedSearch:
     plant: DrivePlant
     measured: Array
     sizes: Array
     weights: Array
 
-    def coarse(self) -> _Search:
+    def coarse(self) -> _SimulatedSearch:
         """The same in larger steps of time, where the samples leave room for them."""
         period = min(log.period for log in self.plant.logs)
         return replace(self, plant=replace(self.plant, step=max(self.plant.step, min(0.5 * period, 2.5e-3))))
@@ -93,22 +91,54 @@ class _Search:
         cost = np.sum(np.square(found * self.weights), axis=(1, 2))
         return np.where(np.isfinite(cost), cost, np.inf)
 
-    def linear(self, values: Array) -> tuple[Array, Array]:
-        """Residual (N, n) and its derivatives (N, n, p)."""
+    def linear(self, values: Array, central: bool = False) -> tuple[Array, Array]:
+        """Residual (N, n) and its derivatives (N, n, p), by differences: one-sided, or `central` where their precision counts."""
         nudge = _NUDGE * np.maximum(np.abs(values), self.sizes)
         slots = self._slots()
-        sets = np.tile(values, (len(slots) + 1, 1))
-        for row, members in zip(sets[1:], slots, strict=True):
+        ahead = np.tile(values, (len(slots), 1))
+        for row, members in zip(ahead, slots, strict=True):
             row[members] += nudge[members]
-        found = joined(self.plant.positions(sets))
-        slopes = np.zeros((*found.shape[1:], len(values)))
+        behind = 2.0 * values - ahead if central else ahead[:0]
+        exchanges = self._exchanges(values) if central else []
+        along = [values + sign * _NUDGE * d for _, d in exchanges for sign in (1.0, -1.0)]
+        found = joined(self.plant.positions(np.concatenate([values[None], ahead, behind, *(x[None] for x in along)])))
+        plain, moved = found[0], found[1 : len(slots) + 1]
+        change = 0.5 * (moved - found[len(slots) + 1 : 2 * len(slots) + 1]) if central else moved - plain
+        slopes = np.zeros((*plain.shape, len(values)))
         branches = self.plant.branches
-        for moved, members in zip(found[1:], slots, strict=True):
+        for moves, members in zip(change, slots, strict=True):
             for i in members:
                 joint = self.plant.unknowns[i].joint
                 own = slice(None) if joint < 0 else np.flatnonzero(branches == branches[joint])
-                slopes[:, own, i] = (moved - found[0])[:, own] / nudge[i]
-        return found[0] - self.measured, np.nan_to_num(slopes)
+                slopes[:, own, i] = moves[:, own] / nudge[i]
+        for k, (pivot, direction) in enumerate(exchanges):
+            one, other = found[2 * len(slots) + 1 + 2 * k :][:2]
+            others = np.where(np.arange(len(values)) == pivot, 0.0, direction)
+            slopes[..., pivot] = ((one - other) / (2.0 * _NUDGE) - slopes @ others) / direction[pivot]
+        return plain - self.measured, np.nan_to_num(slopes)
+
+    def _exchanges(self, values: Array) -> list[tuple[int, Array]]:
+        """Directions (p,) along which a motion may not change at all, each with an unknown that moves along it: kd or back-EMF for
+        viscous friction, and all torque of a branch by one factor. Differences along them are exact where those of single
+        unknowns would leave a trace of their own error, and make such unknowns seem determined."""
+        unknown, out = self.plant.unknowns, []
+        places = {(u.place, u.joint): i for i, u in enumerate(unknown)}
+        for (place, joint), i in places.items():
+            if place in ("kd", "back_emf") and (viscous := places.get(("viscous", joint))) is not None:
+                direction = np.zeros(len(values))
+                direction[[i, viscous]] = 1.0, -1.0
+                out.append((i, direction * max(values[i], self.sizes[i])))
+        scale = "torque_scale" if self.plant.law.kind == "pwm" else "kp"
+        apart = {"delay_s", "load", *({"kp", "kd", "effort_limit"} if scale == "torque_scale" else {"torque_scale"})}
+        branches = self.plant.branches
+        for branch in np.unique(branches):
+            own = [i for i, u in enumerate(unknown) if u.place not in apart and (u.joint < 0 or branches[u.joint] == branch)]
+            pivots = [i for i in own if unknown[i].place == scale and values[i] > 0]
+            if pivots:
+                direction = np.zeros(len(values))
+                direction[own] = values[own]
+                out.append((pivots[-1], direction))
+        return out
 
     def _slots(self) -> list[list[int]]:
         """Unknowns that can be moved together: those of different branches, which do not act on each other."""

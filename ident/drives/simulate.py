@@ -13,6 +13,8 @@ import numpy as np
 Array = np.ndarray
 #: Sweeps over the joints to find the dry friction of a step, which starts from that of the step before.
 _SWEEPS = 2
+#: Steps between two looks for lanes that have left every bound.
+_LOOK = 20
 #: Motion beyond so many rad or rad/s is none of a robot.
 _BEYOND = 1e4
 
@@ -68,24 +70,27 @@ def simulated(
             A = M.copy()
             A[:, diagonal, diagonal] += half * damping
             inverse = 1.0 / A if n == 1 else np.linalg.inv(A)
-            momentum = (M @ dq[..., None])[..., 0] + half * (pull - drives.offset - c)
-            free = 2.0 * (inverse @ momentum[..., None])[..., 0] - dq
+            momentum = _times(M, dq) + half * (pull - drives.offset - c)
+            free = 2.0 * _times(inverse, momentum) - dq
             if drives.loaded:
                 level = drives.dry + drives.load * np.abs(load) + drives.excess * np.exp(-np.square(dq / drives.fall))
             f, after = _rubbed(free, h * inverse, f, level, groups)
             if drives.loaded:
-                load = (H @ ((after - dq) / h)[..., None])[..., 0] + c
+                load = _times(H, (after - dq) / h) + c
             q, before, dq = q + half * (dq + after), dq, after
-            wild = ~(np.abs(dq).max(axis=1) < _BEYOND)
-            if wild.any():
-                q, dq, f, load, before = (np.where(wild[:, None], fill, x) for x, fill in ((q, np.nan), (dq, 0.0), (f, 0.0), (load, 0.0), (before, 0.0)))
             out[k + 1] = q
-            if wild.any():
-                q = np.where(wild[:, None], 0.0, q)
-                out[k + 1 :, wild] = np.nan
+            if k % _LOOK == 0 and (wild := ~(np.abs(dq).max(axis=1) < _BEYOND)).any():
+                lost = wild[:, None]
+                out[k + 1, wild] = np.nan
+                q, dq, f, load, before = (np.where(lost, 0.0, x) for x in (q, dq, f, load, before))
     lost = np.cumsum(~np.isfinite(out).all(axis=2), axis=0) > 0
     out[lost] = np.nan
     return out
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Products (B, n) of matrices (B, n, n) and vectors (B, n)."""
+    return matrices[:, 0] * vectors if vectors.shape[1] == 1 else (matrices @ vectors[..., None])[..., 0]
 
 
 def _drive(

@@ -81,7 +81,7 @@ def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
     place: dict[int, tuple[str, int]] = {}
     for effect, part in zip(model.effects, model.slices, strict=True):
         if isinstance(effect, RigidBody):
-            place |= {i: ("link", -1) for i in range(part.start, part.stop)}
+            place |= dict.fromkeys(range(part.start, part.stop), ("link", -1))
             continue
         kind = next((where for known, where in _PLACES.items() if isinstance(effect, known)), None)
         if kind is None:
