@@ -9,6 +9,7 @@ from .._utils.json import result
 from ..errors import ConfigurationError, DataError
 from ..streaming.session import StreamedSession
 from ..study.session import Session
+from .commanded import asks_for_simulation, check_under_law
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 from .diagnose import diagnosis_of
 from .streaming import add_streaming_arguments, session_from
@@ -28,7 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
-    with session_from(args, study_from(args), out, "reading") as session:
+    study = study_from(args)
+    if asks_for_simulation(study):
+        return check_under_law(study, args, out)
+    with session_from(args, study, out, "reading") as session:
         return _checked(session, args, out)
 
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from .._utils.json import result
 from .._utils.text import wrapped
-from ..drives import DriveFit, fit_drives
+from ..drives import DriveFit, DriveLog, fit_drives
+from ..drives.plant import DrivePlant
+from ..drives.seen import seen_in
 from ..errors import ConfigurationError
 from ..logs.log import read_logs
 from ..study.session import HELD_SHARE
@@ -49,6 +53,27 @@ def fit_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
         out.result(fit.to_dict())
     _keep(fit, out)
     return 0 if fit.settled else 1
+
+
+def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
+    """What logs of commands hold, and what is to be identified from them. Returns the exit code."""
+    if args.strict:
+        raise ConfigurationError("check --strict needs a torque, which logs of commands lack; `ident fit` says what they determine.")
+    robot = study.robot()
+    law = study.drive_law(robot)
+    assert law is not None
+    recorded = _read(study, robot, study.fit_files())
+    plant = DrivePlant(study.model(robot), law, tuple(DriveLog.of(log, robot, law) for log in recorded))
+    out.say_wrapped(f"robot {robot.name}: {robot.n} joints in the order of the log: {', '.join(robot.joint_names)}")
+    for note in (*robot.notes, *robot.doubts, *recorded.notes):
+        out.say_wrapped(f"note: {note}")
+    seen = [seen_in(log, law) for log in plant.logs]
+    for one in seen:
+        out.say_wrapped(one.text())
+    out.say_wrapped(f"law {law.kind}: {len(plant.unknowns)} unknowns, {', '.join(u.name for u in plant.unknowns)}")
+    body = {"robot": robot.name, "joints": list(robot.joint_names), "logs": [asdict(one) for one in seen], "law": law.to_dict()}
+    out.result(result("ident.check/1", {**body, "unknowns": [u.name for u in plant.unknowns]}, inputs=recorded.inputs), "check")
+    return 0
 
 
 def _read(study: Study, robot: Robot, files: Iterable[Path]) -> LogSet:

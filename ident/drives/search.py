@@ -13,7 +13,8 @@ from .plant import DrivePlant, joined
 Array = np.ndarray
 #: Damping factors that are tried beside each other in a step.
 _TRIED = np.array([0.03, 0.3, 3.0, 30.0, 1000.0])
-#: A step that lowers the cost by less than this share ends the search.
+#: A step that lowers the cost by less than this share ends the search: a coarse one, and the last.
+_NEAR = 1e-3
 _SETTLED = 1e-5
 #: Share of a parameter's size by which it is moved for a derivative.
 _NUDGE = 3e-3
@@ -50,9 +51,9 @@ def fitted(plant: DrivePlant, starts: Array, sizes: Array, *, steps: int = 40, p
     order = [i for i in np.argsort(costs)[:_FOLLOWED] if np.isfinite(costs[i])]
     if not order:
         raise DataError("no start of the simulation stays within bounds: check the signs of commands and positions, and the gains.")
-    ends = [coarse.run(starts[i], 6) for i in order]
+    ends = [coarse.run(starts[i], 6, _NEAR) for i in order]
     best = min(ends, key=lambda end: end[1])
-    best = coarse.run(best[0], steps)
+    best = coarse.run(best[0], steps, _NEAR)
     if progress is not None:
         progress(0.4)
     values, _, _, _ = search.run(best[0], steps)
@@ -154,7 +155,7 @@ class _SimulatedSearch:
                 slots.append([i])
         return slots
 
-    def run(self, values: Array, steps: int) -> tuple[Array, float, bool, int]:
+    def run(self, values: Array, steps: int, near: float = _SETTLED) -> tuple[Array, float, bool, int]:
         """Values, cost, whether it settled, steps taken."""
         values = np.maximum(values, self.lower)
         cost, damping = float(self.costs(values[None])[0]), 1e-2
@@ -175,7 +176,7 @@ class _SimulatedSearch:
                     return values, cost, True, step + 1
                 continue
             values, cost, damping = sets[best], float(costs[best]), max(1e-9, tried[best])
-            if gain < _SETTLED:
+            if gain < near:
                 return values, cost, True, step + 1
         return values, cost, False, steps
 

@@ -26,7 +26,9 @@ def as_fitted(robot: ident.Robot, law: DriveLaw, values: dict[str, float], offse
     return DriveFit(model, law, unknowns, found, np.eye(len(found)), None, np.zeros(n), 0.01, 1, True)
 
 
-@pytest.mark.parametrize(("urdf", "offset", "limit"), [(PENDULUM, 0.0, np.inf), (PENDULUM, 0.1, np.inf), (LEG, 0.0, np.inf), (LEG, 0.0, 2.5)])
+@pytest.mark.parametrize(
+    ("urdf", "offset", "limit"), [(PENDULUM, 0.0, np.inf), (PENDULUM, 0.1, np.inf), (LEG, 0.0, np.inf), (LEG, 0.0, 2.5)]
+)
 def test_mujoco_rolls_the_file_out_as_our_replay_does(urdf, offset, limit):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'ident[mujoco]'")
     robot = ident.Robot.from_urdf(urdf)
