@@ -93,15 +93,12 @@ class DrivePlant:
         return np.asarray(self.robot.nominal, float)
 
     @cached_property
-    def groups(self) -> list[list[int]]:
-        """Joints at the same depth of their trees: they stand on different branches from the base, or each in a group of its own."""
-        tree, n = self.robot.tree, self.robot.n
-        roots, depth = np.zeros(n, int), np.zeros(n, int)
-        for i in range(n):
-            up = int(tree.parent[i])
-            roots[i], depth[i] = (i, 0) if up < 0 else (roots[up], depth[up] + 1)
-        alone = len(np.unique(np.stack([roots, depth]), axis=1).T) == n
-        return [list(np.flatnonzero(depth == d)) for d in range(int(depth.max()) + 1)] if alone else [[j] for j in range(n)]
+    def groups(self) -> list[slice]:
+        """Joints of which none acts on another: those at the same place of like branches from the base, else each by itself."""
+        n, branches = self.robot.n, self.branches
+        count = int(branches.max()) + 1
+        alike = n % count == 0 and np.array_equal(branches, np.repeat(np.arange(count), n // count))
+        return [slice(k, None, n // count) for k in range(n // count)] if alike else [slice(j, j + 1) for j in range(n)]
 
     @cached_property
     def branches(self) -> Array:

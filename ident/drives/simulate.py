@@ -49,16 +49,16 @@ class LaneDrives:
 
 
 def simulated(
-    links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, q: Array, dq: Array, h: float, groups: list[list[int]]
+    links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, q: Array, dq: Array, h: float, groups: list[slice]
 ) -> Array:
     """Positions (K + 1, B, n) from states q, dq (B, n), in K steps of h seconds.
 
     `target` (K, B, n): kp q_cmd + kd dq_cmd + feed-forward of each step; `strength` (K, B, n): factor of the drive's torque, None: 1.
-    `groups`: joints that do not act on each other stand in one group. Lanes that leave every bound are NaN from there on."""
+    `groups`: joints that do not act on each other, in one slice each. Lanes that leave every bound are NaN from there on."""
     out = np.empty((len(target) + 1, *q.shape))
     out[0] = q
     n, f, load, before = q.shape[1], np.zeros_like(q), np.zeros_like(q), dq
-    limited = bool(np.isfinite(drives.limit).any())
+    loaded, limited = drives.loaded, bool(np.isfinite(drives.limit).any())
     diagonal = np.arange(n)
     half, level = 0.5 * h, drives.dry
     with np.errstate(all="ignore"):
@@ -72,10 +72,10 @@ def simulated(
             inverse = 1.0 / A if n == 1 else np.linalg.inv(A)
             momentum = _times(M, dq) + half * (pull - drives.offset - c)
             free = 2.0 * _times(inverse, momentum) - dq
-            if drives.loaded:
+            if loaded:
                 level = drives.dry + drives.load * np.abs(load) + drives.excess * np.exp(-np.square(dq / drives.fall))
             f, after = _rubbed(free, h * inverse, f, level, groups)
-            if drives.loaded:
+            if loaded:
                 load = _times(H, (after - dq) / h) + c
             q, before, dq = q + half * (dq + after), dq, after
             out[k + 1] = q
@@ -111,19 +111,25 @@ def _drive(
     return strength * pull, strength * damping + np.where(on, drives.back_emf, 0.0) + drives.viscous
 
 
-def _rubbed(free: Array, response: Array, f: Array, level: Array, groups: list[list[int]]) -> tuple[Array, Array]:
+def _rubbed(free: Array, response: Array, f: Array, level: Array, groups: list[slice]) -> tuple[Array, Array]:
     """Dry friction (B, n) of a step, and the speed after it; `free`: the speed without, `response` (B, n, n): speed per torque."""
-    if free.shape[1] == 1:
-        f = np.clip(free / response[:, 0], -level, level)
-        return f, free - response[:, 0] * f
-    f = np.clip(f, -level, level)
-    speed = free - (response @ f[..., None])[..., 0]
+    n = free.shape[1]
+    if n == 1:
+        own = response[:, 0]
+        f = _within(free / own, level)
+        return f, free - own * f
+    f = _within(f, level)
+    speed = free - _times(response, f)
+    diagonal = response[:, range(n), range(n)]
     for _ in range(_SWEEPS):
         for at in groups:
             own = f[:, at]
-            new = np.clip(own + speed[:, at] / response[:, at, at], -level[:, at], level[:, at])
+            new = _within(own + speed[:, at] / diagonal[:, at], level[:, at])
             speed = speed - (response[:, :, at] @ (new - own)[..., None])[..., 0]
             f[:, at] = new
     # What a joint at rest keeps of round-off is taken off.
-    held = np.abs(f) < level
-    return f, np.where(held, 0.0, speed)
+    return f, np.where(np.abs(f) < level, 0.0, speed)
+
+
+def _within(x: Array, level: Array) -> Array:
+    return np.maximum(np.minimum(x, level), -level)
