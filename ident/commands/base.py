@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from .._utils.json import result
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..problem.base_report import base_report
 from ..problem.problem import Problem
 from ..regressor.base_parameters.principal import principal_parameters

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from .._utils.json import result
@@ -11,7 +12,7 @@ from ..streaming.session import StreamedSession
 from ..study.session import Session
 from .commanded import asks_for_simulation, check_under_law
 from .common import Output, add_output_arguments, add_study_arguments, study_from
-from .diagnose import diagnosis_of
+from .recording import check_recording, told, write_study_of
 from .streaming import add_streaming_arguments, session_from
 
 
@@ -26,13 +27,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " or if a parameter cannot be determined",
     )
 
+    parser.add_argument(
+        "--write-study", metavar="FILE", help="write the study file that reads these logs as they were read, to change or to share"
+    )
+
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
+    if args.log and not (args.study or args.robot or args.urdf):
+        return check_recording(args, out)
     study = study_from(args)
     if asks_for_simulation(study):
         return check_under_law(study, args, out)
     with session_from(args, study, out, "reading") as session:
+        if not isinstance(session, StreamedSession):
+            if any(log.recording is not None for log in session.recorded):
+                for line in told(session.recorded):
+                    out.say_wrapped(line)
+                out.say()
+            if args.write_study:
+                write_study_of(study, session.recorded, Path(args.write_study), out)
+        elif args.write_study:
+            raise ConfigurationError("--write-study reads the logs whole; leave out --stream (or add --no-stream).")
         return _checked(session, args, out)
 
 
@@ -49,6 +65,10 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
     for doubt in robot.doubts:
         out.say_wrapped(f"warning: {doubt}")
     out.say()
+    turned = "" if isinstance(session, StreamedSession) else session.turned
+    if turned:
+        out.say_wrapped(f"warning: {turned}")
+        out.say()
     out.say_wrapped(session.audit)
     out.say()
     out.say_wrapped(session.fit_signals.report.text())
@@ -64,8 +84,9 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
         "signals": session.fit_signals.report.to_dict(),
         "problem": check.to_dict(),
     }
-    warnings = [*robot.notes, *robot.doubts, *session.repeated, *check.notes]
+    warnings = [*([turned] if turned else []), *robot.notes, *robot.doubts, *session.repeated, *check.notes]
     gates = [
+        *([turned] if turned else []),
         *(["the audit has warnings"] if session.audit.warnings else []),
         *([f"the data determine {check.rank} of {check.base.count} parameters"] if check.rank < check.base.count else []),
     ]
@@ -88,6 +109,8 @@ def _undeclared(session: Session, out: Output) -> tuple[dict[str, Any] | None, s
     Data that are good enough to be checked may be too few for a diagnosis: then nobody knows, and the gate stays closed."""
     out.say()
     try:
+        from .diagnose import diagnosis_of
+
         diagnosis = diagnosis_of(session, out)
     except DataError as error:
         out.say_wrapped(f"no diagnosis: {error}")

@@ -12,7 +12,7 @@ from ..drives import DriveFit, DriveLog, fit_drives
 from ..drives.plant import DrivePlant
 from ..drives.seen import seen_in
 from ..errors import ConfigurationError
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..study.session import HELD_SHARE
 from .common import Output
 
@@ -77,7 +77,7 @@ def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
 
 
 def _read(study: Study, robot: Robot, files: Iterable[Path]) -> LogSet:
-    return read_logs([*map(str, files)], robot, study.columns or None, **study.logs.reading())
+    return read_logs([*map(str, files)], robot, study.columns or None, **study.reading())
 
 
 def _keep(fit: DriveFit, out: Output) -> None:

@@ -13,7 +13,7 @@ from .._utils.json import result
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..evaluation.comparison import compare
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..study.session import like
 from ..study.study import Study, read_study
 from .common import Output, add_output_arguments
@@ -79,7 +79,7 @@ def logs_for(args: argparse.Namespace, estimate: Estimate) -> LogSet:
         files = study.validation_files()
     if not files:
         raise ConfigurationError("no log is given; name it with --log FILE (or --study FILE with [logs] validate).")
-    return read_logs([*map(str, files)], estimate.model.robot, study.columns or None, **study.logs.reading())
+    return read_logs([*map(str, files)], estimate.model.robot, study.columns or None, **study.reading())
 
 
 def _same(a: Transmission, b: Transmission) -> bool:

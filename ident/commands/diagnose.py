@@ -56,6 +56,8 @@ def diagnosis_of(session: Session, out: Output, *, verbose: bool = False) -> Dia
         if verbose or not (out.quiet or step.startswith(" ")):
             out.note(step)
 
+    if session.turned:
+        raise DataError(session.turned)
     estimate = session.estimate
     found = diagnose(
         estimate, _held(session), estimator=session.study.make_estimator(), progress=out.progress("diagnosing"), note=note

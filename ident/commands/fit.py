@@ -10,6 +10,8 @@ from .._utils.text import wrapped
 from ..effects.base import effect_names
 from ..estimate.status import StatusCode
 from ..estimators import estimator_types
+from ..evaluation.doubts import all_turned
+from ..streaming.session import StreamedSession
 from ..study.session import HELD_SHARE, Session
 from .commanded import asks_for_simulation, fit_under_law
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
@@ -41,6 +43,8 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
     for finding in session.audit.warnings:
         out.say(wrapped(f"audit: {finding}"))
     estimate = session.estimate
+    if first := all_turned(estimate) if isinstance(session, StreamedSession) else session.turned:
+        out.say(wrapped(f"warning: {first}"))
     for note in session.robot.notes:
         out.say(wrapped(f"note: {note}"))
     out.say(estimate.summary())

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from .._utils.files import sha256, write_atomic
 from ..errors import ConfigurationError, IdentError
 from ..estimate.estimate import Estimate
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..monitoring import monitor
 from ..reporting import report, report_of
 from ..study.session import like
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read(files: list[str], study: Study, estimate: Estimate) -> LogSet:
-    return read_logs(files, estimate.model.robot, study.columns or None, **study.logs.reading())
+    return read_logs(files, estimate.model.robot, study.columns or None, **study.reading())
 
 
 def _reference(args: argparse.Namespace, study: Study, estimate: Estimate) -> tuple[Signals | None, str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .._utils.json import result
 from ..errors import ConfigurationError, DataError
 from ..estimate.estimate import Estimate
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..physical import payload_of
 from ..problem.problem import Problem
 from ..study.session import like
@@ -84,7 +84,7 @@ def _of_saved(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
 
 def _read(study: Study, robot: Robot, which: str) -> LogSet:
     try:
-        return read_logs([*map(str, study.fit_files())], robot, study.columns or None, **study.logs.reading())
+        return read_logs([*map(str, study.fit_files())], robot, study.columns or None, **study.reading())
     except DataError as error:
         raise DataError(f"logs {which} the load: {error}") from None
 

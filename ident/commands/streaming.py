@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..errors import ConfigurationError, IdentError
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..streaming.checkpoint import Checkpoint
 from ..streaming.session import THRESHOLD, StreamedSession, size_of, stored_signals, why_not
 from ..study.session import Session, like
@@ -78,7 +78,7 @@ def signals_from(args: argparse.Namespace, study: Study, out: Output, estimate: 
     robot, prep = estimate.model.robot, like(estimate.signals_config)
     if not _large(args, study, out):
         logs = read_logs(
-            [*map(str, study.fit_files())], robot, study.columns or None, skip_bad_files=args.skip_bad_files, **study.logs.reading()
+            [*map(str, study.fit_files())], robot, study.columns or None, skip_bad_files=args.skip_bad_files, **study.reading()
         )
         for reason in logs.left_out:
             out.note(f"left out: {reason}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DataError
-from ..problem.opposite_signs import opposite_sign
+from ..problem.opposite_signs import negative_share, opposite_sign
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -21,6 +21,8 @@ _SURELY = 5.0
 _TIMES = 4.0
 _SHARE = 0.1
 _FEW_ROWS = 30
+#: Share of what cannot be negative that is so where every torque is turned: coupling leaves the sign of few.
+_NEARLY_ALL = 0.8
 #: So many rows of a joint must be left to tell its noise: of five, 95 % lie within 2.6 deviations, not 2.
 _LEFT = 5.0
 #: Coefficients of a sum below this are rounding.
@@ -31,7 +33,10 @@ _LISTED = 6
 
 def doubts(estimate: Estimate) -> tuple[str, ...]:
     """Sentences for an estimate's warnings; none where nothing is to be said."""
-    return tuple(said for said in (_impossible(estimate), _turned(estimate), _few(estimate), _apart(estimate)) if said)
+    every = all_turned(estimate)
+    return (
+        (every,) if every else tuple(said for said in (_impossible(estimate), _turned(estimate), _few(estimate), _apart(estimate)) if said)
+    )
 
 
 def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[str, Any]]) -> str:
@@ -53,6 +58,21 @@ def counted_twice(fitted: Iterable[Mapping[str, Any]]) -> str:
             same.append(f"{one['path']} holds what {known} holds")
     return (
         f"{', '.join(dict.fromkeys(same))}: its samples count twice, and standard deviations are too small. Leave one out." if same else ""
+    )
+
+
+def all_turned(estimate: Estimate) -> str:
+    """A sentence where nearly all that cannot be negative is so: every torque was recorded with the opposite sign; "" otherwise.
+
+    Friction, rotor inertia and inertia about a joint's own axis have a sign that no motion changes. A sound log has all of them positive,
+    one joint with the wrong sign its own alone."""
+    wrong, told = negative_share(estimate.values, estimate.std, *_bounds(estimate))
+    if wrong < 2 or wrong < _NEARLY_ALL * told:
+        return ""
+    return (
+        f"every torque seems to have the opposite sign: {wrong} of {told} friction and inertia parameters that cannot be negative are so by"
+        f" more than scatter. Turn them with [drive] torque_sign = -1 in a study file, or look at the direction of the joints in the URDF;"
+        " nothing else about these data can be told before that."
     )
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from .demo import demo_logs
-from .log import Log, LogSet, read_logs
+from .log import Log, LogSet
+from .readers.stored import LogFormat, Stored, register_log_format
+from .reading import read_logs
+from .recorders import Recorder, add_recorders
 
-__all__ = ["Log", "LogSet", "demo_logs", "read_logs"]
+__all__ = ["Log", "LogFormat", "LogSet", "Recorder", "Stored", "add_recorders", "demo_logs", "read_logs", "register_log_format"]

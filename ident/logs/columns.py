@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import ConfigurationError, DataError, unknown_name
 from .hints import lookalikes, question, torque_question
 from .names import KEYS, LOCKED, QUANTITIES, TEXT, Column, JointNames, known_units, parse_name
-from .readers.tables import AGAIN, seconds
+from .readers.header import AGAIN, seconds
 from .units import Unit, bracketed, expected_units, is_unit, split_unit, unit_of
 
 Array = np.ndarray
@@ -87,7 +87,7 @@ def resolve_columns(
     idle: list[str] = []
     automatic = _take_mapped(mapping, header, joints, where, notes, found, idle)
     taken = set(mapped := {c.source for c in found.values()})
-    if not automatic:
+    if not automatic and any((p := parse_name(h, joints)) is not None and p.quantity != "t" for h in header if h not in taken):
         notes.append(f"{where}: [columns] renumbers joints, so only mapped columns are used (besides time).")
     _refuse_twice([h for h in twice if h in mapped], where)
     names: list[str] = []
@@ -260,7 +260,7 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
         suffix = guessed
     elif guessed is not None:
         notes.append(f"{where}: {guessed}, on which {source!r} ends, is not a unit of {TEXT[target.quantity]}; SI is assumed.")
-    elif suffix is None and bracketed(source)[1]:
+    elif suffix is None and bracketed(source)[1] and not _is_element(source, header):
         notes.append(f"{where}: what stands in the brackets of {source!r} is no unit that is known; SI is assumed.")
     own = split_unit(source)[1]
     if suffix is not None and own is not None and unit_of(own).dimension == unit_of(suffix).dimension and own != unit_of(suffix).name:
@@ -276,16 +276,23 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
     return Column(source, target.quantity, target.joint, unit.scale * scale, unit.scale * offset, suffix or "")
 
 
+def _is_element(source: str, header: Sequence[str]) -> bool:
+    """Whether what stands in the brackets of a column's name counts or names an element: other columns differ from it in that alone."""
+    stem, inside = bracketed(source)
+    return any(stem == other and inside != told for other, told in map(bracketed, header))
+
+
 def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | None, where: str, unknown: Sequence[str]) -> int:
     sides = [sorted({j for quantity, j in found if quantity == side}) for side in ("q", "q_motor")]
     positions = sides[0] if len(sides[0]) >= len(sides[1]) else sides[1]
     others = sorted({j for quantity, j in found if quantity != "t"})
     if not positions:
         names = joints.names if joints else ()
+        neither = "" if ("t", 0) in found else ", and no time (t or time, in s; or --rate-hz, the samples per second)"
         asked = question(lookalikes(unknown, "q", range(len(names) or len(unknown)), names), "q")
         asked = asked[:1].upper() + asked[1:] or 'Name them under [columns] of a study file, for example q1 = "angle".'
         raise DataError(
-            f"{where}: no joint position found (q1, q2, … or q_m1, … or <joint>.position)."
+            f"{where}: no joint position found (q1, q2, … or q_m1, … or <joint>.position){neither}."
             f" Columns not understood: {_listed(unknown) or 'none'}."
             f" {asked}"
         )

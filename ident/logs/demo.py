@@ -5,7 +5,8 @@ from __future__ import annotations
 from ..errors import unknown_name
 from ..robots.library.folders import built_in_names, robot_folder
 from ..robots.library.load import load_robot
-from .log import LogSet, read_logs
+from .log import LogSet
+from .reading import read_logs
 
 
 def demo_logs(robot: str = "puma560") -> tuple[LogSet, LogSet]:

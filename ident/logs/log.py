@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-import glob
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from pathlib import Path
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._utils.files import sha256
 from .._utils.short_repr import ShortRepr
 from ..drawing.document import Figure
 from ..drawing.shown import Shown
-from ..errors import ConfigurationError, DataError, IdentError, unknown_name
+from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.transmission import Transmission
-from .columns import ColumnPlan, resolve_columns
-from .names import JointNames
 from .pictures import TORQUE, log_figure, log_frame
-from .readers.bag import is_bag
-from .readers.frames import chosen_columns, frame_columns, is_frame
-from .readers.ros import joint_state_columns, read_joint_states
-from .readers.tables import Header, read_columns, read_header
-from .recognise import recognised
-from .repair import blank_unusable, repeated_rows, usable_rows
+from .recognise import RecordedChannels
 from .torque import MeasuredTorque, measured
-from .unwrap import motor_turn_notes, unwrapped, within_limits, wrapping
+from .unwrap import unwrapped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,8 +25,6 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
-#: The time of a log that has none, counted from its rate.
-_COUNTED = "\x00counted"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,7 +35,8 @@ class Log(Shown, ShortRepr):
     `dq`, `ddq`, `dq_motor` (N, n): measured ones, else None. `tau`: by "joint", "motor" (torque) or "current" → (N, n); a joint
     without torque has a column of NaN. `source`, `sha256`: the file. `extra`: other numeric columns (N,).
     `notes`: what was repaired or left out when reading. `origin`: time at which the recording began, where this is a part of it.
-    `hint`: where there is no torque, which columns of the file look like it.
+    `hint`: where there is no torque, which columns of the file look like it. `joint_names`: as the file, or the robot it was read for,
+    tells them. `recording`: what the file's channels were taken for, and which were ignored, where they had to be recognised.
 
     Examples
     --------
@@ -72,6 +61,8 @@ class Log(Shown, ShortRepr):
     notes: tuple[str, ...] = ()
     origin: float | None = None
     hint: str = ""
+    joint_names: tuple[str, ...] = ()
+    recording: RecordedChannels | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         positions = self.q if self.q is not None else self.q_motor
@@ -107,18 +98,10 @@ class Log(Shown, ShortRepr):
         return self.origin if self.origin is not None else float(self.t[0]) if len(self.t) else 0.0
 
     @classmethod
-    def from_frame(
-        cls,
-        frame: pd.DataFrame,
-        robot: Robot | None = None,
-        columns: Mapping[str, Any] | None = None,
-        *,
-        name: str = "frame",
-        **reading: Any,
-    ) -> Log:
+    def from_frame(cls, frame: pd.DataFrame, robot: Robot | None = None, *, name: str = "frame", **reading: Any) -> Log:
         """A log from a pandas DataFrame whose columns are named as a file's would be.
 
-        `columns`, `reading`: as of `read_logs`. Raises DataError for a table that cannot be used as one run.
+        `reading`: as of `ident.read_logs`, `columns` among it. Raises DataError for a table that is more than one run.
 
         Examples
         --------
@@ -127,7 +110,9 @@ class Log(Shown, ShortRepr):
         >>> ident.Log.from_frame(train[0].to_frame()).n
         6
         """
-        logs = read_logs(frame, robot, columns, **reading)
+        from .reading import read_logs
+
+        logs = read_logs(frame, robot, **reading)
         if len(logs) > 1:
             raise DataError(f"log {name}: {len(logs)} runs are in one table; read them with ident.read_logs(frame).")
         return replace(logs[0], name=name)
@@ -305,263 +290,4 @@ def spread(count: int, share: float) -> set[int]:
     return {int((i + 0.5) * count / number + 0.5 * (count / number > 2)) if number else 0 for i in range(number)} if number else set()
 
 
-def read_logs(
-    paths: str | Path | pd.DataFrame | Sequence[str | Path | pd.DataFrame],
-    robot: Robot | None = None,
-    columns: Mapping[str, Any] | None = None,
-    *,
-    missing: str = "refuse",
-    extra: bool = True,
-    rate_hz: float | None = None,
-    skip_bad_files: bool = False,
-) -> LogSet:
-    """Read recordings: CSV in its dialects, compressed or not; Parquet, MAT, NPZ, ROS 1 and ROS 2 bags, MCAP, LeRobot folders.
-
-    Columns that go by other names are recognised by the structure of their names; the log's notes say what was taken for what.
-
-    Parameters
-    ----------
-    paths : str, Path, DataFrame or sequence
-        A file, a pattern (`runs/*.csv`), the folder of a bag or a dataset, a pandas DataFrame with a file's columns, or several.
-    robot : Robot, optional
-        Checks the joint count, matches columns by joint name, and carries motor-side positions to the joints.
-    columns : mapping, optional
-        The study file's `[columns]` table.
-    missing : str
-        "refuse" blocks of missing positions, or leave them out as a "gap".
-    extra : bool
-        Read columns that are nothing of ours, too.
-    rate_hz : float, optional
-        Samples per second of logs without a time.
-    skip_bad_files : bool
-        Leave out files that cannot be read; `left_out` of the result says which and why. One must be left.
-
-    Returns
-    -------
-    LogSet
-        SI units, joints in the robot's order (without a robot, in the file's).
-
-    Raises
-    ------
-    DataError
-        A file that cannot be used, with file, column and row.
-    ConfigurationError
-        A mapping that does not fit, or a package to install.
-
-    Examples
-    --------
-    >>> import ident
-    >>> from ident.robots import robot_folder
-    >>> logs = ident.read_logs(robot_folder("puma560") / "demo/train.csv.gz", ident.load_robot("puma560"))
-    >>> logs.n
-    6
-    """
-    if missing not in ("refuse", "gap"):
-        raise unknown_name("treatment of missing positions", missing, ("refuse", "gap"))
-    joints = None if robot is None else JointNames.of(robot)
-    logs: list[Log] = []
-    left_out: list[str] = []
-    for source in _sources(paths):
-        try:
-            logs += _read(source, joints, columns, missing, extra, rate_hz)
-        except IdentError as error:
-            if not skip_bad_files:
-                raise
-            left_out.append(str(error))
-    if left_out and not logs:
-        raise DataError(f"none of the {len(left_out)} logs can be read; the first: {left_out[0]}")
-    names: dict[str, int] = {}
-    for i, log in enumerate(logs):
-        names[log.name] = names.get(log.name, 0) + 1
-        if names[log.name] > 1:
-            logs[i] = replace(log, name=f"{log.name} ({names[log.name]})")
-    if robot is not None:
-        logs = [_turned(log, robot) if log.q is not None else _joined(log, robot) for log in logs]
-    return LogSet(tuple(logs), robot, tuple(left_out))
-
-
-def _sources(paths: Any) -> list[Path | pd.DataFrame]:
-    """Files, and tables in memory, in the order given."""
-    given: list[Any] = [paths] if isinstance(paths, str | Path) or is_frame(paths) else list(paths)
-    if not any(is_frame(one) for one in given):
-        return [*_files(given)]
-    return [source for one in given for source in ([one] if is_frame(one) else _files([one]))]
-
-
-def _files(paths: Sequence[str | Path]) -> list[Path]:
-    try:
-        return _expanded(paths)
-    except (OSError, ValueError) as error:  # a name that is too long, or holds a NUL
-        if isinstance(error, DataError):
-            raise
-        raise DataError(f"log: one of the names cannot be that of a file ({getattr(error, 'strerror', None) or error}).") from None
-
-
-def _expanded(paths: Sequence[str | Path]) -> list[Path]:
-    out: list[Path] = []
-    for entry in paths:
-        text = str(entry)
-        if any(c in text for c in "*?[") and not Path(text).exists():
-            found = sorted(glob.glob(text, recursive=True))
-            if not found:
-                raise DataError(f"log {text}: no file matches.")
-            out += [Path(f) for f in found]
-        elif Path(text).is_dir() and not is_bag(Path(text)):
-            out += _in_folder(Path(text))
-        else:
-            out.append(Path(text))
-    if not out:
-        raise DataError("no log file was given.")
-    return out
-
-
-def _in_folder(folder: Path) -> list[Path]:
-    """The logs of a dataset's folder (LeRobot: data/chunk-*/*.parquet); the folder itself where it is none."""
-    episodes = sorted(folder.glob("data/**/*.parquet"))
-    return episodes or [folder]
-
-
-def _joined(log: Log, robot: Robot) -> Log:
-    """A log of which only motor positions were recorded, with joint positions beside them."""
-    assert log.q_motor is not None
-    notes = (*log.notes, *motor_turn_notes(log.name, robot, wrapping(log.q_motor)))
-    return replace(log, q=log.position(robot.transmission), notes=notes)
-
-
-def _content(path: Path) -> Path:
-    """The file that holds a log: of a ROS 2 bag's folder, its data."""
-    return next((p for p in sorted(path.iterdir()) if p.suffix in (".db3", ".mcap")), path) if path.is_dir() else path
-
-
-@dataclass(frozen=True)
-class _Table:
-    """A table to be read as a log: what messages call it, its name, its header, the content of columns, and the file that it is."""
-
-    where: str
-    name: str
-    header: Header
-    read: Callable[[Sequence[str], Sequence[str]], dict[str, Array]]
-    path: Path | None = None
-
-    @classmethod
-    def of(cls, source: Path | pd.DataFrame) -> _Table:
-        if isinstance(source, Path):
-            header = read_header(source)
-
-            def read(names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
-                return read_columns(source, header, names, optional=optional)
-
-            return cls(f"log {source}", source.name.split(".")[0], header, read, source)
-        columns = frame_columns(source)
-        return cls("log DataFrame", "frame", Header(tuple(columns)), partial(chosen_columns, columns))
-
-
-def _planned(
-    table: _Table, joints: JointNames | None, columns: Mapping[str, Any] | None, rate_hz: float | None
-) -> tuple[ColumnPlan, Mapping[str, tuple[str, float]]]:
-    """Which column is what, by our own names, by the user's mapping, or as a recording is recognised; and what was wanted."""
-    where, header = table.where, table.header
-    if rate_hz is not None and not rate_hz > 0:
-        raise ConfigurationError(f"rate_hz must be a positive number of samples per second, not {rate_hz!r}.")
-    names = header.names
-    if rate_hz is not None and not any(n.lower() in ("t", "time", "timestamp") for n in names) and "t" not in (columns or {}):
-        names = (*names, _COUNTED)
-        columns = {**columns, "t": _COUNTED} if columns else None
-    counted = columns or ({"t": _COUNTED} if _COUNTED in names else None)
-    try:
-        return resolve_columns(names, joints, counted, where=where), {}
-    except DataError:
-        if columns:
-            raise
-        known: dict[str, Array] = {}
-
-        def read(names: Sequence[str]) -> dict[str, Array]:
-            new = [n for n in dict.fromkeys(names) if n not in known]
-            if new:
-                known.update(table.read(new, ()))
-            return known
-
-        try:
-            found = recognised(header.names, read, None if joints is None else joints.names, header.units)
-        except DataError:
-            found = None
-        if found is None:
-            raise
-        mapping = {"t": _COUNTED, **found.mapping} if _COUNTED in names else found.mapping
-        plan = resolve_columns(names, joints, mapping, where=where)
-        said = f"{where}: recognised by its columns: {found.text}."
-        return replace(plan, notes=(said, *plan.notes)), found.reference
-
-
-def _turned(log: Log, robot: Robot) -> Log:
-    """A log whose joint positions lie within the joints' limits, where whole turns are all that keeps them out (0 … 360 degrees)."""
-    assert log.q is not None
-    if log.q.shape[1] != robot.n:
-        return log
-    q, moved = within_limits(unwrapped(log.q), robot)
-    if not moved:
-        return log
-    said = f"log {log.name}: positions of {', '.join(moved)} are joined over full turns and moved by whole turns into the joint limits."
-    return replace(log, q=q, notes=(*log.notes, said))
-
-
-def _read(
-    source: Path | pd.DataFrame,
-    joints: JointNames | None,
-    columns: Mapping[str, Any] | None,
-    missing: str,
-    extra: bool,
-    rate_hz: float | None,
-) -> list[Log]:
-    file = _Table.of(source)
-    where, path = file.where, file.path
-    layout = None if columns or path is None else joint_state_columns(file.header)
-    if layout is not None and path is not None:
-        table = read_joint_states(path, file.header, layout, joints.names if joints else None)
-        plan = resolve_columns(tuple(table), joints, None, where=where)
-        extras: dict[str, Array] = {}
-    else:
-        plan, reference = _planned(file, joints, columns, rate_hz)
-        stored = tuple(name for name in plan.sources if name != _COUNTED)
-        table = file.read(stored, plan.extra if extra else ())
-        if rate_hz is not None and _COUNTED in plan.sources:
-            table[_COUNTED] = np.arange(len(table[stored[0]])) / rate_hz
-        extras = {name: table[name] for name in plan.extra if name in table}
-        extras |= {key: table[name] * factor for key, (name, factor) in reference.items() if name in table}
-    arrays = plan.arrays(table)
-    blank_unusable(arrays)
-    rows = len(arrays["t"])
-    if rows == 0:
-        raise DataError(f"{where}: there is a header, but no row of data.")
-    if rows < 2:
-        raise DataError(f"{where}: one row of data; a log needs many.")
-    side = "q" if "q" in arrays else "q_motor"
-    positions = {c.source: arrays[side][:, c.joint] for c in plan.quantity(side)}
-    pieces = usable_rows(arrays["t"], positions, where, missing=missing, repeated=repeated_rows(arrays))
-    digest = "" if path is None else sha256(_content(path))
-    whole = len(pieces.rows) == 1 and len(pieces.rows[0]) == rows
-    logs = []
-    for i, index in enumerate(pieces.rows):
-        cut: slice | Array = slice(None) if whole else index
-        recorded = {k: v[cut] for k, v in arrays.items()}
-        logs.append(
-            Log(
-                name=file.name if len(pieces.rows) == 1 else f"{file.name} run {i + 1}",
-                t=recorded["t"],
-                q=recorded.get("q"),
-                q_motor=recorded.get("q_motor"),
-                dq=recorded.get("dq"),
-                ddq=recorded.get("ddq"),
-                dq_motor=recorded.get("dq_motor"),
-                tau={k.removeprefix("tau_"): v for k, v in recorded.items() if k.startswith("tau_")},
-                source="" if path is None else str(path),
-                sha256=digest,
-                extra={k: v[cut] for k, v in extras.items()},
-                notes=(*plan.notes, *pieces.notes),
-                hint=plan.hint,
-            )
-        )
-    return logs
-
-
-__all__ = ["Log", "LogSet", "MeasuredTorque", "measured", "read_logs", "spread"]
+__all__ = ["Log", "LogSet", "MeasuredTorque", "measured", "spread"]

@@ -1,234 +1,265 @@
 """Recordings that name their channels otherwise: recognised by the structure of names, shapes and values, never by a file's name.
 
-Columns that differ in one number (or one joint's name) are a group. What the group holds follows from the words of its name; which is
-measured, wanted or estimated too. Time has its unit from its own numbers, or from positions and velocities that must agree."""
+Columns that differ in one number (or one joint's name) are a group. What the group holds follows from the words of its name and its unit;
+which is measured, wanted or estimated too. Time has its unit from its own numbers, or from positions and velocities that must agree."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ..errors import DataError
+from .channels import ChannelGroup, groups, known_scale, scalar_time_names, unit_suffix
+from .recorders import EFFORTS, Recorder, recorder_of
+from .references import references
+from .units import expected_units, split_unit, unit_of
+
 Array = np.ndarray
-_NUMBER = re.compile(r"\d+")
-_BY_NAME = re.compile(r"^(?P<joint>.+)[./](?P<word>position|velocity|acceleration|effort|torque|current)$", re.IGNORECASE)
-_WORDS = {
-    "q": {"q", "pos", "position", "positions", "angle", "angles", "winkel", "mp", "ip", "qpos"},
-    "dq": {"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "drehzahl", "qvel", "dp"},
-    "ddq": {"qdd", "ddq", "acc", "acceleration"},
-    "tau": {"tau", "torque", "torques", "effort", "eff", "moment", "drehmoment", "mt", "force"},
-    "i": {"current", "currents", "strom"},
-}
-_WANTED = {"target", "desired", "des", "cmd", "command", "commanded", "goal", "ref", "reference", "setpoint", "soll", "d", "ip"}
-_ESTIMATED = {"ext", "mocap", "et", "external", "hat", "model", "gravity", "filtered"}
-_MEASURED = {"actual", "measured", "present", "fb", "feedback", "state", "ist", "mp", "mt"}
-_NOT_JOINTS = {"euler", "quat", "tcp", "tool", "imu", "foot", "temp", "temperature", "temperatur", "ee", "cart", "base", "voltage", "mode"}
-_TIMES = ("t", "time", "timestamp", "timestamps", "tstamps", "zeit", "stamp", "secs", "sec", "seconds", "ms", "%time")
-_UNITS = {
-    "°": np.pi / 180, "deg": np.pi / 180, "grad": np.pi / 180, "rad": 1.0, "u/min": 2 * np.pi / 60, "rpm": 2 * np.pi / 60,
-    "1/min": 2 * np.pi / 60, "°/s": np.pi / 180, "deg/s": np.pi / 180, "rad/s": 1.0, "nm": 1.0, "n": 1.0, "a": 1.0, "ma": 1e-3,
-    "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "m": 1.0, "mm": 1e-3,
-}  # fmt: skip
+Reader = Callable[[Sequence[str]], Mapping[str, Array]]
 #: Positions beyond so many turns are no radians; a ratio this near to a unit's is that unit's.
 _TURNS = 2.2
 _NEAR = 0.25
+#: Two encoders of a joint differ by less than this share of its range.
+_SAME = 0.05
+#: A turn of an encoder's counts, as usual.
+_WHOLE = 3.0
+_QUANTITIES = {"t": "t", "q": "q", "dq": "dq", "tau": "tau_joint", "i": "tau_current"}
 
 
 @dataclass(frozen=True)
 class RecordedChannels:
-    """What a recording's columns are: `mapping` for `resolve_columns`, `reference` (key → column, factor) of what was wanted, a `text` for
-    people, and what was `ignored`."""
+    """What a recording's columns are: `mapping` for `resolve_columns`, `reference` (key → column, factor, offset) of what was wanted, a
+    `text` for people, and what was `ignored`. `recorder`: what wrote it, if that is known; `joints`: names, where they are told; `effort`:
+    what the torque is, in words; `wrapped`: positions may be those of one turn."""
 
     mapping: Mapping[str, Any]
-    reference: Mapping[str, tuple[str, float]]
+    reference: Mapping[str, tuple[str, float, float]]
     text: str
     ignored: tuple[str, ...] = field(default=())
-
-
-@dataclass(frozen=True)
-class _Group:
-    stem: str
-    columns: tuple[str, ...]
-    joints: tuple[str, ...]
-    quantity: str
-    wanted: bool
-    estimated: bool
-    measured: bool
+    recorder: str = ""
+    joints: tuple[str, ...] = ()
+    effort: str = ""
+    notes: tuple[str, ...] = ()
+    rate_hz: float | None = None
 
 
 def recognised(
-    names: Sequence[str],
-    read: Callable[[Sequence[str]], Mapping[str, Array]],
-    joints: Sequence[str] | None = None,
-    units: Sequence[str] = (),
+    names: Sequence[str], read: Reader, joints: Sequence[str] | None = None, units: Sequence[str] = ()
 ) -> RecordedChannels | None:
     """What the columns of a recording are, None where no group of positions is among them.
 
-    `read`: columns by name → values (N,); `joints`: the robot's, whose order counts where columns name joints; `units`: of the columns."""
-    groups = _groups(names, joints)
-    count = None if joints is None else len(joints)
-    positions = [g for g in groups if g.quantity == "q" and not g.wanted and not g.estimated and count in (None, len(g.columns))]
+    `read`: columns by name → values (N,); `joints`: the robot's, whose order counts where columns name joints; `units`: of the columns.
+    Raises DataError where something must be asked."""
+    unit_of_column = dict(zip(names, units, strict=False))
+    recorder = recorder_of(names)
+    found = groups(names, joints, unit_of_column, {} if recorder is None else recorder.channels)
+    fitting, wide = _fitting(found, joints)
+    positions = [g for g in fitting if g.quantity == "q" and not g.wanted and not g.estimated]
     if not positions:
-        return None
-    table = read([c for g in groups for c in g.columns])
-    best = max(positions, key=lambda g: (_moves(table, g), g.measured, len(g.columns)))
-    n = len(best.columns)
-    unit_of = dict(zip(names, units, strict=False))
-    time = _time_column(names, read)
-    chosen = {"q": best}
-    for quantity in ("dq", "tau", "i"):
-        same = [g for g in groups if g.quantity == quantity and len(g.columns) == n and not g.wanted and not g.estimated]
-        same = [g for g in same if _moves(table, g)]
-        partly = [g for g in groups if g.quantity == quantity and len(g.columns) != n and not g.wanted and not g.estimated]
-        if quantity == "tau" and not same and any(_moves(table, g) for g in partly):
-            return None  # torque of some joints only: which is which must be asked
-        if same:
-            chosen[quantity] = max(same, key=lambda g: (g.measured, -len(g.stem)))
-    angle = _scale(unit_of, best, table, "q")
-    mapping: dict[str, Any] = {}
-    for quantity, g in chosen.items():
-        if quantity == "i" and "tau" in chosen:
-            continue
-        factor = angle if quantity == "q" else _scale(unit_of, g, table, quantity, angle)
-        for j, column in enumerate(g.columns):
-            mapping[f"{quantity}{j + 1}"] = column if factor == 1.0 else {"column": column, "scale": factor}
-    said = f"positions from {_span(best)}" + ("" if angle == 1.0 else " (in degrees)")
-    if time is not None:
-        speed = chosen.get("dq")
-        factor = _time_scale(time, read, table, best, speed, angle, unit_of.get(time, ""))
-        mapping["t"] = time if factor == 1.0 else {"column": time, "scale": factor}
-        said = f"time from {time!r}" + ("" if factor == 1.0 else f" (times {factor:g} s)") + f", {said}"
-    for quantity, word in (("dq", "velocities"), ("tau", "torque"), ("i", "current")):
-        if quantity in chosen and (quantity != "i" or "tau" not in chosen):
-            said += f", {word} from {_span(chosen[quantity])}"
-    reference = _references(groups, n, table, angle)
-    if reference:
-        said += f", desired motion from {next(iter(reference.values()))[0]!r} …"
-    used = {v if isinstance(v, str) else v["column"] for v in mapping.values()} | {c for c, _ in reference.values()}
-    return RecordedChannels(mapping, reference, said, tuple(x for x in names if x not in used))
-
-
-def _groups(names: Sequence[str], joints: Sequence[str] | None) -> list[_Group]:
-    """Columns that differ in one number or one joint's name, in the order of the numbers or of the robot's joints."""
-    stems: dict[str, list[tuple[int, str, str]]] = {}
-    for name in names:
-        by_name = _BY_NAME.match(name)
-        if by_name:
-            joint, topic = by_name["joint"].replace("/", ".").split(".")[-1], by_name["joint"].rsplit("/", 1)[0]
-            place = list(joints).index(joint) if joints and joint in joints else len(stems.get(f"{topic}|{by_name['word']}", []))
-            stems.setdefault(f"{topic}|{by_name['word']}", []).append((place, name, joint))
-            continue
-        for found in _NUMBER.finditer(name):
-            stem = name[: found.start()] + "#" + name[found.end() :]
-            stems.setdefault(stem, []).append((int(found.group()), name, ""))
-    if not stems:
-        plain = {"position": "q", "velocity": "dq", "torque": "tau", "effort": "tau", "current": "i", "angle": "q"}
-        for name in names:
-            if name.strip().lower() in plain:
-                stems[name] = [(0, name, "")]
-    out = []
-    for stem, members in stems.items():
-        tokens = {
-            x
-            for x in re.split(
-                r"[^a-z%°]+",
-                re.sub(r"([a-z])([A-Z])", r"\1_\2", stem).lower().replace("torques", "torque").replace("sollwinkel", "soll_winkel"),
+        if wide:
+            raise DataError(
+                f"the robot has {len(joints or ())} joints, but positions of {len(wide[0].columns)} are there ({wide[0]}); map those of the"
+                " robot's joints under [columns] of a study file, q1 = … first."
             )
-            if x
-        }
-        numbers = sorted({m[0] for m in members})
-        if len(numbers) != len(members) or numbers != list(range(numbers[0], numbers[0] + len(numbers))) or numbers[0] > 1:
-            continue
-        quantity = next((k for k in ("ddq", "dq", "tau", "i", "q") if tokens & _WORDS[k]), "")
-        if tokens in ({"observation", "state"}, {"action"}):  # LeRobot: positions, and what was asked for
-            quantity = "q"
-        if not quantity or tokens & _NOT_JOINTS:
-            continue
-        members.sort()
-        wanted = bool(tokens & _WANTED) or tokens == {"action"}
-        columns, own = tuple(m[1] for m in members), tuple(m[2] for m in members)
-        out.append(_Group(stem, columns, own, quantity, wanted, bool(tokens & _ESTIMATED), bool(tokens & _MEASURED)))
-    return out
+        return None
+    table = read([c for g in fitting for c in g.columns])
+    q = _best(positions, table)
+    if not moves(table, q):
+        return None
+    chosen = _companions(q, fitting, table)
+    if chosen is None:
+        return None  # torque of some joints only: which is which must be asked
+    if recorder is not None and recorder.effort == "current" and "tau" in chosen:
+        chosen["i"] = chosen.pop("tau")
+    scale, offset, counted = _position_scale(q, table, recorder)
+    mapping: dict[str, Any] = {}
+    rate = _factor("dq", chosen["dq"], scale, counted, recorder) if "dq" in chosen else scale
+    for quantity, g in chosen.items():
+        factor, shift = (scale, offset) if quantity == "q" else (_factor(quantity, g, scale, counted, recorder), 0.0)
+        for j, column in enumerate(g.columns):
+            mapping[f"{quantity}{j + 1}"] = _entry(column, quantity, factor, shift)
+    said = f"positions from {q}{_in(scale, counted)}"
+    time = _time(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
+    if time is not None:
+        mapping["t"] = _entry(time[0], "t", time[1])
+        said = f"time from {time[0]!r}" + ("" if time[1] == 1.0 else f" (times {time[1]:g} s)") + f", {said}"
+    for quantity, word in (("dq", "velocities"), ("tau", "torque"), ("i", "current")):
+        if quantity in chosen:
+            said += f", {word} from {chosen[quantity]}"
+    wanted, order_notes = references(fitting, q, table, (scale, offset))
+    if wanted:
+        said += f", desired motion from {next(iter(wanted.values()))[0]!r} …"
+    used = {v if isinstance(v, str) else v["column"] for v in mapping.values()} | {c for c, *_ in wanted.values()}
+    effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
+    told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
+    return RecordedChannels(
+        mapping,
+        wanted,
+        said,
+        tuple(x for x in names if x not in used),
+        "" if recorder is None else recorder.name,
+        told,
+        effort,
+        (*(() if recorder is None or not recorder.say else (recorder.say,)), *order_notes),
+        None if recorder is None else recorder.rate_hz,
+    )
 
 
-def _moves(table: Mapping[str, Array], group: _Group) -> bool:
+def _entry(column: str, quantity: str, factor: float, offset: float = 0.0) -> str | dict[str, Any]:
+    """An entry of [columns]: SI value = factor * x + offset, of which the unit that the column's own name tells is taken already."""
+    own = split_unit(column)[1]
+    told = unit_of(own) if own is not None else None
+    one = told.scale if told is not None and told.dimension in expected_units(_QUANTITIES[quantity]) else 1.0
+    scale = factor / one
+    return column if scale == 1.0 and not offset else {"column": column, "scale": scale, "offset": offset / one}
+
+
+def _fitting(found: Sequence[ChannelGroup], joints: Sequence[str] | None) -> tuple[list[ChannelGroup], list[ChannelGroup]]:
+    """Groups of as many joints as the robot has (without hands, where no robot is given), and wider ones of measured positions."""
+    if joints is None:
+        return [g.arms() for g in found], []
+    out, wide = [], []
+    for g in found:
+        if g.named and set(joints) <= set(g.joints):
+            out.append(g.only([g.joints.index(name) for name in joints]))
+        elif len(g.columns) == len(joints):
+            out.append(g)
+        elif len(g.arms().columns) == len(joints):
+            out.append(g.arms())
+        elif g.quantity == "q" and not g.wanted and not g.estimated:
+            wide.append(g)
+        else:
+            out.append(g)
+    return out, sorted(wide, key=lambda g: -len(g.columns))
+
+
+def _best(positions: Sequence[ChannelGroup], table: Mapping[str, Array]) -> ChannelGroup:
+    """The measured positions: of two encoders of the same joints the motors', whose torque it is that is logged."""
+    best = max(positions, key=lambda g: (_moving(table, g), g.measured, len(g.columns), not g.words & {"mot", "motor"}))
+    for other in positions:
+        if other.words & {"mot", "motor"} and len(other.columns) == len(best.columns) and moves(table, other):
+            one, two = (np.stack([table[c] for c in g.columns]) for g in (best, other))
+            if np.nanmean((one - two) ** 2) <= _SAME**2 * np.nanmean((one - np.nanmean(one, axis=1, keepdims=True)) ** 2):
+                return other
+    return best
+
+
+def _moving(table: Mapping[str, Array], group: ChannelGroup) -> int:
+    """Columns that hold anything: a second encoder may be on some joints only."""
+    return sum(moves(table, group.only([k])) for k in range(len(group.columns)))
+
+
+def _companions(q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, Array]) -> dict[str, ChannelGroup] | None:
+    """Velocities, and torque or current, of the same joints; None where torque is there for some of them only."""
+    chosen = {"q": q}
+    n = len(q.columns)
+    at_rest = all(np.ptp(table[c][np.isfinite(table[c])]) < 1e-3 for c in q.columns if np.isfinite(table[c]).any())
+    for quantity in ("dq", "tau", "i"):
+        plain = [g for g in found if g.quantity == quantity and not g.wanted and not g.estimated]
+        same = [g for g in plain if len(g.columns) == n and (moves(table, g) or (quantity == "dq" and at_rest))]
+        if quantity == "tau" and not same and any(moves(table, g) and len(g.columns) != n for g in plain):
+            return None
+        if same and not (quantity == "i" and "tau" in chosen):
+            chosen[quantity] = max(same, key=lambda g: (len(g.words & q.words), g.measured, -len(g.stem)))
+    return chosen
+
+
+def moves(table: Mapping[str, Array], group: ChannelGroup) -> bool:
     """Whether a group holds anything: arrays that are present and all zero are none."""
     return any(np.nanmax(np.abs(table[c]), initial=0.0) > 0.0 for c in group.columns)
 
 
-def _scale(units: Mapping[str, str], group: _Group, table: Mapping[str, Array], quantity: str, angle: float = 1.0) -> float:
-    """Factor to SI: what a row of units says; positions beyond two turns are degrees, and their velocities with them."""
-    unit = units.get(group.columns[0], "").strip().lower()
-    if unit in _UNITS:
-        return _UNITS[unit]
-    if unit and quantity == "q":
-        return np.pi / 180 if max(float(np.nanmax(np.abs(table[c]))) for c in group.columns) > _TURNS * 2 * np.pi else 1.0
-    if quantity == "q":
-        reach = max(float(np.nanmax(np.abs(table[c]), initial=0.0)) for c in group.columns)
-        return np.pi / 180 if reach > _TURNS * 2 * np.pi else 1.0
-    return angle if quantity == "dq" else 1.0
+def _position_scale(q: ChannelGroup, table: Mapping[str, Array], recorder: Recorder | None) -> tuple[float, float, bool]:
+    """(factor, offset) to radians, and whether positions are counts: as the unit is told; else whole numbers are counts, and what goes
+    beyond two turns is in degrees. Raises DataError for counts of which nobody knows how many are a turn."""
+    if q.unit:
+        return known_scale(q.unit), 0.0, False
+    values = [np.asarray(table[c], float) for c in q.columns]
+    reach = max(float(np.nanmax(np.abs(v), initial=0.0)) for v in values)
+    whole = all(np.all(v[np.isfinite(v)] == np.round(v[np.isfinite(v)])) for v in values)
+    if whole and reach > _TURNS * 2 * np.pi and any(len(np.unique(v)) > _WHOLE for v in values):
+        if recorder is None or recorder.counts is None:
+            raise DataError(
+                f"positions from {q} are whole numbers up to {reach:g}: counts of an encoder. Say how many are a turn, and which is zero,"
+                " under [columns] of a study file; for 4096 counts and zero at 2048:"
+                f' q1 = {{ column = "{q.columns[0]}", scale = 0.00153398, offset = -3.14159 }} …'
+            )
+        turn = 2 * np.pi / recorder.counts
+        return turn, -recorder.centre * turn, True
+    return (np.pi / 180 if reach > _TURNS * 2 * np.pi else 1.0), 0.0, False
 
 
-def _time_column(names: Sequence[str], read: Callable[[Sequence[str]], Mapping[str, Array]]) -> str | None:
-    """The time: the sender's stamp before the recorder's, and one that rises."""
-    lower = {n.lower(): n for n in names}
-    found = [lower[k] for k in lower if k.endswith("header.stamp")] + [lower[k] for k in _TIMES if k in lower]
-    for name in found:
-        values = np.asarray(read([name])[name], float)
+def _factor(quantity: str, g: ChannelGroup, scale: float, counted: bool, recorder: Recorder | None) -> float:
+    """Factor to SI of velocities, torques and currents."""
+    if quantity in ("tau", "i"):
+        return known_scale(g.unit) if g.unit else recorder.effort_scale if recorder is not None else 1.0
+    if g.unit:
+        return known_scale(g.unit)
+    if counted:  # a Dynamixel's 0.229 revolutions per minute
+        return 0.229 * np.pi / 30
+    return scale
+
+
+def _in(scale: float, counted: bool) -> str:
+    return " (counts)" if counted else " (in degrees)" if abs(scale - np.pi / 180) < 1e-12 else ""
+
+
+def _time(
+    names: Sequence[str],
+    read: Reader,
+    table: Mapping[str, Array],
+    q: ChannelGroup,
+    dq: ChannelGroup | None,
+    scales: tuple[float, float],
+    units: Mapping[str, str],
+) -> tuple[str, float] | None:
+    """The column of time and seconds in one unit of it: the sender's stamp before the recorder's, and one that rises."""
+    rising = []
+    for name in scalar_time_names(names):
+        try:
+            values = np.asarray(read([name])[name], float)
+        except DataError:
+            continue  # a time of day as text
         step = np.diff(values[np.isfinite(values)])
         if len(step) and np.mean(step >= 0) > 0.9 and np.any(step > 0):
-            return name
-    return None
+            rising.append(name)
+    for name in rising:
+        if unit := unit_suffix(units.get(name, "")):
+            return name, known_scale(unit)
+    ratios = {name: _rate_ratio(np.asarray(read([name])[name], float), table, q, dq, scales) for name in rising}
+    for name, ratio in ratios.items():
+        for factor in (1.0, 1e-3, 1e-6, 1e-9):
+            if ratio is not None and abs(np.log(ratio / factor)) < _NEAR:
+                return name, factor
+    return (rising[0], _seconds(rising[0], np.asarray(read(rising[:1])[rising[0]], float))) if rising else None
 
 
-def _time_scale(
-    time: str,
-    read: Callable[[Sequence[str]], Mapping[str, Array]],
-    table: Mapping[str, Array],
-    q: _Group,
-    dq: _Group | None,
-    angle: float,
-    unit: str,
-) -> float:
-    """Seconds in one unit of the time column."""
-    if unit.strip().lower() in _UNITS:
-        return _UNITS[unit.strip().lower()]
-    t = np.asarray(read([time])[time], float)
-    step = float(np.median(np.diff(t)[np.diff(t) > 0])) if np.any(np.diff(t) > 0) else 1.0
+def _seconds(name: str, t: Array) -> float:
+    """Seconds in one unit of a time that nothing else tells: by its size since 1970, or whole milliseconds."""
+    step = float(np.median(np.diff(t)[np.diff(t) > 0]))
     size = float(np.nanmedian(np.abs(t)))
     for bound, factor in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
         if size > bound:
             return factor
-    if dq is not None:
-        ratios = []
-        for a, b in zip(q.columns, dq.columns, strict=True):
-            rate = np.gradient(np.asarray(table[a], float), np.maximum.accumulate(t) + 1e-12 * np.arange(len(t)))
-            logged = np.asarray(table[b], float)
-            big = np.abs(logged) > 0.3 * np.nanmax(np.abs(logged), initial=0.0)
-            if big.sum() > 10 and np.any(np.abs(rate[big]) > 0):
-                ratios.append(float(np.nanmedian(np.abs(rate[big]) / np.abs(logged[big]))))
-        if ratios:
-            ratio = float(np.median(ratios))
-            for factor in (1.0, 1e-3, 1e-6, 1e-9):
-                if abs(np.log(ratio / factor)) < _NEAR:
-                    return factor
     whole = bool(np.all(t == np.round(t)))
-    return 1e-3 if time.lower() == "ms" or (whole and 1.0 <= step <= 200.0) else 1.0
+    return 1e-3 if name.lower() == "ms" or (whole and 1.0 <= step <= 200.0) else 1.0
 
 
-def _references(groups: Sequence[_Group], n: int, table: Mapping[str, Array], angle: float) -> dict[str, tuple[str, float]]:
-    """Desired positions and velocities: key (`q_ref1`) → column and factor."""
-    out: dict[str, tuple[str, float]] = {}
-    for quantity in ("q", "dq"):
-        wanted = [g for g in groups if g.quantity == quantity and g.wanted and len(g.columns) == n and _moves(table, g)]
-        if wanted:
-            for j, column in enumerate(wanted[0].columns):
-                out[f"{quantity}_ref{j + 1}"] = column, angle
-    return out
-
-
-def _span(group: _Group) -> str:
-    return repr(group.columns[0]) if len(group.columns) == 1 else f"{group.columns[0]!r} … {group.columns[-1]!r}"
+def _rate_ratio(
+    t: Array, table: Mapping[str, Array], q: ChannelGroup, dq: ChannelGroup | None, scales: tuple[float, float]
+) -> float | None:
+    """How many times faster the logged velocities (SI) are than the positions (SI) in units of this time; None where nothing tells."""
+    if dq is None:
+        return None
+    ratios = []
+    for a, b in zip(q.columns, dq.columns, strict=True):
+        rate = np.gradient(np.asarray(table[a], float) * scales[0], np.maximum.accumulate(t) + 1e-12 * np.arange(len(t)))
+        logged = np.asarray(table[b], float) * scales[1]
+        big = np.abs(logged) > 0.3 * np.nanmax(np.abs(logged), initial=0.0)
+        if big.sum() > 10 and np.any(np.abs(rate[big]) > 0):
+            ratios.append(float(np.nanmedian(np.abs(rate[big]) / np.abs(logged[big]))))
+    middle = float(np.median(ratios)) if ratios else 0.0
+    return middle if middle > 0.0 else None

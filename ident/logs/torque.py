@@ -35,6 +35,33 @@ class MeasuredTorque:
     notes: tuple[str, ...] = ()
 
 
+def as_meant(arrays: dict[str, Array], meaning: str | None, sign: tuple[float, ...], where: str) -> list[str]:
+    """Put a torque whose column does not tell what it is where it belongs, in place; notes. `meaning`, `sign`: as of `read_logs`.
+
+    Raises DataError for a torque that no model of the robot can be fitted to, and for signs of another number of joints."""
+    notes = []
+    told = [k for k in arrays if k.startswith("tau_")]
+    if meaning == "external":
+        raise DataError(
+            f"{where}: its torque is declared external: gravity, inertia and friction are taken out of it, so that nothing of the robot's"
+            " own dynamics is left to identify. Log the measured joint torque, or the motor currents."
+        )
+    if meaning == "none":
+        for key in told:
+            del arrays[key]
+    if meaning in ("motor", "current") and told == ["tau_joint"]:
+        arrays[f"tau_{meaning}"] = arrays.pop("tau_joint")
+    if meaning in ("estimated", "command") and told:
+        what = "an estimate" if meaning == "estimated" else "a command"
+        notes.append(f"{where}: the torque is {what}, not a measurement: parameters are those of what made it, as far as it is right.")
+    if any(x != 1.0 for x in sign):
+        for key in [k for k in arrays if k.startswith("tau_")]:
+            if len(sign) not in (1, arrays[key].shape[1]):
+                raise DataError(f"{where}: torque_sign has {len(sign)} entries, but there are {arrays[key].shape[1]} joints.")
+            arrays[key] = arrays[key] * np.array(sign)
+    return notes
+
+
 def measured(log: TorqueColumns, transmission: Transmission) -> MeasuredTorque:
     """Torque on the transmission's measured side.
 

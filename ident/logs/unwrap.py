@@ -40,6 +40,18 @@ def within_limits(positions: Array, robot: Robot) -> tuple[Array, list[str]]:
     return out, moved
 
 
+def from_one_turn(positions: Array) -> tuple[Array, bool]:
+    """Angles (N, n) logged within one turn from zero, joined over full turns and begun within half a turn of zero; whether they were.
+
+    Only where one of them jumps by a turn is that the way they were logged; those that do not jump were then logged so too."""
+    finite = positions[np.isfinite(positions)]
+    if not finite.size or finite.min() < -1e-3 or finite.max() > 2 * np.pi + 1e-3 or not wrapping(positions):
+        return positions, False
+    out = unwrapped(positions)
+    first = np.array([column[np.isfinite(column)][0] if np.isfinite(column).any() else 0.0 for column in out.T])
+    return out - 2 * np.pi * np.round(first / (2 * np.pi)), True
+
+
 def wrapping(positions: Array) -> list[int]:
     """Columns of angles (N, n) that jump by a full turn."""
     step = np.diff(positions, axis=0)

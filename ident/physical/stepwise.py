@@ -9,9 +9,11 @@ change itself is the same problem, solved here by cutting planes. What remains o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from .conic import InfeasibleError
 from .cuts import nearest_by_cuts
 from .search import random_positions
 from .structure import InertiaStructure
@@ -36,6 +38,14 @@ def entering_parameters(structure: InertiaStructure, lower: Array, upper: Array)
     return [np.flatnonzero(present[i] & ~present[i + 1]) for i in range(structure.nv)]
 
 
+def _root(std: Array, free: Array) -> Array:
+    """Columns (b, u) of the changes of free parameters, as far as their standard deviation (b,) lets them change."""
+    free = free[std[free] > 0]
+    root = np.zeros((len(std), len(free)))
+    root[free, np.arange(len(free))] = std[free]
+    return root
+
+
 def repair_stepwise(
     structure: InertiaStructure,
     values: Array,
@@ -49,7 +59,7 @@ def repair_stepwise(
 ) -> tuple[Array, list[Step]]:
     """Base values (b,) whose trailing blocks are all >= margin * diag(weight), and the steps. `std` (b,) weighs the changes.
 
-    Raises InfeasibleError where the parameters of a joint cannot do it (their standard deviation is zero)."""
+    Raises InfeasibleError where the parameters of a joint, and those further out, cannot do it (their standard deviation is zero)."""
     current = np.array(values, float)
     steps = []
     base = structure.nv - structure.n
@@ -60,12 +70,10 @@ def repair_stepwise(
     # A free-flyer's six rows share one body and are one step.
     for i in [*reversed(range(base, structure.nv)), *([0] if base else [])]:
         free = entering[i] if i >= base else np.unique(np.concatenate(entering[:base]))
-        root = np.zeros((structure.b, len(free)))
-        root[free, np.arange(len(free))] = std[free]
-        found = nearest_by_cuts(
+        step = partial(
+            nearest_by_cuts,
             structure,
             current,
-            root[:, np.linalg.norm(root, axis=0) > 0],
             weight=weight,
             margin=margin * float(asked[i]),
             lower=lower,
@@ -73,6 +81,11 @@ def repair_stepwise(
             start=i,
             time_limit=time_limit,
         )
+        try:
+            found = step(_root(std, free))
+        except InfeasibleError:
+            # Where joints are coupled, a row may bring no parameter of its own: what was settled further out is then open again.
+            found = step(_root(std, np.unique(np.concatenate(entering[i:]))))
         changed = np.flatnonzero(found.values != current)
         name = structure.joint_names[i - base] if i >= base else "floating base"
         steps.append(Step(name, found.eigenvalue, {structure.base_names[k]: float(found.values[k] - current[k]) for k in changed}))

@@ -22,8 +22,17 @@ _POOR = 0.05
 #: right sign does that, and another joint's wrong position is not made up for by it.
 _FALL, _HALF = 4.0, 0.5
 _FEW_ROWS = 30
+#: Standard deviations from zero beyond which a sign is told.
+_SURELY = 5.0
 #: Passes of weighting are enough to compare errors that differ by far.
 _PASSES = 4
+
+
+def negative_share(values: Array, std: Array, low: Array, high: Array) -> tuple[int, int]:
+    """Of parameters that physics bounds from below by zero and that the data tell: how many lie below it by more than scatter, and how many
+    there are. `values`, `std`, `low`, `high`: (b,)."""
+    told = (low == 0.0) & np.isfinite(std) & (np.abs(values) > _SURELY * std) & (high > 0.0)
+    return int(np.sum(told & (values < 0.0))), int(np.sum(told))
 
 
 @dataclass(frozen=True)

@@ -158,13 +158,13 @@ def _invent(model: pin.Model, shapes: pin.GeometryModel, radius: float) -> tuple
     """Add a capsule to each joint that carries no shape: to the next joints, or twice as far as the centre of mass."""
     import pinocchio as pin
 
-    told = {shape.parentJoint for shape in shapes.geometryObjects}
+    covered = {shape.parentJoint for shape in shapes.geometryObjects}
     names = []
     for joint in range(model.njoints):
-        if joint in told:
+        if joint in covered:
             continue
-        carried = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
-        name = next((n for n in carried if n != "universe"), f"link of {model.names[joint]}" if joint else "base")
+        links = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
+        name = next((n for n in links if n != "universe"), f"link of {model.names[joint]}" if joint else "base")
         ends = [np.array(model.jointPlacements[c].translation) for c in range(1, model.njoints) if model.parents[c] == joint]
         if not ends and joint:
             ends = [2.0 * np.array(model.inertias[joint].lever)]

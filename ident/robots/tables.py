@@ -15,6 +15,8 @@ from .transmission import Side, Transmission
 
 #: The model beside the rigid body where nothing is declared: what every geared joint has.
 DEFAULT_EFFECTS = ("rotor_inertia", "viscous", "coulomb")
+#: What a logged torque may be: behind the gears, of the motors, a current, an estimate, of outside forces alone, a command, or nothing.
+TORQUES = ("link", "motor", "current", "estimated", "external", "command", "none")
 
 
 def constants(value: Any) -> Any:
@@ -48,6 +50,14 @@ def effect_entries(value: Any) -> tuple[Mapping[str, Any], ...]:
             raise Unfit(expected)
         found.append(dict(named))
     return tuple(found)
+
+
+def _signs(value: Any) -> tuple[float, ...]:
+    """1 or -1, or a list of such."""
+    entries = value if isinstance(value, list | tuple) else [value]
+    if not entries or any(isinstance(x, bool) or x not in (1, -1) for x in entries):
+        raise Unfit("1 or -1, or a list of them, one a joint")
+    return tuple(float(x) for x in entries)
 
 
 @dataclass(frozen=True)
@@ -91,7 +101,8 @@ class DriveTable:
     """`[drive]`: the transmission as data, and the declared effects. None: not given.
 
     `measured`: side of the logged torque; `ratio` (n,): motor turns per joint turn, or `K` (n, n): θ = K θ_m; `zero` (n,):
-    joint positions at motor zero; `torque_constants` (n,) N m/A; `effects`: {"name": …, key: value, …} each.
+    joint positions at motor zero; `torque_constants` (n,) N m/A; `effects`: {"name": …, key: value, …} each; `torque`: what the logged
+    torque is (`TORQUES`); `torque_sign`: 1 or -1 for all joints, or for each, by which it is taken.
 
     What a drive makes of its commands, for logs without torque (`ident.drives`): `law` and its constants (each a number, numbers
     per joint, a table by joint, or "identify"); `command`, `velocity_command`: what happens between and beside the logged commands;
@@ -103,6 +114,8 @@ class DriveTable:
     zero: tuple[float, ...] | None = None
     torque_constants: tuple[float, ...] | None = None
     effects: tuple[Mapping[str, Any], ...] | None = None
+    torque: str | None = None
+    torque_sign: tuple[float, ...] | None = None
     law: str | None = None
     kp: Any = None
     kd: Any = None
@@ -128,6 +141,8 @@ class DriveTable:
         "zero": numbers(),
         "torque_constants": numbers(),
         "effects": effect_entries,
+        "torque": one_of(*TORQUES),
+        "torque_sign": _signs,
         "law": text,
         **OF_A_LOG,
         "links": one_of("known", "identify"),

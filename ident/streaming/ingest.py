@@ -15,11 +15,14 @@ import numpy as np
 
 from .._utils.files import write_atomic
 from ..errors import DataError, UnsupportedError
-from ..logs.columns import ColumnPlan, resolve_columns
+from ..logs.columns import ColumnPlan
 from ..logs.names import JointNames
+from ..logs.planning import planned
 from ..logs.readers.ros import joint_state_columns
+from ..logs.readers.stored import format_of
 from ..logs.readers.tables import read_header
 from ..logs.repair import Holes, blank_unusable, missing_rows, rising_runs, usable_numbers
+from ..logs.source import TableSource
 from ..robots.robot import Robot
 from .digest import FileDigest
 from .disk import DiskArray, DiskWriter
@@ -92,11 +95,14 @@ class Reading:
     def plan(self, path: Path) -> tuple[Any, ColumnPlan]:
         """Header and columns of a file. Raises DataError and ConfigurationError; UnsupportedError for what cannot be streamed."""
         header = read_header(path)
-        if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig" or path.is_dir():
+        if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig" or path.is_dir() or format_of(path):
             raise UnsupportedError(f"log {path}: this dialect is read as a whole only; take --stream away, or write it with commas.")
         if not self.columns and joint_state_columns(header) is not None:
             raise UnsupportedError(f"log {path}: JointState messages with a name array cannot be streamed; read it whole (--no-stream).")
-        return header, resolve_columns(header.names, JointNames.of(self.robot), self.columns, where=f"log {path}")
+        found = planned(TableSource.of(path), JointNames.of(self.robot), self.columns)
+        if found.table is not None:
+            raise UnsupportedError(f"log {path}: a table with a row for each joint is read as a whole only; take --stream away.")
+        return header, found.plan
 
 
 def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[float], None] | None = None) -> tuple[StoredLog, ...]:

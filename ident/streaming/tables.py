@@ -15,7 +15,9 @@ import numpy as np
 from ..errors import DataError, UnsupportedError
 from ..logs.columns import ColumnPlan
 from ..logs.readers.damage import DAMAGED, reason
-from ..logs.readers.tables import LONGEST_LINE, Header, arrow_values, numeric, open_binary, parquet_file, stored_names
+from ..logs.readers.header import Header, numeric
+from ..logs.readers.packed import LONGEST_LINE, open_binary
+from ..logs.readers.parquet import arrow_values, parquet_file, stored_names
 from .text import TextParser
 
 Array = np.ndarray

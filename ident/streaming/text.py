@@ -16,7 +16,9 @@ import numpy as np
 
 from ..errors import DataError
 from ..logs.columns import ColumnPlan
-from ..logs.readers.tables import Header, arrow_columns, bad_text, numbered_rows, open_binary, over_lines, pandas_columns, quotes_stay_open
+from ..logs.readers.header import Header
+from ..logs.readers.packed import open_binary
+from ..logs.readers.text import arrow_columns, bad_text, numbered_rows, over_lines, pandas_columns, quotes_stay_open, unpaired_quotes
 
 Array = np.ndarray
 _COUNTED = 1 << 20
@@ -90,7 +92,7 @@ class TextParser:
         names = self.plan.sources
         if len(text) < 4096 and not bytes(text).strip():
             return {name: np.zeros(0) for name in names}
-        if find_spec("pyarrow") is not None:
+        if find_spec("pyarrow") is not None and not unpaired_quotes(text):
             import pyarrow as pa
 
             source, pool = pa.BufferReader(pa.py_buffer(text)), pa.system_memory_pool()

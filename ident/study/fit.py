@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import ConfigurationError, DataError
 from ..estimators import Estimator, make_estimator
 from ..evaluation.doubts import counted_twice, doubts, fitted_as_well, require_rows
-from ..logs.log import Log, LogSet, read_logs
+from ..logs.log import Log, LogSet
+from ..logs.reading import read_logs
 from ..model import Model
 from ..problem.problem import Problem
 from ..robots.description import Description

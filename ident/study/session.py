@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 from ..auditing import Audit, audit
 from ..drives.torque import with_torque
 from ..errors import DataError
-from ..evaluation.doubts import counted_twice, doubts, fitted_as_well, require_rows
+from ..estimators import make_estimator
+from ..evaluation.doubts import all_turned, counted_twice, doubts, fitted_as_well, require_rows
 from ..evaluation.validation import validate
-from ..logs.log import read_logs
+from ..logs.reading import read_logs
 from ..problem.problem import Problem
 from ..signals.preparation import make_preparation
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from ..signals.preparation import Preparation
     from ..signals.signals import Signals
     from .study import Study
+
+from .study import DEFAULT_METHOD
 
 #: Share of each log that is held out (its last part) where no validation log is given.
 HELD_SHARE = 0.25
@@ -67,7 +70,7 @@ class Session:
         return self.recorded.split(by="fraction", held=HELD_SHARE)
 
     def _read(self, files: Iterable[Path]) -> LogSet:
-        how = {"skip_bad_files": self.skip_bad_files, **self.study.logs.reading()}
+        how = {"skip_bad_files": self.skip_bad_files, **self.study.reading()}
         logs = read_logs([*map(str, files)], self.robot, self.study.columns or None, **how)
         law = self.study.drive_law(self.robot)
         return logs if law is None else with_torque(logs, law, self.robot)
@@ -130,6 +133,14 @@ class Session:
             said.append(again)
         said += self.repeated
         return replace(found, warnings=(*found.warnings, *self.robot.doubts, *said, *doubts(found)))
+
+    @cached_property
+    def turned(self) -> str:
+        """What to say first of all where every torque has the opposite sign; "" where they have not, or where it cannot be told."""
+        try:
+            return all_turned(make_estimator(DEFAULT_METHOD).solve(self.problem))
+        except DataError:
+            return ""
 
     @property
     def repeated(self) -> list[str]:

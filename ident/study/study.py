@@ -16,6 +16,7 @@ from ..drives.law import DriveLaw
 from ..effects.declared import declared_effects, effect_entry
 from ..errors import ConfigurationError, DataError
 from ..estimators import estimator_types, make_estimator
+from ..logs.recorders import add_recorders
 from ..robots.description import Description
 from ..robots.tables import DriveTable, RobotTable, read_drive, read_loop
 from ..signals.preparation import Preparation, make_preparation
@@ -28,22 +29,21 @@ if TYPE_CHECKING:
 
 DEFAULT_PREPARATION = "zero_phase"
 DEFAULT_METHOD = "wls"
+_COLUMN_ENTRIES = (
+    'a table of quantity = "column of the file", with a unit as in q1_deg = "...", or = { column = "...", scale = -1, offset = 0 }'
+)
 
 
 @dataclass(frozen=True)
 class LogsTable:
     """`[logs]`: files or patterns, relative ones joined to the folder of the study. `missing`: see `read_logs`; None: refuse.
-    `rate_hz`: samples per second of logs without a time."""
+    `rate_hz`: samples per second of logs without a time; `recorders`: files of recorders that are not known (docs/logs.md)."""
 
     fit: tuple[str, ...] = ()
     validate: tuple[str, ...] = ()
     missing: str | None = None
     rate_hz: float | None = None
-
-    def reading(self) -> dict[str, Any]:
-        """How `read_logs` is to read them (its keyword arguments)."""
-        given = {"missing": self.missing, "rate_hz": self.rate_hz}
-        return {key: value for key, value in given.items() if value is not None}
+    recorders: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Study:
     logs: LogsTable = field(default_factory=LogsTable)
     signals: Strategy = field(default_factory=Strategy)
     estimator: Strategy = field(default_factory=Strategy)
-    columns: Mapping[str, str] = field(default_factory=dict)
+    columns: Mapping[str, Any] = field(default_factory=dict)
     plugins: tuple[str, ...] = ()
 
     @classmethod
@@ -124,6 +124,12 @@ class Study:
             logs=replace(self.logs, fit=fit or self.logs.fit, validate=held or self.logs.validate),
             estimator=self.estimator if method is None else Strategy(method),
         )
+
+    def reading(self) -> dict[str, Any]:
+        """How `read_logs` is to read the logs (its keyword arguments)."""
+        drive = self.description.whole_drive()
+        given = {"missing": self.logs.missing, "rate_hz": self.logs.rate_hz, "torque": drive.torque, "torque_sign": drive.torque_sign}
+        return {key: value for key, value in given.items() if value is not None}
 
     def with_effects(self, effects: Iterable[Effect]) -> Study:
         """The same study with these effects declared beside the rigid body (an extended model)."""
@@ -202,6 +208,7 @@ class Study:
                 **{key: [_relative(p, folder) for p in getattr(self.logs, key)] or None for key in ("fit", "validate")},
                 "missing": self.logs.missing,
                 "rate_hz": self.logs.rate_hz,
+                "recorders": [_relative(p, folder) for p in self.logs.recorders] or None,
             },
             "signals": {"method": self.signals.method, **self.signals.options},
             "estimator": {"method": self.estimator.method, **self.estimator.options},
@@ -245,11 +252,15 @@ def read_study(path: str | Path) -> Study:
     data = check_table(load_toml(path, "study"), schema, "", where)
     plugins = check_table(data.get("plugins", {}), {"modules": texts}, "plugins", where).get("modules", ())
     load_modules(plugins, path.parent, f"{where}: [plugins]")
-    logs = check_table(data.get("logs", {}), {"fit": texts, "validate": texts, "missing": text, "rate_hz": number}, "logs", where)
+    logs = check_table(
+        data.get("logs", {}), {"fit": texts, "validate": texts, "missing": text, "rate_hz": number, "recorders": texts}, "logs", where
+    )
     missing, rate_hz = logs.pop("missing", None), logs.pop("rate_hz", None)
+    for file in logs.get("recorders", ()):
+        add_recorders(path.parent / file)
     strategies = {table: _strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
     try:
-        columns = table_of(text, 'a table of column = "name in the file", with a unit as in q1_deg = "..."')(data.get("columns", {}))
+        columns = table_of(_column_entry, _COLUMN_ENTRIES)(data.get("columns", {}))
     except Unfit as expected:
         raise ConfigurationError(f"{where}: [columns] must be {expected}.") from None
     return Study(
@@ -269,6 +280,13 @@ def read_study(path: str | Path) -> Study:
         columns,
         tuple(plugins),
     )
+
+
+def _column_entry(value: Any) -> Any:
+    """The name of a column, or a table of `column` and any of `unit`, `scale`, `offset`."""
+    if isinstance(value, Mapping):
+        return check_table(value, {"column": text, "unit": text, "scale": number, "offset": number}, "columns", "study")
+    return text(value)
 
 
 def write_study(path: str | Path, study: Study, *, force: bool = False) -> Path:

@@ -373,8 +373,8 @@ def test_what_is_missing_is_said_as_it_is(ident, arm, saved_fit, tmp_path):
     folder.mkdir()
     (folder / "fit.json").write_bytes(Path(saved_fit).read_bytes())
     ran = ident("report", folder, "-o", tmp_path / "r.html")
-    assert ran.code == 2
-    assert f"ident report {folder / 'fit.json'}" in ran.err
+    assert ran.code == 0, ran.err
+    assert (tmp_path / "r.html").read_text().startswith("<!DOCTYPE html>")
     ran = ident("fit", "--urdf", arm.urdf, "--log", arm.train, "--effects", "bogus")
     assert "unknown effect 'bogus'. Known:" in ran.err
 
@@ -389,7 +389,7 @@ def test_simulate_says_what_it_has_no_value_for(ident, tmp_path):
 def test_simulated_torque_is_recorded_as_it_acts(ident, tmp_path):
     """Torque that a controller holds for a period acts half a period late; a record of what it asked for would look early."""
     from ident.effects.base import make_effect
-    from ident.logs.log import read_logs
+    from ident.logs.reading import read_logs
     from ident.problem.problem import Problem
     from ident.robots import load_robot, nominal_values
     from ident.signals import ZeroPhase

@@ -14,7 +14,7 @@ import numpy as np
 
 import ident
 from ident.errors import IdentError, UnsupportedError
-from ident.logs.readers import tables
+from ident.logs.readers import text as whole_text
 from ident.streaming import text
 from ident.streaming.ingest import Reading, store_logs
 
@@ -81,7 +81,7 @@ def without_arrow() -> Iterator[None]:
     def found(name: str) -> Any:
         return None if name == "pyarrow" else find_spec(name)
 
-    with patch.object(tables, "find_spec", found), patch.object(text, "find_spec", found):
+    with patch.object(whole_text, "find_spec", found), patch.object(text, "find_spec", found):
         yield
 
 

@@ -200,6 +200,8 @@ def _change(rng: Rng, content: Any) -> None:
     elif isinstance(below := here[key], bool | str):
         here[key] = str(of(rng, (below, "", "x"))) + str(of(rng, ("", "x", " ")))
     elif isinstance(below, int | float):
-        here[key] = of(rng, (below * -1, below * 1e200, below + 0.5, str(below)))
+        far = below * 1e200 if abs(below) < 1e100 else below  # an integer may be too large for any float
+        near = below + 0.5 if abs(below) < 1e100 else below
+        here[key] = of(rng, (below * -1, far, near, str(below)))
     else:
         here[key] = [below] if rng.random() < 0.5 else None

@@ -13,7 +13,8 @@ from ident.auditing.columns import position_jumps
 from ident.effects.offset import Offset
 from ident.estimators import WeightedLeastSquares
 from ident.friction.drive import Coulomb, RotorInertia, Viscous
-from ident.logs.log import LogSet, read_logs
+from ident.logs.log import LogSet
+from ident.logs.reading import read_logs
 from ident.logs.unwrap import unwrapped
 from ident.problem.problem import Problem
 from ident.robots.robot import Robot

@@ -12,7 +12,7 @@ import pytest
 
 import ident
 from ident import DataError
-from ident.logs.readers import tables
+from ident.logs.readers import packed
 from ident.streaming.ingest import Reading, store_logs
 from tests.fuzz import seeds
 
@@ -71,7 +71,7 @@ def test_damaged_files_are_left_out_with_a_record(tmp_path: Path) -> None:
 
 
 def test_a_bomb_is_refused_before_it_fills_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tables, "_UNPACKED", 1 << 20)
+    monkeypatch.setattr(packed, "_UNPACKED", 1 << 20)
     path = tmp_path / "bomb.csv.gz"
     with gzip.open(path, "wb") as file:
         file.write(b"t,q1,q2,tau1,tau2\n")
@@ -83,7 +83,7 @@ def test_a_bomb_is_refused_before_it_fills_the_memory(tmp_path: Path, monkeypatc
 
 @pytest.mark.parametrize("suffix", [*PACKS])
 def test_a_packed_log_of_a_usual_ratio_is_read(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tables, "_UNPACKED", 1 << 10)
+    monkeypatch.setattr(packed, "_UNPACKED", 1 << 10)
     (tmp_path / f"a.{suffix}").write_bytes(PACKS[suffix](TABLE))
     np.testing.assert_array_equal(ident.read_logs(tmp_path / f"a.{suffix}", seeds.robot())[0].t, np.arange(900) / seeds.RATE)
 

@@ -10,8 +10,9 @@ from ident.auditing import audit
 from ident.errors import DataError
 from ident.logs.columns import resolve_columns
 from ident.logs.hints import lookalikes
-from ident.logs.log import LogSet, read_logs
+from ident.logs.log import LogSet
 from ident.logs.names import JointNames
+from ident.logs.reading import read_logs
 from ident.logs.torque import measured
 from ident.robots.robot import Robot
 from ident.streaming.ingest import Reading, store_logs

@@ -12,9 +12,10 @@ from effect_robots import ROBOTS
 
 from ident.errors import ConfigurationError, DataError
 from ident.logs.columns import resolve_columns
-from ident.logs.log import Log, LogSet, measured, read_logs
+from ident.logs.log import Log, LogSet, measured
 from ident.logs.names import JointNames
 from ident.logs.readers.tables import read_header
+from ident.logs.reading import read_logs
 from ident.logs.units import split_unit
 from ident.logs.unwrap import unwrapped
 from ident.robots.robot import Robot
@@ -326,7 +327,7 @@ def test_blanks_around_the_names_of_a_parquet_file_are_no_part_of_them(tmp_path:
 
 
 def test_both_csv_readers_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import ident.logs.readers.tables as files
+    import ident.logs.readers.text as files
 
     rows = [[k * 0.001, math.pi * k, "" if k == 3 else 1e-300 * k] for k in range(50)]
     path = write(tmp_path / "a.csv", "# a comment\nt, q1 ,tau1", rows)

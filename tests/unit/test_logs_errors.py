@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.errors import ConfigurationError, DataError, IdentError
-from ident.logs.log import read_logs
+from ident.logs.reading import read_logs
 from ident.robots.robot import Robot
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.errors import DataError
-from ident.logs.log import read_logs
+from ident.logs.reading import read_logs
 from ident.robots.robot import Robot
 
 ARM = """<robot name="arm"><link name="a"/><link name="b"/><link name="c"/>

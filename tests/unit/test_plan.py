@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ident.effects.motion import Motion
 from ident.errors import ConfigurationError, UnsupportedError
 from ident.friction import LoadDependentFriction
-from ident.logs.log import read_logs
+from ident.logs.reading import read_logs
 from ident.planning import MotionKind, Plan, Separation, default_model, make_plan, read_plan, simulate_plan, write_plan
 from ident.robots import load_robot, nominal_values
 from ident.robots.robot import Robot

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
 import json
+import lzma
+import re
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +18,7 @@ import ident
 
 Array = np.ndarray
 N, RATE = 400, 100.0
+STATE = "control_msgs/msg/JointTrajectoryControllerState"
 
 
 def motion(n: int = 3) -> tuple[Array, Array, Array, Array]:
@@ -162,20 +169,390 @@ def test_without_a_time_the_rate_is_asked_for(tmp_path: Path) -> None:
     is_the_motion(path, rate_hz=RATE)
 
 
-def test_wild_recordings_are_read_as_they_are(data_folder: Path) -> None:
-    """Against what is known of each: first and last sample, and time. Those that must be refused or asked about are left out."""
+#: Rates that recordings without a time were made with.
+RATES = {"iiwa_sim_no_time": 100.0, "kinova_kortex_jsonl": 40.0, "aloha_hdf5": 50.0}
+#: Recordings that must end in a question or a refusal, and what it has to hold.
+ASKED = {
+    "ros2_mcap_one_message": "one row of data",
+    "robosuite_demo_hdf5": r'q7 = "states\[7\]", dq1 = "states\[8\]".*joint_torques\[0\]',
+    "ur10e_headerless": 'q6 = "#6", dq1 = "#7"',
+}
+
+
+def wild(data_folder: Path) -> tuple[Path, list[dict[str, Any]]]:
     folder = data_folder / "logs_wild"
     if not folder.is_dir():
         pytest.skip("the collection of recordings is not here")
-    known = {x["id"]: x for x in json.loads((folder / "manifest.json").read_text())}
-    plain = (
-        "ros2_db3_ur10", "ros1_bag_fake_joints", "rostopic_echo_csv", "ur_rtde_record_standstill",
-        "ur_rtde_file_recording",
-        "libfranka_log", "kuka_fri_pyfri", "abb_egm_log", "semicolon_decimal_comma", "unitree_lowstate_csv", "solo_logger_npz",
-    )  # fmt: skip
-    for name in plain:
-        about = known[name]["check"]
-        log = ident.read_logs(folder / known[name]["input"])[0]
-        np.testing.assert_allclose(log.q[0], about["q_first_rad"], atol=1e-5, err_msg=name)
-        np.testing.assert_allclose(log.q[-1], about["q_last_rad"], atol=1e-5, err_msg=name)
-        assert log.duration == pytest.approx(about["t_last_s"] - about["t_first_s"], abs=1e-3), name
+    return folder, json.loads((folder / "manifest.json").read_text())
+
+
+def test_wild_recordings_are_read_as_they_are(data_folder: Path) -> None:
+    """Against what is known of each: samples, time, which channels are there, and what was desired."""
+    folder, manifest = wild(data_folder)
+    read = 0
+    for about in manifest:
+        name, check = about["id"], about["check"]
+        if name in ASKED:
+            continue
+        logs = ident.read_logs(folder / about["input"], rate_hz=RATES.get(name))
+        log = logs[0]
+        told = [log.joint_names.index(j) for j in about["joints"]] if set(about["joints"]) <= set(log.joint_names) else slice(None)
+        assert log.n == len(about["joints"]), name
+        assert len(log) == check["samples_used"], name
+        np.testing.assert_allclose(log.q[0][told], check["q_first_rad"], atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(log.q[-1][told], check["q_last_rad"], atol=1e-6, err_msg=name)
+        if name not in RATES and check["t_first_s"] > 0.0:
+            assert log.t[0] == pytest.approx(check["t_first_s"], abs=1e-6), name
+            assert log.duration == pytest.approx(check["t_last_s"] - check["t_first_s"], abs=1e-6), name
+        assert (log.dq is not None) == bool(about["dq"]["channels"]), name
+        unit = about["effort"]["unit"]
+        assert list(log.tau) == ([] if unit is None else ["current" if unit.endswith("A") else "joint"]), name
+        if unit == "Nm":
+            np.testing.assert_allclose(log.tau["joint"][0][told], check["effort_first_file_unit"], rtol=1e-5, err_msg=name)
+            np.testing.assert_allclose(log.tau["joint"][-1][told], check["effort_last_file_unit"], rtol=1e-5, err_msg=name)
+        elif unit is not None:
+            one = {"A": 1.0, "mA": 1e-3, "2.69 mA": 2.69e-3}[unit]
+            np.testing.assert_allclose(log.tau["current"][0], one * np.array(check["effort_first_file_unit"]), rtol=1e-5, err_msg=name)
+        if about["reference"] and name not in ("pendulum_two_files", "semicolon_decimal_comma"):
+            wanted = np.stack([log.extra[f"q_ref{j + 1}"] for j in range(log.n)], axis=1)
+            gap = np.abs(wanted - log.q)[np.isfinite(wanted).all(axis=1)]
+            assert gap.size, name
+            assert np.sqrt(np.mean(gap**2)) < 0.3 * np.std(log.q - log.q.mean(axis=0)) + 1e-2, name
+        read += 1
+    assert read == 22
+
+
+@pytest.mark.parametrize("name", ["iiwa_sim_no_time", "kinova_kortex_jsonl", "aloha_hdf5"])
+def test_wild_recordings_without_a_time_ask_for_the_rate(data_folder: Path, name: str) -> None:
+    folder, manifest = wild(data_folder)
+    (about,) = [x for x in manifest if x["id"] == name]
+    with pytest.raises(ident.DataError, match="rate_hz = "):
+        ident.read_logs(folder / about["input"])
+
+
+@pytest.mark.parametrize("name", sorted(ASKED))
+def test_wild_recordings_that_nobody_can_know_are_asked_about(data_folder: Path, name: str) -> None:
+    folder, manifest = wild(data_folder)
+    (about,) = [x for x in manifest if x["id"] == name]
+    with pytest.raises(ident.DataError, match=ASKED[name]):
+        ident.read_logs(folder / about["input"])
+
+
+def test_what_is_proposed_for_a_table_without_names_reads_it(tmp_path: Path) -> None:
+    t, q, dq, tau = motion()
+    path = tmp_path / "a.csv"
+    np.savetxt(path, np.column_stack([t + 7.0, q, dq, tau, 2 * tau]), delimiter=",")
+    with pytest.raises(ident.DataError) as caught:
+        ident.read_logs(path)
+    said = re.search(r'under \[columns\] of a study file: (t = "#0".*?)\. Torque', str(caught.value))
+    assert said is not None, caught.value
+    columns = tomllib.loads("\n".join(said[1].split(", ")))
+    assert len(columns) == 7
+    log = ident.read_logs(path, columns=columns | {f"tau{j + 1}": f"#{j + 7}" for j in range(3)})[0]
+    assert len(log) == N  # the first row is a sample
+    np.testing.assert_allclose(log.q, q)
+    np.testing.assert_allclose(log.tau["joint"], tau)
+
+
+def hdf5(path: Path, arrays: dict[str, Array]) -> Path:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        for name, a in arrays.items():
+            file[name] = a
+        file["observations/images/cam"] = np.zeros((N, 2, 2, 3), np.uint8)
+    return path
+
+
+def test_hdf5_of_one_recording_and_of_several(tmp_path: Path) -> None:
+    t, q, dq, tau = motion()
+    names = {"time": t, "observations/qpos": q, "observations/qvel": dq, "observations/torque": tau, "action": q + 0.01}
+    log = is_the_motion(hdf5(tmp_path / "one.hdf5", names))
+    np.testing.assert_allclose(log.extra["q_ref3"], q[:, 2] + 0.01)
+    several = {f"data/demo_{k}/{name}": a + (0.0 if name == "time" else 0.1 * k) for k in (0, 2, 10) for name, a in names.items()}
+    logs = ident.read_logs(hdf5(tmp_path / "several.hdf5", several))
+    assert logs.names == ("data demo_0", "data demo_2", "data demo_10")
+    for k, found in zip((0, 2, 10), logs, strict=True):
+        np.testing.assert_allclose(found.q, q + 0.1 * k)
+    np.testing.assert_allclose(ident.read_logs(tmp_path / "several.hdf5/data/demo_2")[0].q, q + 0.2)
+    with pytest.raises(ident.DataError, match="no group 'data/demo_5'"):
+        ident.read_logs(tmp_path / "several.hdf5/data/demo_5")
+
+
+def test_matlab_structs_before_and_after_version_7_3(tmp_path: Path) -> None:
+    """The later layout is written as MATLAB writes it: transposed, text as numbers, structs as groups, arrays of structs by reference."""
+    h5py = pytest.importorskip("h5py")
+    from scipy.io import savemat
+
+    t, q, dq, tau = motion()
+    signals = {"q_meas [deg]": np.rad2deg(q), "dq_meas [deg/s]": np.rad2deg(dq), "u_motor [Nm]": tau}
+    structs = np.array([{"values": a, "label": name} for name, a in signals.items()], dtype=object)
+    savemat(tmp_path / "old.mat", {"ScopeData": {"time": t, "signals": structs}, "tout": t[::2], "params": {"m": [0.6, 0.5]}})
+    is_the_motion(tmp_path / "old.mat")
+    with h5py.File(tmp_path / "new.mat", "w", userblock_size=512) as file:
+        group = file.create_group("ScopeData")
+        group["time"] = t[None, :]
+        group["time"].attrs["MATLAB_class"] = np.bytes_("double")
+        references = file.create_group("#refs#")
+        kept: dict[str, list[Any]] = {"values": [], "label": []}
+        for k, (name, a) in enumerate(signals.items()):
+            values = references.create_dataset(f"v{k}", data=a.T)
+            values.attrs["MATLAB_class"] = np.bytes_("double")
+            label = references.create_dataset(f"l{k}", data=np.array([[ord(c)] for c in name], np.uint16))
+            label.attrs["MATLAB_class"] = np.bytes_("char")
+            kept["values"].append(values.ref)
+            kept["label"].append(label.ref)
+        parts = group.create_group("signals")
+        for name, refs in kept.items():
+            parts.create_dataset(name, data=np.array(refs, dtype=h5py.ref_dtype).reshape(1, -1), dtype=h5py.ref_dtype)
+    with (tmp_path / "new.mat").open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    is_the_motion(tmp_path / "new.mat")
+
+
+def test_of_two_encoders_the_motors_counts_unless_it_counts_before_the_gear(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    t, q, _, tau = motion()
+    record = {"time_cont": t, "act_pos_se_deg": np.rad2deg(q).T, "act_torque_abs_nm": tau.T, "ref_pos_deg": np.rad2deg(q + 0.01).T}
+    savemat(tmp_path / "a.mat", {"rec": record | {"act_pos_mot_deg": np.rad2deg(q + 0.001).T}})
+    np.testing.assert_allclose(ident.read_logs(tmp_path / "a.mat")[0].q, q + 0.001)
+    savemat(tmp_path / "b.mat", {"rec": record | {"act_pos_mot_deg": 80 * np.rad2deg(q).T}})
+    np.testing.assert_allclose(ident.read_logs(tmp_path / "b.mat")[0].q, q)
+
+
+def test_json_messages_of_actuators_within_one_turn(tmp_path: Path) -> None:
+    t, q, dq, tau = motion()
+    q = q + [0.0, 3.0, -2.0]
+    rows = [
+        {
+            "stamp": float(t[k]) + 5.0,
+            "base": {"state": "READY"},
+            "actuators": [
+                {"position": float(np.rad2deg(q[k, j]) % 360.0), "velocity": float(np.rad2deg(dq[k, j])), "torque": str(tau[k, j])}
+                for j in range(3)
+            ],
+        }
+        for k in range(N)
+    ]
+    path = tmp_path / "a.jsonl"
+    path.write_text("\n".join(json.dumps(row) for row in rows))
+    log = ident.read_logs(path)[0]
+    np.testing.assert_allclose(log.q, q - 2 * np.pi * np.round(q[0] / (2 * np.pi)), atol=1e-9)
+    np.testing.assert_allclose(log.dq, dq)
+    np.testing.assert_allclose(log.tau["joint"], tau)
+    with gzip.open(tmp_path / "b.json.gz", "wt") as file:
+        file.write(json.dumps(rows))
+    np.testing.assert_array_equal(ident.read_logs(tmp_path / "b.json.gz")[0].q, log.q)
+    path.write_text(path.read_text() + "\n{broken")
+    with pytest.raises(ident.DataError, match=f"line {N + 1} is no JSON message"):
+        ident.read_logs(path)
+
+
+def test_json_joint_states_go_by_their_names(tmp_path: Path) -> None:
+    t, q, dq, tau = motion()
+    path = tmp_path / "a.jsonl"
+    order = ["b", "c", "a"]
+    lines = []
+    for k in range(N):
+        place = [order.index(x) for x in (order if k % 2 else sorted(order))]
+        values = {word: [float(x[k, j]) for j in place] for word, x in (("position", q), ("velocity", dq), ("effort", tau))}
+        lines.append(json.dumps({"t": float(t[k]), "name": [order[j] for j in place], **values}))
+    path.write_text("\n".join(lines))
+    log = ident.read_logs(path)[0]
+    np.testing.assert_allclose(log.q[:, [log.joint_names.index(x) for x in order]], q)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_xml_telegrams(tmp_path: Path, whole: bool) -> None:
+    t, q, _, tau = motion()
+    rows = []
+    for k in range(N):
+        parts = [
+            f"<{tag} " + " ".join(f'A{j + 1}="{x[k, j]:.9f}"' for j in range(3)) + "/>"
+            for tag, x in (("AIPos", np.rad2deg(q)), ("ASPos", np.rad2deg(q + 0.002)), ("GearTorque", tau))
+        ]
+        rows.append(f'<Rob Type="KUKA"><RIst X="{k}.5"/>{"".join(parts)}<Delay D="0"/><IPOC>{123456 + round(1000 * t[k])}</IPOC></Rob>')
+    text_of = "\n".join(rows)
+    (tmp_path / "a.xml").write_text(f"<?xml version='1.0'?><log>{text_of}</log>" if whole else text_of)
+    log = is_the_motion(tmp_path / "a.xml")
+    np.testing.assert_allclose(log.extra["q_ref1"], q[:, 0] + 0.002, atol=1e-8)
+    (tmp_path / "b.xml").write_text('<!DOCTYPE x [<!ENTITY a "b">]>' + text_of)
+    with pytest.raises(ident.DataError, match="entities"):
+        ident.read_logs(tmp_path / "b.xml")
+
+
+@pytest.mark.parametrize("key", ["id", "joint"])
+def test_long_tables_have_a_row_for_each_joint(tmp_path: Path, key: str) -> None:
+    t, q, dq, tau = motion()
+    labels = ["11", "12", "15"] if key == "id" else ["hip", "knee", "ankle"]
+    lines = [f"time_s,{key},position,velocity,torque"]
+    lines += [f"{t[k] + 0.001 * j:.6f},{labels[j]},{q[k, j]:.9f},{dq[k, j]:.9f},{tau[k, j]:.9f}" for k in range(N) for j in range(3)]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    log = is_the_motion(tmp_path / "a.csv")
+    assert [name.split()[-1] for name in log.joint_names] == labels
+
+
+def test_counts_are_asked_about_unless_the_recorder_is_known(tmp_path: Path) -> None:
+    t, q, _, tau = motion()
+    counts = np.round(q / (2 * np.pi) * 4096) + 2048
+    path = text(tmp_path / "a.csv", ["t", *each("enc_pos_{}"), *each("torque_{}")], [t, *counts.T, *tau.T])
+    with pytest.raises(ident.DataError, match="counts of an encoder"):
+        ident.read_logs(path)
+    current = np.round(tau / 2.69e-3)
+    names = ["ms", *each("present_position_{}"), *each("present_current_{}"), *each("goal_position_{}")]
+    log = ident.read_logs(text(tmp_path / "b.csv", names, [1000 * t, *counts.T, *current.T, *counts.T]))[0]
+    np.testing.assert_allclose(log.q, q, atol=np.pi / 4096 + 1e-9)
+    np.testing.assert_allclose(log.tau["current"], tau, atol=1.4e-3)
+    np.testing.assert_allclose(log.extra["q_ref1"], log.q[:, 0])
+    np.testing.assert_allclose(log.t[-1] - log.t[0], t[-1])
+
+
+def test_channels_that_hold_only_zeros_are_not_measurements(tmp_path: Path) -> None:
+    t, q, _, tau = motion()
+    zero = np.zeros_like(q)
+    names = ["t", *each("q{}", 1), *each("dq{}", 1), *each("tau{}", 1)]
+    log = ident.read_logs(text(tmp_path / "a.csv", names, [t, *q.T, *zero.T, *zero.T]))[0]
+    assert log.dq is None
+    assert not log.tau
+    log = ident.read_logs(text(tmp_path / "b.csv", names, [t, *(zero + 1e-5 * q).T, *zero.T, *tau.T]))[0]
+    assert log.dq is not None  # it stands still
+    assert list(log.tau) == ["joint"]
+
+
+def test_hands_are_left_out_where_no_robot_has_them(tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    t, q, _, _ = motion(4)
+    folder = tmp_path / "set"
+    (folder / "data/chunk-000").mkdir(parents=True)
+    (folder / "meta").mkdir()
+    for names in (["a_joint", "b_joint", "c_joint", "gripper"], {"motors": ["a_joint", "b_joint", "c_joint", "left_hand_thumb"]}):
+        (folder / "meta/info.json").write_text(
+            json.dumps({"features": {"observation.state": {"names": names}, "action": {"names": names}}})
+        )
+        # Version 3 of the data set keeps several episodes in a file, each with a time of its own.
+        twice = {"timestamp": [*t, *t], "observation.state": [*q.tolist(), *(q + 1).tolist()], "action": [*q.tolist(), *q.tolist()]}
+        parquet.write_table(pa.table(twice), folder / "data/chunk-000/file-000.parquet")
+        logs = ident.read_logs(folder)
+        assert len(logs) == 2
+        np.testing.assert_allclose(logs[1].q, q[:, :3] + 1)
+        assert logs[0].joint_names == ("a_joint", "b_joint", "c_joint")
+
+
+def test_desired_motion_beside_in_another_file(tmp_path: Path) -> None:
+    t, q, dq, tau = motion(1)
+    names = ["time", "position", "velocity", "torque"]
+    text(tmp_path / "data_measured.csv", names, [t, q[:, 0], dq[:, 0], tau[:, 0]])
+    text(tmp_path / "data_desired.csv", names, [t + 1e-4, q[:, 0] + 0.02, dq[:, 0], tau[:, 0]])
+    (log,) = ident.read_logs(tmp_path)
+    np.testing.assert_allclose(log.q, q, atol=1e-8)
+    known = np.isfinite(log.extra["q_ref1"])
+    assert known.sum() == N - 1
+    np.testing.assert_allclose(log.extra["q_ref1"][known], q[known, 0] + 0.02, atol=1e-3)
+
+
+def test_desired_motion_in_another_order_of_joints(tmp_path: Path) -> None:
+    t, q, _, tau = motion()
+    names = [
+        "time",
+        *[f"/joint_states/{x}/position" for x in "cab"],
+        *[f"/joint_states/{x}/effort" for x in "cab"],
+        *each("/ctl/reference/positions[{}]"),
+    ]
+    wanted = q[:, [1, 2, 0]] + 0.01  # the controller counts a, b, c
+    log = ident.read_logs(text(tmp_path / "a.csv", names, [t, *q.T, *tau.T, *wanted.T]))[0]
+    assert log.joint_names == ("c", "a", "b")
+    for j in range(3):
+        np.testing.assert_allclose(log.extra[f"q_ref{j + 1}"], q[:, j] + 0.01, atol=1e-8)
+
+
+def test_a_bag_with_two_publishers_and_a_controllers_state(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    point = "trajectory_msgs/JointTrajectoryPoint"
+    store.register(get_types_from_msg(f"std_msgs/Header header\nstring[] joint_names\n{point} reference\n{point} feedback", STATE))
+    types = store.types
+    t, q, dq, tau = motion()
+
+    def header(k: float) -> Any:
+        nanoseconds = round(1e9 * k)
+        stamp = types["builtin_interfaces/msg/Time"](sec=100 + nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+        return types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+
+    def state(k: int, names: list[str], at: list[int], shift: float = 0.0) -> Any:
+        values = [np.array([x[k, j] for j in at]) for x in (q, dq, tau)]
+        return store.serialize_cdr(types["sensor_msgs/msg/JointState"](header(t[k] + shift), names, *values), "sensor_msgs/msg/JointState")
+
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        joints = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
+        control = writer.add_connection("/ctl/controller_state", STATE, typestore=store)
+        for k in range(N):
+            writer.write(joints, 10**12 + 10 * k, state(k, ["arm_b", "arm_a"], [1, 0]))
+            if k % 2 == 0:
+                writer.write(joints, 10**12 + 10 * k + 1, state(k, ["lift"], [2], 0.001))
+                empty, span = np.array([]), types["builtin_interfaces/msg/Duration"](sec=0, nanosec=0)
+                made = types["trajectory_msgs/msg/JointTrajectoryPoint"]
+                wanted = made(q[k, [0, 1]] + 0.01, dq[k, [0, 1]], empty, empty, span)
+                told = types[STATE](header(t[k]), ["arm_a", "arm_b"], wanted, made(empty, empty, empty, empty, span))
+                writer.write(control, 10**12 + 10 * k + 2, store.serialize_cdr(told, STATE))
+    log = ident.read_logs(tmp_path / "bag", missing="gap")[0]
+    at = {name: k for k, name in enumerate(log.joint_names)}
+    rows = np.searchsorted(t, log.t - 100.0 - 1e-6)
+    np.testing.assert_allclose(log.q[:, [at["arm_a"], at["arm_b"]]], q[rows, :2], atol=1e-12)
+    np.testing.assert_allclose(log.q[:, at["lift"]], q[rows, 2], atol=0.02)
+    wanted = log.extra[f"q_ref{at['arm_b'] + 1}"]
+    np.testing.assert_allclose(wanted[np.isfinite(wanted)], q[rows, 1][np.isfinite(wanted)] + 0.01, atol=1e-3)
+
+
+@pytest.mark.parametrize("packed", ["", "gz", "bz2", "xz", "zst"])
+def test_packed_text(tmp_path: Path, packed: str) -> None:
+    t, q, dq, tau = motion()
+    plain = text(tmp_path / "a.csv", ["t", *each("q{}", 1), *each("dq{}", 1), *each("tau{}", 1)], [t, *q.T, *dq.T, *tau.T])
+    if packed == "zst":
+        pa = pytest.importorskip("pyarrow")
+        with pa.CompressedOutputStream(str(tmp_path / "a.csv.zst"), "zstd") as out:
+            out.write(plain.read_bytes())
+    elif packed:
+        module = {"gz": gzip, "bz2": bz2, "xz": lzma}[packed]
+        (tmp_path / f"a.csv.{packed}").write_bytes(module.compress(plain.read_bytes()))
+    is_the_motion(tmp_path / f"a.csv{'.' if packed else ''}{packed}")
+
+
+def test_a_format_of_ones_own(tmp_path: Path) -> None:
+    from ident.logs import LogFormat, Stored, register_log_format
+
+    t, q, dq, tau = motion()
+    (tmp_path / "a.ownrig").write_bytes(np.column_stack([t, q, dq, tau]).tobytes())
+
+    def read(path: Path) -> Stored:
+        table = np.frombuffer(path.read_bytes()).reshape(-1, 10)
+        columns = ["t", *each("pos {}", 1), *each("speed {}", 1), *each("torque {}", 1)]
+        return Stored(dict(zip(columns, table.T, strict=True)))
+
+    register_log_format(LogFormat("own rig", lambda path, start: path.suffix == ".ownrig", read))
+    is_the_motion(tmp_path / "a.ownrig")
+
+
+def test_a_recorder_of_ones_own(tmp_path: Path) -> None:
+    from ident.logs import add_recorders
+
+    t, q, _, tau = motion()
+    known = tmp_path / "rig.toml"
+    known.write_text(
+        '[[recorder]]\nname = "our rig"\ncolumns = ["rigpos_0"]\ncounts = 1000\ncentre = 500\neffort = "current"\n'
+        'effort_scale = 0.01\nchannels = { q = "rigpos_{}" }\n'
+    )
+    add_recorders(known)
+    counts = np.round(q / (2 * np.pi) * 1000) + 500
+    log = ident.read_logs(text(tmp_path / "a.csv", ["t", *each("rigpos_{}"), *each("torque_{}")], [t, *counts.T, *(100 * tau).T]))[0]
+    np.testing.assert_allclose(log.q, q, atol=np.pi / 1000 + 1e-9)
+    np.testing.assert_allclose(log.tau["current"], tau, atol=1e-6)
+    assert log.recording is not None
+    assert log.recording.recorder == "our rig"
+    known.write_text('[[recorder]]\nname = "our rig"\ncolumns = ["a"]\neffort = "torque"\n')
+    with pytest.raises(ident.ConfigurationError, match="effort"):
+        add_recorders(known)

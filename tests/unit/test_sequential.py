@@ -9,7 +9,7 @@ from effect_robots import chain
 from ident import MomentumProblem, Problem
 from ident.errors import ConfigurationError, DataError, UnsupportedError
 from ident.estimators import make_estimator
-from ident.logs.log import read_logs
+from ident.logs.reading import read_logs
 from ident.planning import default_model, make_plan, simulate_plan
 from ident.robots import load_robot, nominal_values
 from ident.robots.robot import Robot

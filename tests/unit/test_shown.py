@@ -137,7 +137,7 @@ def test_a_log_from_a_table_and_back() -> None:
     robot = ident.load_robot("puma560")
     train, _ = ident.demo_logs()
     table = train[0].to_frame()
-    for back in (ident.read_logs(table, robot)[0], ident.Log.from_frame(table, robot), ident.read_logs([table], robot)[0]):
+    for back in (ident.read_logs(table, robot)[0], ident.read_logs([table], robot)[0]):
         np.testing.assert_array_equal(back.t, train[0].t)
         np.testing.assert_array_equal(back.q, train[0].q)
         np.testing.assert_array_equal(back.tau["motor"], train[0].tau["motor"])
@@ -152,10 +152,8 @@ def test_times_as_an_index_and_names_as_in_a_file() -> None:
     log = ident.read_logs(table)[0]
     np.testing.assert_allclose(log.t, t, atol=1e-9)
     np.testing.assert_allclose(log.q[:, 0], np.sin(t), atol=1e-12)
-    mapped = ident.Log.from_frame(
-        table.rename(columns={"q1_deg": "angle"}), columns={"t": "t", "q1_deg": "angle", "tau1": "tau1"}, name="x"
-    )
-    assert mapped.name == "x"
+    mapping = {"t": "t", "q1_deg": "angle", "tau1": "tau1"}
+    (mapped,) = ident.read_logs(table.rename(columns={"q1_deg": "angle"}), columns=mapping)
     np.testing.assert_allclose(mapped.q[:, 0], np.sin(t), atol=1e-12)
 
 
@@ -170,3 +168,18 @@ def test_tables_that_cannot_be_used_are_refused() -> None:
         ident.read_logs(words)
     with pytest.raises(DataError):
         ident.read_logs(pd.DataFrame({"t": [], "q1": [], "tau1": []}))
+
+
+def test_a_log_is_made_of_a_table() -> None:
+    train, _ = ident.demo_logs()
+    table = train[0].to_frame()
+    made = ident.Log.from_frame(
+        table.rename(columns={"q1": "a"}),
+        ident.load_robot("puma560"),
+        name="x",
+        columns={**{c: c for c in table.columns if c != "q1"}, "q1": "a"},
+    )
+    assert made.name == "x"
+    np.testing.assert_array_equal(made.q, train[0].q)
+    with pytest.raises(DataError):
+        ident.Log.from_frame(table.head(1))

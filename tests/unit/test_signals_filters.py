@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
+from scipy import signal
 
 from ident.errors import ConfigurationError
+from ident.robots import robot_folder
+from ident.signals import filters
 from ident.signals.filters import RowFilter, butterworth_transient, central_differences, savitzky_golay_window, zero_phase_lowpass
 
 
@@ -117,3 +123,37 @@ class TestRowFilter:
             RowFilter(np.array([0.5, 0.5]))
         with pytest.raises(ConfigurationError, match="at least 1"):
             RowFilter(np.array([1.0]), 0)
+
+
+@pytest.mark.parametrize("order", range(1, 9))
+@pytest.mark.parametrize("cutoff", [0.05, 2.0, 30.0, 90.0])
+def test_the_low_pass_is_the_butterworth_filter_of_scipy(order: int, cutoff: float) -> None:
+    sections = filters.butterworth_sections(cutoff, 200.0, order)
+    frequency = np.geomspace(1e-3, 99.0, 200)
+    found = signal.sosfreqz(sections, frequency, fs=200.0)[1]
+    expected = signal.sosfreqz(signal.butter(order, cutoff, fs=200.0, output="sos"), frequency, fs=200.0)[1]
+    # Far below half the rate a coefficient's last digit is a share ε (rate / cut-off)² of what the poles leave of one.
+    assert np.abs(found - expected).max() <= 1e-12 + 4e-16 * (200.0 / (2 * np.pi * cutoff)) ** 2 * order
+    settled = filters._butterworth(cutoff, 200.0, order)[1]
+    out, after = signal.sosfilt(sections, np.ones(5), zi=settled)
+    assert np.allclose(out, 1.0, rtol=1e-6)
+    assert np.allclose(after, settled, rtol=1e-6)
+
+
+@pytest.mark.parametrize("cutoff", [0.5, 3.0, 40.0, 80.0])
+def test_the_filter_of_the_rows_is_the_kaiser_design_of_scipy(cutoff: float) -> None:
+    count, beta = signal.kaiserord(40.0, min(0.95, 2 * cutoff / 200.0))
+    expected = signal.firwin(count | 1, cutoff, window=("kaiser", beta), fs=200.0)
+    taps = RowFilter.lowpass(cutoff, 200.0, 1).taps
+    assert taps == pytest.approx(expected, rel=1e-12, abs=1e-15)
+
+
+def test_a_check_needs_no_part_of_scipy_that_takes_long_to_import() -> None:
+    code = (
+        "import sys; from ident.cli import main; main(['check', '--robot', 'puma560', '--log', sys.argv[1]]);"
+        " slow = {'scipy.signal', 'scipy.stats', 'scipy.interpolate', 'pandas', 'ident.diagnosis'};"
+        " print(sorted(slow & set(sys.modules)), file=sys.stderr)"
+    )
+    log = robot_folder("puma560") / "demo" / "train.csv.gz"
+    run = subprocess.run([sys.executable, "-c", code, str(log)], capture_output=True, text=True, check=True)
+    assert run.stderr.splitlines()[-1] == "[]"

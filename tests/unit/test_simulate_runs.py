@@ -220,7 +220,7 @@ def test_feedback_through_a_coarse_encoder_still_tracks(puma: Plant) -> None:
 
 
 def test_a_log_goes_to_csv_and_comes_back(puma: Plant, tmp_path) -> None:
-    from ident.logs.log import read_logs
+    from ident.logs.reading import read_logs
 
     way = PointToPoint(np.array([0, -1.2, 1.4, 0, 0.3, 0]), np.array([0.2, -1.0, 1.2, 0.3, 0.1, -0.4]), 0.5)
     motor = Sensors((Quantisation.counts(4000), TorqueNoise(0.01)), Side.MOTOR, Side.MOTOR, ("q", "dq", "tau"))

@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 
 from ident.errors import DataError
 from ident.logs.columns import resolve_columns
-from ident.logs.log import Log, read_logs
+from ident.logs.log import Log
 from ident.logs.names import JointNames
 from ident.logs.readers.tables import read_header
+from ident.logs.reading import read_logs
 from ident.robots.robot import Robot
 from ident.streaming.ingest import Reading, store_logs
 from ident.streaming.text import TextParser
@@ -272,3 +273,16 @@ def test_whatever_is_struck_out_or_typed_in(data: st.DataObject, robot: Robot, t
         text[at : at + gone] = data.draw(st.text("0123456789.,;-+eE \t\nnaN\"'#x", max_size=3)).encode()
     (folder / "log.csv").write_bytes(bytes(text))
     alike(folder / "log.csv", robot, folder / "scratch")
+
+
+def test_quotes_that_are_never_closed_hide_no_rows(robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reader: str) -> None:
+    """In a column that is not even read: a lenient reader takes everything behind the quotes for one field, and half the log is gone."""
+    path = tmp_path / "log.csv"
+    rows = [[*row, "note"] for row in numbers()]
+    rows[70][-1] = '"note'
+    path.write_text("\n".join(",".join(row) for row in [[*NAMES, "comment"], *rows]) + "\n")
+    if reader == "pandas":
+        monkeypatch.setattr("ident.logs.readers.text.find_spec", lambda name: None)
+    found = alike(path, robot, tmp_path / "scratch")
+    assert isinstance(found, str), "rows are missing, and nothing says so"
+    assert "line 72 (data row 71) opens quotes that are never closed" in found

@@ -32,6 +32,18 @@ def test_built_in_robots_agree(name: str, counts: dict[str, int]) -> None:
     assert json.loads(json.dumps(found.to_dict()))["agreed"] is True
 
 
+@pytest.mark.parametrize("tilt", [1e-3, 1e-4, 1e-5, 1e-6])
+def test_an_axis_that_is_almost_perpendicular_adds_nothing_twice(tilt: float) -> None:
+    """The last axis of a SCARA about y, tilted: as many parameters as for any tilt, though three of their columns are nearly the same."""
+    text = load_robot("scara").source["urdf_text"]
+    axis = '<axis xyz="0 0 1"/>'
+    before, _, after = text.rpartition(axis)
+    assert before
+    found = agreement(Robot.from_urdf(before + f'<axis xyz="0 1 {tilt}"/>' + after))
+    assert found.agreed, str(found)
+    assert set(found.counts.values()) == {12}
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_random_robots_agree_with_rotors(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 import numpy as np
 
 from ...errors import DataError
-from .tables import numeric, seconds
+from .header import numeric, seconds
 
 if TYPE_CHECKING:
     import pandas as pd

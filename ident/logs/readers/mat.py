@@ -1,4 +1,4 @@
-"""Reading MAT files: names in, columns out."""
+"""MAT files up to version 7: vectors and matrices by name, structs by their fields, Simulink signals by their labels."""
 
 from __future__ import annotations
 
@@ -7,51 +7,56 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import DataError
-from ..units import split_unit
+from ..units import bracketed, split_unit
+from .arrays import columns_of, leaves, shortest
 from .damage import reason
+from .stored import LogFormat, Stored, register_log_format
 
 Array = np.ndarray
+_SYMBOLS = ("q", "dq", "ddq", "tau")
+_HDF5 = b"MATLAB 7.3"
 
 
-def mat_columns(path: Path) -> dict[str, Array]:
-    """Columns of a MAT file: vectors by name; a matrix `q` of n columns as q1 … qn, `q_deg` as q1_deg …; structs by their fields."""
+def _read(path: Path) -> Stored:
     from scipy.io import loadmat
 
     try:
         content = loadmat(path, simplify_cells=True)
-    except NotImplementedError:
-        raise DataError(f"log {path}: is a MATLAB 7.3 file, which is not read. Save it with -v7 (save('log.mat', '-v7')).") from None
     except MemoryError:
         raise DataError(
             f"log {path}: asks for more memory than there is. Save fewer columns, or in parts; a damaged file may ask too."
         ) from None
     except Exception as error:  # noqa: BLE001 - whatever SciPy makes of a damaged file
         raise DataError(f"log {path}: is not a MAT file ({reason(error)}).") from None
-    arrays: dict[str, Array] = {}
-    for name, value in content.items():
-        if name.startswith("__"):
-            continue
-        fields = value.items() if isinstance(value, dict) else [(name, value)]
-        arrays.update({k: v for k, v in fields if isinstance(v, np.ndarray) and v.dtype.kind in "fiub" and v.ndim in (1, 2)})
-    if not arrays:
+    plain = {name: value for name, value in content.items() if not str(name).startswith("__") and name != "None"}
+    return matlab_columns(leaves(plain), path)
+
+
+def matlab_columns(arrays: dict[str, Array], path: Path) -> Stored:
+    """Columns of MATLAB's arrays: of a matrix `q` of n columns q1 … qn, of `q_deg` q1_deg …; units from labels such as `q_meas [deg]`."""
+    numeric = {name: a for name, a in arrays.items() if a.dtype.kind in "fiub" and a.ndim in (1, 2)}
+    if not numeric:
         raise DataError(f"log {path}: holds no numeric variable.")
-    rows = max(a.size if 1 in a.shape or a.ndim == 1 else max(a.shape) for a in arrays.values())
-    if rows < 2:
-        raise DataError(f"log {path}: holds no series of samples.")
-    columns: dict[str, Array] = {}
-    for name, array in arrays.items():
-        if array.size == rows:
-            columns[name] = array.reshape(-1)
-        elif array.ndim == 2 and rows in array.shape:
-            matrix = array if array.shape[0] == rows else array.T
-            columns.update({_indexed(name, j + 1): matrix[:, j] for j in range(matrix.shape[1])})
-    return columns
+    bare: dict[str, Array] = {}
+    units: dict[str, str] = {}
+    for name, a in shortest(numeric).items():
+        stem, unit = bracketed(name)
+        told = bool(unit) and not unit.isdecimal() and " " in name
+        bare[stem if told else name] = a
+        if told:
+            units[stem] = unit
+    columns = columns_of(bare, f"log {path}", _indexed)
+    owner = {_indexed(stem, j): unit for stem, unit in units.items() for j in range(len(columns))} | units
+    return Stored(columns, {name: owner[name] for name in columns if name in owner})
 
 
-def _indexed(name: str, j: int) -> str:
-    """`q_deg`, 3 → `q3_deg`."""
+def _indexed(name: str, k: int) -> str:
+    """`q_deg`, 2 → `q3_deg`: MATLAB counts from one."""
     stem, unit = split_unit(name)
-    # The m of q_m or tau_m means the motor side, not metres.
-    if unit == "m" and stem.lower() in ("q", "dq", "ddq", "tau"):
-        return f"{name}{j}"
-    return f"{stem}{j}" + (f"_{unit}" if unit else "")
+    # The m of q_m or tau_m means the motor side, not metres; the s of deg_per_s is half a unit.
+    if (unit == "m" and stem.lower() in _SYMBOLS) or stem.endswith("_per"):
+        return f"{name}{k + 1}"
+    return f"{stem}{k + 1}" + (f"_{unit}" if unit else "")
+
+
+MAT = register_log_format(LogFormat("MATLAB", lambda path, start: path.suffix.lower() == ".mat" and not start.startswith(_HDF5), _read))

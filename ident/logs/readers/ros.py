@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import DataError
-from .tables import Header, read_columns, read_text_columns
+from .header import Header
+from .tables import read_columns
+from .text import read_text_columns
 
 Array = np.ndarray
 _ELEMENT = re.compile(r"^(?:.*[./])?(name|position|velocity|effort)[._]?\[?(\d+)\]?$", re.IGNORECASE)

@@ -18,6 +18,8 @@ from .expressions import LINK_PREFERENCE, expression
 Array = np.ndarray
 
 _ZERO = 1e-15
+#: A column this far from the others stands out clearly: its direction is known to some thirteen digits.
+_CLEAR = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,18 +103,24 @@ def reduce_columns(columns: Array, parameters: tuple[Parameter, ...], order: lis
 
 
 def _orthogonalise(unit: Array, order: list[int], threshold: float) -> tuple[set[int], Array, Array]:
-    """Greedy Gram-Schmidt with one repetition: which columns stay, their basis, and every column's distance from those before."""
+    """Greedy Gram-Schmidt with one repetition: which columns stay, their basis, and every column's distance from those before.
+
+    Columns that stand out clearly stay first, whatever the order says. What is left of a column near the others has a direction as
+    uncertain as rounding over its distance; a basis that holds two of them makes independent what is not."""
     basis = np.zeros((unit.shape[0], min(unit.shape)))
     kept: set[int] = set()
-    distance = np.empty(len(order))
-    for place, i in enumerate(order):
-        Q = basis[:, : len(kept)]
-        v = unit[:, i] - Q @ (Q.T @ unit[:, i])
-        v -= Q @ (Q.T @ v)
-        distance[place] = np.linalg.norm(v)
-        if distance[place] > threshold and len(kept) < basis.shape[1]:
-            basis[:, len(kept)] = v / distance[place]
-            kept.add(i)
+    distance = np.zeros(len(order))
+    for least in (max(_CLEAR, threshold), threshold):
+        for place, i in enumerate(order):
+            if i in kept or len(kept) == basis.shape[1]:
+                continue
+            Q = basis[:, : len(kept)]
+            v = unit[:, i] - Q @ (Q.T @ unit[:, i])
+            v -= Q @ (Q.T @ v)
+            distance[place] = np.linalg.norm(v)
+            if distance[place] > least:
+                basis[:, len(kept)] = v / distance[place]
+                kept.add(i)
     return kept, basis[:, : len(kept)], distance
 
 

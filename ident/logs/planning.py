@@ -1,0 +1,172 @@
+"""Which column of a file is what: by our own names, by the user's mapping, or as a recording is recognised."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import ConfigurationError, DataError
+from .channels import ChannelGroup, groups
+from .columns import ColumnPlan, resolve_columns
+from .long_tables import long_table
+from .names import JointNames, parse_name
+from .recognise import RecordedChannels, recognised
+from .recorders import recorder_of
+from .references import references
+from .source import TableSource
+from .unnamed import proposal
+
+Array = np.ndarray
+#: The time of a log that has none, counted from its rate.
+COUNTED = "\x00counted"
+_TIMES = ("t", "time", "timestamp")
+_MOTION = ("q", "dq", "ddq")
+_IS_REFERENCE = re.compile(r"^(q|dq|ddq)_(ref|cmd)\d+")
+#: Rows by which a table without names is described.
+_LOOKED_AT = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedLog:
+    """The columns of a log, and what it was recognised as, if it had to be. `reference`: key (`q_ref1`) → column, factor, offset of desired
+    motion; `table`: the columns where the file had to be rearranged."""
+
+    plan: ColumnPlan
+    recording: RecordedChannels | None = None
+    reference: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
+    table: Mapping[str, Array] | None = None
+
+
+def planned(
+    source: TableSource, joints: JointNames | None, columns: Mapping[str, Any] | None = None, rate_hz: float | None = None
+) -> PlannedLog:
+    """The plan for a table. Raises DataError where something must be asked, ConfigurationError for a mapping that does not fit."""
+    where, header = source.where, source.header
+    if rate_hz is not None and not rate_hz > 0:
+        raise ConfigurationError(f"rate_hz must be a positive number of samples per second, not {rate_hz!r}.")
+    names, notes = _of_driven_joints(header.names, joints, where)
+    if rate_hz is not None and not any(n.lower() in _TIMES for n in names) and "t" not in (columns or {}):
+        names = (*names, COUNTED)
+        columns = {**columns, "t": COUNTED} if columns else None
+    counted = columns or ({"t": COUNTED} if COUNTED in names else None)
+    try:
+        if header.unnamed and not columns:
+            raise DataError(_unnamed(source))
+        if not columns and recorder_of(header.names) is not None and (known := _recognised(source, joints, COUNTED in names)):
+            return known  # whose names and units are known better than the words tell
+        plan = resolve_columns(names, joints, counted, where=where)
+        reference, more = _beside(source, plan)
+        return PlannedLog(replace(plan, notes=(*notes, *plan.notes, *more)), None, reference)
+    except DataError:
+        if columns or header.unnamed:
+            raise
+        own = any((p := parse_name(n, joints, [])) is not None and p.quantity in ("q", "q_motor") for n in names)
+        try:
+            found = _recognised(source, joints, COUNTED in names)
+        except DataError:
+            if not own:
+                raise
+            found = None  # what our own names lack is said better by them
+        if found is None:
+            raise
+        return found
+
+
+def _recognised(source: TableSource, joints: JointNames | None, counted: bool) -> PlannedLog | None:
+    """A recording as it is recognised, None where it is not. Raises DataError with a question."""
+    where, header = source.where, source.header
+    known: dict[str, Array] = {}
+    rearranged = long_table(source)
+    names = tuple(rearranged) if rearranged is not None else header.names
+
+    def read(wanted: Sequence[str]) -> dict[str, Array]:
+        new = [n for n in dict.fromkeys(wanted) if n not in known]
+        if new:
+            known.update({n: rearranged[n] for n in new} if rearranged is not None else source.read(new, ()))
+        return known
+
+    try:
+        found = recognised(names, read, None if joints is None else joints.names, header.units)
+    except DataError as error:
+        raise DataError(str(error) if str(error).startswith("log ") else f"{where}: {error}") from None
+    if found is None:
+        looks = _looks_like(source) if source.whole else ""
+        if looks:
+            raise DataError(f"{where}: the names of its columns ({', '.join(names[:4])} …) do not tell what they hold. {looks}")
+        return None
+    mapping = dict(found.mapping)
+    if counted:
+        mapping["t"] = COUNTED
+    elif "t" not in mapping:
+        usual = "500" if found.rate_hz is None else f"{found.rate_hz:g}"
+        raise DataError(
+            f"{where}: recognised{f' as {found.recorder}' if found.recorder else ''} ({found.text}), but it holds no time: how many samples"
+            f" a second are there? Say so: [logs] rate_hz = {usual} (--rate-hz {usual})"
+            + (f"; {usual} is usual there." if found.rate_hz is not None else ".")
+        )
+    plan = resolve_columns((*names, COUNTED) if counted else names, joints, mapping, where=where)
+    said = f"{where}: recognised by its columns{f' as {found.recorder}' if found.recorder else ''}: {found.text}."
+    more = tuple(f"{where}: {note}" for note in found.notes)
+    plan = replace(plan, notes=(said, *more, *plan.notes), joints=found.joints or plan.joints)
+    return PlannedLog(plan, found, found.reference, rearranged)
+
+
+def _beside(source: TableSource, plan: ColumnPlan) -> tuple[dict[str, tuple[str, float, float]], tuple[str, ...]]:
+    """Desired motion beside columns that go by our own names, and what was noticed."""
+    own = plan.quantity("q")
+    found = groups(plan.extra, None, dict(zip(source.header.names, source.header.units, strict=False)))
+    wanted = [g for g in found if g.wanted and g.quantity in _MOTION]
+    wanted = [g for g in wanted if len(g.columns) == len(own) and not _IS_REFERENCE.match(g.columns[0])]
+    if not own or not wanted or any(c.scale != own[0].scale or c.offset for c in own):
+        return {}, ()
+    q = ChannelGroup("", tuple(c.source for c in own), plan.joints, "q", frozenset())
+    try:
+        table = source.read([*q.columns, *(c for g in wanted for c in g.columns)], ())
+    except DataError:
+        return {}, ()
+    return references(wanted, q, table, (own[0].scale, 0.0))
+
+
+def _of_driven_joints(names: tuple[str, ...], joints: JointNames | None, where: str) -> tuple[tuple[str, ...], list[str]]:
+    """Without a robot: the columns without joints of which only positions are there where the others have a torque (grippers)."""
+    if joints is not None:
+        return names, []
+    known: list[str] = []
+    told: dict[int, set[str]] = {}
+    of: dict[str, int] = {}
+    for name in names:
+        found = parse_name(name, None, known)
+        if found is not None and not found.numbered and found.quantity != "t":
+            told.setdefault(found.joint, set()).add(found.quantity)
+            of[name] = found.joint
+    driven = {j for j, quantities in told.items() if any(x.startswith("tau") for x in quantities)}
+    idle = set(told) - driven
+    if not driven or not idle:
+        return names, []
+    out = ", ".join(known[j] for j in sorted(idle))
+    note = f"{where}: no torque is logged for {out}, which are left out; name a robot that has them to keep them."
+    return tuple(n for n in names if of.get(n) not in idle), [note]
+
+
+def _unnamed(source: TableSource) -> str:
+    where, header = source.where, source.header
+    looks = _looks_like(source) or "Say which is which under [columns] of a study file, or add a header row."
+    return (
+        f"{where}: line {header.line + 1} holds numbers where a header row should name the {len(header.names)} columns;"
+        f" {header.names[0]} … {header.names[-1]} stand for them, from the left. {looks}"
+    )
+
+
+def _looks_like(source: TableSource) -> str:
+    header = source.header
+    try:
+        table = source.read(header.names, ())
+    except DataError:
+        return ""
+    said = proposal(header.names, [table[name][:_LOOKED_AT] for name in header.names])
+    torque = [str(g) for g in groups(header.names, None, {}) if g.quantity in ("tau", "i")]
+    return f"{said} Torque or current may be {' or '.join(torque)}." if said and torque else said

@@ -1,0 +1,163 @@
+"""Messages as text: JSON (a message a line, a list of messages, or arrays by name) and XML (a telegram a line, or one document)."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import DataError
+from .arrays import columns_of, element, leaves
+from .damage import DAMAGED, reason
+from .packed import bounded_lines, open_whole
+from .stored import LogFormat, Stored, register_log_format
+
+Array = np.ndarray
+_FIELDS = ("position", "velocity", "effort")
+#: Levels to which messages are taken apart.
+_DEEP = 12
+
+
+def _text(path: Path) -> str:
+    try:
+        with open_whole(path) as stream:
+            return stream.read().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(f"log {path}: is not a text in UTF-8 ({reason(error)}).") from None
+    except DAMAGED as error:
+        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
+
+
+def _read_json(path: Path) -> Stored:
+    text = _text(path)
+    try:
+        whole = json.loads(text)
+    except (ValueError, RecursionError):
+        return _table(_lines(text, path), path)
+    if isinstance(whole, list) and whole and all(isinstance(m, dict) for m in whole):
+        return _table(iter(whole), path)
+    if isinstance(whole, dict):
+        for value in whole.values():
+            if isinstance(value, list) and len(value) > 1 and all(isinstance(m, dict) for m in value):
+                return _table(iter(value), path)
+        return Stored(columns_of(leaves(_arrays(whole)), f"log {path}"))
+    raise DataError(f"log {path}: is JSON, but neither messages nor arrays by name.")
+
+
+def _lines(text: str, path: Path) -> Iterator[Any]:
+    for k, line in enumerate(bounded_lines(text.splitlines(), path), 1):
+        if line.strip():
+            try:
+                yield json.loads(line)
+            except (ValueError, RecursionError) as error:
+                raise DataError(f"log {path}: line {k} is no JSON message ({reason(error)}).") from None
+
+
+def _arrays(content: Any, deep: int = 0) -> Any:
+    """Lists of numbers (of lists of numbers) of a JSON document as arrays."""
+    if deep > _DEEP:
+        return {}
+    if isinstance(content, dict):
+        return {k: _arrays(v, deep + 1) for k, v in content.items()}
+    if isinstance(content, list):
+        try:
+            array = np.array(
+                [[np.nan if x is None else x for x in v] if isinstance(v, list) else np.nan if v is None else v for v in content]
+            )
+        except ValueError:
+            return {}
+        return array if array.dtype.kind in "fiu" else {}
+    return content
+
+
+def _table(messages: Iterator[Any], path: Path) -> Stored:
+    """Columns of messages: a row each; what some lack is NaN there."""
+    rows = [_flat(message) for message in messages if isinstance(message, dict)]
+    names: dict[str, None] = {}
+    for row in rows:
+        names.update(dict.fromkeys(row))
+    if not names:
+        raise DataError(f"log {path}: holds no message with numbers.")
+    return Stored({name: np.array([row.get(name, np.nan) for row in rows], float) for name in names})
+
+
+def _flat(message: Mapping[str, Any], name: str = "", deep: int = 0) -> dict[str, float]:
+    """Numbers of a message by path (`actuators[0].position`); joint states by their joints' names."""
+    out: dict[str, float] = {}
+    if deep > _DEEP:
+        return out
+    joints = message.get("name")
+    if isinstance(joints, list) and joints and all(isinstance(x, str) for x in joints) and isinstance(message.get("position"), list):
+        for word in _FIELDS:
+            values = message.get(word)
+            if isinstance(values, list) and len(values) == len(joints):
+                out |= {f"{name}{joint}.{word}": x for joint, v in zip(joints, values, strict=True) if (x := _number(v)) is not None}
+        message = {k: v for k, v in message.items() if k not in ("name", *_FIELDS)}
+    for key, value in message.items():
+        items = enumerate(value) if isinstance(value, list) else ((None, value),)
+        for k, item in items:
+            path = f"{name}{key}" if k is None else element(f"{name}{key}", k)
+            if isinstance(item, dict):
+                out |= _flat(item, f"{path}.", deep + 1)
+            elif (number := _number(item)) is not None:
+                out[path] = number
+    return out
+
+
+def _number(value: Any) -> float | None:
+    """A number of a message; Protocol Buffers write long ones, and NaN, as text."""
+    if isinstance(value, bool):
+        return float(value)
+    if isinstance(value, (int, float)):
+        return float(value) if abs(value) < 1e300 or value != value else None
+    if isinstance(value, str) and re.fullmatch(r"[+-]?(\d+(\.\d*)?([eE][+-]?\d+)?|NaN|nan|Infinity)", value.strip()):
+        return float(value)
+    return None
+
+
+def _read_xml(path: Path) -> Stored:
+    from lxml import etree
+
+    text = re.sub(r"<\?xml[^>]*\?>", "", _text(path))
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise DataError(f"log {path}: declares a document type or entities, which no log needs; take them out.")
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True)
+    try:
+        root = etree.fromstring(f"<log>{text}</log>".encode(), parser)
+    except etree.XMLSyntaxError as error:
+        raise DataError(f"log {path}: is not XML ({reason(error)}).") from None
+    records = list(root)
+    if len(records) == 1:
+        records = list(records[0])
+    return _table((_attributes(record) for record in records), path)
+
+
+def _attributes(record: Any, name: str = "", deep: int = 0) -> dict[str, Any]:
+    """Attributes (`AIPos.A1`) and texts of the elements below a record."""
+    out: dict[str, Any] = {f"{name}{key}": value for key, value in record.attrib.items()}
+    if deep > _DEEP:
+        return out
+    text = (record.text or "").strip()
+    if text and name:
+        out[name.removesuffix(".")] = text
+    for child in record:
+        out |= _attributes(child, f"{name}{child.tag}.", deep + 1)
+    return out
+
+
+def _begins(start: bytes, marks: bytes) -> bool:
+    return start.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in [bytes([m]) for m in marks]
+
+
+JSON = register_log_format(
+    LogFormat(
+        "JSON messages",
+        lambda path, start: _begins(start, b"{") or (_begins(start, b"[") and path.name.lower().removesuffix(".gz").endswith(".json")),
+        _read_json,
+    )
+)
+XML = register_log_format(LogFormat("XML telegrams", lambda path, start: _begins(start, b"<"), _read_xml))

@@ -1,0 +1,126 @@
+"""The bytes of a file, unpacked where it is packed, within bounds."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import lzma
+from collections.abc import Callable, Iterable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import IO, Any
+
+from ...errors import ConfigurationError, DataError
+
+#: Bytes that a packed file may always unpack to, how many times its own size beyond that, and bytes that are unpacked at a time.
+_UNPACKED, _RATIO, _BLOCK = 1 << 28, 200, 1 << 20
+_ZSTANDARD = b"\x28\xb5\x2f\xfd"
+LONGEST_LINE = 4_000_000
+_OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ", lzma.open))
+
+
+def open_binary(path: Path) -> IO[bytes]:
+    """The bytes of a file, decompressed if it begins like a gzip, bzip2 or xz file."""
+    with path.open("rb") as raw:
+        start = raw.read(6)
+    for magic, opener in _OPENERS:
+        if start.startswith(magic):
+            return opener(path, "rb")  # type: ignore[no-any-return]
+    if start.startswith(_ZSTANDARD):
+        return io.BufferedReader(_Zstandard(path))
+    return path.open("rb")
+
+
+class _Zstandard(io.RawIOBase):
+    """What a file packed by Zstandard unpacks to, by pyarrow; to go back, it begins anew."""
+
+    def __init__(self, path: Path) -> None:
+        if find_spec("pyarrow") is None:
+            raise ConfigurationError(f"log {path}: is packed by Zstandard, which needs pyarrow: pip install pyarrow. Or unpack it first.")
+        self._path = path
+        self._begin()
+
+    def _begin(self) -> None:
+        import pyarrow as pa
+
+        self._inner, self._at = pa.CompressedInputStream(pa.OSFile(str(self._path)), "zstd"), 0
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        goal = offset + (self._at if whence == io.SEEK_CUR else 0)
+        if goal < self._at:
+            self._inner.close()
+            self._begin()
+        while self._at < goal and (skipped := len(self._inner.read(min(_BLOCK, goal - self._at)))):
+            self._at += skipped
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        data = self._inner.read(len(buffer))
+        buffer[: len(data)] = data
+        self._at += len(data)
+        return len(data)
+
+    def close(self) -> None:
+        if not self.closed:
+            self._inner.close()
+        super().close()
+
+
+class _Unpacked(io.RawIOBase):
+    """What a packed file unpacks to, up to a size that a table of numbers may have."""
+
+    def __init__(self, inner: IO[bytes], path: Path) -> None:
+        self._inner, self._path, self._at = inner, path, 0
+        self._most = max(_UNPACKED, _RATIO * path.stat().st_size)
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        self._at = self._inner.seek(offset, whence)
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        count: int = self._inner.readinto(buffer)  # type: ignore[attr-defined]
+        self._at += count
+        if self._at > self._most:
+            raise DataError(
+                f"log {self._path}: unpacks to more than {_RATIO} times its size ({self._at / 1e6:.0f} MB so far): a damaged file, or one"
+                " made to fill the memory. If it is meant, unpack it, or read it piece by piece (--stream)."
+            )
+        return count
+
+    def close(self) -> None:
+        self._inner.close()
+        super().close()
+
+
+def open_whole(path: Path) -> IO[bytes]:
+    """`open_binary` for those who keep all of it in memory."""
+    stream = open_binary(path)
+    return stream if isinstance(stream, io.BufferedReader) else io.BufferedReader(_Unpacked(stream, path), _BLOCK)
+
+
+def bounded_lines(text: Iterable[str], path: Path) -> Iterator[str]:
+    """The lines of a text. Raises DataError for one that is longer than any row of a log."""
+    read = getattr(text, "readline", None)
+    if read is None:
+        yield from text
+        return
+    while line := read(LONGEST_LINE + 1):
+        if len(line) > LONGEST_LINE:
+            raise DataError(f"log {path}: has a line of more than {LONGEST_LINE} characters: it is no table of rows.")
+        yield line

@@ -1,0 +1,60 @@
+"""Parquet files by pyarrow."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import ConfigurationError, DataError
+from .damage import DAMAGED, reason
+
+Array = np.ndarray
+
+
+def arrow_values(column: Any) -> Array:
+    """The values of an Arrow column; missing numbers are NaN.
+
+    Floats are taken from its buffers: to ask Arrow for an array would load pandas (40 MB, half a second)."""
+    import pyarrow as pa
+
+    if column.type != pa.float64():
+        return np.asarray(column)
+    parts = [part.fill_null(np.nan) if part.null_count else part for part in column.chunks]
+    arrays = [np.frombuffer(p.buffers()[1], np.float64, len(p), 8 * p.offset) for p in parts if len(p)]
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays) if arrays else np.zeros(0)
+
+
+def parquet_file(path: Path) -> Any:
+    """A Parquet file, opened. Raises DataError, and ConfigurationError without pyarrow."""
+    if find_spec("pyarrow") is None:
+        raise ConfigurationError(f"log {path}: reading Parquet needs pyarrow: pip install pyarrow. Or export the log as CSV.")
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        return parquet.ParquetFile(path)
+    except (pa.ArrowException, UnicodeDecodeError, *DAMAGED) as error:
+        raise DataError(f"log {path}: is not a Parquet file ({reason(error)}).") from None
+
+
+def parquet_table(path: Path, columns: list[str] | None = None) -> Any:
+    """Columns of a Parquet file. Raises DataError where what the file holds is damaged."""
+    import pyarrow as pa
+
+    try:
+        return parquet_file(path).read(columns=columns)
+    except (pa.ArrowException, UnicodeDecodeError, *DAMAGED) as error:
+        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
+
+
+def stored_names(file: Any) -> tuple[tuple[str, str], ...]:
+    """What the columns of a Parquet file are called here, without blanks around it as in a text, and what they are called there."""
+    try:
+        stored = file.schema.names
+    except UnicodeDecodeError:
+        raise DataError("the names of the columns of a Parquet file are no text: the file is damaged.") from None
+    bare = [name.strip() for name in stored]
+    return tuple((name if bare.count(name) == 1 else own, own) for name, own in zip(bare, stored, strict=True))

@@ -1,0 +1,58 @@
+"""What was asked of the joints: columns of desired motion, assigned to the joints whose motion they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .channels import ChannelGroup, known_scale
+
+Array = np.ndarray
+#: Another order of the columns is taken only where it halves the distance to the measured positions.
+_CLEARER = 0.5
+
+
+def references(
+    found: Sequence[ChannelGroup], q: ChannelGroup, table: Mapping[str, Array], scale: tuple[float, float]
+) -> tuple[dict[str, tuple[str, float, float]], tuple[str, ...]]:
+    """Desired positions, velocities and accelerations: key (`q_ref1`) → column, factor, offset; and what was noticed.
+
+    A controller may count its joints in another order than the log does: the order is that in which they follow the positions `q`.
+    `scale`: (factor, offset) of these."""
+    out: dict[str, tuple[str, float, float]] = {}
+    notes: tuple[str, ...] = ()
+    order = np.arange(len(q.columns))
+    for quantity in ("q", "dq", "ddq"):
+        wanted = [g for g in found if g.quantity == quantity and g.wanted and not g.estimated and len(g.columns) == len(order)]
+        wanted = [g for g in wanted if any(np.nanmax(np.abs(table[c]), initial=0.0) > 0.0 for c in g.columns)]
+        if not wanted:
+            continue
+        g = max(wanted, key=lambda g: len(g.words & q.words))
+        factor, offset = (known_scale(g.unit), 0.0) if g.unit else (scale[0], scale[1] if quantity == "q" else 0.0)
+        if quantity == "q" and not (g.named and q.named):
+            order, notes = _order(g, q, table, factor / scale[0], (offset - scale[1]) / scale[0])
+        for j, k in enumerate(order):
+            out[f"{quantity}_ref{j + 1}"] = g.columns[int(k)], factor, offset
+    return out, notes
+
+
+def _order(g: ChannelGroup, q: ChannelGroup, table: Mapping[str, Array], factor: float, offset: float) -> tuple[Array, tuple[str, ...]]:
+    """For each joint, which column of g follows it; their own order unless another is clearly nearer."""
+    n = len(q.columns)
+    distance = np.full((n, n), np.inf)
+    for j, measured in enumerate(q.columns):
+        for k, wanted in enumerate(g.columns):
+            error = factor * np.asarray(table[wanted], float) + offset - np.asarray(table[measured], float)
+            if np.isfinite(error).any():
+                distance[j, k] = np.sqrt(np.nanmean(error**2))
+    from scipy.optimize import linear_sum_assignment
+
+    own = np.arange(n)
+    if not np.isfinite(distance).all():
+        return own, ()
+    _, best = linear_sum_assignment(distance)
+    if distance[own, best].sum() < _CLEARER * distance[own, own].sum():
+        said = f"{g} follow the positions in another order than these are written in, and are taken in that of the positions."
+        return best, (said,)
+    return own, ()

@@ -1,0 +1,63 @@
+"""A table to be read as a log: a file of any format, or a DataFrame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .readers.frames import chosen_columns, frame_columns
+from .readers.header import Header
+from .readers.tables import read_columns, read_header, read_labels, stored_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class TableSource:
+    """What messages call a table (`where`), its `name`, its `header`, how columns and labels are read, and the file that it is.
+
+    `read`: (names, optional) → columns as floats; `labels`: name → one text a row. `notes`: what its reader has to say; `whole`: it is
+    read as a whole, whatever is wanted of it."""
+
+    where: str
+    name: str
+    header: Header
+    read: Callable[[Sequence[str], Sequence[str]], dict[str, Array]]
+    labels: Callable[[str], list[str]]
+    path: Path | None = None
+    notes: tuple[str, ...] = ()
+    whole: bool = False
+
+    @classmethod
+    def of(cls, source: Path | pd.DataFrame) -> TableSource:
+        """A file's table, or one in memory. Raises DataError."""
+        if isinstance(source, Path):
+            header, stored = read_header(source), stored_table(source)
+
+            def read(names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
+                return read_columns(source, header, names, optional=optional)
+
+            return cls(
+                f"log {source}",
+                source.name.split(".")[0],
+                header,
+                read,
+                partial(read_labels, source, header),
+                source,
+                () if stored is None else stored.notes,
+                stored is not None,
+            )
+        columns = frame_columns(source)
+
+        def labels(name: str) -> list[str]:
+            return [str(x).strip() for x in columns[name]]
+
+        return cls("log DataFrame", "frame", Header(tuple(columns)), partial(chosen_columns, columns), labels)
