@@ -217,6 +217,12 @@ class LogSet(ShortRepr):
         """Files read, for results: {"path", "sha256"}, each once."""
         return tuple({"path": s, "sha256": h} for s, h in dict.fromkeys((log.source, log.sha256) for log in self.logs if log.source))
 
+    def to_frame(self) -> pd.DataFrame:
+        """The logs' tables one below the other, with the name of each row's run in the column `run`."""
+        import pandas as pd
+
+        return pd.concat([log.to_frame().assign(run=log.name) for log in self.logs], ignore_index=True)
+
     def with_robot(self, robot: Robot) -> LogSet:
         """The same logs, of this robot."""
         if robot.n != self.n:

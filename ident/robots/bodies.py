@@ -70,8 +70,11 @@ class Bodies:
             for joint, position in held.items():
                 at[model.joints[model.getJointId(joint)].idx_q] = position
             model, shapes = pin.buildReducedModel(model, shapes, [model.getJointId(j) for j in held], at)
-        for shape in shapes.geometryObjects:
-            shape.geometry = _convex(shape.geometry)
+        boxed = [_label(shape.name) for shape in shapes.geometryObjects if not _made_convex(shape)]
+        if boxed:
+            notes.append(
+                f"taken as the boxes about their meshes, which have no hull that coal can hold: {', '.join(dict.fromkeys(boxed))}."
+            )
         longest = max((float(np.linalg.norm(p.translation)) for p in list(model.jointPlacements)[1:]), default=1.0)
         radius = min(_RADIUS, _SHARE * longest or _RADIUS) if radius is None else radius
         invented = _invent(model, shapes, radius)
@@ -144,14 +147,24 @@ def _mesh(name: str, urdf: Path | None) -> Path | None:
     return None
 
 
-def _convex(geometry: Any) -> Any:
-    """The convex hull of a mesh; anything else as it is."""
+def _made_convex(shape: Any) -> bool:
+    """Replace the mesh of a shape by its convex hull, or by the box about it where that cannot be had, which is False."""
     import coal
+    import pinocchio as pin
 
-    if not isinstance(geometry, coal.BVHModelBase):
-        return geometry
-    geometry.buildConvexHull(True, "Qt")
-    return geometry.convex
+    mesh = shape.geometry
+    if not isinstance(mesh, coal.BVHModelBase):
+        return True
+    try:
+        mesh.buildConvexHull(True, "Qt")
+    except RuntimeError:  # more neighbours of a corner than coal counts
+        mesh.computeLocalAABB()
+        low, high = np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
+        shape.geometry = coal.Box(*(high - low))
+        shape.placement = shape.placement * pin.SE3(np.eye(3), 0.5 * (low + high))
+        return False
+    shape.geometry = mesh.convex
+    return True
 
 
 def _invent(model: pin.Model, shapes: pin.GeometryModel, radius: float) -> tuple[str, ...]:
