@@ -21,14 +21,19 @@ Studies (everything in one TOML file): `Study`, `read_study`.
 Errors (each says what is wrong and what to do): `IdentError`, `ConfigurationError`, `DataError`, `UnsupportedError`.
 
 Packages: `effects`, `estimators`, `friction`, `physical`, `regressor`, `robots`. Each exports what its folder holds.
+Steps are told to the log named `ident`: `logging.basicConfig(level="INFO")` shows them.
 Public names load when they are used: `import ident` itself is light."""
 
 from __future__ import annotations
 
 import importlib
+import logging
 from typing import TYPE_CHECKING, Any
 
 from ._utils.version import __version__
+
+# A library's log says nothing until its user asks.
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 #: Public name → where it is: package, and its name there where that is another.
 _WHERE: dict[str, tuple[str, str]] = {

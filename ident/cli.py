@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import logging
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from ._utils.version import __version__
 from .commands import COMMANDS
+from .commands.names import take_names
 from .errors import IdentError
 
 
@@ -22,12 +25,13 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
         description="Identify a robot's dynamics from logs, and find what its model lacks.",
         epilog="ident COMMAND --help tells more.",
     )
+    parser.add_argument("-v", dest="verbose_steps", action="store_true", help="tell each step on standard error (the log named ident)")
     parser.add_argument("--version", action="version", version=f"ident {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, what in COMMANDS.items():
         sub = commands.add_parser(name, help=what, description=what)
         if only in (None, name):
-            module = importlib.import_module(f"ident.commands.{name}")
+            module = importlib.import_module(f"ident.commands.{name.replace('-', '_')}")
             module.add_arguments(sub)
             sub.set_defaults(run=module.run)
     return parser
@@ -37,10 +41,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; every error of the user's is one clear text on standard error."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     command = next((a for a in given if not a.startswith("-")), "")
-    args = build_parser(command).parse_args(given)
+    parser = build_parser(command)
+    args, more = parser.parse_known_args(given)
+    if not take_names(args, more):
+        parser.error(f"unrecognized arguments: {' '.join(more)}")
     warnings.showwarning = _show_warning
     try:
-        return int(args.run(args))
+        with _told(args.verbose_steps):
+            return int(args.run(args))
     except IdentError as error:
         print(f"ident {args.command}: {error}", file=sys.stderr)
         return error.exit_code
@@ -65,6 +73,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 3
     except Exception as error:  # noqa: BLE001 - whatever is left is a fault of ours, and is said to be one
         return _fault(args.command, given, error)
+
+
+@contextmanager
+def _told(wanted: bool) -> Iterator[None]:
+    """Whether the log named ident is shown on standard error meanwhile."""
+    if not wanted:
+        yield
+        return
+    log, handler = logging.getLogger("ident"), logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("%(relativeCreated)7.0f ms  %(name)s: %(message)s"))
+    before = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(before)
 
 
 def _fault(command: str, given: Sequence[str], error: Exception) -> int:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import logging
 import os
 import shutil
 import socket
@@ -24,6 +25,8 @@ _NAME = 100
 #: Arguments of Linux' renameat2: paths as they are, and to exchange them.
 _HERE, _EXCHANGE = -100, 2
 
+_LOG = logging.getLogger(__name__)
+
 
 def write_atomic(path: Path, data: str | bytes, *, force: bool = False) -> Path:
     """Write a file completely or not at all. Raises ConfigurationError if it exists and `force` is false."""
@@ -35,7 +38,9 @@ def write_atomic(path: Path, data: str | bytes, *, force: bool = False) -> Path:
             )
         if not path.parent.is_dir():
             raise ConfigurationError(f"{path.parent} is not a folder; nothing was written.")
-        return _written(path, data.encode() if isinstance(data, str) else data, force=force)
+        written = _written(path, data.encode() if isinstance(data, str) else data, force=force)
+        _LOG.info("wrote %s", path)
+        return written
     except ConfigurationError:
         raise
     except (OSError, ValueError) as error:

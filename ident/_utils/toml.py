@@ -19,6 +19,12 @@ from .structured import read_toml
 Kind = Callable[[Any], Any]
 
 
+def described(kind: Kind, schema: dict[str, Any]) -> Kind:
+    """A kind of value that tells what it takes as a JSON schema."""
+    kind.json_schema = schema  # type: ignore[attr-defined]
+    return kind
+
+
 class Unfit(Exception):
     """A value is not of the kind that its key asks for; the text says what it should be."""
 
@@ -83,7 +89,7 @@ def one_of(*choices: str) -> Kind:
             raise Unfit(" or ".join(repr(c) for c in choices))
         return str(value)
 
-    return kind
+    return described(kind, {"enum": [*choices]})
 
 
 def numbers(count: int | None = None) -> Kind:
@@ -99,7 +105,8 @@ def numbers(count: int | None = None) -> Kind:
             raise Unfit(expected)
         return found
 
-    return kind
+    sizes = {"minItems": 1} if count is None else {"minItems": count, "maxItems": count}
+    return described(kind, {"type": "array", "items": {"type": "number"}, **sizes})
 
 
 def matrix(value: Any) -> tuple[tuple[float, ...], ...]:

@@ -97,6 +97,8 @@ class Audit(Shown):
             head = f"{f.severity.value:<8} {f.code:<{codes}}  {textwrap.shorten(_place(f), width, placeholder='…'):<{width}}  "
             body = textwrap.wrap(f.text, max(40, 130 - len(head))) or [""]
             lines += [head + body[0], *(" " * len(head) + rest for rest in body[1:])]
+        if any(f.severity != Severity.INFO for f in self.findings):
+            lines.append("Each finding, its causes and remedies: docs/troubleshooting.md")
         return "\n".join(lines)
 
 

@@ -27,13 +27,23 @@ if TYPE_CHECKING:
 
 def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -> None:
     """A study file, or flags for the same."""
-    parser.add_argument("study", nargs="?", help="study file (TOML); or give the flags below")
+    parser.set_defaults(named_logs=logs)
+    what = "study file (TOML), or logs; or give the flags below" if logs else "study file (TOML); or give the flags below"
+    parser.add_argument("study", nargs="?", help=what)
     parser.add_argument("--robot", help="built-in robot or example-robot-data robot, by name")
     parser.add_argument("--urdf", help="URDF file of the robot")
     parser.add_argument("--plugin", nargs="+", metavar="FILE", help="your own effects, estimators, readers: Python files (docs/extend.md)")
     parser.add_argument("--drive", help="TOML file with a [drive] table: ratio or K, measured, effects …")
     if logs:
-        parser.add_argument("--log", nargs="+", metavar="FILE", help="logs to fit (CSV, CSV.gz, MAT, Parquet; patterns allowed)")
+        parser.add_argument(
+            "--log",
+            "--logs",
+            dest="log",
+            nargs="+",
+            action="extend",
+            metavar="FILE",
+            help="logs to fit (CSV, CSV.gz, MAT, Parquet; patterns allowed)",
+        )
         parser.add_argument(
             "--validate", nargs="+", metavar="FILE", help="logs held out; without them the last part of each log is held out"
         )

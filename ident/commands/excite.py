@@ -16,11 +16,13 @@ from ..excitation.limits import Limits
 from ..excitation.noise import sample_noise
 from ..excitation.objective import Both, ConditionNumber, DOptimality
 from ..excitation.surroundings import Surroundings
+from ..reporting import report
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, study_from, whole
 
 if TYPE_CHECKING:
     from ..excitation.families import Family
     from ..excitation.objective import Measure
+    from ..excitation.result import Excitation
     from ..model import Model
     from ..robots.robot import Robot
 
@@ -105,9 +107,18 @@ def run(args: argparse.Namespace) -> int:
         if args.ros:
             found.to_ros(args.ros, force=args.force)
         data = {"trajectory": str(target), **found.to_dict()}
+        if folder is not None:
+            _keep_report(found, folder, args, out)
         out.result(result("ident.excitation/1", data, inputs=inputs_of(args, model.robot)), "excitation")
     out.say(f"wrote {target}" + (f" and {args.ros}" if args.ros else ""))
     return 0
+
+
+def _keep_report(found: Excitation, folder: Path, args: argparse.Namespace, out: Output) -> None:
+    try:
+        report(found, folder / "report.html", force=args.force)
+    except ConfigurationError as error:  # without the drawing library everything else is still of use
+        out.note(f"no report: {error}")
 
 
 def _surroundings(args: argparse.Namespace) -> Surroundings | None:

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 def _document(path: Path, args: argparse.Namespace) -> Report:
     if path.is_dir():
         if not (path / _KEPT).exists() and (path / "fit.json").exists():
-            raise ConfigurationError(f"{path} holds a fit, and no {_KEPT}; the report of a fit: `ident report {path / 'fit.json'}`.")
+            return report_of(Estimate.load(path))
         if not (path / _KEPT).exists():
             raise ConfigurationError(
                 f"{path} holds no {_KEPT}; give the folder that `ident diagnose --out` or `ident monitor --out` filled."

@@ -22,6 +22,7 @@ from ..simulation.sensors import Quantisation, Sensors, TorqueNoise, TorqueWindo
 from ..simulation.simulate import Plant, simulate
 from ..simulation.trajectory import FourierTrajectory
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, study_from
+from .injected import HELP, injected
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -40,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)
     parser.add_argument("--fit", metavar="FILE", help="saved fit (fit.json) instead of nominal parameters")
     parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects beside the rigid body")
+    parser.add_argument("--with", dest="injected", action="append", default=[], metavar="EFFECT", help=f"{HELP}; again for more of them")
     parser.add_argument("--log", metavar="FILE", help=f"log to write, .csv or .csv.gz (default: {_LOG}, in --out if it is given)")
     parser.add_argument(
         "--trajectory", metavar="FILE", help="CSV with t, q1 … qn to follow; without it, a random Fourier motion within the limits"
@@ -78,7 +80,10 @@ def run(args: argparse.Namespace) -> int:
     target = out.target(args.log, _LOG)
     if target.exists() and not args.force:
         raise ConfigurationError(f"{target} exists; nothing was simulated. Choose another --log, or add --force.")
-    model, values = _plant(args)
+    declared, nominal = _plant(args)
+    model, values, said = injected(declared, nominal, args.injected)
+    for line in said:
+        out.note(f"with {line}")
     _note_unknown(out, model, values)
     _require_length(args.seconds, "--seconds")
     desired: FourierTrajectory | Coordinates
@@ -87,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         wave = random_motion(model, args.seed, args.seconds)
         desired, sampled = wave, wave.sample(np.arange(0.0, args.seconds, 0.01))
-    typical = np.sqrt(np.mean(model.inverse_dynamics(sampled.q, sampled.dq, sampled.ddq, values) ** 2, axis=0))
+    typical = np.sqrt(np.mean(declared.inverse_dynamics(sampled.q, sampled.dq, sampled.ddq, nominal) ** 2, axis=0))
     # A controller holds its torque between instants: averaged over a period it is recorded as it acts, not half a period early.
     window = TorqueWindow(1.0 / _control_rate(args.rate))
     sensors = _sensors(model, args.counts, args.noise * typical, args.colour)
@@ -116,7 +121,8 @@ def _planned(args: argparse.Namespace) -> int:
     plan = read_plan(args.plan)
     if not (args.study or args.robot or args.urdf or args.fit):
         args.robot = plan.robot
-    model, values = _plant(args)
+    declared, nominal = _plant(args)
+    model, values, said = injected(declared, nominal, args.injected)
     if model.robot.joint_names != plan.joints:
         names = ", ".join(model.robot.joint_names)
         raise ConfigurationError(
@@ -127,8 +133,10 @@ def _planned(args: argparse.Namespace) -> int:
         _require_length(plan.trajectory(test)[0].duration, f"plan {args.plan}: test {test.name!r}")
     out = Output(args)
     assert out.folder is not None
+    for line in said:
+        out.note(f"with {line}")
     _note_unknown(out, model, values)
-    sensors = _sensors(model, args.counts, args.noise * _typical(plan, model, values), args.colour)
+    sensors = _sensors(model, args.counts, args.noise * _typical(plan, declared, nominal), args.colour)
     # A controller holds its torque between instants: averaged over a sample it is recorded as it acts.
     sensors = replace(sensors, distortions=(TorqueWindow(1.0 / args.rate), *sensors.distortions))
     settings = {"rate": args.rate, "sensors": sensors, "progress": out.progress("simulating")}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from .inference.decide import Decision
 
 Array = np.ndarray
+_LOG = logging.getLogger(__name__)
 #: Confidence in a finding without a competing model, beside nothing left and beside something left.
 _SURE, _BESIDE = 0.99, 0.45
 #: What a member of the confidence set is worth at least, beside the effect that was accepted.
@@ -216,6 +218,7 @@ def diagnose(
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     verdict, unexplained = _verdict(decision, signals)
+    _LOG.info("verdict %s; %s", verdict.value, "; ".join(decision.trail[-3:]))
     findings = _findings(decision, declared, after, signals if held is None else held, estimator, signals, verdict)
     tell(1.0)
     said = [] if held is not None else ["no data were held out: errors before and after are of the data fitted."]

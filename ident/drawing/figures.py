@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Array = np.ndarray
-#: Colours that are told apart by everyone and in grey (Okabe & Ito).
+#: Colours that everyone distinguishes, in grey too (Okabe & Ito).
 COLOURS = {
     Role.BEFORE: "#D55E00",
     Role.AFTER: "#0072B2",

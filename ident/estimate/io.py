@@ -16,6 +16,7 @@ from ..effects.base import Effect
 from ..model import Model
 from ..statistics.torque_error import number
 from .record import EstimateRecord
+from .significance import insignificant
 
 Array = np.ndarray
 SCHEMA = "ident.fit/1"
@@ -26,6 +27,7 @@ _E = TypeVar("_E", bound=EstimateRecord)
 
 def to_dict(estimate: EstimateRecord) -> dict[str, Any]:
     """The result as `ident fit --json` prints it."""
+    doubtful = {i.name for i in insignificant(estimate)}
     nothing: dict[str, Any] = {"rms": [], "relative": [], "relative_all": None}
     body = {
         "method": estimate.method,
@@ -39,6 +41,7 @@ def to_dict(estimate: EstimateRecord) -> dict[str, Any]:
                 "expression": e,
                 "effect": p.effect,
                 "joint": p.joint,
+                "significant": p.name not in doubtful,
             }
             for p, v, s, e in zip(estimate.parameters, estimate.values, estimate.std, estimate.base.expressions, strict=True)
         ],

@@ -29,7 +29,10 @@ _E = TypeVar("_E", bound=EstimateRecord)
 
 def load(kind: type[_E], path: Path) -> _E:
     """Read what `save` wrote, as an estimate of class `kind`."""
-    data = read_json(Path(path), "fit")
+    path = Path(path)
+    if path.is_dir() and (path / "fit.json").is_file():  # the folder of `ident fit --out`
+        path = path / "fit.json"
+    data = read_json(path, "fit")
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or "state" not in data:
         raise ConfigurationError(
             f"fit {path}: is not a saved fit ({SCHEMA} with its state). Write one with `ident fit --out DIR` or Estimate.save."

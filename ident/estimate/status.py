@@ -27,7 +27,7 @@ class StatusCode(StrEnum):
 
 
 _ADVICE = {
-    StatusCode.OK: ("every parameter was determined by the data."),
+    StatusCode.OK: ("the data determine every parameter (full rank); how well, the standard deviations say."),
     StatusCode.POOR_FIT: (
         "the model does not explain the torque of some joints that move; their parameters are not to be relied on. Look at the audit "
         "(units, signs, missing or saturated torque, noisy positions), then for a missing effect (`ident diagnose`)."

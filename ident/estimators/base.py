@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import logging
 import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 
 Array = np.ndarray
+_LOG = logging.getLogger(__name__)
 
 
 class Capability(StrEnum):
@@ -90,12 +92,12 @@ class Estimator(ABC):
         self.check(problem)
         asked = problem
         problem, sticking = without_sticking(problem)
-        estimate = replace(self._solve(problem), sticking=sticking, problem=asked)
-        if not problem.model.needs & {Need.LOAD, Need.REFERENCE}:
-            return estimate
-        by_rows = None if Capability.NOISY_REGRESSOR in self.capabilities else self._solve
-        found = standing(problem, estimate, self._solve, by_rows)
-        return replace(found, sticking=sticking, problem=asked)
+        found = replace(self._solve(problem), sticking=sticking, problem=asked)
+        if problem.model.needs & {Need.LOAD, Need.REFERENCE}:
+            by_rows = None if Capability.NOISY_REGRESSOR in self.capabilities else self._solve
+            found = replace(standing(problem, found, self._solve, by_rows), sticking=sticking, problem=asked)
+        _LOG.info("%s: %d parameters from %d rows, status %s", self.name, len(found.values), found.samples, found.status.code.value)
+        return found
 
     def start(self, model: Model) -> OnlineState:
         """Begin a recursion that takes samples as they come. Raises UnsupportedError unless the estimator is RECURSIVE."""

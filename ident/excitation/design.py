@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from ..model import Model
 
 Array = np.ndarray
+_LOG = logging.getLogger(__name__)
 
 __all__ = [
     "BSplineFamily",
@@ -86,6 +88,7 @@ def excite(
     for start in range(max(1, starts)):
         candidate = search.run(rng, iterations)
         found += [] if candidate is None else [candidate]
+        _LOG.info("search %d of %d: %s", start + 1, starts, "nothing safe" if candidate is None else f"value {candidate.value:.6g}")
         if progress is not None:
             progress((start + 1) / max(1, starts))
     if not found:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..drawing.document import Table, percent, plain
 from ..robots.transmission import Side
 from ..statistics.torque_error import number
 
@@ -44,6 +45,12 @@ def margins_of(robot: Robot, joint: Coordinates, torque: Array | None) -> tuple[
         effort = float(np.abs(torque[:, j]).max()) / own.effort if known and torque is not None else np.nan
         out.append(Margin(own.name, robot.position_unit(j, Side.JOINT), to_end, speed, effort))
     return tuple(out)
+
+
+def margins_section(margins: tuple[Margin, ...]) -> Table:
+    """The same for a report."""
+    rows = tuple((m.joint, plain(m.to_end), m.unit, percent(m.speed), percent(m.effort)) for m in margins)
+    return Table("Margins against the robot's own limits", ("joint", "to end of range", "unit", "speed, %", "effort, %"), rows)
 
 
 def margin_lines(margins: tuple[Margin, ...]) -> list[str]:

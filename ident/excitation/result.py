@@ -19,7 +19,7 @@ from ..errors import ConfigurationError
 from ..simulation.result import write_log_csv
 from ..simulation.trajectory import Trajectory
 from .limits import Limits
-from .margins import Margin, margin_lines
+from .margins import Margin, margin_lines, margins_section
 from .objective import chosen_parameters, condition_number
 from .pictures import excitation_figure
 from .surroundings import Safety
@@ -106,8 +106,10 @@ class Excitation(Shown, ShortRepr):
             for i, (name, text) in enumerate(zip(base.names, base.expressions, strict=True))
         )
         used = tuple(f"{kind}: {100 * share:.1f} % of its limit at most" for kind, share in self.shares.items())
+        safe = ("NOT checked: collisions of any kind, the ground among them",) if self.safety is None else tuple(self.safety.lines())
         head = ("parameter", "base-parameter expression", "expected std", "unit")
-        return Text(f"Excitation of {self.trajectory.duration:g} s", used), Table("Accuracy to expect", head, rows, left=2)
+        title = f"Excitation of {self.trajectory.duration:g} s"
+        return Text(title, used), Text("Clearance", safe), margins_section(self.margins), Table("Accuracy to expect", head, rows, left=2)
 
     def to_csv(self, path: str | Path, *, force: bool = False) -> Path:
         """Write the trajectory at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""

@@ -234,14 +234,14 @@ class TrajectorySearch:
 
     def random(self, rng: np.random.Generator, share: float = 1.0) -> TrajectoryCandidate:
         """A random trajectory scaled to use `share` of the limits. Raises ConfigurationError if gravity alone exceeds the torque limits."""
-        carried = False
+        held_up = False
         for offset in self._postures(rng)[:200]:
             coefficients = self.scaled(offset, self.family.random(self.n, rng), share)
-            carried |= coefficients is not None
+            held_up |= coefficients is not None
             coefficients = None if coefficients is None else self.cleared(offset, coefficients)
             if coefficients is not None:
                 return TrajectoryCandidate(offset, coefficients, self.value(offset, coefficients))
-        if carried:
+        if held_up:
             raise ConfigurationError(
                 "excitation: about none of 200 clear postures can the robot move without coming too near to something; allow more room"
                 " (ground, workspace, clearance)."

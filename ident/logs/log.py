@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -96,6 +96,26 @@ class Log(Shown, ShortRepr):
     def began(self) -> float:
         """Time at which the recording began."""
         return self.origin if self.origin is not None else float(self.t[0]) if len(self.t) else 0.0
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame, robot: Robot | None = None, *, name: str = "frame", **reading: Any) -> Log:
+        """A log from a pandas DataFrame whose columns are named as a file's would be.
+
+        `reading`: as of `ident.read_logs`, `columns` among it. Raises DataError for a table that is more than one run.
+
+        Examples
+        --------
+        >>> import ident
+        >>> train, test = ident.demo_logs()
+        >>> ident.Log.from_frame(train[0].to_frame()).n
+        6
+        """
+        from .reading import read_logs
+
+        logs = read_logs(frame, robot, **reading)
+        if len(logs) > 1:
+            raise DataError(f"log {name}: {len(logs)} runs are in one table; read them with ident.read_logs(frame).")
+        return replace(logs[0], name=name)
 
     def to_frame(self) -> pd.DataFrame:
         """One row per sample, columns by the names of docs/formats.md, SI; `read_logs` takes it back."""
@@ -196,6 +216,12 @@ class LogSet(ShortRepr):
     def inputs(self) -> tuple[dict[str, str], ...]:
         """Files read, for results: {"path", "sha256"}, each once."""
         return tuple({"path": s, "sha256": h} for s, h in dict.fromkeys((log.source, log.sha256) for log in self.logs if log.source))
+
+    def to_frame(self) -> pd.DataFrame:
+        """The logs' tables one below the other, with the name of each row's run in the column `run`."""
+        import pandas as pd
+
+        return pd.concat([log.to_frame().assign(run=log.name) for log in self.logs], ignore_index=True)
 
     def with_robot(self, robot: Robot) -> LogSet:
         """The same logs, of this robot."""

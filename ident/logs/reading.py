@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
+_LOG = logging.getLogger(__name__)
 #: Positions that stay within this (rad, m) may have velocities that are all zero.
 _AT_REST = 1e-3
 _REFERENCE = re.compile(r"^(?P<joint>.+)\.(?P<word>position|velocity|acceleration)_reference$")
@@ -122,6 +124,8 @@ def read_logs(
             if not skip_bad_files:
                 raise
             left_out.append(str(error))
+    for log in logs:
+        _LOG.info("read %s: %d samples, %d joints, %.4g s", log.source or log.name, len(log), log.n, log.duration)
     if left_out and not logs:
         raise DataError(f"none of the {len(left_out)} logs can be read; the first: {left_out[0]}")
     names: dict[str, int] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from .._utils.files import write_atomic
@@ -9,7 +10,8 @@ from ..diagnosis import Diagnosis
 from ..drawing.document import Report, read_report
 from ..drawing.figures import draw, require_matplotlib
 from ..drawing.html import to_html
-from ..errors import ConfigurationError
+from ..drawing.shown import Shown
+from ..errors import ConfigurationError, UnsupportedError
 from ..estimate.estimate import Estimate
 from ..monitoring import Monitoring
 from .diagnosis import diagnosis_report
@@ -20,13 +22,13 @@ __all__ = ["Report", "read_report", "report"]
 
 
 def report(
-    result: Diagnosis | Estimate | Monitoring | Report, path: str | Path, *, figures: str | Path | None = None, force: bool = False
+    result: Diagnosis | Estimate | Monitoring | Shown | Report, path: str | Path, *, figures: str | Path | None = None, force: bool = False
 ) -> Path:
     """Write a report as one HTML file.
 
     Parameters
     ----------
-    result : Diagnosis, Estimate, Monitoring or Report
+    result : Diagnosis, Estimate, Monitoring, Validation, Comparison, Judgement, Excitation, Audit or Report
         What is reported.
     path : str or Path
         The file.
@@ -69,11 +71,22 @@ def report(
 
 
 def report_of(result: object) -> Report:
-    """The report of a result: a diagnosis, an estimate, what monitoring found. Raises ConfigurationError for anything else."""
+    """The report of a result: of a diagnosis, an estimate, what monitoring found, and of whatever else shows itself. Raises
+    ConfigurationError for anything else."""
     if isinstance(result, Diagnosis):
         return diagnosis_report(result)
     if isinstance(result, Estimate):
         return estimate_report(result)
     if isinstance(result, Monitoring):
         return monitoring_report(result)
-    raise ConfigurationError(f"there is no report of a {type(result).__name__}; give a Diagnosis, an Estimate or a Monitoring.")
+    if isinstance(result, Shown) and result.sections():
+        return _shown(result)
+    raise ConfigurationError(f"there is no report of a {type(result).__name__}; give a result of ident: a Diagnosis, an Estimate …")
+
+
+def _shown(result: Shown) -> Report:
+    """Whatever a result shows of itself: its sections, and its picture where it has one."""
+    sections = list(result.sections())
+    with suppress(ConfigurationError, UnsupportedError):
+        sections.append(result.figure())
+    return Report(type(result).__name__, "ok", sections[0].title, tuple(sections))

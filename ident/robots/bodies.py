@@ -70,8 +70,11 @@ class Bodies:
             for joint, position in held.items():
                 at[model.joints[model.getJointId(joint)].idx_q] = position
             model, shapes = pin.buildReducedModel(model, shapes, [model.getJointId(j) for j in held], at)
-        for shape in shapes.geometryObjects:
-            shape.geometry = _convex(shape.geometry)
+        boxed = [_label(shape.name) for shape in shapes.geometryObjects if not _made_convex(shape)]
+        if boxed:
+            notes.append(
+                f"taken as the boxes about their meshes, which have no hull that coal can hold: {', '.join(dict.fromkeys(boxed))}."
+            )
         longest = max((float(np.linalg.norm(p.translation)) for p in list(model.jointPlacements)[1:]), default=1.0)
         radius = min(_RADIUS, _SHARE * longest or _RADIUS) if radius is None else radius
         invented = _invent(model, shapes, radius)
@@ -144,27 +147,37 @@ def _mesh(name: str, urdf: Path | None) -> Path | None:
     return None
 
 
-def _convex(geometry: Any) -> Any:
-    """The convex hull of a mesh; anything else as it is."""
+def _made_convex(shape: Any) -> bool:
+    """Replace the mesh of a shape by its convex hull, or by the box about it where that cannot be had, which is False."""
     import coal
+    import pinocchio as pin
 
-    if not isinstance(geometry, coal.BVHModelBase):
-        return geometry
-    geometry.buildConvexHull(True, "Qt")
-    return geometry.convex
+    mesh = shape.geometry
+    if not isinstance(mesh, coal.BVHModelBase):
+        return True
+    try:
+        mesh.buildConvexHull(True, "Qt")
+    except RuntimeError:  # more neighbours of a corner than coal counts
+        mesh.computeLocalAABB()
+        low, high = np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
+        shape.geometry = coal.Box(*(high - low))
+        shape.placement = shape.placement * pin.SE3(np.eye(3), 0.5 * (low + high))
+        return False
+    shape.geometry = mesh.convex
+    return True
 
 
 def _invent(model: pin.Model, shapes: pin.GeometryModel, radius: float) -> tuple[str, ...]:
     """Add a capsule to each joint that carries no shape: to the next joints, or twice as far as the centre of mass."""
     import pinocchio as pin
 
-    told = {shape.parentJoint for shape in shapes.geometryObjects}
+    covered = {shape.parentJoint for shape in shapes.geometryObjects}
     names = []
     for joint in range(model.njoints):
-        if joint in told:
+        if joint in covered:
             continue
-        carried = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
-        name = next((n for n in carried if n != "universe"), f"link of {model.names[joint]}" if joint else "base")
+        links = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
+        name = next((n for n in links if n != "universe"), f"link of {model.names[joint]}" if joint else "base")
         ends = [np.array(model.jointPlacements[c].translation) for c in range(1, model.njoints) if model.parents[c] == joint]
         if not ends and joint:
             ends = [2.0 * np.array(model.inertias[joint].lever)]

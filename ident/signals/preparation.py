@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -23,6 +24,7 @@ from .signals import Signals
 from .uniform import Recording, Resampling, UniformRun, uniform_runs
 
 Array = np.ndarray
+_LOG = logging.getLogger(__name__)
 #: Row cut-off as a share of the derivatives' cut-off: there the fourth-order filter run both ways still passes 99.9 %.
 ROW_SHARE = 0.4
 
@@ -88,6 +90,8 @@ class Preparation(ABC):
         row_filter = self._row_filter(cutoff, uniform.rate)
         derived = [self._derive(run, uniform.rate, cutoff, row_filter) for run in uniform.runs]
         signals = assemble(self, robot, recordings, uniform, derived, row_filter, choice, cutoff, chosen.inputs)
+        report = signals.report
+        _LOG.info("prepared %d rows a joint; %s", report.rows, report.text().splitlines()[0])
         return replace(signals, source=chosen)
 
     def config(self) -> dict[str, Any]:

@@ -323,7 +323,8 @@ def test_out_keeps_the_file_that_was_made(ident, tmp_path, monkeypatch):
         assert made.code == 0, made.err
         assert made.json[key] == str(Path("new") / command / name)
         summary = {"simulate": "simulation.json", "excite": "excitation.json"}[command]
-        assert sorted(p.name for p in (tmp_path / "new" / command).iterdir()) == sorted([name, summary])
+        kept = {p.name for p in (tmp_path / "new" / command).iterdir()}
+        assert kept - {"report.html"} == {name, summary}  # a report of the motion, where the drawing library is installed
         assert not (tmp_path / name).exists()
         before = (tmp_path / "new" / command / name).read_bytes()
         again = ident(command, *robot, *short, *more, "--out", f"new/{command}")
@@ -335,7 +336,7 @@ def test_out_keeps_the_file_that_was_made(ident, tmp_path, monkeypatch):
         assert said.code == 0, said.err
         assert said.json[key] == f"{command}.csv"
         assert (tmp_path / f"{command}.csv").is_file()
-        assert [p.name for p in (tmp_path / "other" / command).iterdir()] == [summary]
+        assert {p.name for p in (tmp_path / "other" / command).iterdir()} - {"report.html"} == {summary}
         alone = ident(command, *robot, *short, *more)
         assert (alone.code, alone.json[key]) == (0, name)
 
@@ -373,8 +374,8 @@ def test_what_is_missing_is_said_as_it_is(ident, arm, saved_fit, tmp_path):
     folder.mkdir()
     (folder / "fit.json").write_bytes(Path(saved_fit).read_bytes())
     ran = ident("report", folder, "-o", tmp_path / "r.html")
-    assert ran.code == 2
-    assert f"ident report {folder / 'fit.json'}" in ran.err
+    assert ran.code == 0, ran.err
+    assert (tmp_path / "r.html").read_text().startswith("<!DOCTYPE html>")
     ran = ident("fit", "--urdf", arm.urdf, "--log", arm.train, "--effects", "bogus")
     assert "unknown effect 'bogus'. Known:" in ran.err
 

@@ -109,7 +109,7 @@ def test_the_oracle_sees_what_an_unchecked_motion_does() -> None:
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_many_problems(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    room = Surroundings(ground=float(rng.uniform(-0.1, 0.05)), clearance=float(rng.uniform(0.01, 0.05)))
+    room = Surroundings(ground=float(rng.uniform(-0.1, 0.0)), clearance=float(rng.uniform(0.01, 0.05)))
     found = design(name, seed, room)
     oracle = Oracle(found.model.robot, SRDF[name])
     motion = every_millisecond(found)
@@ -263,3 +263,25 @@ def test_a_base_frame_that_is_not_on_the_ground_is_told() -> None:
     found = excite(model, surroundings=Surroundings(ground=-0.67), starts=1, iterations=1)
     assert "NOT checked: the ground" not in str(found)
     assert any("the ground" in what for what, _, _ in found.safety.nearest)
+
+
+def test_a_mesh_without_a_hull_is_a_box(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where coal cannot hold a hull, the box about the mesh stands for it: it reaches at least as far."""
+    import coal
+
+    robot = robot_of("ur5")
+    hulls = Clearance(robot, Surroundings(), Limits.of(robot))
+
+    def refuse(*_: object) -> None:
+        raise RuntimeError("Too many neighbor")
+
+    monkeypatch.setattr(coal.BVHModelBase, "buildConvexHull", refuse)
+    boxes = Clearance(robot, Surroundings(), Limits.of(robot))
+    assert "forearm_link" in " ".join(boxes.notes)
+    columns = {c.what: k for k, c in enumerate(hulls.constraints)}
+    q = np.random.default_rng(0).uniform(-2, 2, (20, 6))
+    near, far = boxes.distances(q), hulls.distances(q)
+    common = [(k, columns[c.what]) for k, c in enumerate(boxes.constraints) if c.what in columns and c.plane >= 0]
+    assert common
+    for k, other in common:
+        assert np.all(near[:, k] <= far[:, other] + 1e-9)

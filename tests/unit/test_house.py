@@ -22,6 +22,7 @@ LAZY = {
     ("robots/robot.py", "ident.robots.tree"): "the tree is made of a robot when it is asked for",
     ("robots/robot.py", "ident.effects.rigid_body"): "a documented convenience above its layer",
     ("robots/robot.py", "ident.model"): "a documented convenience above its layer",
+    ("logs/log.py", "ident.logs.reading"): "Log.from_frame beside Log.to_frame: tables are read where files are",
     ("simulation/dynamics.py", "ident.simulation.compiled"): "a plant makes its compiled twin once",
     ("regressor/kernel_choice.py", "ident.regressor"): "the compiled kernel may not be built",
     ("commands/check.py", "ident.commands.diagnose"): "a check loads the diagnosis only when it is strict",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -168,3 +170,34 @@ def test_tables_that_cannot_be_used_are_refused() -> None:
         ident.read_logs(words)
     with pytest.raises(DataError):
         ident.read_logs(pd.DataFrame({"t": [], "q1": [], "tau1": []}))
+
+
+def test_a_log_is_made_of_a_table() -> None:
+    train, _ = ident.demo_logs()
+    table = train[0].to_frame()
+    made = ident.Log.from_frame(
+        table.rename(columns={"q1": "a"}),
+        ident.load_robot("puma560"),
+        name="x",
+        columns={**{c: c for c in table.columns if c != "q1"}, "q1": "a"},
+    )
+    assert made.name == "x"
+    np.testing.assert_array_equal(made.q, train[0].q)
+    with pytest.raises(DataError):
+        ident.Log.from_frame(table.head(1))
+
+
+@pytest.mark.parametrize("name", ["validation", "comparison", "judgement", "excitation", "audit", "estimate"])
+def test_every_result_has_a_report(results: dict[str, Any], name: str, tmp_path: Path) -> None:
+    page = ident.report(results[name], tmp_path / "r.html").read_text(encoding="utf-8")
+    assert page.startswith("<!DOCTYPE html>")
+    assert ("<img" in page) == (name != "audit")
+    for section in results[name].sections():
+        assert escape(section.title) in page
+
+
+def test_logs_one_below_the_other() -> None:
+    train, test = ident.demo_logs()
+    both = ident.LogSet((*train, *test)).to_frame()
+    assert len(both) == len(train[0]) + len(test[0])
+    assert list(dict.fromkeys(both["run"])) == [*train.names, *test.names]
