@@ -39,7 +39,7 @@ def products(case: Case) -> int:
 
 
 def information_limit(case: Case, samples: int, reflections: bool = False) -> Limit:
-    """The motion of the links, as inverse dynamics alone takes, and the products of the columns (twice as many operations for `reflections`)
+    """The motion of the links, as inverse dynamics alone takes, and the columns' products (twice the operations for `reflections`)
     at the rate of dgemm. What is left is to fill the columns, and what the products miss of that rate."""
     q, dq, ddq = (x[:samples] for x in (case.q, case.dq, case.ddq))
     motion = together({"": Work(lambda: rigid.inverse_dynamics(case.tree, case.inertia, q, dq, ddq, threads=1), samples)})[""]

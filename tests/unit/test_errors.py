@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
 import ident
 from ident.errors import ConfigurationError, DataError
+from ident.logs.readers.header import Header
+from ident.logs.readers.tables import read_labels
 from ident.signals.rows import Rows
 from ident.statistics.noise import NoiseModel, noise_gram
 
@@ -24,6 +30,19 @@ def test_a_message_shows_what_is_no_character_and_cuts_what_is_no_name(tmp_path:
     with pytest.raises(ConfigurationError) as caught:
         ident.Robot.from_urdf(tmp_path / "a\x00b.urdf")
     assert "\x00" not in str(caught.value)
+
+
+@pytest.mark.parametrize("module", [gzip, bz2, lzma])
+def test_a_packed_log_that_ends_too_early_is_damaged_whoever_reads_it(module: ModuleType, tmp_path: Path) -> None:
+    """Also where a column of text is read before the numbers: joint names that tell which joint a row is of."""
+    rng = np.random.default_rng(0)
+    rows = "".join(f"{i / 100},joint{1 + i % 2},{x},{y}\n" for i, (x, y) in enumerate(rng.normal(size=(6000, 2))))
+    whole = module.compress(("t,name,position,effort\n" + rows).encode())
+    path, header = tmp_path / "log.csv", Header(("t", "name", "position", "effort"), 1, ",")
+    for share in (0.5, 0.8, 0.95):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(DataError, match="the file is damaged"):
+            read_labels(path, header, "name")
 
 
 def test_a_model_without_parameters_has_no_covariance() -> None:
