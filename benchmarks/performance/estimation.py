@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ import numpy as np
 import ident
 from ident.effects.motion import Motion
 from ident.estimators import InstrumentalVariable, RecursiveLeastSquares
+from ident.logs.log import Log, LogSet
 from ident.regressor import rigid
 from ident.simulation.controller import Script
 from ident.simulation.simulate import Plant
@@ -16,7 +19,6 @@ from ident.simulation.simulate import Plant
 from .cases import puma
 from .limits import Limit, profiled
 from .make_large_log import Puma
-from .streaming import peak
 from .table import Row
 from .timing import Work, best, multiplications, together
 
@@ -125,24 +127,40 @@ def _plain_iteration(puma: Puma, motion: tuple[Array, Array, Array], tau: Array)
 
 
 def _own_iteration(puma: Puma, q: Array, tau: Array, plain: float) -> Row:
-    """The estimator on a log whose positions are rounded: time of all it does over the iterations it took."""
-    from ident.logs.log import Log, LogSet
-
-    robot, samples, counts = puma.robot, len(q), 40_000 / (2 * np.pi)
-    log = Log("raw", np.arange(samples) / 200.0, q=np.round(q * counts) / counts, tau={robot.transmission.measured.value: tau})
-    problem = ident.Problem(puma.model, ident.CentralDifference()(LogSet((log,), robot)))
-    problem.information  # noqa: B018  made before the clock starts: every method needs it
-    few, more, before = InstrumentalVariable(iterations=2), InstrumentalVariable(iterations=6), peak()
+    """The estimator on a log whose positions are rounded: time of an iteration more, and memory in a process of its own."""
+    problem = raw_problem(puma, q, tau)
+    few, more = InstrumentalVariable(iterations=2), InstrumentalVariable(iterations=6)
     found = together({"few": Work(lambda: few.solve(problem), 1), "more": Work(lambda: more.solve(problem), 1)}, rounds=3, budget=1.0)
     steps = [len(e.solve(problem).trace["steps"]) for e in (few, more)]
     each = (found["more"] - found["few"]) * 1e-3 / max(steps[1] - steps[0], 1)
-    once, memory = found["few"] * 1e-3 - steps[0] * each, peak() - before
-    regressor = 8e-6 * samples * robot.n * problem.base.count
+    once = found["few"] * 1e-3 - steps[0] * each
+    regressor, memory = 8e-6 * len(q) * puma.robot.n * problem.base.count, _own_memory(len(q))
     return Row(
-        f"method 'iv' on {samples} raw samples, weighted by the noise's colour, per iteration",
-        each, "ms", 600.0 * samples / 1e5, (("a plain IV iteration", plain, 1 / 6),), profiled(lambda: more.solve(problem), 8),
+        f"method 'iv' on {len(q)} raw samples, weighted by the noise's colour, per iteration",
+        each, "ms", 600.0 * len(q) / 1e5, (("a plain IV iteration", plain, 1 / 6),), profiled(lambda: more.solve(problem), 8),
         f"start, tests and covariance once {once:.0f} ms; memory beyond the log {memory:.0f} MB, the regressor's own {regressor:.0f} MB",
     )  # fmt: skip
+
+
+def raw_problem(puma: Puma, q: Array, tau: Array) -> ident.Problem:
+    """The problem of a log with positions as an encoder of 40000 counts a turn has them, differenced, with its information made."""
+    robot, counts = puma.robot, 40_000 / (2 * np.pi)
+    log = Log("raw", np.arange(len(q)) / 200.0, q=np.round(q * counts) / counts, tau={robot.transmission.measured.value: tau})
+    problem = ident.Problem(puma.model, ident.CentralDifference()(LogSet((log,), robot)))
+    problem.information  # noqa: B018  every method needs it
+    return problem
+
+
+def _own_memory(samples: int) -> float:
+    """Megabytes by which a fit raises the largest memory of a process that has the problem, with what it loads on its way."""
+    code = (
+        "from benchmarks.performance.estimation import InstrumentalVariable, Puma, np, raw_problem\n"
+        "from benchmarks.performance.streaming import peak\n"
+        f"puma = Puma(1); q, _, _, tau = puma.motion(np.arange({samples}) / 200.0)\n"
+        "problem = raw_problem(puma, q, tau + puma.noise * np.random.default_rng(0).normal(size=tau.shape)); before = peak()\n"
+        "InstrumentalVariable(iterations=2).solve(problem); print(peak() - before)"
+    )
+    return float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)
 
 
 def simulation_rows() -> list[Row]:

@@ -50,3 +50,10 @@ def test_a_model_without_parameters_has_no_covariance() -> None:
     rows = [Rows(np.zeros((9, 1, 0)), np.zeros((9, 1)), np.ones((9, 1), bool), slice(0, 9), 0)]
     for residual in (None, np.ones((9, 1))):
         assert noise_gram(noise, rows, np.ones(1), residual).shape == (0, 0)
+
+
+def test_a_setting_that_is_called_name_is_unknown_like_any_other(tmp_path: Path) -> None:
+    study = tmp_path / "study.toml"
+    study.write_text('[robot]\nname = "scara"\n[estimator]\nname = "wls"\n')
+    with pytest.raises(ConfigurationError, match="name"):
+        ident.read_study(study).make_estimator()
