@@ -28,7 +28,7 @@ LEG = """<robot name="leg"><link name="base"/>
 
 #: Instants of the drive per second: every delay and every sample of these tests is a whole number of them. A slow one (4000) holds its
 #: feedback for so long that it damps less than the law says: kp / (2 x 4000) N m s/rad of viscous friction are missing then.
-DRIVE_HZ = 20000
+DRIVE_HZ = 100_000
 
 
 def command(seed: int, seconds: float, rate: float, n: int, rest: float = 0.5) -> np.ndarray:
