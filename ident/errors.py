@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
+
+#: A message of more characters than this quotes something that is no name; words in it of more than `_SHOWN` are cut.
+_LONGEST, _SHOWN = 600, 120
+_LONG_WORD = re.compile(rf"\S{{{_SHOWN},}}")
 
 
 class IdentError(Exception):
@@ -17,6 +22,10 @@ class IdentError(Exception):
     """
 
     exit_code = 2
+
+    def __init__(self, message: str = "") -> None:
+        message = message.replace("\x00", "\\x00")  # a terminal shows nothing where one stands
+        super().__init__(_LONG_WORD.sub(lambda word: f"{word[0][:_SHOWN]}…", message) if len(message) > _LONGEST else message)
 
 
 class ConfigurationError(IdentError, ValueError):

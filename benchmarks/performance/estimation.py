@@ -1,10 +1,9 @@
-"""Recursion, instrumental variables, simulation and import, each against what it is compared to."""
+"""Recursion, instrumental variables and simulation, each against what it is compared to."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from typing import Any
 
 import numpy as np
@@ -12,13 +11,16 @@ import numpy as np
 import ident
 from ident.effects.motion import Motion
 from ident.estimators import InstrumentalVariable, RecursiveLeastSquares
+from ident.logs.log import Log, LogSet
 from ident.regressor import rigid
 from ident.simulation.controller import Script
 from ident.simulation.simulate import Plant
 
+from .cases import puma
+from .limits import Limit, profiled
 from .make_large_log import Puma
 from .table import Row
-from .timing import Work, best, together
+from .timing import Work, best, multiplications, together
 
 Array = np.ndarray
 #: Samples between two looks at a recursion's state, and of a batch that stays in the cache.
@@ -59,19 +61,15 @@ def recursion_row(samples: int) -> Row:
             kalman.update(z[:, None], H=H)
         return kalman.x[:, 0]
 
-    def live() -> None:
-        state = start
-        for i in range(20):
-            state = state.observe(q[i], dq[i], ddq[i], tau[i])
-
-    found = together({"ours": Work(ours, samples), "filterpy": Work(theirs, few), "live": Work(live, 20)}, rounds=3)
+    found = together({"ours": Work(ours, samples), "filterpy": Work(theirs, few)}, rounds=3)
+    rate, operations = multiplications(), 2 * columns.shape[1] * (b + 1) ** 2
+    limit = Limit(((f"{operations} operations a sample at dgemm's {rate:.0f} GFLOP/s", operations / rate * samples * 1e-9),))
     gap = float(np.max(np.abs(theirs(compared) - state.values) / state.std))
     return Row(
         f"recursion of {samples} samples, 6 x {b}", found["ours"] * samples * 1e-6, "s", 0.25 * samples / 120_000,
         ((f"filterpy's update (timed on {few} samples)", found["filterpy"] * samples * 1e-6, None),),
-        "a factorisation of dense rows: 0.9 µs a sample for 6 x 53 x 53 numbers",
-        f"state every {_STRIDE} samples; equal to filterpy after {compared} samples to {gap:.1e} std; a live sample in and its state out:"
-        f" {found['live']:.0f} µs a call",
+        limit.why(found["ours"] * samples * 1e-6, "s"),
+        f"state every {_STRIDE} samples; equal to filterpy after {compared} samples to {gap:.1e} std",
     )  # fmt: skip
 
 
@@ -80,7 +78,8 @@ def instrument_rows(samples: int) -> list[Row]:
     puma = Puma(1)
     q, dq, ddq, tau = puma.motion(np.arange(samples) / 200.0)
     tau = tau + puma.noise * np.random.default_rng(0).normal(size=tau.shape)
-    return [_plain_iteration(puma, (q, dq, ddq), tau), _own_iteration(puma, q, tau)]
+    plain = _plain_iteration(puma, (q, dq, ddq), tau)
+    return [plain, _own_iteration(puma, q, tau, plain.measured)]
 
 
 def _plain_iteration(puma: Puma, motion: tuple[Array, Array, Array], tau: Array) -> Row:
@@ -108,42 +107,79 @@ def _plain_iteration(puma: Puma, motion: tuple[Array, Array, Array], tau: Array)
     def iteration() -> Array:
         return np.sum([part(slice(a, min(a + _PIECE, samples))) for a in range(0, samples, _PIECE)], axis=0)
 
+    def information() -> Array:
+        chosen_extra = np.concatenate([ddq_m, dq_m, np.sign(dq_m)], axis=1)
+        return np.sum([_pass(slice(a, min(a + _PIECE, samples)), chosen_extra) for a in range(0, samples, _PIECE)], axis=0)
+
+    def _pass(place: slice, extra: Array) -> Array:
+        q, dq, ddq = (x[place] for x in motion)
+        given = {"rows": K.T, "columns": chosen, "extra": extra[place], "pattern": np.tile(np.eye(6), 3), "form": "gram", "threads": 1}
+        return rigid.information(robot.tree, q, dq, ddq, tau[place], **given)[0]
+
+    dq_m, ddq_m = motion[1] @ inverse.T, motion[2] @ inverse.T
+    found = together({"plain": Work(iteration, 1), "information": Work(information, 1)}, budget=6.0)
+    plain, once = found["plain"] * 1e-3, found["information"] * 1e-3
+    limit = Limit((("four information passes, as twice the columns have four times the products,", 4 * once),))
     return Row(
         f"plain IV iteration of {samples} samples by the kernel (accelerations; products of instruments, columns, torque)",
-        best(iteration, 1, budget=4.0) * 1e-3, "ms", 60.0 * samples / 1e5,
-        why="products of twice as many columns, four times those of the information itself",
+        plain, "ms", 3.0 * once, (("an information pass of the same samples", once, None),), limit.why(plain, "ms"),
     )  # fmt: skip
 
 
-def _own_iteration(puma: Puma, q: Array, tau: Array) -> Row:
-    """The estimator on a log whose positions are rounded: time of all it does over the iterations it took."""
-    from ident.logs.log import Log, LogSet
-
-    robot, samples, counts = puma.robot, len(q), 40_000 / (2 * np.pi)
-    log = Log("raw", np.arange(samples) / 200.0, q=np.round(q * counts) / counts, tau={robot.transmission.measured.value: tau})
-    problem = ident.Problem(puma.model, ident.CentralDifference()(LogSet((log,), robot)))
-    problem.information  # noqa: B018  made before the clock starts: every method needs it
-    start = time.thread_time()
-    estimate = InstrumentalVariable(iterations=2).solve(problem)
-    seconds = time.thread_time() - start
+def _own_iteration(puma: Puma, q: Array, tau: Array, plain: float) -> Row:
+    """The estimator on a log whose positions are rounded: time of an iteration more, and memory in a process of its own."""
+    problem = raw_problem(puma, q, tau)
+    few, more = InstrumentalVariable(iterations=2), InstrumentalVariable(iterations=6)
+    found = together({"few": Work(lambda: few.solve(problem), 1), "more": Work(lambda: more.solve(problem), 1)}, rounds=3, budget=1.0)
+    steps = [len(e.solve(problem).trace["steps"]) for e in (few, more)]
+    each = (found["more"] - found["few"]) * 1e-3 / max(steps[1] - steps[0], 1)
+    once = found["few"] * 1e-3 - steps[0] * each
+    regressor, memory = 8e-6 * len(q) * puma.robot.n * problem.base.count, _own_memory(len(q))
     return Row(
-        f"method 'iv' on {samples} raw samples, weighted by the noise's colour, per iteration",
-        seconds / len(estimate.trace["steps"]) * 1e3, "ms", 60.0 * samples / 1e5,
-        why="every iteration fits the noise's colour anew and filters rows and instruments by it, in NumPy;"
-        " tests and covariance of the result are in it too",
+        f"method 'iv' on {len(q)} raw samples, weighted by the noise's colour, per iteration",
+        each, "ms", 600.0 * len(q) / 1e5, (("a plain IV iteration", plain, 1 / 6),), profiled(lambda: more.solve(problem), 8),
+        f"start, tests and covariance once {once:.0f} ms; memory beyond the log {memory:.0f} MB, the regressor's own {regressor:.0f} MB",
     )  # fmt: skip
+
+
+def raw_problem(puma: Puma, q: Array, tau: Array) -> ident.Problem:
+    """The problem of a log with positions as an encoder of 40000 counts a turn has them, differenced, with its information made."""
+    robot, counts = puma.robot, 40_000 / (2 * np.pi)
+    log = Log("raw", np.arange(len(q)) / 200.0, q=np.round(q * counts) / counts, tau={robot.transmission.measured.value: tau})
+    problem = ident.Problem(puma.model, ident.CentralDifference()(LogSet((log,), robot)))
+    problem.information  # noqa: B018  every method needs it
+    return problem
+
+
+def _own_memory(samples: int) -> float:
+    """Megabytes by which a fit raises the largest memory of a process that has the problem, with what it loads on its way."""
+    code = (
+        "from benchmarks.performance.estimation import InstrumentalVariable, Puma, np, raw_problem\n"
+        "from benchmarks.performance.streaming import peak\n"
+        f"puma = Puma(1); q, _, _, tau = puma.motion(np.arange({samples}) / 200.0)\n"
+        "problem = raw_problem(puma, q, tau + puma.noise * np.random.default_rng(0).normal(size=tau.shape)); before = peak()\n"
+        "InstrumentalVariable(iterations=2).solve(problem); print(peak() - before)"
+    )
+    return float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)
 
 
 def simulation_rows() -> list[Row]:
     """A Runge-Kutta step with dry friction of the PUMA; no reversal on the way."""
     single, eight = step_time(1), step_time(8)
-    loop = _pinocchio_step()
+    loop, forward = _pinocchio_step(), _forward_time()
     others = (("four calls of Pinocchio's aba in Python", loop, None),)
-    why = "four forward dynamics: 0.32 µs each for a single state, 0.09 µs for one of eight"
+    limit = Limit((("four forward dynamics of the kernel, in a batch,", 4 * forward),))
     return [
-        Row("simulation step with dry friction (RK4), one run", single, "µs", 1.5, others, why),
-        Row("simulation step with dry friction (RK4), a run of eight", eight, "µs", 0.4, others, why),
+        Row(f"simulation step with dry friction (RK4), {what}", step, "µs", 4 * limit.value, others, limit.why(step, "µs"))
+        for what, step in (("one run", single), ("a run of eight", eight))
     ]
+
+
+def _forward_time() -> float:
+    """Microseconds a state of the kernel's forward dynamics, in a batch."""
+    case = puma(8192)
+    fixed = rigid.dynamics(case.tree, case.inertia, case.added)
+    return best(lambda: fixed.forward(case.q, case.dq, case.tau), 8192)
 
 
 def _pinocchio_step() -> float:
@@ -171,17 +207,3 @@ def step_time(lanes: int) -> float:
     state = dynamics.start(np.zeros(lanes), np.zeros((lanes, puma.robot.n)), speed)
     steps = lanes * periods * substeps
     return best(lambda: compiled.run(script, state, None, period=1e-6 * substeps, substeps=substeps), steps, rounds=20)
-
-
-def import_row() -> Row:
-    """`import ident` in a new process beyond an empty one."""
-
-    def once(code: str) -> float:
-        start = time.perf_counter()
-        subprocess.run([sys.executable, "-c", code], check=True)
-        return time.perf_counter() - start
-
-    pairs = [(once("import ident"), once("pass")) for _ in range(5)]
-    return Row(
-        "import ident", min(a for a, _ in pairs) - min(b for _, b in pairs), "s", 0.5, why="the disk, or what the interpreter imports first"
-    )

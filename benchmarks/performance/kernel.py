@@ -11,13 +11,9 @@ from ident.regressor import rigid
 
 from .cases import Case, chain, humanoid, puma
 from .figaroh_chain import microseconds as figaroh
+from .limits import information_limit
 from .table import Row
 from .timing import Work, best, native, together
-
-_ARITHMETIC = (
-    "arithmetic: 0.08 µs to fill the columns and 0.11 µs for their products, which is 83 % of this processor's dgemm;"
-    " its 512-bit operations run in two halves"
-)
 
 
 def information_rows(samples: int, folder: Any) -> list[Row]:
@@ -37,18 +33,21 @@ def information_rows(samples: int, folder: Any) -> list[Row]:
     theirs, note = figaroh(case, samples, folder)
     others = [
         ("Pinocchio's loop of the regressor alone", found["loop"], None),
-        ("Pinocchio's loop, stacking and lstsq", found["lstsq"], 80.0),
+        ("Pinocchio's loop, stacking and lstsq", found["lstsq"], 110.0),
     ]
     if theirs is not None:
         others.append(("figaroh's chain", theirs, 500.0))
     title = "regressor + information of the PUMA"
+    limit, reflected = information_limit(small, 8192), information_limit(small, 8192, reflections=True)
+    told = f"limit of this run {limit.value:.3g} µs"
+    alone = tuple((who, us, None) for who, us, _ in others)
     return [
-        Row(f"{title}, Gram, 8192 samples a call", near["gram"], "µs", 0.2, why=_ARITHMETIC),
+        Row(f"{title}, Gram, 8192 samples a call", near["gram"], "µs", 1.6 * limit.value, why=limit.why(near["gram"], "µs"), note=told),
         Row(
-            f"{title}, Gram, {samples} samples", found["gram"], "µs", 0.2, tuple(others),
-            _ARITHMETIC + "; beyond the cache the samples' way from memory adds 0.01 to 0.02 µs", note,
+            f"{title}, Gram, {samples} samples", found["gram"], "µs", 1.6 * limit.value, tuple(others), limit.why(found["gram"], "µs"),
+            f"{told}; {note}",
         ),
-        Row(f"{title}, QR-grade", found["qr"], "µs", 0.4, tuple((who, us, None) for who, us, _ in others), _ARITHMETIC),
+        Row(f"{title}, QR-grade", found["qr"], "µs", 2.6 * limit.value, alone, reflected.why(found["qr"], "µs"), told),
     ]  # fmt: skip
 
 
@@ -125,9 +124,10 @@ def humanoid_row(samples: int) -> list[Row]:
         ("Pinocchio's loop of the regressor alone", found["loop"], None),
         (f"the loop and lstsq of {few} samples", found["lstsq"], None),
     )
-    why = "arithmetic: 126,000 products a sample are 4.7 µs at the rate of dgemm, filling 38 rows 2 µs"
+    limit = information_limit(case, samples)
+    why = limit.why(found["gram"], "µs")
     work = f"humanoid on a free-flyer, {model.nv} rows, {len(case.columns)} columns, Gram, {samples} samples"
-    return [Row(work, found["gram"], "µs", 8.0, others, why, f"QR-grade: {found['qr']:.3g} µs")]
+    return [Row(work, found["gram"], "µs", 2.0 * limit.value, others, why, f"limit {limit.value:.3g} µs; QR-grade {found['qr']:.3g} µs")]
 
 
 def _both(case: Case, samples: int, threads: int = 1, rounds: int = 4) -> dict[str, float]:

@@ -10,6 +10,7 @@ from .._utils.json import result
 from ..errors import ConfigurationError, DataError
 from ..streaming.session import StreamedSession
 from ..study.session import Session
+from .commanded import asks_for_simulation, check_under_law
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 from .recording import check_recording, told, write_study_of
 from .streaming import add_streaming_arguments, session_from
@@ -36,6 +37,8 @@ def run(args: argparse.Namespace) -> int:
     if args.log and not (args.study or args.robot or args.urdf):
         return check_recording(args, out)
     study = study_from(args)
+    if asks_for_simulation(study):
+        return check_under_law(study, args, out)
     with session_from(args, study, out, "reading") as session:
         if not isinstance(session, StreamedSession):
             if any(log.recording is not None for log in session.recorded):

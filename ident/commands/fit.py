@@ -13,6 +13,7 @@ from ..estimators import estimator_types
 from ..evaluation.doubts import all_turned
 from ..streaming.session import StreamedSession
 from ..study.session import HELD_SHARE, Session
+from .commanded import asks_for_simulation, fit_under_law
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from
 
@@ -30,7 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
-    with session_from(args, study_from(args), out, "fitting") as session:
+    study = study_from(args)
+    if asks_for_simulation(study):
+        return fit_under_law(study, args, out)
+    with session_from(args, study, out, "fitting") as session:
         return _fitted(session, args, out)
 
 

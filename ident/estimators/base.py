@@ -182,7 +182,7 @@ def _able(capability: Capability) -> str:
     return ", ".join(name for name, kind in estimator_types().items() if capability in kind.capabilities) or "none"
 
 
-def make_estimator(name: str, **configuration: Any) -> Estimator:
+def make_estimator(name: str, /, **configuration: Any) -> Estimator:
     """An estimator by its name, as study files and the command line give it.
 
     Parameters

@@ -35,7 +35,7 @@ def score_covariance(rows: InstrumentRows, error: Array, lags: tuple[int, ...]) 
         if (runs[run].stop - runs[run].start) * len(noise.ar) * scores.size > HELD_NUMBERS:
             scores.add_stationary(blocks, lags)
         else:
-            scores.add_run(list(blocks), lags, innovations(error[runs[run]], noise.ar))
+            scores.add_run(blocks, lags, innovations(error[runs[run]], noise.ar))
     return scores.gram
 
 
@@ -60,7 +60,7 @@ class _Scores:
                 shaped.append(whole[len(a) - 1 :])
             self._add_mixed(shaped)
 
-    def add_run(self, blocks: list[WhiteRows], lags: tuple[int, ...], innovation: Array) -> None:
+    def add_run(self, blocks: Iterable[WhiteRows], lags: tuple[int, ...], innovation: Array) -> None:
         """A whole run with its innovations (m, n), which stand for their own variance where they are known.
 
         e = B u with B lower triangular, hence Zᵀ e = (Bᵀ Z)ᵀ u: the rows are filtered backwards in time."""
@@ -71,6 +71,8 @@ class _Scores:
         score, rest = np.zeros((int(known.sum()), self.size)), []
         for j, a in enumerate(self._polynomials):
             backwards = np.concatenate([block[j][::-1] for block in reversed(laid)])
+            for block in laid:
+                block[j] = backwards[:0]  # a run of these is large: nothing is held twice
             shaped = kernel().series.recursion(a, backwards, np.zeros((len(a) - 1, backwards.shape[1])))[len(a) - 1 :][::-1]
             score[:, self._places(self._layout.columns[j])] += shaped[known] * innovation[known, j, None]
             rest.append(shaped[~known])

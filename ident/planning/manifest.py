@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.fields import Field
 from .._utils.files import write_atomic
 from .._utils.toml import load_toml, to_toml
 from ..errors import ConfigurationError, unknown_name
@@ -30,19 +31,19 @@ def read_manifest(path: Path) -> dict[str, Any]:
     if not isinstance(head, dict) or head.get("schema") != SCHEMA:
         raise ConfigurationError(f"plan {path}: there is no table [plan] with schema = {SCHEMA!r}; this is not a manifest of a plan.")
     _known(head, _PLAN, f"[plan] ({path})")
-    joints = tuple(_need(head, "joints", f"plan {path}: [plan]"))
-    tests = tuple(_test(name, table, joints, path) for name, table in tables.items())
     where = f"plan {path}: [plan]"
+    joints = _field(head, "joints", where).texts()
+    tests = tuple(_test(name, table, joints, path) for name, table in tables.items())
     return {
-        "robot": str(_need(head, "robot", where)),
+        "robot": _field(head, "robot", where).text(),
         "joints": joints,
-        "effects": tuple(_need(head, "effects", where)),
-        "base": tuple(_need(head, "base", where)),
+        "effects": _field(head, "effects", where).texts(),
+        "base": _field(head, "base", where).texts(),
         "tests": tests,
-        "rank": int(_need(head, "rank", where)),
+        "rank": _field(head, "rank", where).whole(),
         "velocity": _array(head, "velocity", (len(joints),), where),
         "acceleration": _array(head, "acceleration", (len(joints),), where),
-        "notes": tuple(head.get("notes", ())),
+        "notes": _field(head, "notes", where, []).texts(),
     }
 
 
@@ -53,7 +54,7 @@ def _test(name: str, table: Any, joints: tuple[str, ...], path: Path) -> Planned
     kind = _member(MotionKind, _need(table, "kind", where), where)
     _known(table, (*_TEST, *(SWING_KEYS if kind == MotionKind.ACCELERATED else SWEEP_KEYS)), where)
     n = len(joints)
-    moving, row = tuple(_need(table, "moving", where)), str(_need(table, "row", where))
+    moving, row = _field(table, "moving", where).texts(), _field(table, "row", where).text()
     for joint in (*moving, row):
         if joint not in joints:
             raise unknown_name(f"joint in {where}", joint, joints)
@@ -61,10 +62,9 @@ def _test(name: str, table: Any, joints: tuple[str, ...], path: Path) -> Planned
     motion: Sweep | Swing
     if kind == MotionKind.ACCELERATED:
         sine = _array(table, "sine", (None, n), where)
-        motion = Swing(sine, _array(table, "cosine", sine.shape, where), float(_need(table, "base_hz", where)))
+        motion = Swing(sine, _array(table, "cosine", sine.shape, where), _field(table, "base_hz", where).number())
     else:
-        speeds = tuple(float(x) for x in _need(table, "speeds", where))
-        reach = tuple(float(x) for x in _need(table, "reach", where))
+        speeds, reach = (tuple(_field(table, key, where).numbers(-1).tolist()) for key in ("speeds", "reach"))
         if len(speeds) != len(reach):
             raise ConfigurationError(f"{where}: speeds and reach must have the same number of entries.")
         motion = Sweep(_array(table, "direction", (n,), where), speeds, reach)
@@ -76,10 +76,10 @@ def _test(name: str, table: Any, joints: tuple[str, ...], path: Path) -> Planned
         _member(Side, _need(table, "side", where), where),
         postures,
         motion,
-        tuple(table.get("reveals", ())),
-        int(table.get("gain", 0)),
-        float(table.get("strength", 0.0)),
-        str(_need(table, "log", where)),
+        _field(table, "reveals", where, []).texts(),
+        _field(table, "gain", where, 0).whole(),
+        _field(table, "strength", where, 0.0).number(),
+        _field(table, "log", where).text(),
     )
 
 
@@ -93,6 +93,11 @@ def _need(table: dict[str, Any], key: str, where: str) -> Any:
     if key not in table:
         raise ConfigurationError(f"{where}: the key {key!r} is missing.")
     return table[key]
+
+
+def _field(table: dict[str, Any], key: str, where: str, default: Any = None) -> Field:
+    """An entry that must be there, unless there is a default, and is asked for its kind."""
+    return Field(_need(table, key, where) if default is None else table.get(key, default), where, key)
 
 
 def _member(kind: Any, value: Any, where: str) -> Any:

@@ -128,7 +128,7 @@ def agreement(robot: Robot, rotor_inertia: bool = False, seed: int = 0) -> Agree
     sampled = sampled_space(robot, rotor_inertia, seed)
     closed, refused = closed_forms(robot)
     # Rounding of the sampled directions grows as the smallest singular value falls; well-posed geometry stays at the usual tolerance.
-    tolerance = max(_SAME, 1e-13 / max(sampled.gap[0], 1e-10))
+    tolerance = max(_SAME, 1e-13 / max(sampled.gap[0], 1e-10), 10 * sampled.gap[1] / max(sampled.gap[0], 1e-10))
     names = structural.columns if rotor_inertia else structural.parameters
     mine = structural.full if rotor_inertia else structural.matrix
     found = _compare(("structural", _orthonormal(mine / sampled.scale)), ("sampled", sampled.basis), sampled.scale, names, tolerance)

@@ -19,6 +19,24 @@ DEFAULT_EFFECTS = ("rotor_inertia", "viscous", "coulomb")
 TORQUES = ("link", "motor", "current", "estimated", "external", "command", "none")
 
 
+def constants(value: Any) -> Any:
+    """A constant of a drive law: a number, a list of numbers, a table by joint, or "identify" (also "fit") for what is unknown."""
+    unknown = ("identify", "fit")
+    expected = 'a number, a list of numbers, a table of joint = number, or "identify"'
+    if isinstance(value, Mapping):
+        return {str(k): "identify" if v in unknown else _constant(v, expected) for k, v in value.items()}
+    if isinstance(value, list | tuple) and value:
+        return tuple("identify" if v in unknown else _constant(v, expected) for v in value)
+    return "identify" if value in unknown else _constant(value, expected)
+
+
+def _constant(value: Any, expected: str) -> float:
+    try:
+        return number(value)
+    except Unfit:
+        raise Unfit(expected) from None
+
+
 def effect_entries(value: Any) -> tuple[Mapping[str, Any], ...]:
     """Effects as a file gives them (a name, a table, or a list of both), each as a table with its name."""
     entries = [value] if isinstance(value, str | Mapping) else value
@@ -84,7 +102,11 @@ class DriveTable:
 
     `measured`: side of the logged torque; `ratio` (n,): motor turns per joint turn, or `K` (n, n): θ = K θ_m; `zero` (n,):
     joint positions at motor zero; `torque_constants` (n,) N m/A; `effects`: {"name": …, key: value, …} each; `torque`: what the logged
-    torque is (`TORQUES`); `torque_sign`: 1 or -1 for all joints, or for each, by which it is taken."""
+    torque is (`TORQUES`); `torque_sign`: 1 or -1 for all joints, or for each, by which it is taken.
+
+    What a drive makes of its commands, for logs without torque (`ident.drives`): `law` and its constants (each a number, numbers
+    per joint, a table by joint, or "identify"); `command`, `velocity_command`: what happens between and beside the logged commands;
+    `links`: "known" (the URDF's inertials are right) or "identify"; `by_log`: name or pattern of a log → constants of that log."""
 
     measured: str | None = None
     ratio: tuple[float, ...] | None = None
@@ -94,7 +116,24 @@ class DriveTable:
     effects: tuple[Mapping[str, Any], ...] | None = None
     torque: str | None = None
     torque_sign: tuple[float, ...] | None = None
+    law: str | None = None
+    kp: Any = None
+    kd: Any = None
+    delay_s: Any = None
+    effort_limit: Any = None
+    torque_scale: Any = None
+    back_emf: Any = None
+    command: str | None = None
+    velocity_command: str | None = None
+    links: str | None = None
+    by_log: Mapping[str, Mapping[str, Any]] | None = None
 
+    #: Keys that a log may have for itself, under `by_log`.
+    OF_A_LOG: ClassVar[Mapping[str, Kind]] = {
+        **dict.fromkeys(("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf"), constants),
+        "command": one_of("staircase", "ramp"),
+        "velocity_command": one_of("logged", "zero", "derivative"),
+    }
     SCHEMA: ClassVar[Mapping[str, Kind]] = {
         "measured": one_of("motor", "joint"),
         "ratio": numbers(),
@@ -104,12 +143,18 @@ class DriveTable:
         "effects": effect_entries,
         "torque": one_of(*TORQUES),
         "torque_sign": _signs,
+        "law": text,
+        **OF_A_LOG,
+        "links": one_of("known", "identify"),
+        "by_log": table_of(lambda value: value, "a table of log = constants"),
     }
 
     @classmethod
     def read(cls, data: Any, where: str) -> DriveTable:
         """From a TOML table."""
         values = check_table(data, cls.SCHEMA, "drive", where)
+        for name, table in values.get("by_log", {}).items():
+            values["by_log"][name] = check_table(table, cls.OF_A_LOG, f"drive.by_log.{name}", where)
         if "ratio" in values and "K" in values:
             raise ConfigurationError(f"{where}: [drive] has both ratio and K; give one of them.")
         return cls(**values)

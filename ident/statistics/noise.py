@@ -171,7 +171,7 @@ def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array, residual
         if residual is None or sum(block.columns.size for block in run) > HELD_NUMBERS:
             for block in run:
                 shaped, state = _shaped(noise, np.where(block.valid[:, :, None], block.columns, 0.0) * weights[:, None], state)
-                mixed = np.einsum("ij,mik->mjk", root, shaped).reshape(-1, b)
+                mixed = _mixed(root, shaped)
                 gram += mixed.T @ mixed
             continue
         weighted = np.concatenate([np.where(block.valid[:, :, None], block.columns, 0.0) for block in run]) * weights[:, None]
@@ -180,7 +180,7 @@ def noise_gram(noise: NoiseModel, rows: Iterable[Rows], weights: Array, residual
         innovation = innovations(residual[run[0].place.start : run[-1].place.stop], noise.ar)
         known = np.all(np.isfinite(innovation), axis=1)
         score = np.einsum("mnk,mn->mk", shaped[known], innovation[known])
-        mixed = np.einsum("ij,mik->mjk", root, shaped[~known]).reshape(-1, b)
+        mixed = _mixed(root, shaped[~known])
         gram += score.T @ score + mixed.T @ mixed
     return np.zeros((0, 0)) if gram is None else gram
 
@@ -202,9 +202,15 @@ def _gram_by_blocks(noise: NoiseModel, rows: KeptRows, weights: Array, residual:
             own = innovation[block.place.start - run.start : block.place.stop - run.start]
             known = np.zeros(len(own), bool) if stationary else np.all(np.isfinite(own), axis=1)
             score = np.einsum("mnk,mn->mk", shaped[known], own[known])
-            mixed = np.einsum("ij,mik->mjk", root, shaped[~known]).reshape(-1, b)
+            mixed = _mixed(root, shaped[~known])
             gram += score.T @ score + mixed.T @ mixed
     return gram
+
+
+def _mixed(root: Array, shaped: Array) -> Array:
+    """Rows (m n, b) of shaped columns (m, n, b) with the joints mixed by a root (n, n) of their covariance."""
+    m, n, b = shaped.shape
+    return np.einsum("ij,mik->mjk", root, shaped).reshape(m * n, b)
 
 
 def _whole_runs(rows: Iterable[Rows]) -> Iterator[list[Rows]]:

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from ..auditing import Audit, audit
+from ..drives.torque import with_torque
 from ..errors import DataError
 from ..estimators import make_estimator
 from ..evaluation.doubts import all_turned, counted_twice, doubts, fitted_as_well, require_rows
@@ -70,7 +71,9 @@ class Session:
 
     def _read(self, files: Iterable[Path]) -> LogSet:
         how = {"skip_bad_files": self.skip_bad_files, **self.study.reading()}
-        return read_logs([*map(str, files)], self.robot, self.study.columns or None, **how)
+        logs = read_logs([*map(str, files)], self.robot, self.study.columns or None, **how)
+        law = self.study.drive_law(self.robot)
+        return logs if law is None else with_torque(logs, law, self.robot)
 
     @property
     def skipped(self) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from .._utils.files import write_atomic
 from .._utils.plugins import load_modules
 from .._utils.toml import Unfit, anything, check_options, check_table, load_toml, number, table_of, text, texts, to_toml
+from ..drives.law import DriveLaw
 from ..effects.declared import declared_effects, effect_entry
 from ..errors import ConfigurationError, DataError
 from ..estimators import estimator_types, make_estimator
@@ -146,6 +147,11 @@ class Study:
         for effect in declared_effects(self.description.whole_drive()):
             model = model + effect
         return model
+
+    def drive_law(self, robot: Robot | None = None) -> DriveLaw | None:
+        """The law from command to torque that `[drive] law` declares; None where the logs hold torque or current."""
+        table = self.description.whole_drive()
+        return DriveLaw.read(table, self.robot() if robot is None else robot) if table.law else None
 
     def make_estimator(self) -> Estimator:
         """The estimator that `[estimator]` asks for; weighted least squares if it names none."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.performance import estimation, kernel, timing
+from benchmarks.performance import estimation, kernel, live, startup, timing
 from benchmarks.performance.cases import puma
+from benchmarks.performance.limits import Limit, information_limit, products, profiled
 from benchmarks.performance.table import Row
 
 
@@ -50,3 +51,28 @@ def test_what_is_compared_is_the_same_problem() -> None:
 def test_scaling_tables_have_a_row_each() -> None:
     assert [row["joints"] for row in kernel.by_joints([1, 2])] == [1, 2]
     assert [(row["samples"], row["threads"]) for row in kernel.by_samples([500], [1, 2])] == [(500, 1), (500, 2)]
+
+
+def test_a_reason_is_made_of_what_was_measured() -> None:
+    limit = Limit((("parsing", 3.0), ("4 operations", 1.0)))
+    assert limit.value == 4.0
+    assert limit.why(8.0, "s") == "of this run: parsing 3 s (38%), 4 operations 1 s (12%), the rest 4 s (50%)"
+    assert limit.why(16.0, "s") != limit.why(8.0, "s")
+    told = profiled(lambda: sorted(range(200_000), key=lambda i: -i), 1)
+    assert told.startswith("profile of this run, own time: ")
+    assert "%" in told
+
+
+def test_operations_are_counted_row_by_row() -> None:
+    case = puma(300)
+    factors = case.information("triangle")
+    live = [int((np.abs(R).max(axis=0) > 0).sum()) for R in factors]
+    assert products(case) == sum(w * (w + 1) for w in live)
+    assert len(information_limit(case, 256).parts) == 2
+
+
+def test_live_calls_and_start_up_have_rows() -> None:
+    rows = live.live_rows(200)
+    assert [row.unit for row in rows] == ["µs"] * 3
+    assert all(row.measured > 0 for row in rows)
+    assert "numpy" in startup.slowest_imports(["-c", "import numpy"])

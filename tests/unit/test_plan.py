@@ -121,6 +121,10 @@ def test_manifest_comes_back_as_it_was(puma: Plan, tmp_path) -> None:
     ("old", "new", "message"),
     [
         ('schema = "ident.plan/1"', 'schema = "x"', "not a manifest"),
+        ("rank = ", "rank = inf #", "'rank' must be a whole number"),
+        ("rank = ", "rank = [] #", "'rank' must be a whole number"),
+        ("speeds = ", "speeds = [nan] #", "'speeds' must be finite numbers"),
+        ("gain = ", 'gain = "1" #', "'gain' must be a whole number"),
         ('kind = "static"', 'kind = "statik"', "static"),
         ('row = "joint6"', 'row = "joint9"', "joint9"),
         ("gain = 2", "gian = 2", "gian"),

@@ -44,6 +44,23 @@ def test_an_axis_that_is_almost_perpendicular_adds_nothing_twice(tilt: float) ->
     assert set(found.counts.values()) == {12}
 
 
+def test_columns_that_are_hardly_there_are_no_parameters() -> None:
+    """A tilt of 1e-5 leaves products of inertia a column of 1e-10: what sets two of them apart is rounding."""
+    tool = '<link name="tool"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    joints = (
+        '<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>'
+        '<limit lower="-2.5" upper="2.5" velocity="3" effort="50"/></joint>'
+        '<joint name="j2" type="continuous"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0" rpy="1.5708 0 0"/>'
+        '<axis xyz="0 1e5 1"/></joint>'
+        '<joint name="j3" type="prismatic"><parent link="b"/><child link="tool"/><origin xyz="0 0 0.2"/><axis xyz="1 0 0"/>'
+        '<limit lower="0" upper="0.1" velocity="1" effort="9"/><mimic joint="j2" multiplier="0.5" offset="0.1"/></joint>'
+    )
+    links = "".join(tool.replace("tool", name) for name in ("a", "b", "tool"))
+    found = agreement(Robot.from_urdf(f'<robot name="arm"><link name="base"/>{links}{joints}</robot>'))
+    assert found.agreed, str(found)
+    assert set(found.counts.values()) == {12}
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_random_robots_agree_with_rotors(seed: int) -> None:
     rng = np.random.default_rng(seed)

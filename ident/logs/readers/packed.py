@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ...errors import ConfigurationError, DataError
+from .damage import DAMAGED, reason
 
 #: Bytes that a packed file may always unpack to, how many times its own size beyond that, and bytes that are unpacked at a time.
 _UNPACKED, _RATIO, _BLOCK = 1 << 28, 200, 1 << 20
@@ -94,7 +95,10 @@ class _Unpacked(io.RawIOBase):
         return self._at
 
     def readinto(self, buffer: Any) -> int:
-        count: int = self._inner.readinto(buffer)  # type: ignore[attr-defined]
+        try:
+            count: int = self._inner.readinto(buffer)  # type: ignore[attr-defined]
+        except DAMAGED as error:
+            raise DataError(f"log {self._path}: the file is damaged ({reason(error)}).") from None
         self._at += count
         if self._at > self._most:
             raise DataError(
@@ -111,7 +115,8 @@ class _Unpacked(io.RawIOBase):
 def open_whole(path: Path) -> IO[bytes]:
     """`open_binary` for those who keep all of it in memory."""
     stream = open_binary(path)
-    return stream if isinstance(stream, io.BufferedReader) else io.BufferedReader(_Unpacked(stream, path), _BLOCK)
+    plain = isinstance(stream, io.BufferedReader) and isinstance(stream.raw, io.FileIO)
+    return stream if plain else io.BufferedReader(_Unpacked(stream, path), _BLOCK)
 
 
 def bounded_lines(text: Iterable[str], path: Path) -> Iterator[str]:

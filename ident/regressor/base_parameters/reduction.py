@@ -20,6 +20,8 @@ Array = np.ndarray
 _ZERO = 1e-15
 #: A column this far from the others stands out clearly: its direction is known to some thirteen digits.
 _CLEAR = 1e-3
+#: Rounding of a column's entries, some units in the last place.
+_ROUNDING = 10 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,10 +86,12 @@ def reduce_columns(columns: Array, parameters: tuple[Parameter, ...], order: lis
     zero = scale <= 1e-11 * max(scale.max(initial=0.0), 1e-300)
     unit = np.divide(R, scale, out=np.zeros_like(R), where=~zero)
     live = [i for i in order if not zero[i]]
-    kept, _, distance = _orthogonalise(unit, live, 1e-8)
+    # What rounds a column is of the size of the largest, from whose terms it is made: of a faint one that is a large share.
+    rounding = _ROUNDING * scale.max(initial=0.0) / np.maximum(scale, 1e-300)
+    kept, _, distance = _orthogonalise(unit, live, np.maximum(1e-8, rounding))
     threshold, gap, notes = _threshold(distance, [parameters[i].name for i in live])
     if abs(np.log10(threshold / 1e-8)) > 1e-9:
-        kept, _, distance = _orthogonalise(unit, live, threshold)
+        kept, _, distance = _orthogonalise(unit, live, np.maximum(threshold, rounding))
     independent = np.array(sorted(kept), dtype=int)
     regroup = np.zeros((len(independent), len(parameters)))
     if len(independent):
@@ -102,26 +106,40 @@ def reduce_columns(columns: Array, parameters: tuple[Parameter, ...], order: lis
     return BaseReduction(parameters, independent, regroup, np.flatnonzero(zero), gap, notes)
 
 
-def _orthogonalise(unit: Array, order: list[int], threshold: float) -> tuple[set[int], Array, Array]:
-    """Greedy Gram-Schmidt with one repetition: which columns stay, their basis, and every column's distance from those before.
+def _orthogonalise(unit: Array, order: list[int], threshold: Array) -> tuple[set[int], Array, Array]:
+    """Greedy Gram-Schmidt with one repetition: which columns stay, their basis, and every column's distance from those that stayed.
 
-    Columns that stand out clearly stay first, whatever the order says. What is left of a column near the others has a direction as
-    uncertain as rounding over its distance; a basis that holds two of them makes independent what is not."""
+    `threshold` (k,): what a column must be away at least.
+
+    Columns that stand out clearly stay first, in the given order; of the others about the farthest goes first. What is left of a column
+    near the others has a direction as uncertain as rounding over its distance, and is harmless only to columns that are no farther."""
     basis = np.zeros((unit.shape[0], min(unit.shape)))
-    kept: set[int] = set()
-    distance = np.zeros(len(order))
-    for least in (max(_CLEAR, threshold), threshold):
-        for place, i in enumerate(order):
-            if i in kept or len(kept) == basis.shape[1]:
-                continue
-            Q = basis[:, : len(kept)]
-            v = unit[:, i] - Q @ (Q.T @ unit[:, i])
-            v -= Q @ (Q.T @ v)
-            distance[place] = np.linalg.norm(v)
-            if distance[place] > least:
-                basis[:, len(kept)] = v / distance[place]
-                kept.add(i)
-    return kept, basis[:, : len(kept)], distance
+    kept: dict[int, float] = {}
+
+    def left(columns: Array) -> Array:
+        Q = basis[:, : len(kept)]
+        v = columns - Q @ (Q.T @ columns)
+        return np.asarray(v - Q @ (Q.T @ v))
+
+    def keep(i: int, v: Array, size: float) -> None:
+        basis[:, len(kept)] = v / size
+        kept[i] = size
+
+    for i in order:
+        v = left(unit[:, i])
+        if len(kept) < basis.shape[1] and np.linalg.norm(v) > max(_CLEAR, threshold[i]):
+            keep(i, v, float(np.linalg.norm(v)))
+    rest = [i for i in order if i not in kept]
+    while True:
+        remains = left(unit[:, rest])
+        sizes = np.linalg.norm(remains, axis=0)
+        able = sizes > threshold[rest]
+        if len(kept) == basis.shape[1] or not able.any():
+            break
+        place = int(np.flatnonzero(able & (sizes >= 0.1 * sizes[able].max()))[0])
+        keep(rest.pop(place), remains[:, place], float(sizes[place]))
+    found = dict(zip(rest, sizes.tolist(), strict=True)) | kept
+    return set(kept), basis[:, : len(kept)], np.array([found[i] for i in order])
 
 
 def _threshold(distance: Array, names: list[str]) -> tuple[float, tuple[float, float], tuple[str, ...]]:

@@ -1,0 +1,1 @@
+"""Actuators of real robots whose logs hold commands and positions, and no torque."""

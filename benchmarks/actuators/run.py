@@ -1,0 +1,125 @@
+"""Real logs without torque: error of simulated position, open loop, on logs or parts that no fit saw, beside published values.
+
+The logs are not part of this repository: `IDENT_DATA` names their folder (default: `../shared/data` beside the checkout)."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ident
+from ident._utils.json import jsonable
+from ident.drives import DriveFit, DriveLaw, fit_drives
+
+DRIVE = ("rotor_inertia", "viscous", "coulomb", "offset")
+LOADED = (*DRIVE, "load_dependent_friction")
+#: Share of full voltage per rad and unit of the XL330's firmware gain.
+_XL330 = 4096 / (2 * np.pi) / (256 * 885)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fit. `held`: what it is reported on, each with the target and where that comes from; None: the last `part` of the log."""
+
+    name: str
+    urdf: str
+    fit: tuple[str, ...]
+    held: Mapping[str, float]
+    law: Mapping[str, Any]
+    effects: tuple[str, ...] = DRIVE
+    joints: tuple[str, ...] | None = None
+    part: float = 0.0
+    kind: str = "pd_position"
+
+
+def cases(short: bool) -> list[Case]:
+    """All of them; the short run leaves out those that take minutes."""
+    gains = {"*april*": {"kp": [20.0, 20.0, 40.0] * 4, "kd": [1.0, 1.0, 2.0] * 4}, "*march*": {"kp": 20.0, "kd": 1.5}}
+    found = [
+        Case(f"AK80 {one} -> {other}", "ak80_pendulum/ak80_pendulum.urdf", (f"ak80_{one}",), {f"ak80_{other}": 0.010}, both)
+        for both in ({"kp": "identify", "kd": "identify"},)
+        for one, other in (("sysid_stiff", "dircol"), ("dircol", "sysid_stiff"))
+    ]
+    for number, joint, kp, kd in (
+        ("41_hip_pitch_rs04", "dof_right_hip_pitch_04", 150.0, 8.0),
+        ("43_hip_yaw_rs03", "dof_right_hip_yaw_03", 100.0, 4.0),
+        ("45_ankle_rs02", "dof_right_ankle_02", 40.0, 8.0),
+    ):
+        law = {"kp": kp, "kd": kd, "links": "identify", "command": "ramp", "by_log": {"*chirp*": {"velocity_command": "derivative"}}}
+        step = {f"kbot_{number}_step": 0.004}
+        found.append(Case(f"K-Bot {number}", "kbot_robstride/kbot_right_leg.urdf", (f"kbot_{number}_chirp",), step, law, joints=(joint,)))
+    if short:
+        return found
+    duty = {f"*kp{k}_*": {"kp": _XL330 * k} for k in (100, 200, 400, 800)}
+    every = sorted(f.name.removesuffix(".csv.gz") for f in (data() / "xl330_pendulum").glob("*.csv.gz"))
+    for held in ("kp100_sin_sin", "kp200_up_and_down", "kp400_lift_and_drop", "kp400_sin_time_square", "kp800_up_and_down"):
+        rest = tuple(name for name in every if name != f"xl330_{held}")
+        name = f"XL330 without {held}"
+        urdf = "xl330_pendulum/xl330_pendulum.urdf"
+        found.append(Case(name, urdf, rest, {f"xl330_{held}": 0.060}, {"by_log": duty}, LOADED, kind="pwm"))
+    z1 = {"kp": [80.0, 120.0, 120.0, 80.0, 80.0, 80.0, 80.0], "kd": 2.5}
+    found.append(Case("Z1 last third", "z1_iit/z1.urdf", ("z1_traj0",), {"z1_traj0 (last part)": 0.0150}, z1, part=1 / 3))
+    april = {"go2_april_traj4": 0.0023, "go2_march_traj0": 0.0095}
+    found.append(Case("Go2 one April log", "go2_iit/go2.urdf", ("go2_april_traj1",), april, {"by_log": gains}))
+    return found
+
+
+def data() -> Path:
+    """The folder of actuator logs."""
+    named = os.environ.get("IDENT_DATA")
+    return (Path(named) if named else Path(__file__).resolve().parents[3] / "shared/data") / "actuators"
+
+
+def fitted(case: Case) -> DriveFit:
+    """Fit one case, with its error on each held-out log."""
+    folder = data() / Path(case.urdf).parent
+    robot = ident.Robot.from_urdf(data() / case.urdf, joints=case.joints)
+    model = robot.rigid_body()
+    for name in case.effects:
+        model = model + ident.make_effect(name)
+    law = DriveLaw.of(robot, case.kind, **case.law)
+    logs = _logs(folder, case.fit, robot)
+    if case.part:
+        train, held = logs.split(by="fraction", held=case.part)
+    else:
+        train, held = logs, _logs(folder, tuple(case.held), robot)
+    return fit_drives(train, model, law, held=held)
+
+
+def _logs(folder: Path, names: Sequence[str], robot: ident.Robot) -> ident.LogSet:
+    return ident.read_logs([str(folder / f"{name}.csv.gz") for name in names], robot)
+
+
+def main(short: bool, folder: Path) -> int:
+    """Print one line per held-out log, the summary of each fit to `folder`."""
+    if not data().is_dir():
+        print(f"not run: no logs in {data()}; set IDENT_DATA")
+        return 0
+    rows = []
+    print(f"{'fit':<34}{'held out':<30}{'fit rad':>9}{'held rad':>10}{'target':>8}{'s':>6}  delay ms (95 %)")
+    for case in cases(short):
+        begin = time.perf_counter()
+        fit = fitted(case)
+        spent = time.perf_counter() - begin
+        (delay,) = [f"{1e3 * v:.1f} ({1e3 * a:.1f} … {1e3 * b:.1f})" for v, a, b in fit.delay_interval().values()]
+        for name, target in case.held.items():
+            held = _rms(fit.heldout_logs[name])
+            met = "met" if held <= target else "not met"
+            left = f"{case.name:<34}{name:<30}{_rms(fit.fit_rms):>9.4f}{held:>10.4f}{target:>8.4f}{spent:>6.0f}"
+            print(f"{left}  {delay}  {met}", flush=True)
+            rows.append({"case": case.name, "held": name, "rms": held, "target": target, "fit": fit.to_dict()})
+        (folder / f"actuators_{case.name.replace(' ', '_').replace('->', 'to')}.txt").write_text(fit.summary() + "\n")
+    (folder / "actuators.json").write_text(json.dumps(jsonable(rows), indent=1))
+    print("fit, held: rms over joints of simulated less measured position, open loop from the first sample under the logged commands")
+    return 0
+
+
+def _rms(by_joint: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(by_joint))))

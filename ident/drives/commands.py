@@ -1,0 +1,123 @@
+"""What the drives were sent, and what the joints did: the columns of a log that a drive law needs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import DataError
+from ..logs.units import split_unit, unit_of
+from .law import DriveLaw, VelocityCommand
+
+if TYPE_CHECKING:
+    from ..logs.log import Log
+    from ..robots.robot import Robot
+
+Array = np.ndarray
+_COLUMN = re.compile(r"^(?P<what>q_cmd|dq_cmd|tau_ff|torque_enable|supply)_?(?P<joint>[0-9]+)$", re.IGNORECASE)
+#: Samples at the start of a log from which its initial speed is taken where none was logged.
+_FIRST = 6
+
+
+@dataclass(frozen=True, eq=False)
+class DriveLog:
+    """One log as a drive law sees it. N samples, n joints, SI, joint side.
+
+    `t` (N,) s from the first sample; `q` (N, n); `q_cmd`, `dq_cmd`, `tau_ff` (N, n): commands; `enabled` (N, n): share of the torque
+    that is switched on; `supply` (N, n) V, None where the law needs none; `start` (n,): speed at the first sample."""
+
+    name: str
+    t: Array
+    q: Array
+    q_cmd: Array
+    dq_cmd: Array
+    tau_ff: Array
+    enabled: Array
+    supply: Array | None
+    start: Array
+
+    @classmethod
+    def of(cls, log: Log, robot: Robot, law: DriveLaw) -> DriveLog:
+        """From a recorded log. Raises DataError where it lacks what the law needs."""
+        law = law.for_log(log.name)
+        q = log.position(robot.transmission)
+        good = np.isfinite(q).all(axis=1)
+        columns = commanded(log.extra, robot)
+        if law.kind != "pd_velocity" and "q_cmd" not in columns:
+            raise DataError(
+                f"log {log.name}: [drive] law {law.kind!r} needs the position commands q_cmd1 … q_cmd{robot.n}, and the log has none."
+                " Rename the columns that hold them."
+            )
+        for what, array in columns.items():
+            missing = np.flatnonzero(np.isnan(array[good]).all(axis=0))
+            if len(missing) and what in ("q_cmd", "dq_cmd", "supply"):
+                joint = int(missing[0])
+                raise DataError(f"log {log.name}: column {what}{joint + 1} (joint {robot.joint_names[joint]}) is missing or empty.")
+        if law.kind == "pwm" and "supply" not in columns:
+            raise DataError(f"log {log.name}: [drive] law 'pwm' needs the supply voltage, columns supply1_V … supply{robot.n}_V.")
+        t = log.t[good] - log.t[good][0]
+        got = {what: _held(array[good]) for what, array in columns.items()}
+        none = np.zeros_like(q[good])
+        q_cmd = got.get("q_cmd", none)
+        speed = got.get("dq_cmd", none) if law.velocity_command == VelocityCommand.LOGGED else none
+        if law.velocity_command == VelocityCommand.DERIVATIVE:
+            speed = np.gradient(q_cmd, t, axis=0)
+        enabled = got.get("torque_enable", np.ones_like(none))
+        rate = log.velocity(robot.transmission)
+        first = _slope(t, q[good]) if rate is None or not np.isfinite(rate[good][0]).all() else rate[good][0]
+        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, got.get("supply"), first)
+
+    @property
+    def period(self) -> float:
+        """Median seconds between samples."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last sample."""
+        return float(self.t[-1])
+
+
+def commanded(extra: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
+    """Commands among a log's further columns: "q_cmd", "dq_cmd", "tau_ff", "torque_enable", "supply" → (N, n), SI, NaN where missing."""
+    found: dict[str, dict[int, Array]] = {}
+    for column, values in extra.items():
+        stem, suffix = split_unit(column.strip())
+        match = _COLUMN.match(stem) or _COLUMN.match(column.strip())
+        if match is None:
+            continue
+        scale = 1.0 if suffix is None or match["what"].lower() == "supply" else unit_of(suffix).scale
+        found.setdefault(match["what"].lower(), {})[int(match["joint"]) - 1] = np.asarray(values, float) * scale
+    out = {}
+    for what, by_number in found.items():
+        numbers = list(range(robot.n))
+        if set(by_number) == set(range(len(robot.whole))) and len(robot.whole) > robot.n:
+            numbers = [robot.whole.index(name) for name in robot.joint_names]
+        count = len(next(iter(by_number.values())))
+        out[what] = np.stack([by_number.get(j, np.full(count, np.nan)) for j in numbers], axis=1)
+    return out
+
+
+def _held(values: Array) -> Array:
+    """Values with gaps filled by what stood before (a command lasts until the next)."""
+    if np.isfinite(values).all():
+        return values
+    out = values.copy()
+    for column in out.T:
+        at = np.flatnonzero(np.isfinite(column))
+        if len(at):
+            column[:] = column[at[np.clip(np.searchsorted(at, np.arange(len(column)), side="right") - 1, 0, None)]]
+        else:
+            column[:] = 0.0
+    return out
+
+
+def _slope(t: Array, q: Array) -> Array:
+    """Speed (n,) at the first samples, by a straight line."""
+    few = min(_FIRST, len(t))
+    time = t[:few] - t[:few].mean()
+    return time @ q[:few] / max(float(time @ time), 1e-300)

@@ -1,0 +1,83 @@
+"""`fit_drives`: model and drive law from logs of commands and positions, by simulation in closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .commands import DriveLog
+from .determined import determination
+from .plant import DrivePlant
+from .result import DriveFit
+from .search import fitted
+from .starts import starts
+from .uncertainty import Precision
+
+if TYPE_CHECKING:
+    from ..logs.log import LogSet
+    from ..model import Model
+    from .law import DriveLaw
+
+
+def fit_drives(
+    logs: LogSet, model: Model, law: DriveLaw, *, held: LogSet | None = None, progress: Callable[[float], None] | None = None
+) -> DriveFit:
+    """Identify what is unknown of joints under a drive law, by the positions that the logged commands lead to in simulation.
+
+    Parameters
+    ----------
+    logs : LogSet
+        Logs with positions and commands; torque is not used.
+    model : Model
+        Rigid body and effects: rotor_inertia, viscous, coulomb, offset, stribeck, load_dependent_friction.
+    law : DriveLaw
+        Known constants and those to be identified.
+    held : LogSet, optional
+        Logs to report the error of simulated position on.
+    progress : callable, optional
+        Is told the share of the work that is done.
+
+    Returns
+    -------
+    DriveFit
+
+    Raises
+    ------
+    DataError
+        Logs without the commands that the law needs.
+    UnsupportedError
+        Effects that are not simulated under a drive law.
+
+    Examples
+    --------
+    >>> import ident
+    >>> import numpy as np
+    >>> from ident.drives import DriveLaw, fit_drives
+    >>> fit_drives  # doctest: +ELLIPSIS
+    <function fit_drives at ...>
+    """
+    robot = model.robot
+    plant = DrivePlant(model, law, tuple(DriveLog.of(log, robot, law) for log in logs))
+    at, sizes = starts(plant)
+    found = fitted(plant, at, sizes, progress=progress)
+    precision = Precision.of(found, np.maximum(np.abs(found.values), sizes))
+    period = max(log.period for log in plant.logs)
+    decided = determination(plant.unknowns, found.values, precision, period)
+    everything = np.arange(len(found.values))
+    covariance = precision.covariance(everything) * np.outer(precision.scale, precision.scale)
+    fit = DriveFit(
+        model=model,
+        law=law,
+        unknowns=plant.unknowns,
+        values=found.values,
+        covariance=covariance,
+        determination=decided,
+        fit_rms=found.rms,
+        period=period,
+        samples=len(found.residual),
+        settled=found.settled,
+        inputs=logs.inputs,
+    )
+    return fit if held is None else fit.with_heldout(held)

@@ -1,0 +1,178 @@
+"""Drive laws as data: what a drive makes of its commands, each constant known or to be identified."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from fnmatch import fnmatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import ConfigurationError, UnsupportedError, unknown_name
+
+if TYPE_CHECKING:
+    from ..robots.robot import Robot
+    from ..robots.tables import DriveTable
+
+Array = np.ndarray
+#: What stands for a constant that is to be identified.
+IDENTIFY = "identify"
+#: The constants of a law, with what they are where nothing is said: a number, or to be identified.
+_DEFAULTS: dict[str, dict[str, float | str | None]] = {
+    "pd_position": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0},
+    "pd_velocity": {"kp": 0.0, "kd": None, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0},
+    "pwm": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": 1.0, "torque_scale": IDENTIFY, "back_emf": IDENTIFY},
+}
+#: Laws whose logs hold a torque or a current.
+MEASURED = ("torque", "current")
+_LATER = ("pid_position", "voltage")
+
+
+class CommandForm(StrEnum):
+    """What a command is between two samples: held, or straight to the next."""
+
+    STAIRCASE = "staircase"
+    RAMP = "ramp"
+
+
+class VelocityCommand(StrEnum):
+    """The velocity that a drive is sent: as logged (0 where it is not), none, or the derivative of the position command."""
+
+    LOGGED = "logged"
+    ZERO = "zero"
+    DERIVATIVE = "derivative"
+
+
+@dataclass(frozen=True, eq=False)
+class DriveLaw:
+    """τ = s (kp (q_cmd(t − d) − q) + kd (dq_cmd(t − d) − dq) + tau_ff(t − d)) − back_emf dq, the bracket within ±effort_limit.
+
+    Parameters
+    ----------
+    kind : str
+        "pd_position" (s is `torque_scale`, 1 by default), "pd_velocity" (kp = 0), or "pwm": the bracket is a share of full voltage, s is
+        the supply voltage times `torque_scale` (torque constant over resistance), kp in 1/rad.
+    constants : mapping
+        "kp" (N m/rad), "kd" (N m s/rad), "delay_s" (s), "effort_limit" (N m), "torque_scale" (1; pwm: N m/V), "back_emf" (N m s/rad) →
+        (n,), NaN where the constant is to be identified.
+    shared : frozenset of str
+        Constants to be identified as one number for all joints.
+    command, velocity_command
+        What happens between the logged commands, and beside them.
+    links_known : bool
+        Whether the inertials of the robot's links are known.
+    by_log : mapping
+        Name of a log or pattern → what differs in that log.
+
+    Examples
+    --------
+    >>> import ident
+    >>> from ident.drives import DriveLaw
+    >>> law = DriveLaw.of(ident.load_robot("scara"), kp=20.0, kd=1.0)
+    >>> law.unknown("delay_s"), law.unknown("kp")
+    (True, False)
+    """
+
+    kind: str
+    constants: Mapping[str, Array]
+    shared: frozenset[str] = frozenset()
+    command: CommandForm = CommandForm.STAIRCASE
+    velocity_command: VelocityCommand = VelocityCommand.LOGGED
+    links_known: bool = True
+    by_log: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    joints: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, robot: Robot, kind: str = "pd_position", *, links: str = "known", by_log: Any = None, **given: Any) -> DriveLaw:
+        """From numbers, lists or tables by joint, as a study file has them. Raises ConfigurationError, UnsupportedError."""
+        if kind in _LATER:
+            raise UnsupportedError(f"[drive] law {kind!r} is not built yet; known laws: {', '.join((*_DEFAULTS, *MEASURED))}.")
+        if kind not in _DEFAULTS:
+            raise unknown_name("[drive] law", kind, (*_DEFAULTS, *MEASURED))
+        if not np.allclose(robot.transmission.K, np.eye(robot.n)):
+            raise UnsupportedError("[drive] law: commands are joint positions; a gearing (ratio, K) beside a drive law is not built yet.")
+        forms = {key: given.pop(key) for key in ("command", "velocity_command") if given.get(key) is not None}
+        given = {key: value for key, value in given.items() if value is not None}
+        constants, shared = {}, set()
+        per_log = list((by_log or {}).values())
+        for key, default in _DEFAULTS[kind].items():
+            value = given.pop(key, default)
+            if value is None and not all(key in table for table in per_log or [{}]):
+                raise ConfigurationError(f'[drive] law {kind!r} needs {key}: a number, one per joint, or "identify".')
+            constants[key] = _per_joint(key, IDENTIFY if value is None else value, robot)
+            if key == "delay_s" and value == IDENTIFY:
+                shared.add(key)
+        if given:
+            raise unknown_name(f"constant of [drive] law {kind!r}", min(given), _DEFAULTS[kind])
+        checked = {name: _of_a_log(name, table, robot) for name, table in (by_log or {}).items()}
+        law = cls(kind, constants, frozenset(shared), links_known=links == "known", by_log=checked, joints=robot.joint_names)
+        return replace(law, **_forms(forms))
+
+    @classmethod
+    def read(cls, table: DriveTable, robot: Robot) -> DriveLaw | None:
+        """The law that a study's `[drive]` declares; None where its logs hold torque or current."""
+        if table.law is None or table.law in MEASURED:
+            return None
+        keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "command", "velocity_command")
+        given = {key: getattr(table, key) for key in keys}
+        return cls.of(robot, table.law, links=table.links or "known", by_log=table.by_log, **given)
+
+    def unknown(self, key: str) -> bool:
+        """Whether some joint's constant is to be identified."""
+        return bool(np.isnan(self.constants[key]).any())
+
+    def for_log(self, name: str) -> DriveLaw:
+        """The law of one log, by its name."""
+        law = self
+        for pattern, table in self.by_log.items():
+            if name == pattern or fnmatch(name, pattern):
+                law = replace(law, constants={**law.constants, **table["constants"]}, **table["forms"])
+        return law
+
+    @property
+    def known(self) -> bool:
+        """Whether nothing but a delay is to be identified, so that the law yields the torque."""
+        return not any(self.unknown(key) for key in self.constants if key != "delay_s")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, as `[drive]` has it."""
+
+        def plain(constants: Mapping[str, Array]) -> dict[str, list[Any]]:
+            return {k: [IDENTIFY if np.isnan(x) else "none" if np.isinf(x) else float(x) for x in v] for k, v in constants.items()}
+
+        logs = {name: {**plain(t["constants"]), **{k: str(v) for k, v in t["forms"].items()}} for name, t in self.by_log.items()}
+        forms = {"command": str(self.command), "velocity_command": str(self.velocity_command)}
+        return {"law": self.kind, **plain(self.constants), **forms, "links": "known" if self.links_known else IDENTIFY, "by_log": logs}
+
+
+def _per_joint(key: str, value: Any, robot: Robot) -> Array:
+    """(n,), NaN where to be identified."""
+    if isinstance(value, Mapping):
+        for name in value:
+            robot.joint_index(name)
+        missing = [name for name in robot.joint_names if name not in value]
+        if missing:
+            raise ConfigurationError(f"[drive] {key}: the table lacks joint {missing[0]!r}.")
+        value = [value[name] for name in robot.joint_names]
+    entries = list(value) if isinstance(value, list | tuple | np.ndarray) else [value] * robot.n
+    if len(entries) != robot.n:
+        raise ConfigurationError(
+            f"[drive] {key}: {len(entries)} values, but the robot has {robot.n} joints ({', '.join(robot.joint_names)})."
+        )
+    found = np.array([np.nan if isinstance(x, str) else float(x) for x in entries])
+    if np.any(found < 0):
+        raise ConfigurationError(f"[drive] {key} of joint {robot.joint_names[int(np.argmax(found < 0))]!r} is negative.")
+    return found
+
+
+def _forms(given: Mapping[str, Any]) -> dict[str, Any]:
+    kinds: dict[str, type[StrEnum]] = {"command": CommandForm, "velocity_command": VelocityCommand}
+    return {key: kinds[key](value) for key, value in given.items() if value is not None}
+
+
+def _of_a_log(name: str, table: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    forms = {key: value for key, value in table.items() if key in ("command", "velocity_command")}
+    constants = {key: _per_joint(f"by_log.{name} {key}", value, robot) for key, value in table.items() if key not in forms}
+    return {"constants": constants, "forms": _forms(forms)}

@@ -1,0 +1,219 @@
+"""Logs, model and drive law as one simulation: from sets of unknowns to simulated positions at the samples of every log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..effects.rigid_body import RigidBody
+from ..errors import ConfigurationError
+from ..friction.speed import Stribeck
+from ..regressor import rigid
+from ..simulation.rigid import RigidDynamics, require_fixed_base
+from .commands import DriveLog
+from .law import CommandForm, DriveLaw
+from .simulate import LaneDrives, simulated
+from .unknowns import Unknown, unknowns
+
+if TYPE_CHECKING:
+    from ..model import Model
+    from ..robots.robot import Robot
+
+Array = np.ndarray
+#: Seconds of a step at most.
+STEP = 1e-3
+#: Numbers that a block of lanes may hold at a time.
+_AT_ONCE = 40_000_000
+_DRIVE = ("armature", "viscous", "dry", "load", "excess", "offset")
+
+
+class _FreeLinks:
+    """Links with a set of parameters (B, 10 nb) in each lane."""
+
+    def __init__(self, robot: Robot, parameters: Array) -> None:
+        self.robot, self.parameters = robot, parameters
+
+    def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        lanes, n = q.shape
+        ddq = np.concatenate([np.zeros((1, 1, n)), np.eye(n)[:, None]]) * np.ones((1, lanes, 1))
+        rates = np.concatenate([dq[None], np.zeros((n, lanes, n))])
+        still = rigid.regressor(self.robot.tree, q, np.zeros_like(q), np.zeros_like(q))
+        columns = rigid.regressor(self.robot.tree, np.tile(q, (n + 1, 1)), rates.reshape(-1, n), ddq.reshape(-1, n)).reshape(
+            n + 1, lanes, n, -1
+        )
+        torque = np.einsum("xbnk,bk->xbn", columns, self.parameters)
+        gravity = np.einsum("bnk,bk->bn", still, self.parameters)
+        return np.moveaxis(torque[1:] - gravity, 0, 2), torque[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Lanes:
+    """What one log's lanes are simulated with."""
+
+    target: Array
+    strength: Array | None
+    drive: dict[str, Array]
+    inertial: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class DrivePlant:
+    """A model under a drive law, and the logs to be simulated."""
+
+    model: Model
+    law: DriveLaw
+    logs: tuple[DriveLog, ...]
+    step: float = STEP
+
+    def __post_init__(self) -> None:
+        require_fixed_base(self.robot)
+        if not self.robot.loop.is_trivial:
+            raise ConfigurationError(f"robot {self.robot.name!r} has loop closures, which a drive law does not cover yet.")
+
+    @property
+    def robot(self) -> Robot:
+        return self.model.robot
+
+    @cached_property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """What is to be identified."""
+        return unknowns(self.model, self.law)
+
+    @cached_property
+    def nominal(self) -> Array:
+        """Inertial parameters (10 nb,) of the URDF."""
+        if self.robot.nominal is None:
+            raise ConfigurationError(
+                f'the URDF of robot {self.robot.name!r} has no inertials, so its links are not known: give [drive] links = "identify".'
+            )
+        return np.asarray(self.robot.nominal, float)
+
+    @cached_property
+    def groups(self) -> list[slice]:
+        """Joints of which none acts on another: those at the same place of like branches from the base, else each by itself."""
+        n, branches = self.robot.n, self.branches
+        count = int(branches.max()) + 1
+        alike = n % count == 0 and np.array_equal(branches, np.repeat(np.arange(count), n // count))
+        return [slice(k, None, n // count) for k in range(n // count)] if alike else [slice(j, j + 1) for j in range(n)]
+
+    @cached_property
+    def branches(self) -> Array:
+        """(n,) number of the branch from the base on which each joint stands: joints of two branches do not act on each other."""
+        roots = np.zeros(self.robot.n, int)
+        for i in range(self.robot.n):
+            up = int(self.robot.tree.parent[i])
+            roots[i] = i if up < 0 else roots[up]
+        return np.unique(roots, return_inverse=True)[1]
+
+    def positions(self, sets: Array) -> list[Array]:
+        """Simulated positions (Q, N, n) at the samples of each log for sets of unknowns (Q, p); NaN where a motion has no bounds."""
+        sets = np.atleast_2d(sets)
+        h = self._step()
+        counts = [int(np.ceil(log.duration / h - 1e-6)) for log in self.logs]
+        most = max(1, _AT_ONCE // (max(counts) * self.robot.n * len(self.logs)))
+        blocks = [self._together(sets[i : i + most], h, counts) for i in range(0, len(sets), most)]
+        return [np.concatenate(parts) for parts in zip(*blocks, strict=True)]
+
+    def _step(self) -> float:
+        """Seconds of a step: a whole number of them in a sample, where the logs agree on one."""
+        periods = [log.period for log in self.logs]
+        if max(periods) - min(periods) > 0.01 * min(periods):
+            return self.step
+        return periods[0] / max(1, int(np.ceil(periods[0] / self.step - 1e-6)))
+
+    def _together(self, sets: Array, h: float, counts: list[int]) -> list[Array]:
+        """All logs with all sets as lanes of one simulation."""
+        lanes = [self._lanes(log, sets, h, max(counts)) for log in self.logs]
+        drives = LaneDrives(**{key: np.concatenate([lane.drive[key] for lane in lanes]) for key in lanes[0].drive})
+        strength = None
+        if any(lane.strength is not None for lane in lanes):
+            strength = np.concatenate([np.ones_like(x.target) if x.strength is None else x.strength for x in lanes], axis=1)
+        free = [lane.inertial for lane in lanes if lane.inertial is not None]
+        links = _FreeLinks(self.robot, np.concatenate(free)) if free else RigidDynamics(self.robot, self.nominal)
+        q = np.concatenate([np.tile(log.q[0], (len(sets), 1)) for log in self.logs])
+        dq = np.concatenate([np.tile(log.start, (len(sets), 1)) for log in self.logs])
+        target = np.concatenate([lane.target for lane in lanes], axis=1)
+        fine = simulated(links, drives, target, strength, q, dq, h, self.groups)
+        return [_at(fine[:, i * len(sets) : (i + 1) * len(sets)], log.t / h) for i, log in enumerate(self.logs)]
+
+    def _lanes(self, log: DriveLog, sets: Array, h: float, count: int) -> _Lanes:
+        constants, drive, inertial = self._split(log, sets)
+        lanes, n = len(sets), self.robot.n
+        target = np.empty((count, lanes, n))
+        form = self.law.for_log(log.name).command
+        plans: dict[bytes, tuple[Array, ...]] = {}
+        for lane in range(lanes):
+            delay = constants["delay_s"][lane]
+            if delay.tobytes() not in plans:
+                plans[delay.tobytes()] = tuple(_commanded(log.t, x, delay, h, count, form) for x in (log.q_cmd, log.dq_cmd, log.tau_ff))
+            position, rate, forward = plans[delay.tobytes()]
+            target[:, lane] = constants["kp"][lane] * position + constants["kd"][lane] * rate + forward
+        fall = np.ones((lanes, n))
+        for effect in self.model.effects:
+            if isinstance(effect, Stribeck):
+                fall[:, effect.at(self.robot)] = effect.v_s
+        kept = {key: constants[key] for key in ("kp", "kd", "back_emf")}
+        whole = {**drive, **kept, "fall": fall, "limit": constants["effort_limit"]}
+        return _Lanes(target, self._strength(log, constants["torque_scale"], h, count), whole, inertial)
+
+    def _strength(self, log: DriveLog, scale: Array, h: float, count: int) -> Array | None:
+        """Factor (K, B, n) of the drives' torque; None where it is always 1."""
+        if self.law.kind != "pwm" and np.all(log.enabled == 1.0) and np.all(scale == 1.0):
+            return None
+        at = np.clip(np.searchsorted(log.t, (np.arange(count) + 0.5) * h, side="right") - 1, 0, None)
+        share = log.enabled * log.supply if self.law.kind == "pwm" and log.supply is not None else log.enabled
+        return np.asarray(share[at][:, None] * scale)
+
+    def _split(self, log: DriveLog, sets: Array) -> tuple[dict[str, Array], dict[str, Array], Array | None]:
+        """Constants of the law, drive and friction as (Q, n) each, and parameters of the links (Q, 10 nb), None where they are known."""
+        law, lanes, n = self.law.for_log(log.name), len(sets), self.robot.n
+        constants = {key: np.tile(values, (lanes, 1)) for key, values in law.constants.items()}
+        drive = {key: np.zeros((lanes, n)) for key in _DRIVE}
+        inertial = None if self.law.links_known else np.zeros((lanes, 10 * self.robot.tree.nb))
+        first = next((part.start for e, part in zip(self.model.effects, self.model.slices, strict=True) if isinstance(e, RigidBody)), 0)
+        for unknown, values in zip(self.unknowns, sets.T, strict=True):
+            if unknown.place == "link":
+                assert inertial is not None
+                inertial[:, unknown.column - first] = values
+            elif unknown.place in drive:
+                drive[unknown.place][:, unknown.joint] += values
+            else:
+                own = constants[unknown.place]
+                at = slice(None) if unknown.joint < 0 else [unknown.joint]
+                own[:, at] = np.where(np.isnan(own[:, at]), values[:, None], own[:, at])
+        return {key: np.nan_to_num(x, nan=0.0, posinf=np.inf) for key, x in constants.items()}, drive, inertial
+
+
+def _commanded(t: Array, command: Array, delay: Array, h: float, count: int, form: CommandForm) -> Array:
+    """Mean (K, n) of a delayed command (N, n) over each step."""
+    edges = np.arange(count + 1) * h
+    out = np.empty((count, command.shape[1]))
+    if not np.any(command):
+        return np.zeros_like(out)
+    held = np.concatenate([[0.0], np.diff(t)])
+    for j, values in enumerate(command.T):
+        if form == CommandForm.RAMP:
+            out[:, j] = np.interp(edges[:-1] + 0.5 * h - delay[j], t, values)
+            continue
+        # The integral of a staircase is exact between its corners; before the first sample and after the last it is held.
+        time = np.concatenate([[t[0] - 1.0 - delay[j]], t, [t[-1] + 1.0 + h]])
+        integral = np.cumsum(held * np.concatenate([[0.0], values[:-1]]))
+        total = np.concatenate([[-values[0] * (1.0 + delay[j])], integral, [integral[-1] + values[-1] * (1.0 + h)]])
+        out[:, j] = np.diff(np.interp(edges - delay[j], time, total)) / h
+    return out
+
+
+def _at(fine: Array, place: Array) -> Array:
+    """Positions (Q, N, n) at places counted in steps, straight between the steps' (K + 1, Q, n)."""
+    low = np.clip(np.floor(place + 1e-9).astype(int), 0, len(fine) - 2)
+    share = (place - low)[:, None, None]
+    return np.moveaxis(fine[low] * (1.0 - share) + fine[low + 1] * share, 0, 1)
+
+
+def joined(parts: Sequence[Array]) -> Array:
+    """Arrays (Q, N_i, n) of several logs as (Q, Σ N_i, n)."""
+    return np.concatenate(list(parts), axis=1)

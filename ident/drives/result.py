@@ -1,0 +1,202 @@
+"""The result of a fit under a drive law: values with intervals, what is determined only together, error of simulated position."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._utils.files import write_atomic
+from .._utils.json import jsonable, result
+from .._utils.short_repr import ShortRepr
+from .._utils.structured import read_json
+from ..errors import ConfigurationError
+from ..estimate.io import model_to_dict
+from ..estimate.saved import model_from_dict
+from .commands import DriveLog
+from .determined import Determination, Standing
+from .law import IDENTIFY, DriveLaw
+from .plant import DrivePlant
+from .text import summary
+from .unknowns import Unknown, unknowns
+
+if TYPE_CHECKING:
+    from ..logs.log import LogSet
+    from ..model import Model
+
+Array = np.ndarray
+METHOD = "simulation"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DriveFit(ShortRepr):
+    """Model and drive law as identified from commands and positions.
+
+    `values` (p,) of the `unknowns`: those with which the simulation runs, also where only combinations are determined
+    (`determination`). `fit_rms`, `heldout_rms` (n,): error of simulated position, open loop from the first sample, rad or m."""
+
+    model: Model
+    law: DriveLaw
+    unknowns: tuple[Unknown, ...]
+    values: Array
+    covariance: Array
+    determination: Determination | None
+    fit_rms: Array
+    period: float
+    samples: int
+    settled: bool
+    inputs: tuple[dict[str, str], ...] = ()
+    heldout_rms: Array | None = None
+    heldout_logs: Mapping[str, Array] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what was unknown."""
+        return tuple(u.name for u in self.unknowns)
+
+    def value(self, name: str) -> float:
+        """The value with which the simulation runs. Whether it is determined, `determination` says."""
+        return float(self.values[self.names.index(name)])
+
+    def replay(self, logs: LogSet) -> dict[str, Array]:
+        """Simulated less measured position (N, n) by log, open loop from the first sample under the logged commands."""
+        robot = self.model.robot
+        plant = DrivePlant(self.model, self.law, tuple(DriveLog.of(log, robot, self.law) for log in logs))
+        return {log.name: found[0] - log.q for log, found in zip(plant.logs, plant.positions(self.values), strict=True)}
+
+    def with_heldout(self, logs: LogSet) -> DriveFit:
+        """The same with its error on logs that no fit saw."""
+        errors = self.replay(logs)
+        whole = np.concatenate(list(errors.values()))
+        by_log = {name: np.sqrt(np.mean(e**2, axis=0)) for name, e in errors.items()}
+        return replace(self, heldout_rms=np.sqrt(np.mean(whole**2, axis=0)), heldout_logs=by_log)
+
+    def delay_interval(self) -> dict[str, tuple[float, float, float]]:
+        """Name of each unknown delay → value and ends of its 95 % interval, s; not below zero."""
+        out = {}
+        for i, unknown in enumerate(self.unknowns):
+            if unknown.place == "delay_s":
+                reach = 1.96 * float(np.sqrt(self.covariance[i, i]))
+                out[unknown.name] = (float(self.values[i]), max(0.0, float(self.values[i]) - reach), float(self.values[i]) + reach)
+        return out
+
+    def trades(self, name: str, most: int = 2) -> list[tuple[str, float]]:
+        """The unknowns whose estimates are most correlated with that of `name`, and the correlations."""
+        i = self.names.index(name)
+        size = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+        r = self.covariance[i] / (size * size[i])
+        order = [int(k) for k in np.argsort(-np.abs(r)) if k != i][:most]
+        return [(self.names[k], float(r[k])) for k in order]
+
+    def constants(self) -> dict[str, Array]:
+        """Constants of the law (n,) by name, the identified ones put in."""
+        out = {key: values.copy() for key, values in self.law.constants.items()}
+        for unknown, value in zip(self.unknowns, self.values, strict=True):
+            if unknown.place in out:
+                at = slice(None) if unknown.joint < 0 else unknown.joint
+                out[unknown.place][at] = value
+        return out
+
+    def drive(self) -> dict[str, Array]:
+        """Effects of the drives, "armature", "viscous", "dry", "offset", "load", "excess" → (n,), zero where the model has none."""
+        out = {key: np.zeros(self.model.robot.n) for key in ("armature", "viscous", "dry", "offset", "load", "excess")}
+        for unknown, value in zip(self.unknowns, self.values, strict=True):
+            if unknown.place in out:
+                out[unknown.place][unknown.joint] += value
+        return out
+
+    def summary(self) -> str:
+        """What is determined, what only together, the delay's interval and the error of simulated position."""
+        return summary(self)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as `ident fit --json` prints it (`ident.fit/1`)."""
+        body: dict[str, Any] = {
+            "method": METHOD,
+            "status": {
+                "code": "ok" if self.settled else "not_converged",
+                "text": "settled" if self.settled else "the search did not settle",
+            },
+            "parameters": self._parameters(),
+            "samples": self.samples,
+            "replay": {
+                "fit": {"rms": self.fit_rms.tolist()},
+                "heldout": {"rms": [] if self.heldout_rms is None else self.heldout_rms.tolist()},
+            },
+            "delay": [{"name": k, "value": v, "interval": [a, b]} for k, (v, a, b) in self.delay_interval().items()],
+            "drive": self.law.to_dict(),
+        }
+        if self.determination is not None:
+            body["confounded"] = [
+                {"expression": c.expression, "value": c.value, "std": c.std, "unit": c.unit, "separated_by": c.separated_by}
+                for c in self.determination.combinations
+            ]
+        return result("ident.fit/1", jsonable(body), inputs=self.inputs, warnings=self.warnings)
+
+    def _parameters(self) -> list[dict[str, Any]]:
+        assert self.determination is not None
+        out = []
+        rows = zip(self.unknowns, self.values, self.determination.verdicts, self.determination.std, self.determination.below, strict=True)
+        for unknown, value, verdict, std, below in rows:
+            joint = "" if unknown.joint < 0 else self.model.robot.joint_names[unknown.joint]
+            entry: dict[str, Any] = {"name": unknown.name, "unit": unknown.unit, "verdict": str(verdict)}
+            entry |= {"expression": unknown.expression or unknown.name, "effect": unknown.effect, "joint": joint}
+            if verdict == Standing.DETERMINED:
+                entry |= {"value": float(value), "std": float(std)}
+            elif verdict == Standing.UNSEEN:
+                entry |= {"below": float(below)}
+            out.append(entry)
+        return out
+
+    def save(self, path: str | Path, *, force: bool = False) -> Path:
+        """Write result and state as one JSON file."""
+        state = {
+            "model": model_to_dict(self.model), "values": self.values, "covariance": self.covariance, "period": self.period,
+            "names": list(self.names),
+        }  # fmt: skip
+        return write_atomic(Path(path), json.dumps({**self.to_dict(), "drive_state": jsonable(state)}), force=force)
+
+    @classmethod
+    def load(cls, path: str | Path) -> DriveFit:
+        """Read what `save` wrote; `determination` is not rebuilt. Raises ConfigurationError."""
+        data = read_json(Path(path), "fit")
+        if not is_drive_fit(data):
+            raise ConfigurationError(f"fit {path}: is not a fit under a drive law. Write one with `ident fit --out DIR` and [drive] law.")
+        try:
+            state, law = data["drive_state"], dict(data["drive"])
+            model = model_from_dict(state["model"])
+            found = DriveLaw.of(model.robot, law.pop("law"), links=law.pop("links"), by_log=_logs(law.pop("by_log")), **_numbers(law))
+            replayed = data["replay"]["heldout"]["rms"]
+            values = np.array(state["values"], float)
+            free = unknowns(model, replace(found, shared=frozenset({"delay_s"} if "delay" in state["names"] else ())))
+            return cls(
+                model, found, free, values, np.array(state["covariance"], float), None, np.array(data["replay"]["fit"]["rms"]),
+                float(state["period"]), int(data["samples"]), data["status"]["code"] == "ok", tuple(data["inputs"]),
+                np.array(replayed) if replayed else None, warnings=tuple(data["warnings"]),
+            )  # fmt: skip
+        except (KeyError, TypeError, ValueError) as error:
+            raise ConfigurationError(f"fit {path}: is damaged, or another version of ident wrote it ({error}). Fit again.") from None
+
+
+def is_drive_fit(data: Any) -> bool:
+    """Whether JSON data are a saved fit under a drive law."""
+    return isinstance(data, Mapping) and "drive_state" in data
+
+
+def _numbers(table: Mapping[str, Any]) -> dict[str, Any]:
+    def plain(value: Any) -> Any:
+        return [x if x == IDENTIFY else float("inf") if x == "none" else x for x in value] if isinstance(value, list) else value
+
+    return {key: plain(value) for key, value in table.items()}
+
+
+def _logs(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: _numbers(entry) for name, entry in table.items()}

@@ -1,0 +1,135 @@
+"""Many joints' drives in closed loop under their logged commands, many sets of parameters at once.
+
+One step: implicit midpoint rule for the drive's gains and viscous friction, dry friction as the impulse that stops a joint or stays
+within its level (projected Gauss-Seidel over the joints). Second order between velocity reversals, stable for stiff gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+Array = np.ndarray
+#: Sweeps over the joints to find the dry friction of a step, which starts from that of the step before.
+_SWEEPS = 2
+#: Steps between two looks for lanes that have left every bound.
+_LOOK = 20
+#: Motion beyond so many rad or rad/s is none of a robot.
+_BEYOND = 1e4
+
+
+class LinkTerms(Protocol):
+    """Inertia matrix (B, n, n) and bias torque (B, n) of the links at states (B, n), of a set of parameters per lane."""
+
+    def terms(self, q: Array, dq: Array) -> tuple[Array, Array]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class LaneDrives:
+    """Drive and friction of B lanes, each (B, n): `armature`, `viscous`, `dry` (level of dry friction), `load` (its growth with the
+    load), `excess` (more at low speed) and `fall` (the speed at which that is gone), `offset`; `kp`, `kd`, `limit`, `back_emf`."""
+
+    armature: Array
+    viscous: Array
+    dry: Array
+    load: Array
+    excess: Array
+    fall: Array
+    offset: Array
+    kp: Array
+    kd: Array
+    limit: Array
+    back_emf: Array
+
+    @property
+    def loaded(self) -> bool:
+        """Whether dry friction is anything but constant."""
+        return bool(np.any(self.load) or np.any(self.excess))
+
+
+def simulated(
+    links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, q: Array, dq: Array, h: float, groups: list[slice]
+) -> Array:
+    """Positions (K + 1, B, n) from states q, dq (B, n), in K steps of h seconds.
+
+    `target` (K, B, n): kp q_cmd + kd dq_cmd + feed-forward of each step; `strength` (K, B, n): factor of the drive's torque, None: 1.
+    `groups`: joints that do not act on each other, in one slice each. Lanes that leave every bound are NaN from there on."""
+    out = np.empty((len(target) + 1, *q.shape))
+    out[0] = q
+    n, f, load, before = q.shape[1], np.zeros_like(q), np.zeros_like(q), dq
+    loaded, limited = drives.loaded, bool(np.isfinite(drives.limit).any())
+    diagonal = np.arange(n)
+    half, level = 0.5 * h, drives.dry
+    with np.errstate(all="ignore"):
+        for k in range(len(target)):
+            H, c = links.terms(q + half * dq, 1.5 * dq - 0.5 * before)
+            M = H.copy()
+            M[:, diagonal, diagonal] += drives.armature
+            pull, damping = _drive(drives, target[k], None if strength is None else strength[k], q, dq, half, limited)
+            A = M.copy()
+            A[:, diagonal, diagonal] += half * damping
+            inverse = 1.0 / A if n == 1 else np.linalg.inv(A)
+            momentum = _times(M, dq) + half * (pull - drives.offset - c)
+            free = 2.0 * _times(inverse, momentum) - dq
+            if loaded:
+                level = drives.dry + drives.load * np.abs(load) + drives.excess * np.exp(-np.square(dq / drives.fall))
+            f, after = _rubbed(free, h * inverse, f, level, groups)
+            if loaded:
+                load = _times(H, (after - dq) / h) + c
+            q, before, dq = q + half * (dq + after), dq, after
+            out[k + 1] = q
+            if k % _LOOK == 0 and (wild := ~(np.abs(dq).max(axis=1) < _BEYOND)).any():
+                lost = wild[:, None]
+                out[k + 1, wild] = np.nan
+                q, dq, f, load, before = (np.where(lost, 0.0, x) for x in (q, dq, f, load, before))
+    lost = np.cumsum(~np.isfinite(out).all(axis=2), axis=0) > 0
+    out[lost] = np.nan
+    return out
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Products (B, n) of matrices (B, n, n) and vectors (B, n)."""
+    return matrices[:, 0] * vectors if vectors.shape[1] == 1 else (matrices @ vectors[..., None])[..., 0]
+
+
+def _drive(
+    drives: LaneDrives, target: Array, strength: Array | None, q: Array, dq: Array, half: float, limited: bool
+) -> tuple[Array, Array]:
+    """Torque (B, n) of the drive at q with no speed, and what damps the mean speed of the step."""
+    kp, kd, pull = drives.kp, drives.kd, target - drives.kp * q
+    if limited:
+        asked = pull - (kp * half + kd) * dq
+        clipped = np.abs(asked) > drives.limit
+        if clipped.any():
+            pull = np.where(clipped, np.sign(asked) * drives.limit, pull)
+            kp, kd = np.where(clipped, 0.0, kp), np.where(clipped, 0.0, kd)
+    damping = kp * half + kd
+    if strength is None:
+        return pull, damping + drives.back_emf + drives.viscous
+    on = strength > 0
+    return strength * pull, strength * damping + np.where(on, drives.back_emf, 0.0) + drives.viscous
+
+
+def _rubbed(free: Array, response: Array, f: Array, level: Array, groups: list[slice]) -> tuple[Array, Array]:
+    """Dry friction (B, n) of a step, and the speed after it; `free`: the speed without, `response` (B, n, n): speed per torque."""
+    n = free.shape[1]
+    if n == 1:
+        own = response[:, 0]
+        f = _within(free / own, level)
+        return f, free - own * f
+    f = _within(f, level)
+    speed = free - _times(response, f)
+    diagonal = response[:, range(n), range(n)]
+    for _ in range(_SWEEPS):
+        for at in groups:
+            own = f[:, at]
+            new = _within(own + speed[:, at] / diagonal[:, at], level[:, at])
+            speed = speed - (response[:, :, at] @ (new - own)[..., None])[..., 0]
+            f[:, at] = new
+    # What a joint at rest keeps of round-off is taken off.
+    return f, np.where(np.abs(f) < level, 0.0, speed)
+
+
+def _within(x: Array, level: Array) -> Array:
+    return np.maximum(np.minimum(x, level), -level)

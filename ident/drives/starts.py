@@ -1,0 +1,79 @@
+"""Where a search starts: sizes of what is unknown from the links' inertia and the commands, and a few starts around them."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from ..simulation.rigid import RigidDynamics
+from .plant import DrivePlant
+
+Array = np.ndarray
+#: Natural frequencies (Hz) from which unknown gains are guessed, shares of the drive's torque that friction takes, and delays in samples.
+_LOOPS_HZ = (2.0, 5.0, 12.0)
+_FRICTION = (0.02, 0.2)
+_DELAYS = (0.3, 1.5)
+#: Inertia of an actuator whose links are unknown or next to nothing, kg m².
+_BARE = 0.005
+
+
+def starts(plant: DrivePlant) -> tuple[Array, Array]:
+    """Starts (S, p) and usual sizes (p,) of the unknowns."""
+    inertia = _inertia(plant)
+    unknown_gain = any(plant.law.unknown(key) for key in ("kp", "torque_scale"))
+    loops = _LOOPS_HZ if unknown_gain else (5.0,)
+    delayed = plant.law.unknown("delay_s")
+    found = [_start(plant, inertia, hz, share, late) for hz, share, late in product(loops, _FRICTION, _DELAYS if delayed else (0.0,))]
+    sizes = np.maximum(np.min(np.abs(found), axis=0), 1e-3 * np.max(np.abs(found), axis=0))
+    return np.array(found), np.maximum(sizes, 1e-9)
+
+
+def _inertia(plant: DrivePlant) -> Array:
+    """What each joint moves (n,), kg m²."""
+    if not plant.law.links_known and plant.robot.nominal is None:
+        return np.full(plant.robot.n, 4 * _BARE)
+    q = np.concatenate([log.q[:: max(1, len(log.q) // 20)] for log in plant.logs])
+    H, _ = RigidDynamics(plant.robot, plant.nominal).terms(q, np.zeros_like(q))
+    return np.maximum(np.diagonal(H, axis1=1, axis2=2).mean(axis=0), _BARE)
+
+
+def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: float) -> Array:
+    logs = plant.logs
+    error = np.sqrt(np.mean(np.concatenate([(log.q_cmd - log.q) for log in logs]) ** 2, axis=0)) + 1e-6
+    rate = np.sqrt(np.mean(np.concatenate([np.gradient(log.q, log.t, axis=0) for log in logs]) ** 2, axis=0)) + 1e-6
+    volts = np.mean([log.supply.mean(axis=0) for log in logs if log.supply is not None] or [np.ones(plant.robot.n)], axis=0)
+    gains = np.array([plant.law.for_log(log.name).constants["kp"] for log in logs])
+    known = np.where(np.isnan(gains).all(axis=0), np.nan, np.nan_to_num(gains).sum(axis=0) / np.maximum(1, np.isfinite(gains).sum(axis=0)))
+    stiff = inertia * (2 * np.pi * hz) ** 2
+    stiff = np.where(np.isnan(known) | (plant.law.kind == "pwm"), stiff, known)
+    torque = stiff * error
+    guess = {
+        "armature": 0.3 * inertia, "viscous": friction * torque / rate, "dry": friction * torque, "offset": 1e-3 * torque,
+        "load": np.full(plant.robot.n, 0.05), "excess": 0.3 * friction * torque, "kp": stiff, "kd": 0.3 * 2 * inertia * 2 * np.pi * hz,
+        "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)), "effort_limit": 0.9 * np.maximum(torque, 1e-3) * 3,
+        "torque_scale": stiff / np.where(np.isnan(known), 1.0, known) / volts, "back_emf": friction * torque / rate,
+    }  # fmt: skip
+    if plant.law.kind == "pwm" and np.isnan(known).any():
+        guess["kp"] = np.full(plant.robot.n, 5.0)
+    nominal = plant.robot.nominal
+    values = []
+    for unknown in plant.unknowns:
+        if unknown.place == "link":
+            values.append(_link(plant, unknown.column, nominal, inertia))
+        else:
+            of = guess[unknown.place]
+            values.append(float(of.mean() if unknown.joint < 0 else of[unknown.joint]))
+    return np.array(values)
+
+
+def _link(plant: DrivePlant, column: int, nominal: Array | None, inertia: Array) -> float:
+    """A base parameter of the links from the URDF's inertials, drives left out."""
+    model = plant.model
+    row = list(model.base.independent).index(column)
+    if nominal is None:
+        return float(inertia.max()) if "zz" in model.parameters[column].name else 1e-3
+    whole = np.zeros(len(model.parameters))
+    whole[: len(nominal)] = nominal
+    value = float(model.base.regroup[row] @ whole)
+    return value if abs(value) > 1e-6 else 1e-3

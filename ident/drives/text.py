@@ -1,0 +1,132 @@
+"""A fit under a drive law, for people."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from .._utils.text import wrapped
+from .determined import Determination, Standing
+
+if TYPE_CHECKING:
+    from .unknowns import Unknown
+
+#: Correlations from which on two estimates are said to trade.
+_TRADES = 0.7
+
+
+class Summarised(Protocol):
+    """A fit, as far as its summary goes."""
+
+    @property
+    def model(self) -> Any: ...
+
+    @property
+    def law(self) -> Any: ...
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]: ...
+
+    @property
+    def values(self) -> np.ndarray: ...
+
+    @property
+    def determination(self) -> Determination | None: ...
+
+    @property
+    def fit_rms(self) -> np.ndarray: ...
+
+    @property
+    def heldout_rms(self) -> np.ndarray | None: ...
+
+    @property
+    def period(self) -> float: ...
+
+    @property
+    def samples(self) -> int: ...
+
+    @property
+    def settled(self) -> bool: ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]: ...
+
+    def delay_interval(self) -> dict[str, tuple[float, float, float]]: ...
+
+    def trades(self, name: str, most: int = 2) -> list[tuple[str, float]]: ...
+
+
+def summary(fit: Summarised) -> str:
+    """Determined values, combinations, what is not determined, delay, error of simulated position."""
+    robot, found = fit.model.robot, fit.determination
+    lines = [f"{robot.name}: {len(fit.unknowns)} unknowns from {fit.samples} samples of commands and positions, law {fit.law.kind}"]
+    if not fit.settled:
+        lines.append("the search did not settle: do not rely on the values.")
+    if found is not None:
+        lines += _values(fit)
+    lines += _delays(fit)
+    lines += _errors(fit)
+    return "\n".join([*lines, *(wrapped(f"warning: {text}") for text in fit.warnings)])
+
+
+def _values(fit: Summarised) -> list[str]:
+    found = fit.determination
+    assert found is not None
+    rows = list(zip(fit.unknowns, fit.values, found.verdicts, found.std, found.below, strict=True))
+    width = max((len(u.expression or u.name) for u, *_ in rows), default=0)
+    lines = ["", "determined (value ± standard deviation)"]
+    known = [(u, v, s) for u, v, verdict, s, _ in rows if verdict == Standing.DETERMINED and u.place != "delay_s"]
+    lines += [f"  {u.expression or u.name:<{width}}  {v:.4g} ± {s:.2g} {u.unit}" for u, v, s in known] or ["  nothing by itself"]
+    if found.combinations:
+        lines += ["", "determined only together"]
+        for c in found.combinations:
+            lines += [f"  {c.expression:<{width}}  {c.value:.4g} ± {c.std:.2g} {c.unit}"]
+        for advice in dict.fromkeys(c.separated_by for c in found.combinations):
+            members = [c.expression for c in found.combinations if c.separated_by == advice]
+            lines.append(wrapped(f"  would separate {_few(members)}: {advice}"))
+    unseen = [(u, below) for u, _, verdict, _, below in rows if verdict == Standing.UNSEEN and u.place != "delay_s"]
+    if unseen:
+        lines += ["", "not determined (these logs show too little of it; 95 % bound on its size)"]
+        lines += [f"  {u.expression or u.name:<{width}}  below {below:.2g} {u.unit}" for u, below in unseen]
+    rest = [u.name for u, _, verdict, _, _ in rows if verdict == Standing.CONFOUNDED and not _in_some(u.name, fit)]
+    if rest:
+        lines += ["", wrapped(f"not determined, and in no combination that is: {', '.join(rest)}")]
+    return lines
+
+
+def _in_some(name: str, fit: Summarised) -> bool:
+    return fit.determination is not None and any(name in c.members for c in fit.determination.combinations)
+
+
+def _few(texts: list[str]) -> str:
+    return ", ".join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")
+
+
+def _delays(fit: Summarised) -> list[str]:
+    lines = []
+    for name, (value, low, high) in fit.delay_interval().items():
+        if not high - low < 4.0 * max(value, fit.period):
+            lines.append(f"  {name}: not determined by these logs")
+            continue
+        lines.append(
+            f"  {name}  {1e3 * value:.2f} ms, 95 % interval {1e3 * low:.2f} to {1e3 * high:.2f} ms ({value / fit.period:.2f} samples)"
+        )
+        traded = [f"{other} ({r:+.2f})" for other, r in fit.trades(name) if abs(r) > _TRADES]
+        if traded:
+            lines.append(f"    trades with {', '.join(traded)}")
+    return ["", "delay from command to torque", *lines] if lines else []
+
+
+def _errors(fit: Summarised) -> list[str]:
+    held = fit.heldout_rms
+    whole = f"fit {_rms(fit.fit_rms):.3g}" + ("" if held is None else f", held out {_rms(held):.3g}")
+    lines = ["", f"error of simulated position, open loop under the logged commands (rms, rad or m): {whole}"]
+    width = max(map(len, fit.model.robot.joint_names))
+    for j, name in enumerate(fit.model.robot.joint_names):
+        lines.append(f"  {name:<{width}}  {fit.fit_rms[j]:.3g}" + ("" if held is None else f"  {held[j]:.3g}"))
+    return lines
+
+
+def _rms(by_joint: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(by_joint**2)))

@@ -1,0 +1,62 @@
+"""The torque that a drive with known gains gives: logs of commands become logs of torque, for every method that needs one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ConfigurationError, DataError
+from ..logs.log import Log, LogSet
+from .commands import DriveLog
+from .law import CommandForm, DriveLaw
+
+if TYPE_CHECKING:
+    from ..robots.robot import Robot
+
+Array = np.ndarray
+
+
+def with_torque(logs: LogSet, law: DriveLaw, robot: Robot) -> LogSet:
+    """The same logs with torque on the joint side as the law gives it; NaN where it is clipped or switched off.
+
+    Raises ConfigurationError where some constant of the law is not known."""
+    return replace(logs, logs=tuple(_of(log, law.for_log(log.name), robot) for log in logs))
+
+
+def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
+    unknown = [key for key in law.constants if law.unknown(key)]
+    if unknown:
+        raise ConfigurationError(
+            f"log {log.name}: the drive law does not give a torque, because {', '.join(unknown)} is to be identified."
+            " Fit by simulation (`ident fit` without --method), and put the values into [drive]."
+        )
+    if log.q is None or not np.isfinite(log.q).all():
+        raise DataError(f"log {log.name}: positions are missing; the drive law gives no torque without them.")
+    seen = DriveLog.of(log, robot, law)
+    rate = log.velocity(robot.transmission)
+    speed = np.gradient(seen.q, seen.t, axis=0) if rate is None else rate
+    sent = {name: _late(seen.t, x, law) for name, x in (("q", seen.q_cmd), ("dq", seen.dq_cmd), ("tau", seen.tau_ff))}
+    constants = law.constants
+    asked = constants["kp"] * (sent["q"] - seen.q) + constants["kd"] * (sent["dq"] - speed) + sent["tau"]
+    strength = constants["torque_scale"] * (seen.supply if law.kind == "pwm" and seen.supply is not None else 1.0)
+    torque = strength * asked - constants["back_emf"] * speed
+    known = (np.abs(asked) < constants["effort_limit"]) & (seen.enabled == 1.0)
+    torque = np.where(known, torque, np.nan)
+    said = f"log {log.name}: torque is that of [drive] law {law.kind!r} with its constants; no torque was measured."
+    lost = float(np.mean(~known))
+    more = (f"log {log.name}: {lost:.1%} of the torque is left out, where the command is clipped or switched off.",) if lost else ()
+    return replace(log, tau={"joint": torque}, notes=(*log.notes, said, *more), hint="")
+
+
+def _late(t: Array, command: Array, law: DriveLaw) -> Array:
+    """A command (N, n) as it acts at the samples, after the delay of each joint."""
+    out = np.empty_like(command)
+    for j, values in enumerate(command.T):
+        at = t - law.constants["delay_s"][j]
+        if law.command == CommandForm.RAMP:
+            out[:, j] = np.interp(at, t, values)
+        else:
+            out[:, j] = values[np.clip(np.searchsorted(t, at + 1e-9, side="right") - 1, 0, None)]
+    return out

@@ -1,0 +1,102 @@
+"""What is unknown of joints under a drive law: parameters of the model and constants of the law, each with its place and bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..effects.offset import Offset
+from ..effects.rigid_body import RigidBody
+from ..errors import ConfigurationError, UnsupportedError
+from ..friction.drive import Coulomb, RotorInertia, Viscous
+from ..friction.load import LoadDependentFriction
+from ..friction.speed import Stribeck
+
+if TYPE_CHECKING:
+    from ..effects.base import Effect
+    from ..model import Model
+    from .law import DriveLaw
+
+Array = np.ndarray
+#: Effects that a simulated drive can have, with what they are there.
+_PLACES: dict[type[Effect], str] = {
+    RotorInertia: "armature", Viscous: "viscous", Coulomb: "dry", Offset: "offset", LoadDependentFriction: "load", Stribeck: "excess",
+}  # fmt: skip
+#: Constants of a law: symbol and unit.
+CONSTANTS = {
+    "kp": ("kp", "N m/rad"), "kd": ("kd", "N m s/rad"), "delay_s": ("delay", "s"), "effort_limit": ("effort_limit", "N m"),
+    "torque_scale": ("s", "1"), "back_emf": ("ke", "N m s/rad"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One unknown number. `place`: what it is in the simulation ("link": a base parameter of the links); `joint`: index, -1 for all;
+    `column`: of a parameter of the model, its index among all; `lower`: bound; `expression`: what is grouped in it."""
+
+    name: str
+    unit: str
+    place: str
+    joint: int
+    lower: float = 0.0
+    column: int = -1
+    expression: str = ""
+    effect: str = ""
+
+
+def unknowns(model: Model, law: DriveLaw) -> tuple[Unknown, ...]:
+    """Everything that is to be identified, parameters of the model first. Raises UnsupportedError, ConfigurationError."""
+    found = _of_model(model, law)
+    robot = model.robot
+    for key, (symbol, unit) in CONSTANTS.items():
+        at = np.flatnonzero(np.isnan(law.constants[key]) & _asked(law, key))
+        if law.kind == "pwm" and key == "kp":
+            unit = "1/rad"
+        if law.kind == "pwm" and key == "torque_scale":
+            unit = "N m/V"
+        if key in law.shared and len(at):
+            found.append(Unknown(symbol, unit, key, -1, effect="drive"))
+            continue
+        found += [Unknown(f"{symbol}_{robot.joint_names[j]}", unit, key, int(j), effect="drive") for j in at]
+    if not found:
+        raise ConfigurationError("nothing is to be identified: no effect is declared, and every constant of the drive law is known.")
+    return tuple(found)
+
+
+def _asked(law: DriveLaw, key: str) -> Array:
+    """Joints (n,) for which some log leaves the constant open."""
+    n = len(law.joints)
+    if not law.by_log:
+        return np.ones(n, bool)
+    given = [table["constants"].get(key) for table in law.by_log.values()]
+    # A log that no entry is for has the law's own constant: nothing is asked only where every entry gives the number.
+    return np.array([not all(v is not None and np.isfinite(v[j]) for v in given) for j in range(n)])
+
+
+def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
+    robot, base = model.robot, model.base
+    links = next((part for effect, part in zip(model.effects, model.slices, strict=True) if isinstance(effect, RigidBody)), slice(0, 0))
+    place: dict[int, tuple[str, int]] = {}
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        if isinstance(effect, RigidBody):
+            place |= dict.fromkeys(range(part.start, part.stop), ("link", -1))
+            continue
+        kind = next((where for known, where in _PLACES.items() if isinstance(effect, known)), None)
+        if kind is None:
+            raise UnsupportedError(
+                f"effect {effect.name!r} is not simulated under a drive law; known: {', '.join(sorted(e.name for e in _PLACES))}."
+            )
+        place |= {part.start + i: (kind, j) for i, j in enumerate(effect.at(robot))}
+    expressions: dict[int, str] = {}
+    if law.links_known:
+        kept = [i for i in range(len(model.parameters)) if not links.start <= i < links.stop]
+    else:
+        kept = [int(i) for i in base.independent]
+        expressions = dict(zip(kept, base.expressions, strict=True))
+    return [
+        Unknown(p.name, p.unit, *place[i], -np.inf if place[i][0] == "link" else p.lower, i, expressions.get(i, p.name), p.effect)
+        for i in kept
+        for p in (model.parameters[i],)
+    ]

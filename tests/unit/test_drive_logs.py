@@ -1,0 +1,92 @@
+"""Logs of commands: which columns are what, what is seen in them, and real ones where they are here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from commanded import LEG, PENDULUM
+
+import ident
+from ident.drives import DriveLaw, DriveLog
+from ident.drives.commands import commanded
+from ident.drives.seen import seen_in
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return ident.Robot.from_urdf(LEG)
+
+
+def test_units_of_commands_are_converted(robot):
+    extra = {"q_cmd1_deg": np.array([180.0, 90.0]), "q_cmd2_rad": np.array([1.0, 2.0]), "supply1_V": np.array([7.0, 7.0]), "x": np.zeros(2)}
+    found = commanded(extra, robot)
+    assert set(found) == {"q_cmd", "supply"}
+    assert found["q_cmd"] == pytest.approx(np.array([[np.pi, 1.0], [np.pi / 2, 2.0]]))
+    assert np.isnan(found["supply"][:, 1]).all()
+
+
+def test_a_log_that_numbers_all_joints_of_a_robot_with_locked_ones():
+    knee = ident.Robot.from_urdf(LEG, joints=["knee"])
+    found = commanded({"q_cmd1": np.zeros(3), "q_cmd2": np.ones(3)}, knee)
+    assert np.array_equal(found["q_cmd"], np.ones((3, 1)))
+
+
+def test_a_missing_command_names_file_column_and_joint(robot):
+    log = ident.Log("bench", t=np.arange(4) * 0.01, q=np.zeros((4, 2)), extra={"q_cmd1": np.zeros(4)})
+    with pytest.raises(ident.DataError, match=r"log bench: column q_cmd2 \(joint knee\)"):
+        DriveLog.of(log, robot, DriveLaw.of(robot, kp=1.0))
+
+
+def test_what_differs_by_log_is_looked_up_by_its_name(robot):
+    law = DriveLaw.of(robot, kp=20.0, by_log={"*march*": {"kp": [10.0, 15.0], "command": "ramp"}})
+    assert list(law.for_log("go2_march_traj0").constants["kp"]) == [10.0, 15.0]
+    assert law.for_log("go2_march_traj0").command == "ramp"
+    assert list(law.for_log("go2_april").constants["kp"]) == [20.0, 20.0]
+
+
+def test_what_is_seen_in_a_log(robot):
+    t = np.arange(400) * 0.005
+    wanted = np.repeat(np.sin(2 * np.pi * t[::4]), 4)
+    extra = {"q_cmd1": wanted, "q_cmd2": wanted, "torque_enable1": (t < 1.0).astype(float), "torque_enable2": (t < 1.0).astype(float)}
+    log = ident.Log("run", t=t, q=0.9 * np.stack([wanted, wanted], axis=1), extra=extra)
+    law = DriveLaw.of(robot, kp=20.0, effort_limit=1.0)
+    seen = seen_in(DriveLog.of(log, robot, law), law)
+    assert seen.rate_hz == pytest.approx(200.0)
+    assert seen.command_unchanged == pytest.approx(0.75, abs=0.02)
+    assert seen.torque_off == pytest.approx(0.5, abs=0.01)
+    assert seen.saturated == pytest.approx(np.mean(np.abs(2.0 * wanted) > 1.0))
+    assert "staircase" in seen.text()
+
+
+def test_a_study_says_the_law(tmp_path):
+    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
+    file = tmp_path / "study.toml"
+
+    def study(drive: str) -> ident.Study:
+        file.write_text(f'[robot]\nurdf = "pendulum.urdf"\n[drive]\n{drive}\n')
+        return ident.read_study(file)
+
+    law = study('law = "pd_position"\nkp = { joint1 = 20 }\nkd = "fit"\neffort_limit = 3').drive_law()
+    assert law is not None
+    assert law.constants["kp"][0] == 20.0
+    assert law.unknown("kd")
+    assert law.unknown("delay_s")
+    assert study('law = "torque"').drive_law() is None
+    with pytest.raises(ident.ConfigurationError, match="kp must be a number"):
+        study('law = "pd_position"\nkp = "stiff"')
+    with pytest.raises(ident.ConfigurationError, match="unknown key of"):
+        study('law = "pd_position"\nkp = 1\n[drive.by_log.run1]\nkpp = 2')
+    written = study('law = "pd_position"\nkp = 20\n[drive.by_log."a*"]\nkp = 10').to_toml(tmp_path)
+    file.write_text(written)
+    again = ident.read_study(file).drive_law()
+    assert again is not None
+    assert again.for_log("abc").constants["kp"][0] == 10.0
+
+
+@pytest.mark.slow
+def test_a_real_actuator_is_simulated_as_well_as_published(data_folder):
+    """K-Bot's hip pitch: published baseline 0.0050 rad from chirp to step, load free."""
+    from benchmarks.actuators.run import cases, fitted
+
+    (case,) = [c for c in cases(short=True) if "hip_pitch" in c.name]
+    assert fitted(case).heldout_rms[0] < 0.0050
