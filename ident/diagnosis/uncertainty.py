@@ -39,10 +39,13 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
         X = np.concatenate([X, *(fit.filtered(np.split(s[2], _cuts(fit)), frame.gains) for s in slopes)], axis=2)
         Z = np.concatenate([Z, *(fit.filtered(np.split(s[3], _cuts(fit)), frame.gains) for s in slopes)], axis=2)
     flat = [a.reshape(-1, a.shape[2]) for a in (X, Z)]
-    scale = np.maximum(np.linalg.norm(flat[1], axis=0), 1e-300)
+    scale = np.linalg.norm(flat[1], axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
     inverse = np.linalg.pinv((flat[1] / scale).T @ (flat[0] / scale), rcond=1e-9)
     covariance = inverse @ ((flat[1] / scale).T @ (flat[1] / scale)) @ inverse.T / np.outer(scale, scale)
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    # A column that nothing moves tells nothing.
+    moved = np.any(flat[1] != 0.0, axis=0)
+    std = np.where(moved, np.sqrt(np.maximum(np.diag(covariance), 0.0)), np.inf)
     shape_std = {(s[0], s[1]): float(std[frame.X.shape[2] + i]) for i, s in enumerate(slopes)}
     out: dict[Effect, tuple[FoundParameter, ...]] = {}
     start = b

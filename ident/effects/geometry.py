@@ -168,7 +168,11 @@ class LinkLength(Effect):
         return found
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        return tuple(Parameter(self.named("dL", robot, j), "m", self.name, robot.joint_names[j]) for j in self.at(robot))
+        # A length that is wrong by more than half of itself is another robot.
+        most = {j: 0.5 * _length(robot, j) for j in self.at(robot)}
+        return tuple(
+            Parameter(self.named("dL", robot, j), "m", self.name, robot.joint_names[j], lower=-half, upper=half) for j, half in most.items()
+        )
 
     def columns(self, motion: Motion, robot: Robot) -> Array:
         reference = motion.needed_reference(f"effect {self.name!r}")
@@ -186,6 +190,12 @@ class LinkLength(Effect):
         for j, value in zip(self.at(robot), values, strict=True):
             robot = _lengthened(robot, j, float(value))
         return robot
+
+
+def _length(robot: Robot, j: int) -> float:
+    """Distance of joint j from the joint before it."""
+    body = [joint.name for joint in robot.tree_joints].index(robot.joint_names[j]) + int(robot.floating_base)
+    return float(np.linalg.norm(robot.tree.translation[body]))
 
 
 def _offset(robot: Robot, j: int) -> Array | None:

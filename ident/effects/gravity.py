@@ -24,6 +24,8 @@ Array = np.ndarray
 #: Random positions at which columns are compared, and the share from which on one counts as there.
 _POSITIONS = 40
 _SHOWN = 1e-8
+#: No robot stands where gravity (m/s²) is stronger, nor is it so many times what was declared.
+_STRONGEST, _MORE = 11.0, 1.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,8 +109,8 @@ class GravityMagnitude(_Mounting):
     title: ClassVar[str] = "error of gravity's magnitude"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        self.gravity(robot)
-        return (Parameter(f"dg{self.label}", "m/s^2", self.name),)
+        declared = float(np.linalg.norm(self.gravity(robot)))
+        return (Parameter(f"dg{self.label}", "m/s^2", self.name, lower=-declared, upper=max(_STRONGEST, _MORE * declared) - declared),)
 
     def fields(self, robot: Robot, values: Array) -> list[Array]:
         return [self._direction(robot)]

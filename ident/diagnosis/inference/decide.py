@@ -70,6 +70,7 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
     drop_unnecessary(state, say)
     tell(0.85)
     _swap(state, say)
+    _withdraw(state, say)
     tell(0.95)
     return _decision(state, tuple(trail))
 
@@ -106,6 +107,14 @@ def _swap(state: EffectSearch, say: Callable[[str], None]) -> None:
         state.accepted[i] = (state.labelled(member.effect), member.joints)
         state.solve()
         state.reprofile()
+
+
+def _withdraw(state: EffectSearch, say: Callable[[str], None]) -> None:
+    """Take back what beside the others has values that it cannot have: it stood for something else."""
+    while (i := state.impossible()) is not None:
+        say(f"withdrawn: {state.accepted[i][0].name}, whose values no such effect can have")
+        del state.accepted[i]
+        state.solve()
 
 
 def _decision(state: EffectSearch, trail: tuple[str, ...]) -> Decision:

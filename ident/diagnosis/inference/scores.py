@@ -38,6 +38,18 @@ def z_of(squares: Array, degrees: Array) -> Array:
     return z
 
 
+def least_squares_left(blocks: Array, starts: Array) -> Array:
+    """The least sums of squares (K, …) of scores by blocks (c, B, …) when any window of a tenth of the blocks is left out."""
+    B = blocks.shape[1]
+    width = max(round(STRETCH * B), 1)
+    total = blocks.sum(axis=1)
+    sums = np.concatenate([np.zeros_like(blocks[:, :1]), np.cumsum(blocks, axis=1)], axis=1)
+    least = np.add.reduceat(total**2, starts)
+    for b in range(B - width + 1):
+        least = np.minimum(least, np.add.reduceat((total - (sums[:, b + width] - sums[:, b])) ** 2, starts))
+    return np.asarray(least)
+
+
 @dataclass(eq=False)
 class Scores:
     """Scores of a frame. K groups that the model does not absorb (`kept`), with c whitened directions in all.
@@ -133,14 +145,7 @@ class Scores:
     @cached_property
     def z(self) -> Array:
         """z (K,), the least over all windows of a tenth of the log that are left out: no single stretch decides."""
-        B = self.blocks.shape[1]
-        width = max(round(STRETCH * B), 1)
-        sums = np.concatenate([np.zeros((len(self.blocks), 1)), np.cumsum(self.blocks, axis=1)], axis=1)
-        least = self.plain.copy()
-        for b in range(B - width + 1):
-            without = self.total - (sums[:, b + width] - sums[:, b])
-            least = np.minimum(least, z_of(np.add.reduceat(without**2, self.starts), self.degrees))
-        return least
+        return z_of(least_squares_left(self.blocks, self.starts), self.degrees)
 
     def values(self, k: int) -> tuple[Array, Array]:
         """What the parameters of the k-th group would be, and their standard deviations, in the units of its columns; of parameters that

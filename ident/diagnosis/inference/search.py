@@ -16,9 +16,11 @@ from .significance import parametric
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
+    from ...robots.robot import Robot
     from ..design.catalogue import Catalogue
     from ..scoring.fit import Fit, Solved
 
+Array = np.ndarray
 #: An effect on its joints (() for the whole robot).
 Placed = tuple["Effect", tuple[str, ...]]
 
@@ -86,6 +88,21 @@ class EffectSearch:
         effect, robot = scores.group(k).effect, self.fit.robot
         if effect is None:
             return False
-        values, std = scores.values(k)
-        inside = all(p.lower - BOUND * s <= v <= p.upper + BOUND * s for p, v, s in zip(effect.parameters(robot), values, std, strict=True))
-        return inside and not effect.implausible(robot, values, std)
+        return _can_be(effect, robot, *scores.values(k))
+
+    def impossible(self) -> int | None:
+        """An accepted effect that beside the others has values which no such effect can have; None where there is none."""
+        std = np.linalg.norm(self.frame.inverse, axis=1) / self.frame.scale
+        start = self.fit.declared.base.count
+        for i, (effect, _) in enumerate(self.accepted):
+            own = slice(start, start + len(effect.parameters(self.fit.robot)))
+            start = own.stop
+            if not _can_be(effect, self.fit.robot, self.frame.theta[own], std[own]):
+                return i
+        return None
+
+
+def _can_be(effect: Effect, robot: Robot, values: Array, std: Array) -> bool:
+    """Whether values lie within an effect's bounds as far as their deviations tell, and are those of something that can be."""
+    inside = all(p.lower - BOUND * s <= v <= p.upper + BOUND * s for p, v, s in zip(effect.parameters(robot), values, std, strict=True))
+    return inside and not effect.implausible(robot, values, std)
