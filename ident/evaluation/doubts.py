@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import DataError
 from ..problem.opposite_signs import negative_share, opposite_sign
+from .against_nominal import factor_doubt
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -34,9 +35,8 @@ _LISTED = 6
 def doubts(estimate: Estimate) -> tuple[str, ...]:
     """Sentences for an estimate's warnings; none where nothing is to be said."""
     every = all_turned(estimate)
-    return (
-        (every,) if every else tuple(said for said in (_impossible(estimate), _turned(estimate), _few(estimate), _apart(estimate)) if said)
-    )
+    wrong = (every,) if every else (_impossible(estimate), _turned(estimate), factor_doubt(estimate))
+    return tuple(said for said in (*wrong, _few(estimate), _apart(estimate)) if said)
 
 
 def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[str, Any]]) -> str:

@@ -180,7 +180,9 @@ def known_scale(unit: str) -> float:
 
 def scalar_time_names(names: Sequence[str]) -> list[str]:
     """Columns whose name is one of time, the likeliest first: the sender's stamp before the recorder's, plain names before others."""
-    exact = ("t", "time", "timestamp", "timestamps", "tstamps", "zeit", "stamp", "secs", "sec", "seconds", "ms", "%time", "ipoc")
+    exact = ("t", "time", "timestamp", "timestamps", "tstamps", "zeit", "stamp", "secs", "sec", "seconds", "ms", "%time", "ipoc", "clock")
     lower = {n.lower(): n for n in names}
     found = [lower[k] for k in lower if re.search(r"header[./]stamp$", k)] + [lower[k] for k in exact if k in lower]
-    return list(dict.fromkeys(found + [n for n in names if words_of(n) & {"time", "timestamp", "zeit", "tout"} and n not in found]))
+    return list(
+        dict.fromkeys(found + [n for n in names if words_of(n) & {"time", "timestamp", "zeit", "tout", "clock"} and n not in found])
+    )

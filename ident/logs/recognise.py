@@ -60,10 +60,13 @@ def recognised(
     positions = [g for g in fitting if g.quantity == "q" and not g.wanted and not g.estimated]
     if not positions:
         if wide:
-            raise DataError(
-                f"the robot has {len(joints or ())} joints, but positions of {len(wide[0].columns)} are there ({wide[0]}); map those of the"
-                " robot's joints under [columns] of a study file, q1 = … first."
+            count, there = len(joints or ()), len(wide[0].columns)
+            remedy = (
+                "lock those that were not logged ([robot] locked, or joints for those to keep)"
+                if count > there
+                else "map those of the robot's joints under [columns] of a study file, q1 = … first"
             )
+            raise DataError(f"the robot has {count} joints, but positions of {there} are there ({wide[0]}); {remedy}.")
         return None
     table = read([c for g in fitting for c in g.columns])
     q = _best(positions, table)

@@ -39,10 +39,16 @@ def study_schema() -> dict[str, Any]:
                 "robot": {**of_table(robot, description=first_sentence(RobotTable)), "not": {"required": ["name", "urdf"]}},
                 "drive": {**of_table(drive, description=first_sentence(DriveTable)), "not": {"required": ["ratio", "K"]}},
                 "loop": {"type": "object", "additionalProperties": rule, "description": "dependent joint = factors x joints + offset"},
-                "logs": of_table({"fit": TEXTS, "validate": TEXTS, "missing": {"enum": ["refuse", "gap"]}, "rate_hz": NUMBER}),
+                "logs": of_table(
+                    {"fit": TEXTS, "validate": TEXTS, "missing": {"enum": ["refuse", "gap"]}, "rate_hz": NUMBER, "recorders": TEXTS}
+                ),
                 "signals": _strategies(preparations, DEFAULT_PREPARATION),
                 "estimator": _strategies(estimator_types(), DEFAULT_METHOD),
-                "columns": {"type": "object", "additionalProperties": TEXT, "description": "canonical name = name in the files"},
+                "columns": {
+                    "type": "object",
+                    "additionalProperties": {"anyOf": [TEXT, of_table({"column": TEXT, "unit": TEXT, "scale": NUMBER, "offset": NUMBER})]},
+                    "description": "canonical name = name in the files, or a table of column, unit, scale, offset",
+                },
             }
         ),
     }

@@ -6,17 +6,31 @@ import json
 import os
 import re
 import shlex
+import struct
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import ident
 from ident.robots import robot_folder
 
 PAGE = (Path(__file__).parents[2] / "docs/extend.md").read_text()
 FILES = dict(re.findall(r"```python\n# file: (\S+)\n(.*?)```", PAGE, re.DOTALL))
 COMMANDS = re.findall(r"^\$ ident (.*)$", PAGE, re.MULTILINE)
+
+
+def as_rig(log: ident.Log) -> bytes:
+    """A log as the page's rig writes it: degrees, and the motors' torque."""
+    assert log.q is not None
+    names = ["clock", *(f"axis {j} pos" for j in range(log.n)), *(f"axis {j} motor torque" for j in range(log.n))]
+    units = {name: "deg" for name in names if name.endswith("pos")} | {"clock": "s"}
+    head = json.dumps({"channels": names, "units": units}).encode()
+    head += b" " * (-len(head) % 8)
+    table = np.column_stack([log.t, np.rad2deg(log.q), log.tau["motor"]])
+    return b"RIG1" + struct.pack("<I", len(head)) + head + table.tobytes()
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).write_text(text)
     demo = robot_folder("puma560") / "demo"
     (folder / "train.csv.gz").write_bytes((demo / "train.csv.gz").read_bytes())
+    (folder / "train.rig").write_bytes(as_rig(ident.read_logs(demo / "train.csv.gz")[0]))
     return folder
 
 
@@ -38,7 +53,7 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_page_has_its_files_and_commands() -> None:
-    assert set(FILES) >= {"smooth_friction.py", "ridge.py"}
+    assert set(FILES) >= {"smooth_friction.py", "ridge.py", "our_rig.py"}
     assert len(COMMANDS) >= len(FILES)
 
 
@@ -57,6 +72,17 @@ def test_the_law_is_fitted_where_the_log_has_it(folder: Path) -> None:
     found = {p["name"]: p["value"] for p in json.loads(smooth.stdout)["parameters"]}
     known = {p["name"]: p["value"] for p in json.loads(plain.stdout)["parameters"]}
     assert found["Fsm_joint1"] == pytest.approx(known["Fc_joint1"], rel=0.05)
+
+
+def test_the_rigs_log_is_the_same_log(folder: Path) -> None:
+    def values(*options: str) -> list[float]:
+        done = run(folder, "fit", *options, "--robot", "puma560", "--json")
+        assert done.returncode == 0, done.stderr
+        return [p["value"] for p in json.loads(done.stdout)["parameters"]]
+
+    study = folder / "rig.toml"
+    study.write_text('[plugins]\nmodules = ["our_rig.py"]\n[drive]\ntorque = "motor"\n[logs]\nfit = ["train.rig"]\n')
+    assert values(str(study)) == pytest.approx(values("--log", "train.csv.gz"), rel=1e-6, abs=1e-9)
 
 
 def test_a_study_names_its_modules(folder: Path) -> None:

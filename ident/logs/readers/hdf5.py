@@ -49,9 +49,9 @@ def _datasets(group: Any) -> dict[str, Any]:
 def _recordings(path: Path) -> Sequence[str]:
     """Groups beside each other that hold the same datasets (`data/demo_0`, `data/demo_1` …), if there are several."""
     with _opened(path) as file:
-        names = list(_datasets(file))
+        rows = {name: item.shape[0] for name, item in _datasets(file).items()}
     alike: dict[tuple[str, str], dict[str, set[str]]] = {}
-    for name in names:
+    for name in rows:
         parts = name.split("/")
         for k, part in enumerate(parts[:-1]):
             pattern = re.sub(r"\d+", "#", part)
@@ -60,8 +60,10 @@ def _recordings(path: Path) -> Sequence[str]:
                 alike.setdefault(key, {}).setdefault("/".join(parts[: k + 1]), set()).add("/".join(parts[k + 1 :]))
                 break
     for groups in alike.values():
-        shared = set.intersection(*groups.values())
-        if len(groups) > 1 and shared:
+        own = {f"{group}/{name}" for group, names in groups.items() for name in names}
+        # With channels of the same length outside (a time), the groups are the joints of one recording.
+        shared = {rows[name] for name in own} & {length for name, length in rows.items() if name not in own}
+        if len(groups) > 1 and set.intersection(*groups.values()) and not shared:
             return sorted(groups, key=lambda g: [int(x) if x.isdecimal() else x for x in re.split(r"(\d+)", g)])
     return ()
 
