@@ -1,10 +1,14 @@
 // The Python module ident._native._recursions: recursions over samples that NumPy cannot take in one step.
-// Called by ident/effects/flexing.py, which checks shapes and does the same in NumPy where this was not built.
+// Called by ident/effects/flexing.py and ident/drives/simulate.py, which check shapes and do the same in NumPy where this was not built.
 #define Py_LIMITED_API 0x030B0000
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
+#include <cmath>
 #include <cstdint>
+#include <cstring>
+#include <utility>
+#include <vector>
 
 namespace {
 
@@ -16,7 +20,7 @@ struct Buffer {
         if (PyObject_GetBuffer(object, &view, PyBUF_C_CONTIGUOUS | flags) < 0) return nullptr;
         held = true;
         if (count >= 0 && view.len == 8 * count) return (double*)view.buf;
-        PyErr_SetString(PyExc_ValueError, "springs: an array has the wrong size");
+        PyErr_SetString(PyExc_ValueError, "an array has the wrong size");
         return nullptr;
     }
 };
@@ -51,7 +55,153 @@ PyObject* call_springs(PyObject*, PyObject* args) {
     Py_RETURN_NONE;
 }
 
-PyMethodDef methods[] = {{"springs", call_springs, METH_VARARGS, "See recursions.cpp."}, {nullptr, nullptr, 0, nullptr}};
+// One step of many joints' drives, as `simulated` of ident/drives/simulate.py has it: implicit midpoint rule, dry friction by projected
+// Gauss-Seidel. `lanes` sets of `n` joints, in blocks of `block` joints that act on each other. All arrays (lanes, n), row by row.
+struct DriveStep {
+    int64_t lanes, n, block, sweeps;
+    double h;
+    const double *inertia, *bias;                          // (lanes, n, n), (lanes, n)
+    const double *armature, *viscous, *dry, *load_share, *excess, *fall, *offset, *kp, *kd, *limit, *back_emf;
+    const double *target, *strength;                       // strength: null where it is 1
+    double *q, *dq, *before, *friction, *load;             // state
+    double *ahead_q, *ahead_dq, *out;
+
+    static double within(double x, double level) { return std::fmax(std::fmin(x, level), -level); }
+
+    // Gauss-Jordan with pivots; a singular matrix gives what is not finite, and its lane is lost.
+    static void invert(int64_t m, double* A, double* X) {
+        for (int64_t i = 0; i < m * m; ++i) X[i] = i % (m + 1) == 0 ? 1.0 : 0.0;
+        for (int64_t k = 0; k < m; ++k) {
+            int64_t best = k;
+            for (int64_t i = k + 1; i < m; ++i)
+                if (std::fabs(A[i * m + k]) > std::fabs(A[best * m + k])) best = i;
+            for (int64_t j = 0; best != k && j < m; ++j) {
+                std::swap(A[k * m + j], A[best * m + j]);
+                std::swap(X[k * m + j], X[best * m + j]);
+            }
+            const double pivot = 1.0 / A[k * m + k];
+            for (int64_t j = 0; j < m; ++j) A[k * m + j] *= pivot, X[k * m + j] *= pivot;
+            for (int64_t i = 0; i < m; ++i) {
+                const double share = A[i * m + k];
+                if (i == k || share == 0.0) continue;
+                for (int64_t j = 0; j < m; ++j) A[i * m + j] -= share * A[k * m + j], X[i * m + j] -= share * X[k * m + j];
+            }
+        }
+    }
+
+    void advance(int64_t lane, int64_t first, std::vector<double>& memory) const {
+        const int64_t m = block, at = lane * n + first;
+        double *A = memory.data(), *R = A + m * m, *pulled = R + m * m, *level = pulled + m, *speed = level + m;
+        const double* H = inertia + lane * n * n + first * n + first;
+        const double half = 0.5 * h;
+        for (int64_t i = 0; i < m; ++i) {
+            const int64_t e = at + i;
+            double p = kp[e], d = kd[e], pull = target[e] - p * q[e];
+            const double asked = pull - (p * half + d) * dq[e];
+            if (std::fabs(asked) > limit[e]) pull = asked > 0 ? limit[e] : -limit[e], p = d = 0.0;
+            double damping = p * half + d;
+            if (strength) {
+                damping = strength[e] * damping + (strength[e] > 0 ? back_emf[e] : 0.0) + viscous[e];
+                pull *= strength[e];
+            } else damping += back_emf[e] + viscous[e];
+            double momentum = armature[e] * dq[e];
+            for (int64_t j = 0; j < m; ++j) A[i * m + j] = H[i * n + j], momentum += H[i * n + j] * dq[at + j];
+            A[i * m + i] += armature[e] + half * damping;
+            pulled[i] = momentum + half * (pull - offset[e] - bias[e]);
+            const double slow = excess[e] != 0.0 ? excess[e] * std::exp(-(dq[e] / fall[e]) * (dq[e] / fall[e])) : 0.0;
+            level[i] = dry[e] + load_share[e] * std::fabs(load[e]) + slow;
+        }
+        invert(m, A, R);
+        double* f = friction + at;
+        for (int64_t i = 0; i < m; ++i) {
+            speed[i] = -dq[at + i];
+            for (int64_t j = 0; j < m; ++j) speed[i] += 2.0 * R[i * m + j] * pulled[j];
+        }
+        if (n == 1) {
+            f[0] = within(speed[0] / (h * R[0]), level[0]);
+            speed[0] -= h * R[0] * f[0];
+        } else rub(m, R, level, f, speed);
+        for (int64_t i = 0; i < m; ++i) {
+            double sum = bias[at + i];
+            for (int64_t j = 0; j < m; ++j) sum += H[i * n + j] * (speed[j] - dq[at + j]) / h;
+            load[at + i] = sum;
+        }
+        for (int64_t i = 0; i < m; ++i) {
+            const int64_t e = at + i;
+            q[e] += half * (dq[e] + speed[i]);
+            before[e] = dq[e];
+            dq[e] = speed[i];
+        }
+    }
+
+    void rub(int64_t m, const double* R, const double* level, double* f, double* speed) const {
+        for (int64_t i = 0; i < m; ++i) f[i] = within(f[i], level[i]);
+        for (int64_t i = 0; i < m; ++i)
+            for (int64_t j = 0; j < m; ++j) speed[i] -= h * R[i * m + j] * f[j];
+        for (int64_t sweep = 0; sweep < sweeps; ++sweep)
+            for (int64_t k = 0; k < m; ++k) {
+                const double next = within(f[k] + speed[k] / (h * R[k * m + k]), level[k]), change = h * (next - f[k]);
+                for (int64_t i = 0; i < m; ++i) speed[i] -= R[i * m + k] * change;
+                f[k] = next;
+            }
+        for (int64_t i = 0; i < m; ++i)
+            if (std::fabs(f[i]) < level[i]) speed[i] = 0.0;
+    }
+
+    void run(double beyond, std::vector<double>& memory) const {
+        for (int64_t lane = 0; lane < lanes; ++lane) {
+            for (int64_t first = 0; first < n; first += block) advance(lane, first, memory);
+            bool lost = false;
+            for (int64_t e = lane * n; e < (lane + 1) * n; ++e) lost |= !(std::fabs(dq[e]) < beyond);
+            for (int64_t e = lane * n; e < (lane + 1) * n; ++e) {
+                if (lost) q[e] = dq[e] = before[e] = friction[e] = load[e] = 0.0;
+                out[e] = lost ? NAN : q[e];
+                ahead_q[e] = q[e] + 0.5 * h * dq[e];
+                ahead_dq[e] = 1.5 * dq[e] - 0.5 * before[e];
+            }
+        }
+    }
+};
+
+// drive_step(H, bias, constants (11, lanes, n), target, strength or None, state (5, lanes, n), ahead (2, lanes, n), out,
+//            lanes, n, block, sweeps, h, beyond)
+PyObject* call_drive_step(PyObject*, PyObject* args) {
+    PyObject *inertia, *bias, *constants, *target, *strength, *state, *ahead, *out;
+    Py_ssize_t lanes, n, block, sweeps;
+    double h, beyond;
+    if (!PyArg_ParseTuple(args, "OOOOOOOOnnnndd", &inertia, &bias, &constants, &target, &strength, &state, &ahead, &out, &lanes, &n,
+                          &block, &sweeps, &h, &beyond))
+        return nullptr;
+    if (lanes < 0 || n < 1 || block < 1 || n % block != 0) {
+        PyErr_SetString(PyExc_ValueError, "drive_step: joints are not in blocks of one size");
+        return nullptr;
+    }
+    Buffer buffers[8];
+    const int64_t size = (int64_t)lanes * n;
+    DriveStep d{};
+    d.lanes = lanes, d.n = n, d.block = block, d.sweeps = sweeps, d.h = h;
+    const double* c;
+    double *s, *next;
+    if (!(d.inertia = buffers[0].take(inertia, size * n, 0)) || !(d.bias = buffers[1].take(bias, size, 0)) ||
+        !(c = buffers[2].take(constants, 11 * size, 0)) || !(d.target = buffers[3].take(target, size, 0)) ||
+        (strength != Py_None && !(d.strength = buffers[4].take(strength, size, 0))) ||
+        !(s = buffers[5].take(state, 5 * size, PyBUF_WRITABLE)) || !(next = buffers[6].take(ahead, 2 * size, PyBUF_WRITABLE)) ||
+        !(d.out = buffers[7].take(out, size, PyBUF_WRITABLE)))
+        return nullptr;
+    const double** const known[] = {&d.armature, &d.viscous, &d.dry, &d.load_share, &d.excess, &d.fall,
+                                    &d.offset,   &d.kp,      &d.kd,  &d.limit,      &d.back_emf};
+    for (const double** part : known) *part = c, c += size;
+    double** const moved[] = {&d.q, &d.dq, &d.before, &d.friction, &d.load};
+    for (double** part : moved) *part = s, s += size;
+    d.ahead_q = next, d.ahead_dq = next + size;
+    std::vector<double> memory((size_t)(2 * block * block + 3 * block));
+    d.run(beyond, memory);
+    Py_RETURN_NONE;
+}
+
+PyMethodDef methods[] = {{"springs", call_springs, METH_VARARGS, "See recursions.cpp."},
+                         {"drive_step", call_drive_step, METH_VARARGS, "See recursions.cpp."},
+                         {nullptr, nullptr, 0, nullptr}};
 PyModuleDef module = {PyModuleDef_HEAD_INIT, "_recursions", nullptr, -1, methods, nullptr, nullptr, nullptr, nullptr};
 
 }  // namespace

@@ -5,10 +5,15 @@ within its level (projected Gauss-Seidel over the joints). Second order between 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
 
 import numpy as np
+
+try:
+    from .._native import _recursions  # type: ignore[attr-defined, unused-ignore]
+except ImportError:  # not built: NumPy does the same
+    _recursions = None
 
 Array = np.ndarray
 #: Sweeps over the joints to find the dry friction of a step, which starts from that of the step before.
@@ -57,35 +62,65 @@ def simulated(
     `groups`: joints that do not act on each other, in one slice each. Lanes that leave every bound are NaN from there on."""
     out = np.empty((len(target) + 1, *q.shape))
     out[0] = q
+    step = getattr(_recursions, "drive_step", None)
+    with np.errstate(all="ignore"):
+        if step is None:
+            _plain(out, links, drives, target, strength, dq, h, groups)
+        else:
+            _compiled(out, step, links, drives, target, strength, dq, h, len(groups))
+    lost = np.cumsum(~np.isfinite(out).all(axis=2), axis=0) > 0
+    out[lost] = np.nan
+    return out
+
+
+def _compiled(
+    out: Array, step: Any, links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float, block: int
+) -> None:
+    """Positions from out[0] on, each step in C++; joints act on each other within blocks of so many that follow each other."""
+    lanes, n = dq.shape
+    constants = np.stack([getattr(drives, part.name) for part in fields(drives)])
+    state = np.zeros((5, lanes, n))
+    state[:3] = out[0], dq, dq
+    ahead = np.stack([out[0] + 0.5 * h * dq, dq])
+    target = np.ascontiguousarray(target)
+    strength = None if strength is None else np.ascontiguousarray(strength)
+    for k in range(len(target)):
+        H, c = links.terms(ahead[0], ahead[1])
+        now = None if strength is None else strength[k]
+        H, c = np.ascontiguousarray(H), np.ascontiguousarray(c)
+        step(H, c, constants, target[k], now, state, ahead, out[k + 1], lanes, n, block, _SWEEPS, h, _BEYOND)
+
+
+def _plain(
+    out: Array, links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float, groups: list[slice]
+) -> None:
+    """Positions from out[0] on, in NumPy."""
+    q = out[0]
     n, f, load, before = q.shape[1], np.zeros_like(q), np.zeros_like(q), dq
     loaded, limited = drives.loaded, bool(np.isfinite(drives.limit).any())
     diagonal = np.arange(n)
     half, level = 0.5 * h, drives.dry
-    with np.errstate(all="ignore"):
-        for k in range(len(target)):
-            H, c = links.terms(q + half * dq, 1.5 * dq - 0.5 * before)
-            M = H.copy()
-            M[:, diagonal, diagonal] += drives.armature
-            pull, damping = _drive(drives, target[k], None if strength is None else strength[k], q, dq, half, limited)
-            A = M.copy()
-            A[:, diagonal, diagonal] += half * damping
-            inverse = 1.0 / A if n == 1 else np.linalg.inv(A)
-            momentum = _times(M, dq) + half * (pull - drives.offset - c)
-            free = 2.0 * _times(inverse, momentum) - dq
-            if loaded:
-                level = drives.dry + drives.load * np.abs(load) + drives.excess * np.exp(-np.square(dq / drives.fall))
-            f, after = _rubbed(free, h * inverse, f, level, groups)
-            if loaded:
-                load = _times(H, (after - dq) / h) + c
-            q, before, dq = q + half * (dq + after), dq, after
-            out[k + 1] = q
-            if k % _LOOK == 0 and (wild := ~(np.abs(dq).max(axis=1) < _BEYOND)).any():
-                lost = wild[:, None]
-                out[k + 1, wild] = np.nan
-                q, dq, f, load, before = (np.where(lost, 0.0, x) for x in (q, dq, f, load, before))
-    lost = np.cumsum(~np.isfinite(out).all(axis=2), axis=0) > 0
-    out[lost] = np.nan
-    return out
+    for k in range(len(target)):
+        H, c = links.terms(q + half * dq, 1.5 * dq - 0.5 * before)
+        M = H.copy()
+        M[:, diagonal, diagonal] += drives.armature
+        pull, damping = _drive(drives, target[k], None if strength is None else strength[k], q, dq, half, limited)
+        A = M.copy()
+        A[:, diagonal, diagonal] += half * damping
+        inverse = 1.0 / A if n == 1 else np.linalg.inv(A)
+        momentum = _times(M, dq) + half * (pull - drives.offset - c)
+        free = 2.0 * _times(inverse, momentum) - dq
+        if loaded:
+            level = drives.dry + drives.load * np.abs(load) + drives.excess * np.exp(-np.square(dq / drives.fall))
+        f, after = _rubbed(free, h * inverse, f, level, groups)
+        if loaded:
+            load = _times(H, (after - dq) / h) + c
+        q, before, dq = q + half * (dq + after), dq, after
+        out[k + 1] = q
+        if k % _LOOK == 0 and (wild := ~(np.abs(dq).max(axis=1) < _BEYOND)).any():
+            lost = wild[:, None]
+            out[k + 1, wild] = np.nan
+            q, dq, f, load, before = (np.where(lost, 0.0, x) for x in (q, dq, f, load, before))
 
 
 def _times(matrices: Array, vectors: Array) -> Array:

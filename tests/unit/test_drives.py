@@ -9,7 +9,7 @@ import pytest
 from commanded import LEG, PENDULUM, commanded_log
 
 import ident
-from ident.drives import DriveFit, DriveLaw, fit_drives
+from ident.drives import DriveFit, DriveLaw, fit_drives, simulate
 from ident.drives.determined import Standing
 from ident.drives.torque import with_torque
 from ident.logs.log import LogSet
@@ -184,3 +184,38 @@ def test_a_method_that_needs_torque_gets_that_of_the_law(tmp_path, robot, ident)
     ran = ident("fit", study, "--method", "wls")
     assert ran.code == 0, ran.err
     assert "Fc_joint1" in ran.out
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_the_compiled_step_does_what_the_plain_one_does(monkeypatch, loaded):
+    """Branches of three joints, clipped and switched-off drives, friction of each kind."""
+    if getattr(simulate._recursions, "drive_step", None) is None:
+        pytest.skip("the extension is not built")
+    rng = np.random.default_rng(5)
+    lanes, n, steps = 3, 6, 400
+    root = rng.normal(size=(lanes, 2, 3, 3))
+    H = np.zeros((lanes, n, n))
+    for branch in range(2):
+        at = slice(3 * branch, 3 * branch + 3)
+        H[:, at, at] = 0.1 * root[:, branch] @ np.swapaxes(root[:, branch], 1, 2) + 0.05 * np.eye(3)
+
+    class Links:
+        def terms(self, q, dq):
+            return H, 0.5 * np.sin(q) + 0.01 * dq
+
+    some = lambda size: size * rng.uniform(0.5, 1.5, (lanes, n))  # noqa: E731
+    nothing = np.zeros((lanes, n))
+    drives = simulate.LaneDrives(
+        armature=some(0.02), viscous=some(0.1), dry=some(0.3), load=some(0.1) if loaded else nothing,
+        excess=some(0.2) if loaded else nothing, fall=some(0.5), offset=some(0.1), kp=some(20.0), kd=some(0.5), limit=some(6.0),
+        back_emf=some(0.05),
+    )  # fmt: skip
+    time = 0.002 * np.arange(steps)[:, None, None]
+    target = drives.kp * np.sin(6.0 * time + rng.uniform(0.0, 6.0, (lanes, n)))
+    strength = np.where((time > 0.5) & (time < 0.6), 0.0, 1.0) * np.ones_like(target)
+    groups = [slice(k, None, 3) for k in range(3)]
+    run = lambda: simulate.simulated(Links(), drives, target, strength, nothing, nothing, 0.002, groups)  # noqa: E731
+    compiled = run()
+    monkeypatch.setattr(simulate, "_recursions", None)
+    assert np.ptp(compiled, axis=0).min() > 0.1
+    np.testing.assert_allclose(compiled, run(), atol=1e-9)
