@@ -112,7 +112,7 @@ def test_no_position(tmp_path: Path) -> None:
 
 
 def test_no_time(tmp_path: Path) -> None:
-    raises(csv(tmp_path / "a.csv", "clock,q1,tau1"), "no time column", "Columns not understood: clock.", "[columns]")
+    raises(csv(tmp_path / "a.csv", "when,q1,tau1"), "no time column", "Columns not understood: when.", "[columns]")
 
 
 def test_column_twice(tmp_path: Path) -> None:
