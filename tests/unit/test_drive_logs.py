@@ -7,6 +7,7 @@ import pytest
 from commanded import LEG, PENDULUM
 
 import ident
+from ident.cli import main
 from ident.drives import DriveLaw, DriveLog
 from ident.drives.commands import commanded
 from ident.drives.seen import seen_in
@@ -90,3 +91,18 @@ def test_a_real_actuator_is_simulated_as_well_as_published(data_folder):
 
     (case,) = [c for c in cases(short=True) if "hip_pitch" in c.name]
     assert fitted(case).heldout_rms[0] < 0.0050
+
+
+def test_diagnose_says_in_one_line_why_a_log_without_torque_has_no_diagnosis(tmp_path, capsys):
+    """A delay that is to be identified leaves no torque to explain."""
+    t = np.arange(2000) * 0.005
+    rows = np.column_stack([t, np.sin(t), np.sin(t)])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="time_s,q1_rad,q_cmd1_rad", comments="")
+    (tmp_path / "robot.urdf").write_text(PENDULUM)
+    drive = '[drive]\nlaw = "pd_position"\nkp = 20.0\nkd = 1.0\ndelay_s = "identify"\neffects = ["viscous"]\n'
+    (tmp_path / "study.toml").write_text(f'[robot]\nurdf = "robot.urdf"\n{drive}[logs]\nfit = ["log.csv"]\n')
+    assert main(["diagnose", str(tmp_path / "study.toml")]) == 2
+    said = capsys.readouterr().err.strip()
+    assert len(said.splitlines()) == 1
+    assert "delay_s is to be identified" in said
+    assert "ident fit" in said
