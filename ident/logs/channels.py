@@ -50,6 +50,11 @@ _NOT_JOINTS = {
 }  # fmt: skip
 _HANDS = {"hand", "gripper", "finger", "thumb", "knuckle", "grasp"}
 _DIMENSIONS = {"angle": "q", "rate": "dq", "acceleration": "ddq", "torque": "tau", "current": "i"}
+_QUANTITIES = frozenset.union(*map(frozenset, _WORDS.values()))
+#: Words beside which what is left of a name is a joint's.
+_SAID = frozenset.union(*map(frozenset, (*_WORDS.values(), _WANTED, _ESTIMATED, _MEASURED)))
+#: Names of a frame's axes, which are no joints' where no robot says so.
+_AXES = {"x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw"} | _NOT_JOINTS - {"base"}
 #: What rows of units and labels write, beside the suffixes of our own.
 _WRITTEN = {"°": "deg", "grad": "deg", "°/s": "deg_s", "deg/s": "deg_s", "rad/s": "rad_s", "u/min": "rpm", "1/min": "rpm", "µs": "us"}
 
@@ -121,7 +126,7 @@ def groups(
     (`q`, `dq`, `tau`, `i`, `q_ref`) → a column's name with {} for the joint's number."""
     stems: dict[str, list[tuple[int, str, str]]] = {}
     for name in names:
-        by_name, element = _BY_NAME.match(name), _ELEMENT.match(name)
+        by_name, element = _BY_NAME.match(name), _element(name)
         if by_name and not _INDEXED.search(by_name["joint"]):
             joint, topic = re.split(r"[./]", by_name["joint"])[-1], by_name["joint"].rpartition("/")[0]
             _put(stems, f"{topic}|{by_name['word']}", name, joint, joints)
@@ -131,11 +136,56 @@ def groups(
             for found in _NUMBER.finditer(name):
                 stem = name[: found.start()] + "#" + name[found.end() :]
                 stems.setdefault(stem, []).append((int(found.group()), name, ""))
+    stems |= _around_names([name for name in names if not (_BY_NAME.match(name) or _element(name))], joints, stems)
     known = {template.replace("{}", "#"): quantity for quantity, template in (told or {}).items()}
     out = [made for stem, members in stems.items() if (made := _group(stem, members, units, known.get(stem, "")))]
     if not any(g.quantity == "q" for g in out):
         out += [made for name in names if (made := _group(name, [(0, name, "")], units, ""))]
     return out
+
+
+def _element(name: str) -> re.Match[str] | None:
+    """An array's element that is told by a joint's name; what stands in the brackets may also be a unit."""
+    found = _ELEMENT.match(name)
+    return found if found and not unit_suffix(found["joint"]) else None
+
+
+def _around_names(
+    names: Sequence[str], joints: Sequence[str] | None, numbered: Mapping[str, list[tuple[int, str, str]]]
+) -> dict[str, list[tuple[int, str, str]]]:
+    """Groups of columns that differ in a joint's name beside the words for what they hold: `position_elbow [deg]`, `elbow torque`.
+
+    With a robot its joints' names count; without one, names of which some hold no number. Columns that a joint's name tells are no
+    longer taken for ones that a number in it counts."""
+    stems: dict[str, list[tuple[int, str, str]]] = {}
+    known = {_bare(joint): joint for joint in joints or ()}
+    for name in names:
+        plain, unit = bracketed(name)
+        plain = plain if unit_suffix(unit) else name
+        parts = [part for part in re.split(r"[^A-Za-z0-9%]+", plain) if part]
+        said = [part for part in parts if part.lower() in _SAID]
+        joint = "_".join(part for part in parts if part not in said)
+        named = any(part.lower() in _QUANTITIES for part in said) and re.search("[A-Za-z]", joint)
+        if not named or (known and _bare(joint) not in known) or (not known and words_of(joint) & _AXES):
+            continue
+        stem = " ".join(said).lower() + (f" [{unit_suffix(unit)}]" if unit_suffix(unit) else "")
+        _put(stems, stem, name, known.get(_bare(joint), joint), joints)
+    of_stem = {stem: {joint for *_, joint in members} for stem, members in stems.items()}
+    placed = [
+        own for stem, own in of_stem.items() if words_of(stem) & _WORDS["q"] and len(own) > 1 and any(not re.search(r"\d", x) for x in own)
+    ]
+    # Without a robot, joints are those that have positions.
+    told = {stem: members for stem, members in stems.items() if known or any(of_stem[stem] <= own for own in placed)}
+    mine = {name for members in told.values() for _, name, _ in members}
+    for stem, members in numbered.items():
+        if mine & {name for _, name, _ in members}:
+            told[stem] = []
+    return told
+
+
+def _bare(joint: str) -> str:
+    """A joint's name without the word for joint, and what separates its words."""
+    return "".join(part for part in re.split(r"[^a-z0-9]+", joint.lower()) if part != "joint")
 
 
 def _put(stems: dict[str, list[tuple[int, str, str]]], stem: str, name: str, joint: str, joints: Sequence[str] | None) -> None:
@@ -147,7 +197,7 @@ def _put(stems: dict[str, list[tuple[int, str, str]]], stem: str, name: str, joi
 def _group(stem: str, members: list[tuple[int, str, str]], units: Mapping[str, str], told: str) -> ChannelGroup | None:
     words = frozenset({"reference"} if told.endswith("_ref") else {"measured"}) if told else words_of(stem)
     numbers = sorted({m[0] for m in members})
-    if len(numbers) != len(members) or numbers != list(range(numbers[0], numbers[0] + len(numbers))) or numbers[0] > 1:
+    if not members or len(numbers) != len(members) or numbers != list(range(numbers[0], numbers[0] + len(numbers))) or numbers[0] > 1:
         return None
     if words & _NOT_JOINTS:
         return None
@@ -183,6 +233,5 @@ def scalar_time_names(names: Sequence[str]) -> list[str]:
     exact = ("t", "time", "timestamp", "timestamps", "tstamps", "zeit", "stamp", "secs", "sec", "seconds", "ms", "%time", "ipoc", "clock")
     lower = {n.lower(): n for n in names}
     found = [lower[k] for k in lower if re.search(r"header[./]stamp$", k)] + [lower[k] for k in exact if k in lower]
-    return list(
-        dict.fromkeys(found + [n for n in names if words_of(n) & {"time", "timestamp", "zeit", "tout", "clock"} and n not in found])
-    )
+    others = [n for n in names if words_of(n) & {"time", "timestamp", "zeit", "tout", "clock"}]
+    return list(dict.fromkeys(found + others))

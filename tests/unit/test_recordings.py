@@ -8,6 +8,7 @@ import json
 import lzma
 import re
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -465,6 +466,32 @@ def test_desired_motion_in_another_order_of_joints(tmp_path: Path) -> None:
     assert log.joint_names == ("c", "a", "b")
     for j in range(3):
         np.testing.assert_allclose(log.extra[f"q_ref{j + 1}"], q[:, j] + 0.01, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "pattern", ["{what}_{joint}", "{joint} {what}", "{what}/{joint}", "{what}_{joint} [{unit}]", "{joint}_{what}_actual"]
+)
+@pytest.mark.parametrize("numbers", [False, True])
+def test_names_of_joints_within_the_names_of_columns(tmp_path: Path, pattern: str, numbers: bool) -> None:
+    """With the robot and alone; a number in some joints' names is not what counts them."""
+    t, q, dq, tau = motion(6)
+    robot = ident.load_robot("ur5")
+    own = ["lift", "wrist_1", "wrist_2", "pan", "wrist_3", "elbow"] if numbers else ["slew", "boom_lift", "stick", "bucket", "tilt", "grab"]
+    order = [2, 0, 5, 3, 1, 4]
+
+    def recorded(joints: Sequence[str]) -> Path:
+        names, columns = ["time"], [t]
+        for what, unit, values in (("position", "deg", np.rad2deg(q)), ("velocity", "deg/s", np.rad2deg(dq)), ("torque", "Nm", tau)):
+            names += [pattern.format(what=what, joint=joints[j], unit=unit) for j in order]
+            columns += [values[:, j] for j in order]
+        return text(tmp_path / "a.csv", [*names, "temperature_motor", "position_x"], [*columns, 0 * t + 30, 0 * t + 0.5])
+
+    log = ident.read_logs(recorded(own))[0]
+    assert log.joint_names == tuple(own[j] for j in order)
+    np.testing.assert_allclose(log.q, q[:, order], atol=1e-6)
+    np.testing.assert_allclose(log.tau["joint"], tau[:, order], atol=1e-6)
+    of_robot = ident.read_logs(recorded(robot.joint_names), robot)[0]
+    np.testing.assert_allclose(of_robot.q, q, atol=1e-6)
 
 
 def test_a_bag_with_two_publishers_and_a_controllers_state(tmp_path: Path) -> None:
