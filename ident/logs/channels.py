@@ -158,7 +158,7 @@ def _around_names(
     With a robot its joints' names count; without one, names of which some hold no number. Columns that a joint's name tells are no
     longer taken for ones that a number in it counts."""
     stems: dict[str, list[tuple[int, str, str]]] = {}
-    known = {_bare(joint): joint for joint in joints or ()}
+    known = {bare_name(joint): joint for joint in joints or ()}
     for name in names:
         plain, unit = bracketed(name)
         plain = plain if unit_suffix(unit) else name
@@ -166,10 +166,10 @@ def _around_names(
         said = [part for part in parts if part.lower() in _SAID]
         joint = "_".join(part for part in parts if part not in said)
         named = any(part.lower() in _QUANTITIES for part in said) and re.search("[A-Za-z]", joint)
-        if not named or (known and _bare(joint) not in known) or (not known and words_of(joint) & _AXES):
+        if not named or (known and bare_name(joint) not in known) or (not known and words_of(joint) & _AXES):
             continue
         stem = " ".join(said).lower() + (f" [{unit_suffix(unit)}]" if unit_suffix(unit) else "")
-        _put(stems, stem, name, known.get(_bare(joint), joint), joints)
+        _put(stems, stem, name, known.get(bare_name(joint), joint), joints)
     of_stem = {stem: {joint for *_, joint in members} for stem, members in stems.items()}
     placed = [
         own for stem, own in of_stem.items() if words_of(stem) & _WORDS["q"] and len(own) > 1 and any(not re.search(r"\d", x) for x in own)
@@ -183,9 +183,9 @@ def _around_names(
     return told
 
 
-def _bare(joint: str) -> str:
-    """A joint's name without the word for joint, and what separates its words."""
-    return "".join(part for part in re.split(r"[^a-z0-9]+", joint.lower()) if part != "joint")
+def bare_name(joint: str) -> str:
+    """A joint's name without its path, the word for joint, and what separates its words."""
+    return "".join(part for part in re.split(r"[^a-z0-9]+", re.split(r"[/.]", joint.lower())[-1]) if part != "joint")
 
 
 def _put(stems: dict[str, list[tuple[int, str, str]]], stem: str, name: str, joint: str, joints: Sequence[str] | None) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .channels import ChannelGroup, known_scale
+from .channels import ChannelGroup, bare_name, known_scale
 
 Array = np.ndarray
 #: Another order of the columns is taken only where it halves the distance to the measured positions.
@@ -30,11 +30,21 @@ def references(
             continue
         g = max(wanted, key=lambda g: len(g.words & q.words))
         factor, offset = (known_scale(g.unit), 0.0) if g.unit else (scale[0], scale[1] if quantity == "q" else 0.0)
-        if quantity == "q" and not (g.named and q.named):
+        if (by_name := _by_name(g, q)) is not None:
+            order = by_name
+        elif quantity == "q":
             order, notes = _order(g, q, table, factor / scale[0], (offset - scale[1]) / scale[0])
         for j, k in enumerate(order):
             out[f"{quantity}_ref{j + 1}"] = g.columns[int(k)], factor, offset
     return out, notes
+
+
+def _by_name(g: ChannelGroup, q: ChannelGroup) -> Array | None:
+    """For each joint, which column of g has its name; None where names do not tell all."""
+    own, wanted = ([bare_name(name) for name in group.joints] for group in (q, g))
+    if not all(own) or sorted(own) != sorted(wanted):
+        return None
+    return np.array([wanted.index(name) for name in own])
 
 
 def _order(g: ChannelGroup, q: ChannelGroup, table: Mapping[str, Array], factor: float, offset: float) -> tuple[Array, tuple[str, ...]]:

@@ -494,6 +494,19 @@ def test_names_of_joints_within_the_names_of_columns(tmp_path: Path, pattern: st
     np.testing.assert_allclose(of_robot.q, q, atol=1e-6)
 
 
+def test_desired_motion_goes_by_the_joints_names_however_near_another_joint_is(tmp_path: Path) -> None:
+    t, q, _, tau = motion()
+    names = ["time", *[f"position_{x}" for x in ("hip", "knee", "ankle")], *[f"torque_{x}" for x in ("hip", "knee", "ankle")]]
+    names += [f"target_position_{x}" for x in ("ankle", "hip", "knee")]
+    wanted = q[:, [2, 0, 1]]
+    columns = [t, *q.T, *tau.T, *wanted.T]
+    log = ident.read_logs(text(tmp_path / "a.csv", names, columns))[0]
+    np.testing.assert_allclose(np.stack([log.extra[f"q_ref{j}"] for j in (1, 2, 3)], axis=1), q, atol=1e-8)
+    # Named otherwise than it moves: the name counts.
+    log = ident.read_logs(text(tmp_path / "b.csv", names, [t, *q.T, *tau.T, *q.T]))[0]
+    np.testing.assert_allclose(log.extra["q_ref3"], q[:, 0], atol=1e-8)
+
+
 def test_a_bag_with_two_publishers_and_a_controllers_state(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import StoragePlugin, Writer
