@@ -89,7 +89,7 @@ def _reference_columns(log, n: int) -> Array | None:  # type: ignore[no-untyped-
 def analysed(
     model: Model, signals: Signals, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None
 ) -> tuple[Decision, Instrument]:
-    """Decide what a model lacks on signals. Raises DataError where no run is long enough."""
+    """Decide what a model lacks on signals. Raises DataError where no run is long enough or no joint has rows."""
     robot = model.robot
     full = full_rate(signals)
     reference = desired(full)
@@ -97,6 +97,11 @@ def analysed(
     first = Fit(runs, model)
     band = _ABOVE * reference_band(first, first.solved(2))
     fit = Fit(_runs(full, model, band, reference), model)
+    if not fit.share.any():
+        raise DataError(
+            "no stretch of the logs in which a joint moves and its torque is there is long enough for a diagnosis; `ident check` says what"
+            " is missing of which joint."
+        )
     speeds = usual_speed(robot.transmission.motor_rate(full.dq))
     return decide(fit, speeds, note, progress), Instrument("low_band" if reference is None else "q_ref", band)
 

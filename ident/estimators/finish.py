@@ -59,8 +59,10 @@ def finish(
     error = problem.torque_error(full, residual)
     status = _status(code, details, dropped, solution, covariance, noise, problem, reduced)
     poor = _explained(problem, error.relative if unexplained is None else unexplained)
-    # Whatever else is wrong: that next to nothing is explained is never left unsaid.
-    status = poor if status.code == StatusCode.OK else replace(status, details=(*status.details, *poor.details))
+    # Whatever else is wrong: that next to nothing is explained is never left unsaid. Standard deviations are of the residual: where it is
+    # what the model lacks, they do not tell what the motion excites, and predictions are no use either.
+    code = poor.code if status.code == StatusCode.POORLY_EXCITED and poor.details else status.code
+    status = poor if status.code == StatusCode.OK else replace(status, code=code, details=(*poor.details, *status.details))
     return Estimate(
         method=method,
         model=problem.model,

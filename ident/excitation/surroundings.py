@@ -98,7 +98,10 @@ class Safety:
     def lines(self) -> list[str]:
         """For people."""
         how = "between samples too" if self.certified else "at samples"
-        out = [f"keeps {1000 * self.clearance:.3g} mm clear ({how}); nearest:"]
+        if not self.nearest:
+            out = ["nothing to keep clear of: no two bodies that could meet, no ground and no walls"]
+        else:
+            out = [f"keeps {1000 * self.clearance:.3g} mm clear ({how}); nearest:"]
         out += [f"  {what}: {1000 * near:.0f} mm at {t:.2f} s" for what, near, t in self.nearest[:4]]
         if self.touching:
             out.append(f"never that far apart, kept from touching only: {'; '.join(self.touching)}")

@@ -55,7 +55,8 @@ def _free_fit(white: Whitener, problem: Problem, raw: Array, columns: Array) -> 
     every = np.concatenate([raw, columns], axis=2)
     X = np.stack([white(np.where(valid[:, j, None], every[:, j], 0.0), j) for j in range(n)]).reshape(-1, every.shape[2])
     y = np.stack([white(np.where(valid[:, j], problem.signals.tau[:, j], 0.0), j) for j in range(n)]).reshape(-1)
-    scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    size = np.linalg.norm(X, axis=0)
+    scale = np.where(size > 0, size, 1.0)
     inverse = np.linalg.pinv((X / scale).T @ (X / scale), rcond=1e-10, hermitian=True)
     values = inverse @ ((X / scale).T @ y) / scale
     return values[-k:], (inverse / scale[:, None] / scale)[-k:, -k:]

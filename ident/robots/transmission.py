@@ -145,5 +145,11 @@ class Transmission(ShortRepr):
         return self.K.T if target == Side.MOTOR else self.K_inverse.T
 
     def torque(self, torque: Array, source: Side, target: Side) -> Array:
-        """Torque (..., n) carried from one side to the other."""
-        return torque if source == target else torque @ self.torque_map(source, target).T
+        """Torque (..., n) carried from one side to the other; what is missing there (NaN) is missing only where it takes part."""
+        if source == target:
+            return torque
+        carried = self.torque_map(source, target).T
+        missing = np.isnan(torque)
+        if not missing.any():
+            return torque @ carried
+        return np.where(missing @ (carried != 0), np.nan, np.where(missing, 0.0, torque) @ carried)

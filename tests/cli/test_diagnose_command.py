@@ -305,3 +305,37 @@ def test_progress_moves_in_small_steps(lacking):
     steps = np.diff(shares)
     assert np.all(steps >= 0.0)
     assert steps.max() <= 0.3
+
+
+def _without_first_torque(lacking, folder):
+    """The training log without the torque of its first joint."""
+    header, *rows = (lacking / "train.csv").read_text().splitlines()
+    gone = header.split(",").index("tau1")
+    (folder / "part.csv").write_text("\n".join(",".join(np.delete(row.split(","), gone)) for row in (header, *rows)) + "\n")
+    return folder / "part.csv"
+
+
+@pytest.mark.parametrize("command", [("diagnose",), ("check", "--strict")])
+def test_a_joint_without_torque_leaves_the_others_to_be_diagnosed(command, lacking, tmp_path, capsys):
+    """The first joint has no torque; what the elbow lacks is found all the same."""
+    from ident.cli import main
+
+    log = _without_first_torque(lacking, tmp_path)
+    code = main([*command, "--urdf", str(lacking / "arm.urdf"), "--log", str(log), "--effects", "viscous", "coulomb", "--quiet"])
+    assert code == (1 if "--strict" in command else 0)
+    assert "asymmetric_viscous on elbow" in capsys.readouterr().out
+
+
+def test_torque_missing_on_every_motor_is_refused(lacking, tmp_path, capsys):
+    """Every motor feels the first joint, whose torque is missing: no motor's torque is known."""
+    from ident.cli import main
+
+    K = 0.01 * np.eye(len(JOINTS))
+    K[0] = 0.01
+    _without_first_torque(lacking, tmp_path)
+    (tmp_path / "study.toml").write_text(
+        f'[robot]\nurdf = "{lacking / "arm.urdf"}"\n[drive]\nK = {K.tolist()}\nmeasured = "joint"\neffects = ["viscous", "coulomb"]\n'
+        '[logs]\nfit = ["part.csv"]\n[signals]\ncutoff_hz = 10.0\n'
+    )
+    assert main(["diagnose", str(tmp_path / "study.toml"), "--quiet"]) == DATA
+    assert "`ident check` says what is missing of which joint" in capsys.readouterr().err

@@ -116,3 +116,12 @@ def test_the_bounds_of_a_sum_are_those_of_its_parts() -> None:
             told += 1
         assert high[i] >= low[i]
     assert told
+
+
+def test_what_next_to_nothing_explains_is_a_poor_fit_before_it_is_poorly_excited() -> None:
+    signals = prepared(1)
+    swapped = replace(signals, tau=signals.tau[:, ::-1].copy(), source=None)
+    status = fitted(swapped).status
+    assert status.code.value == "poor_fit"
+    assert "Poorly excited:" in status.text
+    assert "prediction" not in status.text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import re
@@ -17,6 +18,7 @@ from ident.errors import ConfigurationError
 from ident.excitation import BSplineFamily, Excitation, FourierFamily, Limits, Surroundings, excite, random_excitation
 from ident.excitation.certificate import certify
 from ident.excitation.clearance import Clearance
+from ident.excitation.surroundings import Safety
 from ident.friction import RotorInertia, Viscous
 from ident.robots import Robot, load_robot
 from ident.simulation.trajectory import Trajectory
@@ -285,3 +287,10 @@ def test_a_mesh_without_a_hull_is_a_box(monkeypatch: pytest.MonkeyPatch) -> None
     assert common
     for k, other in common:
         assert np.all(near[:, k] <= far[:, other] + 1e-9)
+
+
+def test_one_link_without_ground_or_walls_meets_nothing_and_the_text_says_so() -> None:
+    fields = {field.name: () for field in dataclasses.fields(Safety)} | {"clearance": 0.02, "certified": True, "radius": 0.05}
+    said = Safety(**fields).lines()
+    assert said[0].startswith("nothing to keep clear of")
+    assert not any("nearest" in line for line in said)

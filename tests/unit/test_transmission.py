@@ -74,3 +74,17 @@ def test_restricted_to_what_moves():
     for keep in ([0, 1], [2]):
         with pytest.raises(ConfigurationError, match="couples joints that move with joints that are locked"):
             drive.restricted(keep)
+
+
+@pytest.mark.parametrize(("source", "target"), [(Side.JOINT, Side.MOTOR), (Side.MOTOR, Side.JOINT)])
+def test_a_missing_torque_is_missing_only_where_it_takes_part(source, target):
+    K = np.diag([0.01, 0.02, 0.05])
+    K[2, 1] = 0.005
+    transmission = Transmission(K, np.zeros(3))
+    torque = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, np.nan], [np.nan, 7.0, 8.0]])
+    carried = transmission.torque(torque, source, target)
+    # By hand: motor torque is K' joint torque, so motors 2 and 3 feel joint 3; the other way joint 2 feels motor 3 as well.
+    assert np.isnan(carried).tolist() == [[False] * 3, [False, True, True], [True, False, False]]
+    whole = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [9.0, 7.0, 8.0]]) @ (K if target == Side.MOTOR else np.linalg.inv(K))
+    there = ~np.isnan(carried)
+    np.testing.assert_allclose(carried[there], whole[there], rtol=1e-12)
