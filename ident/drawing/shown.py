@@ -39,7 +39,7 @@ class Shown:
 
     def to_frame(self) -> pd.DataFrame:
         """Its numbers as a pandas DataFrame."""
-        raise NotImplementedError
+        raise ConfigurationError(f"there is no table of {type(self).__name__}.")
 
     def sections(self) -> Sequence[Section]:
         """Texts and tables that a notebook shows; none: what it prints."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .readers.wording import DESIRED, MEASURED
 from .units import UNITS, bracketed, is_unit, split_unit, unit_of
 
 Array = np.ndarray
@@ -22,10 +23,7 @@ _WORDS = {
     "tau": {"tau", "torque", "torques", "effort", "eff", "moment", "drehmoment", "mt", "force"},
     "i": {"current", "currents", "strom"},
 }
-_WANTED = {
-    "target", "desired", "des", "cmd", "command", "commanded", "goal", "ref", "reference", "setpoint", "soll", "d", "ip", "aspos",
-    "planned", "pl", "plan", "action",
-}  # fmt: skip
+_WANTED = DESIRED | {"d", "ip", "aspos", "planned", "pl", "plan", "action"}
 _ESTIMATED = {
     "ext",
     "mocap",
@@ -43,7 +41,7 @@ _ESTIMATED = {
     "feedforward",
     "ff",
 }
-_MEASURED = {"actual", "measured", "present", "fb", "feedback", "state", "ist", "mp", "mt", "act", "meas", "mes"}
+_MEASURED = MEASURED | {"present", "fb", "mp", "mt", "act", "mes"}
 _NOT_JOINTS = {
     "euler", "quat", "tcp", "tool", "imu", "foot", "temp", "temperature", "temperatur", "ee", "cart", "base", "voltage", "mode", "id",
     "limit", "status",

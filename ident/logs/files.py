@@ -11,6 +11,7 @@ from ..errors import DataError
 from .channels import words_of
 from .readers.bag import is_bag
 from .readers.tables import recordings_in
+from .readers.wording import DESIRED, MEASURED
 
 _SUFFIXES = {
     ".csv",
@@ -31,8 +32,6 @@ _SUFFIXES = {
     ".xml",
 }
 _PACKED = {".gz", ".bz2", ".xz", ".zst"}
-_DESIRED = {"desired", "des", "target", "reference", "ref", "command", "commanded", "cmd", "setpoint", "soll", "goal"}
-_MEASURED = {"measured", "meas", "actual", "feedback", "state", "ist"}
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ def _kind(path: Path) -> str:
 
 def _pairs(files: Sequence[Path]) -> list[LogFile]:
     """Files whose names differ only in a word for desired and one for measured (or none) are one run."""
-    desired = {(words_of(p.stem) - _DESIRED, p.suffix): p for p in files if words_of(p.stem) & _DESIRED}
-    out = [LogFile(p, desired.get((words_of(p.stem) - _MEASURED, p.suffix))) for p in files if p not in desired.values()]
+    desired = {(words_of(p.stem) - DESIRED, p.suffix): p for p in files if words_of(p.stem) & DESIRED}
+    out = [LogFile(p, desired.get((words_of(p.stem) - MEASURED, p.suffix))) for p in files if p not in desired.values()]
     taken = {f.desired for f in out}
     return sorted((*out, *(LogFile(p) for p in desired.values() if p not in taken)), key=lambda f: f.path)

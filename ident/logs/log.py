@@ -163,6 +163,26 @@ class Log(Shown, ShortRepr):
         )
 
 
+def log_of(
+    name: str, arrays: Mapping[str, Array], source: str = "", sha256: str = "", notes: tuple[str, ...] = (), origin: float | None = None
+) -> Log:
+    """A log in memory from SI arrays by quantity (`ColumnPlan.arrays`)."""
+    return Log(
+        name=name,
+        t=arrays["t"],
+        q=arrays.get("q"),
+        q_motor=arrays.get("q_motor"),
+        dq=arrays.get("dq"),
+        ddq=arrays.get("ddq"),
+        dq_motor=arrays.get("dq_motor"),
+        tau={k.removeprefix("tau_"): v for k, v in arrays.items() if k.startswith("tau_")},
+        source=source,
+        sha256=sha256,
+        notes=notes,
+        origin=origin,
+    )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class LogSet(ShortRepr):
     """Runs of one robot. `robot` is the one they were read for, if it was given; `left_out`: files that could not be read, and why.
@@ -296,4 +316,4 @@ def spread(count: int, share: float) -> set[int]:
     return {int((i + 0.5) * count / number + 0.5 * (count / number > 2)) if number else 0 for i in range(number)} if number else set()
 
 
-__all__ = ["Log", "LogSet", "MeasuredTorque", "measured", "spread"]
+__all__ = ["Log", "LogSet", "MeasuredTorque", "log_of", "measured", "spread"]

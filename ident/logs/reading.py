@@ -15,7 +15,7 @@ from .._utils.files import sha256
 from ..errors import DataError, IdentError, unknown_name
 from .columns import resolve_columns
 from .files import LogFile, log_files
-from .log import Log, LogSet
+from .log import Log, LogSet, log_of
 from .names import JointNames
 from .planning import COUNTED, PlannedLog, planned
 from .readers.frames import is_frame
@@ -226,20 +226,12 @@ def _read(given: Path | pd.DataFrame, request: _Request) -> list[Log]:
     for i, index in enumerate(pieces.rows):
         cut: slice | Array = slice(None) if whole else index
         recorded = {k: v[cut] for k, v in arrays.items()}
+        name = stem if len(pieces.rows) == 1 else f"{stem} run {i + 1}"
+        log = log_of(name, recorded, "" if outer is None else str(outer), digest, (*notes, *pieces.notes))
         logs.append(
-            Log(
-                name=stem if len(pieces.rows) == 1 else f"{stem} run {i + 1}",
-                t=recorded["t"],
-                q=recorded.get("q"),
-                q_motor=recorded.get("q_motor"),
-                dq=recorded.get("dq"),
-                ddq=recorded.get("ddq"),
-                dq_motor=recorded.get("dq_motor"),
-                tau={k.removeprefix("tau_"): v for k, v in recorded.items() if k.startswith("tau_")},
-                source="" if outer is None else str(outer),
-                sha256=digest,
+            replace(
+                log,
                 extra={k: v[cut] for k, v in extras.items()},
-                notes=(*notes, *pieces.notes),
                 hint=hint,
                 joint_names=joints.names if joints else tuple(re.split(r"[/.]", name)[-1] for name in plan.joints),
                 recording=found.recording,

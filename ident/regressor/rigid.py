@@ -176,35 +176,6 @@ def information(
     return factors, counts
 
 
-def row_columns(
-    tree: RigidBodyTree,
-    q: Any,
-    dq: Any,
-    ddq: Any,
-    *,
-    rows: Any = None,
-    columns: Any = None,
-    extra: Any = None,
-    pattern: Any = None,
-    taps: Any = None,
-    factor: int = 1,
-    threads: int | None = None,
-) -> Array:
-    """The columns Phi (M, R, k) themselves, of which `information` takes the products: row map, choice of columns and extra ones,
-    filter and decimation as there (M = N without taps).
-
-    With taps the columns at the full rate are never written to memory, only the M filtered rows are: what a pass that keeps rows for
-    later ones needs. Raises DataError for input that is not finite."""
-    given = {"rows": rows, "columns": columns, "extra": extra, "pattern": pattern, "taps": taps, "factor": factor, "threads": threads}
-    packed, live = packed_columns(tree, q, dq, ddq, **given)
-    width = 10 * tree.nb + (0 if extra is None else np.shape(extra)[-1]) if columns is None else len(columns)
-    out, start = np.zeros((len(packed), len(live), width)), 0
-    for row, shown in enumerate(live):
-        out[:, row, shown] = packed[:, start : start + len(shown)]
-        start += len(shown)
-    return out
-
-
 def packed_columns(
     tree: RigidBodyTree,
     q: Any,
@@ -219,9 +190,12 @@ def packed_columns(
     factor: int = 1,
     threads: int | None = None,
 ) -> tuple[Array, tuple[Array, ...]]:
-    """The columns of `row_columns` without those that are zero in their row by structure: `(packed (M, w), live)`.
+    """The columns Phi (M, R, k) themselves, of which `information` takes the products, without those that are zero in their row by
+    structure: `(packed (M, w), live)`. Row map, choice of columns and extra ones, filter and decimation as there (M = N without taps).
 
-    One row of the equation follows the other; `live[r]` says which of the k chosen columns row r has, in this order."""
+    One row of the equation follows the other; `live[r]` says which of the k chosen columns row r has, in this order. With taps the
+    columns at the full rate are never written to memory, only the M filtered rows are: what a pass that keeps rows for later ones
+    needs. Raises DataError for input that is not finite."""
     work = _Work.of(tree, q, dq, ddq, rows, columns, extra, pattern, taps, factor)
     w = work
     packed, live = kernel().rows.packed_columns(tree, w.q, w.dq, w.ddq, w.rows, w.columns, w.extra, w.pattern, threads, w.taps, w.factor)

@@ -32,7 +32,7 @@ _REPLAYED_JOINTS = 12
 
 
 def diagnosis_report(d: Diagnosis, *, replay: bool = True) -> Report:
-    """Verdict, findings, errors, residuals before and after, imitators, advice, shifts, replayed motion, and what was used."""
+    """Verdict, findings, errors, residuals before and after, competing models, advice, shifts, replayed motion, and what was used."""
     robot = d.before.model.robot
     sections: list[Section] = [*findings_section(d), *_left(d), *_hidden(d), _errors(d), *finding_figures(d), _over_time(d)]
     sections += [*_imitators(d), *_advice(d), *_shifts(d)]
@@ -52,7 +52,7 @@ def headline(d: Diagnosis) -> str:
     return {
         "clean": "Clean: nothing beyond the declared model is supported by the data",
         "explained": f"Explained: the model lacks {named}",
-        "ambiguous": f"Ambiguous: the model lacks {named}, or rivals that account for it equally well",
+        "ambiguous": f"Ambiguous: the model lacks {named}, or competing models that account for it equally well",
         "unexplained": f"Unexplained: structure on {left} that no catalogued effect accounts for"
         + (f"; found beside it: {named}" if named else ""),
     }[d.verdict]

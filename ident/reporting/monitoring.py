@@ -33,7 +33,7 @@ def monitoring_report(found: Monitoring) -> Report:
 
 def _changes(found: Monitoring) -> list[Section]:
     rows: list[tuple[str, ...]] = []
-    rivals: list[tuple[str, ...]] = []
+    competing: list[tuple[str, ...]] = []
     for i, change in enumerate(found.changes, 1):
         name = f"{i}. {change.effect.title} {change.how.value}"
         head: tuple[str, ...] = (name, place_of(change.effect, change.joints) or "whole robot")
@@ -43,7 +43,7 @@ def _changes(found: Monitoring) -> list[Section]:
             size = uncertain(p.value, p.std) if np.isfinite(p.std) else f"{plain(p.value, 4)} (not determined)"
             rows.append((*head, p.name, size, p.unit, before, after, *tail))
             head, tail = ("", ""), ("", "")
-        rivals += [(name, f"{m.effect}{on(joined(m.joints))}", f"{m.confidence:.3f}") for m in change.imitators]
+        competing += [(name, f"{m.effect}{on(joined(m.joints))}", f"{m.confidence:.3f}") for m in change.imitators]
     if not rows:
         return []
     names = ("what", "joints", "parameter", "change ± std", "unit", "before", "after", "confidence", "held-out gain")
@@ -51,9 +51,9 @@ def _changes(found: Monitoring) -> list[Section]:
         "Held-out gain: share of the squared error, weighted by noise, that it removes on blocks of the new logs that its fit did not see."
     )
     sections: list[Section] = [Table("What changed", names, tuple(rows), note, left=3)]
-    if rivals:
+    if competing:
         words = "Rivals that account for the same."
-        sections.append(Table("Imitators", ("change", "could also be", "probability"), tuple(rivals), words, left=2))
+        sections.append(Table("Competing models", ("change", "could also be", "probability"), tuple(competing), words, left=2))
     return sections
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from .._utils.files import write_atomic
 from ..errors import DataError, UnsupportedError
 from ..logs.columns import ColumnPlan
+from ..logs.log import log_of
 from ..logs.names import JointNames
 from ..logs.planning import planned
 from ..logs.readers.ros import joint_state_columns
@@ -26,7 +27,7 @@ from ..logs.source import TableSource
 from ..robots.robot import Robot
 from .digest import FileDigest
 from .disk import DiskArray, DiskWriter
-from .stored import StoredLog, log_of, survey_of
+from .stored import StoredLog, survey_of
 from .survey import Survey, Surveyed
 from .tables import PieceOfFile, pieces, shows_bytes
 from .unwrapping import joined_positions

@@ -8,7 +8,7 @@ from functools import reduce
 
 import numpy as np
 
-from ..logs.log import Log
+from ..logs.log import Log, log_of
 from ..logs.torque import measured
 from ..robots.transmission import Transmission
 from .disk import PASS, DiskArray
@@ -87,26 +87,6 @@ class StoredLog:
         for a in range(start, stop, PASS):
             piece = self.read(a, min(a + PASS, stop))
             yield survey_of(piece, transmission, self.positions[a - 1] if a else None)
-
-
-def log_of(
-    name: str, arrays: Mapping[str, Array], source: str = "", sha256: str = "", notes: tuple[str, ...] = (), origin: float | None = None
-) -> Log:
-    """A log in memory from SI arrays by quantity (`ColumnPlan.arrays`)."""
-    return Log(
-        name=name,
-        t=arrays["t"],
-        q=arrays.get("q"),
-        q_motor=arrays.get("q_motor"),
-        dq=arrays.get("dq"),
-        ddq=arrays.get("ddq"),
-        dq_motor=arrays.get("dq_motor"),
-        tau={k.removeprefix("tau_"): v for k, v in arrays.items() if k.startswith("tau_")},
-        source=source,
-        sha256=sha256,
-        notes=notes,
-        origin=origin,
-    )
 
 
 def survey_of(log: Log, transmission: Transmission, before: Array | None = None) -> Survey:

@@ -122,6 +122,18 @@ def test_filtered_rows(kernel, form, size, factor, n):
     assert np.array_equal(counts, valid.sum(axis=0))
 
 
+def row_columns(tree, q, dq, ddq, **given):
+    """The packed columns where they belong, among zeros."""
+    packed, live = rigid.packed_columns(tree, q, dq, ddq, **given)
+    extra, columns = given.get("extra"), given.get("columns")
+    width = 10 * tree.nb + (0 if extra is None else np.shape(extra)[-1]) if columns is None else len(columns)
+    out, start = np.zeros((len(packed), len(live), width)), 0
+    for row, shown in enumerate(live):
+        out[:, row, shown] = packed[:, start : start + len(shown)]
+        start += len(shown)
+    return out
+
+
 @pytest.mark.parametrize(
     ("size", "factor", "n"), [(None, 1, 9), (None, 1, 2300), (51, 7, 900), (200, 20, 2999), (739, 132, 9000), (30, 16, 29)]
 )
@@ -132,7 +144,7 @@ def test_columns_of_filtered_rows(kernel, size, factor, n):
     wanted = (stacked if taps is None else filtered(stacked, taps, factor))[:, :, :-1]
     for name in ("tau", "valid", "weight"):
         arguments.pop(name)
-    found = rigid.row_columns(**arguments, taps=taps, factor=factor, threads=2)
+    found = row_columns(**arguments, taps=taps, factor=factor, threads=2)
     assert found.shape == wanted.shape
     assert np.abs(found - wanted).max(initial=0.0) < 1e-13 * np.abs(stacked).max(initial=1.0) * (1 if taps is None else np.abs(taps).sum())
 
@@ -144,10 +156,10 @@ def test_columns_refuse_what_is_not_finite(kernel, puma):
         bad = good[name].copy()
         bad[811, 3] = np.inf
         with pytest.raises(DataError, match=rf"{name}: 1 value\(s\) are not finite, the first at \[811, 3\]"):
-            rigid.row_columns(puma.tree, **{**good, name: bad}, pattern=np.eye(6), taps=np.hanning(101), factor=10)
+            row_columns(puma.tree, **{**good, name: bad}, pattern=np.eye(6), taps=np.hanning(101), factor=10)
     with pytest.raises(DataError, match="overflows"):
-        rigid.row_columns(puma.tree, good["q"], good["dq"] * 1e200, good["ddq"])
-    assert rigid.row_columns(puma.tree, *np.zeros((3, 50, 6)), taps=np.ones(51)).shape == (0, 6, 60)
+        row_columns(puma.tree, good["q"], good["dq"] * 1e200, good["ddq"])
+    assert row_columns(puma.tree, *np.zeros((3, 50, 6)), taps=np.ones(51)).shape == (0, 6, 60)
 
 
 def test_filtered_rows_by_threads(kernel, puma):

@@ -15,11 +15,11 @@ import numpy as np
 from ...errors import ConfigurationError, DataError
 from .damage import reason
 from .stored import LogFormat, Stored, register_log_format
+from .wording import DESIRED
 
 Array = np.ndarray
 _SUFFIXES = (".bag", ".db3", ".mcap")
 _FIELDS = ("position", "velocity", "effort")
-_WANTED = {"setpoint", "goal", "command", "commanded", "commands", "desired", "reference", "target", "cmd"}
 #: Parts of a controller's state message that hold the desired motion.
 _REFERENCE = ("reference", "desired")
 _REFERENCE_FIELDS = {"positions": "position_reference", "velocities": "velocity_reference", "accelerations": "acceleration_reference"}
@@ -98,7 +98,7 @@ def _messages(path: Path) -> tuple[list[_Message], list[_Message], list[str]]:
 
 
 def _asked_for(topic: str) -> bool:
-    return bool(set(re.split(r"[^a-z]+", topic.lower())) & _WANTED)
+    return bool(set(re.split(r"[^a-z]+", topic.lower())) & DESIRED)
 
 
 def _stamp(message: Any, received: int) -> float:
