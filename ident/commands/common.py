@@ -42,7 +42,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
             nargs="+",
             action="extend",
             metavar="FILE",
-            help="logs to fit (CSV, CSV.gz, MAT, Parquet; patterns allowed)",
+            help="logs to fit (CSV, Parquet, MAT, HDF5, bags and more: docs/logs.md; patterns and folders allowed)",
         )
         parser.add_argument(
             "--validate", nargs="+", metavar="FILE", help="logs held out; without them the last part of each log is held out"
