@@ -120,10 +120,11 @@ def kind_of(schema: Any) -> str:
 
 def study_page() -> str:
     """Every table and key, from the schema that checks them."""
-    parts = [
-        "# Keys of a study file\n\nMade from the [schema](/study.schema.json) that checks study files. "
-         "What each means, with an example: [study files](/study.md).\n"
-    ]
+    introduction = """# Keys of a study file
+
+Made from the [schema](/study.schema.json) that checks study files. What each means, with an example: [study files](/study.md).
+"""
+    parts = [introduction]
     for table, schema in study_schema()["properties"].items():
         parts.append(f"## `[{table}]`\n\n{cell(schema.get('description', ''))}\n")
         if table == "estimator":
@@ -180,11 +181,13 @@ def entry(name: str, cls: Any, package: str, without: tuple[str, ...] = ()) -> s
 
 def effects_page() -> str:
     """Every effect with its law and options."""
-    parts = [
-        "# Effects\n\nBy name in `[drive] effects`, on the command line (`--effects`), or as classes in a sum: "
-         "`robot.rigid_body() + ident.friction.Viscous()`. Every effect takes `joints` (their names; without it, every joint) "
-         "and `side` (`joint` or `motor`: where its torque acts). Signatures and what each is confused with: [gallery](/gallery.md).\n"
-    ]
+    introduction = """# Effects
+
+By name in `[drive] effects`, on the command line (`--effects`), or as classes in a sum: `robot.rigid_body() + ident.friction.Viscous()`.
+Every effect takes `joints` (their names; without it, every joint) and `side` (`joint` or `motor`: where its torque acts).
+Signatures and what each is confused with: [gallery](/gallery.md).
+"""
+    parts = [introduction]
     for name, cls in sorted(effect_types().items()):
         if cls.__module__.startswith("ident."):
             parts.append(entry(name, cls, cls.__module__.split(".")[1], COMMON))
