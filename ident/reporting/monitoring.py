@@ -54,7 +54,7 @@ def _changes(found: Monitoring) -> list[Section]:
     )
     sections: list[Section] = [Table("What changed", names, tuple(rows), note, left=3)]
     if competing:
-        words = "Rivals that account for the same."
+        words = "Models that account for the same."
         sections.append(Table("Competing models", ("change", "could also be", "probability"), tuple(competing), words, left=2))
     return sections
 

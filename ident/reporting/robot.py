@@ -60,9 +60,8 @@ def robot_figure(robot: Robot, inertial: Array) -> Figure:
             Layer.of(BlockKind.MARKS, Role.MEASURED, *places[:, at].T),
         ]
         if shown:
-            layers.append(
-                Layer.of(BlockKind.LINE, Role.AFTER, np.vstack(outlines)[:, 0], np.vstack(outlines)[:, 1], label="body of even density")
-            )
+            rings = np.vstack(outlines)
+            layers.append(Layer.of(BlockKind.LINE, Role.AFTER, rings[:, 0], rings[:, 1], label="body of even density"))
             layers.append(Layer.of(BlockKind.MARKS, Role.BEFORE, np.array(centres)[:, 0], np.array(centres)[:, 1], label="centre of mass"))
         panels.append(Panel(title, x_label, y_label, tuple(layers), to_scale=True))
     named = ", ".join(link_names(robot.model)[i] for i in range(robot.tree.nb) if i not in {k for k, _ in shown})
