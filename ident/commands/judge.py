@@ -11,6 +11,7 @@ from .._utils.text import wrapped
 from ..errors import ConfigurationError, unknown_name
 from ..estimate.estimate import Estimate
 from ..physical import (
+    DEFINITIONS,
     Bounds,
     MinorOrder,
     judge,
@@ -69,8 +70,10 @@ def run(args: argparse.Namespace) -> int:
     # A request that cannot be met is refused before anything is computed.
     bounds, prior = _knowledge(args, estimate)
     judgement = judge(subject, limits=args.limits)
-    out.say(judgement.text())
+    out.say("\n".join(judgement.verdicts()))
     body = judgement.to_dict() | _other_judgements(args, subject, out)
+    out.say()
+    out.say("\n".join(DEFINITIONS))
     inputs = estimate.inputs if estimate is not None else ()
     if held is not None:
         inputs = (*inputs, *held.inputs)

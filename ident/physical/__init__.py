@@ -10,7 +10,7 @@ from .consistent import Consistent, judge_consistent
 from .constrained import Settling
 from .estimates import payload_of, repair_estimate, with_repair
 from .grid import GridJudgement, GridTest, judge_on_grid
-from .judgement import Judgement, Subject, judge, published_subject, subject_of
+from .judgement import DEFINITIONS, Judgement, Subject, judge, published_subject, subject_of
 from .minors import MinorOrder, TooManyRaysError
 from .modification import Modification, modify_by_cone
 from .payload import PayloadEstimate, payload_from_fit, payload_from_fits, payload_from_logs
@@ -21,6 +21,7 @@ from .structure import InertiaStructure
 from .target import Target
 
 __all__ = [
+    "DEFINITIONS",
     "Binding",
     "Bounds",
     "ConeJudgement",

@@ -48,7 +48,7 @@ class MinorVerdict:
         where = ", ".join(f"{k} {v:.3f}" for k, v in self.position.items()) or "any position"
         verdict = "inside its cone" if self.inside else "outside its cone"
         return (
-            f"  {name}: {verdict} ({self.terms} terms, {self.rays} rays), lowest {self.lowest:.3g} of its root mean square at {where}"
+            f"  {name}: {verdict} (terms: {self.terms}, rays: {self.rays}), lowest {self.lowest:.3g} of its root mean square at {where}"
             + ("" if self.proven else "; not proven between positions")
         )
 

@@ -81,10 +81,14 @@ class Judgement(Shown, ShortRepr):
         return self.text()
 
     def text(self) -> str:
-        """A few lines for people."""
+        """A few lines for people, with what the verdicts mean."""
+        return "\n".join([*self.verdicts(), *DEFINITIONS])
+
+    def verdicts(self) -> list[str]:
+        """The lines of the verdicts alone."""
         consistent = "physical consistency was not judged: the solver is not installed (pip install 'ident[sdp]')"
         lines = [self.subject, *self._possible(), consistent if self.consistent is None else self.consistent.text()]
-        return "\n".join([*lines, *self.notes, *DEFINITIONS])
+        return [*lines, *self.notes]
 
     def _possible(self) -> list[str]:
         if self.alone is None:

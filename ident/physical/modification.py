@@ -51,7 +51,7 @@ class MinorTarget:
 
     @property
     def outside(self) -> bool:
-        """Whether the estimate was outside."""
+        """Whether the estimate was outside, or nearer to the border than the margin."""
         return self.inner is not self.estimate
 
 
@@ -71,7 +71,7 @@ class Modification:
         if not outside:
             return "Steps 1 to 4 by cones of minors (all inside: nothing to change)"
         return (
-            f"Steps 1 to 4 by cones of minors ({outside} of {len(self.targets)} outside; found in hypercube {self.cubes},"
+            f"Steps 1 to 4 by cones of minors ({outside} of {len(self.targets)} outside or at the border; found in hypercube {self.cubes},"
             f" {self.side:.3g} standard deviations to either side)"
         )
 
@@ -92,13 +92,12 @@ def modify_by_cone(
     structures with cones beyond `most` numbers, InfeasibleError or SolverError where no hypercube holds a possible set."""
     start = time.perf_counter()
     values, order = structure.check_values(values), MinorOrder(order)
-    targets = []
-    for rows in minor_rows(structure, order):
-        try:
-            minor = minor_of(structure, rows, most)
-        except TooManyRaysError as error:
-            raise TooManyRaysError(f"repair method 'cone': {error}. Use 'possible' or 'stepwise', which need no cone.") from None
-        targets.append(target_of(minor, values, margin))
+    try:
+        # The largest first: a request that cannot be met is refused at once.
+        minors = [minor_of(structure, rows, most) for rows in reversed(minor_rows(structure, order))]
+    except TooManyRaysError as error:
+        raise TooManyRaysError(f"repair method 'cone': {error}. Use 'possible' or 'stepwise', which need no cone.") from None
+    targets = [target_of(minor, values, margin) for minor in reversed(minors)]
     free = np.flatnonzero((std > 0) & np.any([np.abs(t.minor.matrices).max(axis=(0, 2, 3)) > 0 for t in targets], axis=0))
     if not any(t.outside for t in targets):
         return Modification(values, 0.0, 0, tuple(targets), time.perf_counter() - start)
@@ -137,7 +136,7 @@ def nearest_border_point(minor: Minor, cone: PolyhedralCone, x: Array) -> tuple[
     """Step 1: the nearest point of the cone's border to x (t,), with positions added to F_i until it is that of all positions."""
     size = float(np.linalg.norm(x))
     a = len(minor.joints)
-    fine = grid(max(4 * minor.points, 72) if a == 1 else 2 * minor.points, a)
+    fine = grid({0: 1, 1: 720, 2: 6 * minor.points}.get(a, 2 * minor.points), a)
     border = cone.border(x)
     for _ in range(_ROUNDS):
         low = minor.polynomial(border).both(fine)[0]
