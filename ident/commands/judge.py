@@ -69,11 +69,10 @@ def run(args: argparse.Namespace) -> int:
     held = _held(args, estimate)
     # A request that cannot be met is refused before anything is computed.
     bounds, prior = _knowledge(args, estimate)
+    others, lines = _by_the_source(args, subject)
     judgement = judge(subject, limits=args.limits)
-    out.say("\n".join(judgement.verdicts()))
-    body = judgement.to_dict() | _other_judgements(args, subject, out)
-    out.say()
-    out.say("\n".join(DEFINITIONS))
+    out.say("\n".join([*judgement.verdicts(), *lines, "", *DEFINITIONS]))
+    body = judgement.to_dict() | others
     inputs = estimate.inputs if estimate is not None else ()
     if held is not None:
         inputs = (*inputs, *held.inputs)
@@ -113,21 +112,22 @@ def _subject(args: argparse.Namespace) -> tuple[Estimate | None, Subject]:
     return None, published_subject(load_robot(args.robot), table.values, f"{args.robot}, table {table.id}: {table.title}")
 
 
-def _other_judgements(args: argparse.Namespace, subject: Subject, out: Output) -> dict[str, Any]:
-    """Those of the source that were asked for, of each inertia matrix: on a grid of positions, and by cones."""
+def _by_the_source(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any], list[str]]:
+    """The dissertation's judgements that were asked for, of each inertia matrix, on a grid of positions and by cones: results, lines."""
     if args.cone and args.limits:
         raise ConfigurationError("--cone judges over whole turns of every joint; leave out --limits.")
     body: dict[str, Any] = {}
+    lines = []
     for name, structure in subject.matrices.items():
         if args.grid is not None:
             on_grid = judge_on_grid(structure, subject.values, points=args.grid, limits=args.limits)
-            out.say(f"{name}: {on_grid.text()}")
+            lines.append(f"{name}: {on_grid.text()}")
             body.setdefault("grid", {})[name] = on_grid.to_dict()
         if args.cone:
             by_cone = judge_by_cone(structure, subject.values, order=args.cone)
-            out.say(f"{name}: {by_cone.text()}")
+            lines.append(f"{name}: {by_cone.text()}")
             body.setdefault("cone", {})[name] = by_cone.to_dict()
-    return body
+    return body, lines
 
 
 def _held(args: argparse.Namespace, estimate: Estimate | None) -> Signals | None:

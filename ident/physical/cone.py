@@ -13,6 +13,7 @@ from math import comb
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from .conic import InfeasibleError, SolverError
 from .minors import TooManyRaysError
 
@@ -25,8 +26,8 @@ _MOST_REDUCED = 20_000
 _TOLERANCE = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class PolyhedralCone:
+@dataclass(frozen=True, eq=False, repr=False)
+class PolyhedralCone(ShortRepr):
     """{x (t,): rows (q, t) @ x >= 0}.
 
     Examples

@@ -13,6 +13,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from ..errors import UnsupportedError
 from .structure import InertiaStructure
 from .trigonometric import TrigonometricPolynomial, coefficients_on_grid, grid
@@ -39,8 +40,8 @@ class TooManyRaysError(UnsupportedError):
     """A cone with more rays than can be worked with."""
 
 
-@dataclass(frozen=True, eq=False)
-class Minor:
+@dataclass(frozen=True, eq=False, repr=False)
+class Minor(ShortRepr):
     """A minor of `size` rows of H, a function of the angles of `joints` (a,), indices among the structure's n.
 
     `matrices` (M, b, size, size): those rows per unit base parameter at `points` positions of every joint, M = points**a, enough to

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._utils.short_repr import ShortRepr
 from .cone import PolyhedralCone
 from .cone_judgement import cone_of
 from .conic import InfeasibleError, SolverError
@@ -37,8 +38,8 @@ _EVALUATIONS = 60
 _TOLERANCE = 1e-7
 
 
-@dataclass(frozen=True, eq=False)
-class MinorTarget:
+@dataclass(frozen=True, eq=False, repr=False)
+class MinorTarget(ShortRepr):
     """Steps 1 and 2 of one minor: its `estimate` coordinates (t,), the nearest `border` point and the `inner` point on their line.
 
     The estimate itself three times where it is inside. `cone`: with the positions that Step 1 added."""
@@ -55,8 +56,8 @@ class MinorTarget:
         return self.inner is not self.estimate
 
 
-@dataclass(frozen=True, eq=False)
-class Modification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Modification(ShortRepr):
     """`values` (b,) that Step 4 found in a hypercube of half side `side` standard deviations, the `cubes`-th; `targets` of Steps 1, 2."""
 
     values: Array
@@ -102,7 +103,7 @@ def modify_by_cone(
     if not any(t.outside for t in targets):
         return Modification(values, 0.0, 0, tuple(targets), time.perf_counter() - start)
     rng = np.random.default_rng(seed)
-    search = _Search(values, std, free, targets, margin)
+    search = _CubeSearch(values, std, free, targets, margin)
     best = np.zeros(len(free))
     side = _FIRST
     for cube in range(1, _CUBES + 1):
@@ -175,7 +176,7 @@ def _well_inside(minor: Minor, x: Array, margin: float) -> bool:
     return sign == Sign.POSITIVE and lowest >= margin
 
 
-class _Search:
+class _CubeSearch:
     """Step 4: base parameters in a hypercube, in units of their standard deviations about the estimate."""
 
     def __init__(self, values: Array, std: Array, free: Array, targets: list[MinorTarget], margin: float) -> None:

@@ -37,7 +37,7 @@ def short_fit(arm, tmp_path_factory):
     return out / "fit.json"
 
 
-@pytest.mark.parametrize("method", ["fit", "consistent", "possible", "stepwise"])
+@pytest.mark.parametrize("method", ["fit", "consistent", "possible", "stepwise", "cone"])
 def test_a_repaired_fit_is_written(ident, arm, short_fit, tmp_path, method):
     assert not judge(Estimate.load(short_fit)).consistent.consistent
     before = short_fit.read_bytes()
