@@ -74,9 +74,10 @@ class Minor(ShortRepr):
     def linear(self, values: Array) -> tuple[Array, Array]:
         """x_i (t,) and its slope dx_i / dp (t, b) at base values (b,)."""
         H = np.tensordot(self.matrices, values, ([1], [0]))
-        change = np.einsum("Mij,Mbij->Mb", cofactors(H), self.matrices, optimize=True)
-        M = self.basis.shape[1]
-        return np.asarray(self.basis @ np.linalg.det(H) / M), np.asarray(self.basis @ change / M)
+        C = cofactors(H)
+        M, b = self.matrices.shape[:2]
+        change = (self.matrices.reshape(M, b, -1) @ C.reshape(M, -1, 1))[:, :, 0]
+        return np.asarray(self.basis @ (H[:, 0] * C[:, 0]).sum(axis=1) / M), np.asarray(self.basis @ change / M)
 
     def rows(self, angles: Array) -> Array:
         """Rows f_i (N, t) of F_i at angles (N, a) of its joints."""
@@ -139,11 +140,17 @@ def minor_rows(structure: InertiaStructure, order: MinorOrder) -> list[range]:
 def cofactors(H: Array) -> Array:
     """Cofactor matrices (M, n, n) of (M, n, n): the slope of the determinant by its entries."""
     n = H.shape[1]
+    if n == 1:
+        return np.ones_like(H)
     out = np.empty_like(H)
+    if n == 3:
+        for i in range(3):
+            out[:, i] = np.cross(H[:, (i + 1) % 3], H[:, (i + 2) % 3])
+        return out
     for i in range(n):
         for j in range(n):
             rest = np.delete(np.delete(H, i, axis=1), j, axis=2)
-            out[:, i, j] = (-1) ** (i + j) * (np.linalg.det(rest) if n > 1 else 1.0)
+            out[:, i, j] = (-1) ** (i + j) * (np.linalg.det(rest) if n > 2 else rest[:, 0, 0])
     return out
 
 

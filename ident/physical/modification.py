@@ -200,19 +200,24 @@ class _CubeSearch:
     def _least(self, parts: Callable[[MinorTarget, Array, Array, float], tuple[Array, Array]], begin: Array, side: float) -> Array:
         from scipy.optimize import least_squares
 
-        def both(step: Array) -> list[tuple[Array, Array]]:
-            values = self.values_of(step)
-            out = []
-            for target, size in zip(self.targets, self.sizes, strict=True):
-                x, change = target.minor.linear(values)
-                out.append(parts(target, x / size, change[:, self.free] * self.std[self.free] / size, size))
-            return out
+        last: list[Array] = []
+
+        def both(step: Array) -> list[Array]:
+            """Residuals and slope, kept for the second of the two questions at a step."""
+            if not last or not np.array_equal(last[0], step):
+                values = self.values_of(step)
+                found = []
+                for target, size in zip(self.targets, self.sizes, strict=True):
+                    x, change = target.minor.linear(values)
+                    found.append(parts(target, x / size, change[:, self.free] * self.std[self.free] / size, size))
+                last[:] = [step.copy(), np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])]
+            return last
 
         def misses(step: Array) -> Array:
-            return np.concatenate([b[0] for b in both(step)])
+            return both(step)[1]
 
         def slope(step: Array) -> Array:
-            return np.concatenate([b[1] for b in both(step)])
+            return both(step)[2]
 
         begin = np.clip(begin, -0.999 * side, 0.999 * side)
         found = least_squares(misses, begin, jac=slope, bounds=(-side, side), max_nfev=_EVALUATIONS, xtol=1e-9, ftol=1e-9)  # type: ignore[arg-type]
