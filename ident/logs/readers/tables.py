@@ -20,7 +20,7 @@ from .text import read_text_columns, rows_of_text, text_columns
 
 Array = np.ndarray
 #: The formats that come with the package.
-BUILT_IN = (arrays.NPZ, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, bag.BAG)
+BUILT_IN = (arrays.NPZ, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, lists.ARROW, bag.BAG)
 _PARQUET = (".parquet", ".pq")
 
 
