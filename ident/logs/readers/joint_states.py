@@ -31,7 +31,7 @@ class JointStates:
 
 
 @dataclass(frozen=True)
-class _Layout:
+class _MessageLayout:
     """Where a message holds what, in bytes: its stamp, for each field where its numbers begin and how many there are, and from … to what is
     the same in every message of this layout: names and lengths."""
 
@@ -55,7 +55,7 @@ def decoded(raw: Array, received: Array, *, ros1: bool) -> Iterator[JointStates]
         left = left[~same]
 
 
-def _of_layout(raw: Array, received: Array, layout: _Layout) -> JointStates:
+def _of_layout(raw: Array, received: Array, layout: _MessageLayout) -> JointStates:
     seconds = np.ascontiguousarray(raw[:, layout.stamp : layout.stamp + 8]).view("<u4").astype(float)
     stamp = seconds[:, 0] + 1e-9 * seconds[:, 1]
     values = {
@@ -67,14 +67,14 @@ def _of_layout(raw: Array, received: Array, layout: _Layout) -> JointStates:
     return JointStates(layout.joints, np.where(stamp > 0, stamp, received), received, values)
 
 
-def _layout(message: bytes, *, ros1: bool) -> _Layout:
+def _layout(message: bytes, *, ros1: bool) -> _MessageLayout:
     try:
         return _parsed(message, ros1=ros1)
     except (struct.error, UnicodeDecodeError, IndexError) as error:
         raise ValueError(f"a message of type JointState that is none ({error})") from None
 
 
-def _parsed(message: bytes, *, ros1: bool) -> _Layout:
+def _parsed(message: bytes, *, ros1: bool) -> _MessageLayout:
     """CDR aligns what follows to its size, counted behind four bytes that tell the order of bytes; its texts end with a zero."""
     origin = 0 if ros1 else 4
     if not ros1 and message[1] != 1:
@@ -111,4 +111,4 @@ def _parsed(message: bytes, *, ros1: bool) -> _Layout:
             raise ValueError("a message that ends too early")
         fields.append((at, numbers))
         at += 8 * numbers
-    return _Layout(tuple(joints), stamp, tuple(fields), tuple(fixed))
+    return _MessageLayout(tuple(joints), stamp, tuple(fields), tuple(fixed))
