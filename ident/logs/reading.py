@@ -13,6 +13,7 @@ import numpy as np
 
 from .._utils.files import sha256
 from ..errors import DataError, IdentError, unknown_name
+from .channels import joint_of
 from .columns import resolve_columns
 from .files import LogFile, content_file, log_files
 from .log import Log, LogSet, log_of
@@ -231,7 +232,7 @@ def _read(given: Path | pd.DataFrame, request: _Request) -> list[Log]:
                 log,
                 extra={k: v[cut] for k, v in extras.items()},
                 hint=hint,
-                joint_names=joints.names if joints else tuple(re.split(r"[/.]", name)[-1] for name in plan.joints),
+                joint_names=joints.names if joints else tuple(joint_of(name) for name in plan.joints),
                 recording=found.recording,
             )
         )
