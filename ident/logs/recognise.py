@@ -63,13 +63,7 @@ def recognised(
     positions = [g for g in fitting if g.quantity == "q" and not g.wanted and not g.estimated]
     if not positions:
         if wide:
-            count, there = len(joints or ()), len(wide[0].columns)
-            remedy = (
-                "lock those that were not logged ([robot] locked, or joints for those to keep)"
-                if count > there
-                else "map those of the robot's joints under [columns] of a study file, q1 = … first"
-            )
-            raise DataError(f"the robot has {count} joints, but positions of {there} are there ({wide[0]}); {remedy}.")
+            raise _other_number(wide[0], len(joints or ()))
         return None
     table = read([c for g in fitting for c in g.columns])
     q = _best(positions, table)
@@ -98,6 +92,8 @@ def recognised(
     wanted, order_notes = references(fitting, q, table, (scale, offset))
     if wanted:
         said += f", desired motion from {next(iter(wanted.values()))[0]!r} …"
+    if recorder is not None and recorder.desired == "command":
+        wanted = wanted | {key.replace("_ref", "_cmd"): source for key, source in wanted.items() if key.startswith("q_ref")}
     used = {v if isinstance(v, str) else v["column"] for v in mapping.values()} | {c for c, *_ in wanted.values()}
     effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
     told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
@@ -112,6 +108,16 @@ def recognised(
         (*(() if recorder is None or not recorder.say else (recorder.say,)), *_put_in_order(order, joints), *order_notes),
         None if recorder is None else recorder.rate_hz,
     )
+
+
+def _other_number(positions: ChannelGroup, count: int) -> DataError:
+    there = len(positions.columns)
+    remedy = (
+        "lock those that were not logged ([robot] locked, or joints for those to keep)"
+        if count > there
+        else "map those of the robot's joints under [columns] of a study file, q1 = … first"
+    )
+    return DataError(f"the robot has {count} joints, but positions of {there} are there ({positions}); {remedy}.")
 
 
 def named_alike(known: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
