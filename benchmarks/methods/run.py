@@ -18,20 +18,21 @@ import scipy
 import ident
 from ident._utils.json import jsonable
 
-from . import excitation, figures, tables, verdict
-from .convergence import followed, growth, recursions
+from . import claims, excitation, figures, tables, verdict
+from .convergence import growth
 from .data import FULL, SHORT, Data, make_case
 from .degradation import sweeps
 from .methods import METHODS, Method
 from .monte_carlo import Trials, run_trials
-from .trajectories import Forward, forward_errors
+from .recursions import recursions
+from .trajectories import Forward, forward_errors, whole_run
 
 #: The short run has one or two of each kind.
-_SHORT = ("steps", "ls_raw", "wls", "momentum", "iv_dynamics", "iv")
+_SHORT = ("steps", "ls_raw", "wls", "momentum", "iv_plain", "iv_dynamics", "iv")
 _SHORT_LOOP = ("ls_raw", "wls", "iv_dynamics", "iv", "didim")
 _SHORT_SWEPT = ("ls_raw", "wls")
 #: On slow motion and in closed loop the two ends of every family are compared.
-_FEW = ("steps", "ls_raw", "ls", "wls", "momentum", "iv_dynamics", "iv_desired", "iv", "didim")
+_FEW = ("steps", "ls_raw", "ls", "wls", "momentum", "iv_plain", "iv_dynamics", "iv_desired", "iv", "didim")
 _LOOP = ("ls_raw", "ls", "wls", "irls", "momentum", "energy", "physical", "iv_dynamics", "iv_desired", "iv", "didim")
 
 
@@ -48,7 +49,7 @@ def main(short: bool, folder: Path) -> int:
 
     chosen = METHODS if scale.everything else _SHORT
     main_trials = _torque_driven(data, data.main, scale.seeds, [METHODS[k] for k in chosen])
-    forward = forward_errors(data, main_trials, METHODS if scale.everything else figures.SHOWN.values())
+    forward = forward_errors(data, main_trials, METHODS if scale.everything else (*figures.SHOWN, "iv"))
     growths = growth(data) if scale.everything else growth(data, _SHORT_SWEPT)
     _heading(f"torque-driven, quick motion: {scale.seeds} seeds of {scale.lanes * scale.seconds:g} s, error over the Cramér-Rao bound")
     print(tables.error_table(main_trials, groups))
@@ -80,9 +81,11 @@ def main(short: bool, folder: Path) -> int:
     results["closed_loop"] = _told(data, loop_trials, groups, {})
 
     made = recursions(data)
-    _heading(f"recursion over {max(r.instants for r in made.values())} samples against the batch solution")
+    _heading(f"recursion over {max(r.instants for r in made.values())} samples of raw second differences against the batch solution")
     print(tables.recursion_table(made))
-    results["recursion"] = {k: _plain(r) for k, r in made.items()}
+    print()
+    print(claims.points_table(made))
+    results["recursion"] = {k: {**_plain(r), "settled": r.settled()} for k, r in made.items()}
     results["data_needed"] = {k: {**_plain(g), "converged_at": g.converged_at} for k, g in growths.items()}
     swept = sweeps(data) if scale.everything else sweeps(data, methods=_SHORT_SWEPT)
     _heading("degradation: torque error on unseen motion")
@@ -100,17 +103,23 @@ def main(short: bool, folder: Path) -> int:
         deciding = _torque_driven(data, data.main, scale.deciding_seeds, [METHODS["iv"], METHODS["ls_raw"]], tests=False)
     asked = verdict.criteria(deciding["iv"], deciding["ls_raw"], groups)
     print(tables.table(verdict.CRITERION_HEAD, [c.row() for c in asked]))
-    claims = verdict.ranking(data, "quick", main_trials, forward) + verdict.ranking(data, "slow", slow_trials, slow_forward)
-    claims += verdict.costs(main_trials, data)
-    _heading("verdict on the dissertation's ranking")
-    for claim in claims:
-        print(claim)
-    print(verdict.conclusion(claims, asked))
+    others = verdict.ranking(data, "quick", main_trials, forward) + verdict.ranking(data, "slow", slow_trials, slow_forward)
+    _heading("beyond the source: what filtering and simulated instruments change")
+    for one in others:
+        print(one)
+    print(verdict.conclusion(others, asked))
+    found = claims.source_claims(data, main_trials, forward, made)
+    _heading(
+        f"the source's claims: precision by replay from standstill (torque error); points until a value stays within ±{100 * claims.BAND:g} % of its end"
+    )
+    print(claims.claims_table(found))
     results["requirements"] = [{**asdict(c), "passes": c.passes} for c in asked]
-    results["verdict"] = [asdict(c) for c in claims]
+    results["claims"] = [asdict(c) for c in found]
+    results["verdict"] = [asdict(c) for c in others]
 
-    paths = figures.motion_figures(data, forward, out)
-    paths.append(figures.recursion_figure(made, out))
+    paths = [figures.convergence_figure(made, out)]
+    paths += figures.motion_figures(whole_run(data, main_trials, figures.SHOWN), out)
+    paths.append(figures.error_course_figure(data, forward, out))
     paths.append(figures.growth_figure(growths, out))
     paths.append(figures.degradation_figure(swept, out))
     paths.append(figures.error_figure(main_trials, groups, out))
@@ -192,4 +201,4 @@ def versions() -> dict[str, str]:
     return {"ident": ident.__version__, "numpy": np.__version__, "scipy": scipy.__version__, "python": platform.python_version()}
 
 
-__all__ = ["followed", "main", "versions"]
+__all__ = ["main", "versions"]
