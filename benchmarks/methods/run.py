@@ -109,9 +109,7 @@ def main(short: bool, folder: Path) -> int:
         print(one)
     print(verdict.conclusion(others, asked))
     found = claims.source_claims(data, main_trials, forward, made)
-    _heading(
-        f"the source's claims: precision by replay from standstill (torque error); points until a value stays within ±{100 * claims.BAND:g} % of its end"
-    )
+    _heading(f"the source's claims (replay from standstill, torque error in brackets; a value settles within ±{100 * claims.BAND:g} %)")
     print(claims.claims_table(found))
     results["requirements"] = [{**asdict(c), "passes": c.passes} for c in asked]
     results["claims"] = [asdict(c) for c in found]
