@@ -22,9 +22,9 @@ def estimate_summary(estimate: EstimateRecord, correlations: int = 5) -> str:
     names, std, values = estimate.names, estimate.std, estimate.values
     width = max((len(n) for n in names), default=4)
     unit_width = max((len(p.unit) for p in estimate.parameters), default=4)
+    count = f"{len(values)} parameters from {estimate.samples} rows"
     lines = [
-        f"{estimate.method}{_form(estimate)}: {len(values)} parameters from {estimate.samples} rows;"
-        f" condition {estimate.condition:.3g}{_reduced(estimate)}",
+        f"{estimate.method}{_form(estimate)}: {count}; condition {estimate.condition:.3g}{_reduced(estimate)}",
         wrapped(estimate.status.text),
         *_sticking(estimate.sticking),
         "",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,7 +51,7 @@ def within_known_band(signals: Signals, cutoff_hz: float | None = None) -> Signa
     kept = [(i, part) for i, part in enumerate(parts) if part is not None]
     if not kept:
         return signals
-    joined = {k: np.concatenate([part[k] for _, part in kept]) for k in kept[0][1]}
+    joined: dict[str, Any] = {k: np.concatenate([part[k] for _, part in kept]) for k in kept[0][1]}
     resting = joined.pop("resting")
     missing = joined.pop("missing") > UNSOUND
     valid = ~missing & (resting <= Standstill().allowed(resting))
