@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.simulation.simulate import Replay
-
 from .convergence import CONVERGED, Growth
 from .data import Data
 from .degradation import Sweep
@@ -30,7 +28,7 @@ def _new(rows: int, columns: int, width: float, height: float):
     FigureCanvasAgg(figure)
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     # A fixed layout: searching one costs more than the drawing.
-    figure.subplots_adjust(0.9 / width, 0.6 / height, 1 - 0.2 / width, 1 - 0.7 / height, wspace=0.3, hspace=0.4)
+    figure.subplots_adjust(0.9 / width, 0.6 / height, 1 - 0.3 / width, 1 - 0.7 / height, wspace=0.3, hspace=0.4)
     return figure, axes
 
 
@@ -53,30 +51,36 @@ def convergence_figure(recursions: Mapping[str, Recursion], folder: Path) -> Pat
         truth = first.truth[first.names.index(name)]
         axis.axhline(truth, color="black", lw=0.8, ls=":", label="true value")
         axis.set(xlabel="number of iterations (samples of 5 ms)", ylabel=f"{label} / kg m²", xlim=(0, first.instants))
-        axis.set_ylim(0.0, 1.35 * truth)
-        axis.legend(fontsize=7, loc="lower right")
+        # What comes after the first thirtieth, which is far off.
+        seen = [x for r in recursions.values() for x in r.course(name)[len(r.samples) // 30 :] if np.isfinite(x)]
+        low, high = min(*seen, truth), max(*seen, truth)
+        axis.set_ylim(low - 0.15 * (high - low), high + 0.15 * (high - low))
+        axis.legend(fontsize=7, loc="best")
     figure.suptitle("3.6.1  Convergence of $J_{1z}$ and $J_{5z}$: simultaneous and advanced simultaneous identification")
     return _write(figure, folder, "figure_3_6_1.png")
 
 
-def motion_figures(replays: Mapping[str, Replay], folder: Path) -> list[Path]:
-    """3.6.2, 3.6.3, 3.6.4: joints 1 and 2, 3 and 4, 5 and 6 of one run from standstill, measured and simulated with the three methods."""
-    made, first = [], next(iter(replays.values()))
+def motion_figures(forward: Mapping[str, Forward], folder: Path) -> list[Path]:
+    """3.6.2, 3.6.3, 3.6.4: joints 1 and 2, 3 and 4, 5 and 6 of one run from standstill, measured and simulated with the three methods.
+
+    The run is that of the median error of the simultaneous method, which is the largest."""
+    made = []
+    replays = {key: forward[key].replay for key in SHOWN if key in forward}
+    first = next(iter(replays.values()))
+    run = int(np.argsort(np.sqrt(np.mean(replays["ls_raw"].window_error ** 2, axis=1)))[(len(first.starts) - 1) // 2])
     for number, pair in (("3.6.2", (0, 1)), ("3.6.3", (2, 3)), ("3.6.4", (4, 5))):
         figure, axes = _new(2, 1, 8, 7)
         for axis, j in zip(axes, pair, strict=True):
-            measured = np.degrees(first.measured[:, 0, j])
-            axis.plot(first.t, measured, color="black", lw=2.6, alpha=0.55, label="measured")
+            measured = np.degrees(first.measured[:, run, j])
+            axis.plot(first.t, measured, color="black", lw=2.8, alpha=0.5, label="measured")
             for colour, style, (key, label) in zip(_COLOURS, ("-", "--", "-."), SHOWN.items(), strict=False):
                 if key in replays:
-                    axis.plot(replays[key].t, np.degrees(replays[key].simulated[:, 0, j]), color=colour, lw=1.2, ls=style, label=label)
+                    axis.plot(replays[key].t, np.degrees(replays[key].simulated[:, run, j]), color=colour, lw=1.3, ls=style, label=label)
             room = 0.35 * np.ptp(measured) + 1.0
             axis.set(xlabel="time / s", ylabel=f"joint {j + 1} / deg", xlim=(0, first.t[-1]))
             axis.set_ylim(measured.min() - room, measured.max() + room)
         axes[0].legend(fontsize=7, loc="best")
-        figure.suptitle(
-            f"{number}  Joints {pair[0] + 1} and {pair[1] + 1}: measured and simulated trajectories of a torque-driven run from standstill"
-        )
+        figure.suptitle(f"{number}  Joints {pair[0] + 1} and {pair[1] + 1}: measured and simulated trajectories from standstill")
         made.append(_write(figure, folder, f"figure_{number.replace('.', '_')}.png"))
     return made
 

@@ -4,13 +4,17 @@ Tables are printed, figures and `methods.json` written. Nothing here is a consta
 
 from __future__ import annotations
 
+import html
+import io
 import json
 import platform
+import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stdout
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 import scipy
@@ -25,7 +29,7 @@ from .degradation import sweeps
 from .methods import METHODS, Method
 from .monte_carlo import Trials, run_trials
 from .recursions import recursions
-from .trajectories import Forward, forward_errors, whole_run
+from .trajectories import Forward, forward_errors
 
 #: The short run has one or two of each kind.
 _SHORT = ("steps", "ls_raw", "wls", "momentum", "iv_plain", "iv_dynamics", "iv")
@@ -37,9 +41,43 @@ _LOOP = ("ls_raw", "ls", "wls", "irls", "momentum", "energy", "physical", "iv_dy
 
 
 def main(short: bool, folder: Path) -> int:
-    """Run the comparison; 0 when the requirements on instrumental variables and on excitation hold (full run), else 1."""
+    """Run the comparison; 0 when the requirements on instrumental variables and on excitation hold (full run), else 1.
+
+    Tables are printed, and kept with the figures in `report.html`."""
     out = folder / "methods"
     out.mkdir(parents=True, exist_ok=True)
+    said = Said(sys.stdout)
+    with redirect_stdout(said):
+        worst, made = _compared(short, out)
+    pictures = "".join(f'<p><img src="{html.escape(name)}" alt="{html.escape(name)}"></p>\n' for name in made)
+    page = f"<!doctype html><meta charset=utf-8><title>methods</title>\n{pictures}<pre>{html.escape(said.text)}</pre>\n"
+    (out / "report.html").write_text(page, encoding="utf-8")
+    return worst
+
+
+class Said(io.TextIOBase):
+    """What is printed goes on to a stream, and is kept."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream, self.parts = stream, []  # type: TextIO, list[str]
+
+    def write(self, text: str) -> int:
+        """Pass on and keep."""
+        self.parts.append(text)
+        return self.stream.write(text)
+
+    def flush(self) -> None:
+        """Pass on."""
+        self.stream.flush()
+
+    @property
+    def text(self) -> str:
+        """All that was printed."""
+        return "".join(self.parts)
+
+
+def _compared(short: bool, out: Path) -> tuple[int, list[str]]:
+    """The comparison, and the names of its figures."""
     begin = time.process_time()
     scale = SHORT if short else FULL
     data = Data.make(scale)
@@ -116,7 +154,7 @@ def main(short: bool, folder: Path) -> int:
     results["verdict"] = [asdict(c) for c in others]
 
     paths = [figures.convergence_figure(made, out)]
-    paths += figures.motion_figures(whole_run(data, main_trials, figures.SHOWN), out)
+    paths += figures.motion_figures(forward, out)
     paths.append(figures.error_course_figure(data, forward, out))
     paths.append(figures.growth_figure(growths, out))
     paths.append(figures.degradation_figure(swept, out))
@@ -124,11 +162,11 @@ def main(short: bool, folder: Path) -> int:
     results["figures"] = [p.name for p in paths]
     results["seconds"] = time.process_time() - begin
     (out / "methods.json").write_text(json.dumps(jsonable(results), indent=1))
-    print(f"\n{len(paths)} figures and methods.json in {out}; {results['seconds']:.0f} s of one core")
+    print(f"\n{len(paths)} figures, report.html and methods.json in {out}; {results['seconds']:.0f} s of one core")
     if short:
         print("the short run is too small to judge by: no requirement is enforced")
-        return 0
-    return 0 if all(c.passes for c in asked) and all(d.beats and d.holds for d in designs) else 1
+        return 0, results["figures"]
+    return int(not (all(c.passes for c in asked) and all(d.beats and d.holds for d in designs))), results["figures"]
 
 
 def _torque_driven(data: Data, runs, seeds: int, methods: Sequence[Method], tests: bool = True) -> dict[str, Trials]:

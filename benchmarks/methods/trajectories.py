@@ -61,18 +61,6 @@ def forward_errors(data: Data, trials: Mapping[str, Trials], methods: Container[
     return found
 
 
-def whole_run(data: Data, trials: Mapping[str, Trials], methods: Container[str], number: int = 0) -> dict[str, Replay]:
-    """One validation run from its standstill to its end, replayed with every method named."""
-    rate = 1.0 / float(data.validation.simulations[0].t[1])
-    signals = recorded()(exact_logs(data, data.validation.part(slice(number, number + 1)), rate), data.world.model.robot)
-    model, measure, window = data.world.model, data.torque_measure, (len(signals) - 2) / rate
-    return {
-        key: replay(model, model.base.expand(one.values[median_seed(one, measure)]), signals, window=window, windows=1)
-        for key, one in trials.items()
-        if key in methods and one.usable
-    }
-
-
 def median_seed(trials: Trials, measure) -> int:
     """The seed whose torque error is the (lower) median."""
     errors = [measure(e) for e in trials.values - trials.truth]

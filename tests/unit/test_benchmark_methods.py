@@ -17,6 +17,7 @@ def test_short_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     results = json.loads((out / "methods.json").read_text())
     for name in results["figures"]:
         assert (out / name).read_bytes().startswith(b"\x89PNG")
+        assert name in (out / "report.html").read_text(encoding="utf-8")
     assert {"figure_3_6_1.png", "figure_3_6_2.png", "figure_3_6_3.png", "figure_3_6_4.png", "motion_error.png"} <= set(results["figures"])
     quick = results["quick"]["methods"]
     error = {key: float(np.median(one["torque_error"])) for key, one in quick.items() if one["seeds"]}
