@@ -182,7 +182,7 @@ def _points(recursions: Mapping[str, Recursion]) -> list[SourceClaim]:
         said = f"about {quoted:,} points" if quoted else "a few parameters not after 120,000 points"
         what = f"{label} {'settle' if label == 'all' else 'settles'} after {said}" if quoted else said
         found.append(SourceClaim("data", f"{r.title}: {what}", told, verdict))
-    sooner = [
+    ahead = [
         settled["advanced", k] < settled["simultaneous", k] or not np.isfinite(settled["simultaneous", k]) for k in ("J1z", "J5z", "all")
     ]
     least, advanced = (recursions[k] for k in ("simultaneous", "advanced"))
