@@ -19,7 +19,7 @@ from ..regressor.base_parameters.reduction import BaseReduction
 from ..robots.robot import Robot
 from ..robots.transmission import Side, Transmission
 from ..statistics.noise import NoiseModel
-from ..statistics.torque_error import Judged, TorqueError
+from ..statistics.torque_error import JudgedOn, TorqueError
 from .io import CHECKSUM, SCHEMA, checksum
 from .record import EstimateRecord
 from .status import Status, StatusCode
@@ -141,7 +141,7 @@ def _error(data: Field, rows: Field, n: int) -> TorqueError:
         data["relative"].numbers(n, absent=True),
         data["relative_all"].number(absent=True),
         np.array([r.whole() for r in rows.items(n)]),
-        Judged(data["judged"].one_of(Judged)) if "judged" in data else Judged.ROWS,
+        JudgedOn(data["judged"].one_of(JudgedOn)) if "judged" in data else JudgedOn.ROWS,
         data["band_hz"].number(absent=True) if "band_hz" in data and data["band_hz"].value is not None else None,
     )
 

@@ -15,7 +15,7 @@ from ..problem.linear_solution import LinearSolution, Score, coloured_covariance
 from ..problem.problem import Problem
 from ..regressor.base_parameters.reduction import BaseReduction
 from ..statistics.noise import NoiseModel, fit_noise
-from ..statistics.torque_error import Judged, TorqueError
+from ..statistics.torque_error import JudgedOn, TorqueError
 
 Array = np.ndarray
 #: Relative torque error of a joint that moves, from which its parameters are not to be relied on.
@@ -60,7 +60,7 @@ def finish(
     error = problem.torque_error(full, residual)
     status = _status(code, details, dropped, solution, covariance, noise, problem, reduced)
     # What was fitted judges the status; what is shown may be judged elsewhere.
-    own = error if error.judged == Judged.ROWS else TorqueError.of(residual, problem.tau)
+    own = error if error.judged == JudgedOn.ROWS else TorqueError.of(residual, problem.tau)
     poor = _explained(problem, own.relative if unexplained is None else unexplained)
     # Whatever else is wrong: that next to nothing is explained is never left unsaid. Standard deviations are of the residual: where it is
     # what the model lacks, they do not tell what the motion excites, and predictions are no use either.

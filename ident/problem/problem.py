@@ -22,7 +22,7 @@ from ..signals.known_band import within_known_band
 from ..signals.rows import KeptRows, Rows
 from ..signals.signals import Signals
 from ..statistics.noise import row_shape
-from ..statistics.torque_error import Judged, TorqueError
+from ..statistics.torque_error import JudgedOn, TorqueError
 from .check import check_problem
 from .columns import PackedColumns, RowColumns
 from .information import Accumulation, Form, Information
@@ -282,4 +282,4 @@ class Problem(ShortRepr):
 
 def error_on(judged: Signals, residual: Array, *, raw: bool) -> TorqueError:
     """Torque error of a residual (M, n) on signals; `raw`: they stand for raw ones, within the band where the motion is known."""
-    return TorqueError.of(residual, judged.tau, Judged.KNOWN_BAND if raw else Judged.ROWS, judged.report.row_cutoff_hz)
+    return TorqueError.of(residual, judged.tau, JudgedOn.KNOWN_BAND if raw else JudgedOn.ROWS, judged.report.row_cutoff_hz)

@@ -28,18 +28,29 @@ _ROW_SHARE = 0.4
 
 
 def has_raw_derivatives(signals: Signals) -> bool:
-    """Whether accelerations are differences of positions that nothing was filtered from, in memory."""
+    """Whether accelerations are differences of positions that nothing was filtered from."""
     report = signals.report
-    return report.cutoff_hz is None and report.config.get("method") == "central_difference" and isinstance(signals.q, np.ndarray)
+    return report.cutoff_hz is None and report.config.get("method") == "central_difference"
+
+
+def unjudged(signals: Signals) -> str:
+    """What to say of an error on these signals that raw accelerations spoil, because they are on disk; "" of others."""
+    if not has_raw_derivatives(signals) or isinstance(signals.q, np.ndarray):
+        return ""
+    return (
+        "the torque error is that against raw accelerations, because the logs are streamed: a right model may look worse than a wrong one."
+        " Compare fits by `ident validate` or `ident compare` on logs that are read whole (--no-stream)."
+    )
 
 
 def within_known_band(signals: Signals, cutoff_hz: float | None = None) -> Signals:
     """The same motion and torque, low-passed where the motion is known; the signals themselves where they are not raw, or too short.
 
     `cutoff_hz` of the derivatives; None: chosen from the positions' noise, as a preparation does."""
-    if not has_raw_derivatives(signals):
+    if not has_raw_derivatives(signals) or not isinstance(signals.q, np.ndarray):
         return signals
     robot, rate = signals.robot, signals.rate
+    cutoff_hz = cutoff_hz or signals.report.config.get("cutoff_hz")
     if cutoff_hz is None:
         pieces = [signals.q[run] for run in signals.runs if run.stop - run.start >= 32]
         if not pieces:

@@ -11,7 +11,7 @@ import numpy as np
 Array = np.ndarray
 
 
-class Judged(StrEnum):
+class JudgedOn(StrEnum):
     """What a torque error is of: the fitted rows, or what is left of raw rows within the band where the motion is known."""
 
     ROWS = "rows"
@@ -28,11 +28,11 @@ class TorqueError:
     relative: Array
     relative_all: float
     rows: Array
-    judged: Judged = Judged.ROWS
+    judged: JudgedOn = JudgedOn.ROWS
     band_hz: float | None = None
 
     @classmethod
-    def of(cls, residual: Array, tau: Array, judged: Judged = Judged.ROWS, band_hz: float | None = None) -> TorqueError:
+    def of(cls, residual: Array, tau: Array, judged: JudgedOn = JudgedOn.ROWS, band_hz: float | None = None) -> TorqueError:
         """From residuals (M, n) with NaN where a row is not used, and measured torque (M, n)."""
         use = np.isfinite(residual)
         found = cls.from_squares(
@@ -62,7 +62,7 @@ class TorqueError:
     @property
     def about(self) -> str:
         """What the error is of, in words."""
-        if self.judged == Judged.KNOWN_BAND:
+        if self.judged == JudgedOn.KNOWN_BAND:
             return f"within the band where the motion is known, below {self.band_hz:.3g} Hz"
         return "of the rows as they are, not filtered" if self.band_hz is None else f"of rows below {self.band_hz:.3g} Hz"
 

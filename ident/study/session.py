@@ -16,6 +16,7 @@ from ..evaluation.validation import validate
 from ..logs.reading import read_logs
 from ..problem.integrated import TORQUE, formulate
 from ..problem.problem import Problem
+from ..signals.known_band import unjudged
 from ..signals.preparation import make_preparation
 
 if TYPE_CHECKING:
@@ -134,6 +135,8 @@ class Session:
             if not self.held_by_split:
                 raise
             said.append(f"no error on data held out. {str(error)[0].upper()}{str(error)[1:]}")
+        if spoilt := unjudged(self.fit_signals):
+            said.append(spoilt)
         if again := fitted_as_well(*self.inputs_apart):
             said.append(again)
         said += self.repeated
