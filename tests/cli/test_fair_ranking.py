@@ -116,3 +116,11 @@ def test_filtered_signals_are_judged_by_their_own_rows(ident, fits: tuple[Path, 
     error = ran.json["torque_error"]["heldout"]
     assert error["judged"] == "rows"
     assert f"of rows below {error['band_hz']:.3g} Hz" in ran.err
+
+
+def test_what_is_streamed_says_that_its_error_is_against_raw_accelerations(ident, fits: tuple[Path, dict[str, float]]) -> None:
+    folder, _ = fits
+    ran = ident("fit", folder / "ls.toml", "--stream", "--json", "--quiet")
+    assert ran.code == 0, ran.err
+    assert ran.json["torque_error"]["heldout"]["judged"] == "rows"
+    assert any("raw accelerations" in warning for warning in ran.json["warnings"])
