@@ -88,12 +88,11 @@ def plain_table(found: Sequence[Seeds]) -> str:
     return table(head, [["true", *(f"{x:.4g}" for x in found[0].truth), "", ""], *(row for one in found for row in one.rows())])
 
 
-def main(seeds: int = 12) -> None:
+def plain_kinds(world: World, seeds: int = 12) -> list[Seeds]:
     """Quick and slow motion, two encoders."""
-    world = puma()
     kinds = (("quick, 1000 counts", FAST, 1000.0), ("slow, 1000 counts", SLOW, 1000.0), ("slow, 400 counts", SLOW, 400.0))
-    print(plain_table([plain_seeds(world, title, speed, counts, range(1, seeds + 1)) for title, speed, counts in kinds]))
+    return [plain_seeds(world, title, speed, counts, range(1, seeds + 1)) for title, speed, counts in kinds]
 
 
 if __name__ == "__main__":
-    main()
+    print(plain_table(plain_kinds(puma())))

@@ -22,7 +22,7 @@ import scipy
 import ident
 from ident._utils.json import jsonable
 
-from . import claims, excitation, figures, tables, verdict
+from . import claims, excitation, figures, plain, tables, verdict
 from .convergence import growth
 from .data import FULL, SHORT, Data, make_case
 from .degradation import sweeps
@@ -125,6 +125,11 @@ def _compared(short: bool, out: Path) -> tuple[int, list[str]]:
     print(claims.points_table(made))
     results["recursion"] = {k: {**_plain(r), "settled": r.settled()} for k, r in made.items()}
     results["data_needed"] = {k: {**_plain(g), "converged_at": g.converged_at} for k, g in growths.items()}
+    if scale.everything:
+        of_seeds = plain.plain_kinds(data.world)
+        _heading("the source's plain IV: 12 seeds with motions of their own")
+        print(plain.plain_table(of_seeds))
+        results["plain"] = [_plain(s) for s in of_seeds]
     swept = sweeps(data) if scale.everything else sweeps(data, methods=_SHORT_SWEPT)
     _heading("degradation: torque error on unseen motion")
     for sweep in swept.values():
