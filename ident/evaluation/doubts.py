@@ -36,6 +36,8 @@ _LISTED = 6
 def doubts(estimate: Estimate) -> tuple[str, ...]:
     """Sentences for an estimate's warnings; none where nothing is to be said."""
     every = all_turned(estimate)
+    if estimate.information is not None and estimate.information.n != estimate.model.robot.n:  # one row for the whole robot (energy)
+        return tuple(said for said in (every or _impossible(estimate), _apart(estimate)) if said)
     wrong = (every,) if every else (_impossible(estimate), _cause(estimate))
     return tuple(said for said in (*wrong, _few(estimate), _apart(estimate)) if said)
 
