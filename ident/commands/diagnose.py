@@ -84,6 +84,9 @@ def _keep(folder: Path, out: Output, diagnosis: Diagnosis, session: Session) -> 
     assert out.folder is not None
     extended = session.study.with_effects(diagnosis.model.effects)
     write_atomic(folder / "extended.toml", extended.to_toml(out.folder))
+    if diagnosis.description is not None:
+        described = session.study.with_effects(diagnosis.description.estimate.model.effects)
+        write_atomic(folder / "described.toml", described.to_toml(out.folder))
     document = diagnosis_report(diagnosis)
     write_atomic(folder / "report.json", document.to_json())
     try:
