@@ -44,7 +44,7 @@ class Law:
 
 
 @dataclass(frozen=True, eq=False)
-class Description:
+class LeftoverDescription:
     """Laws that describe what a diagnosis left unexplained, the `estimate` with them, and `comparison`: the model with the findings
     against that with the laws too, on the data that no choice saw."""
 

@@ -19,7 +19,7 @@ from ..statistics.torque_error import number
 from .advice import advice_for
 from .analysed import Instrument, analysed
 from .data.quality import jumps, lost
-from .described import Description, told
+from .described import LeftoverDescription, told
 from .detectability import undetectable
 from .held_out import contradicted, louder
 from .pictures import diagnosis_figure, diagnosis_frame, findings_section
@@ -80,7 +80,7 @@ class Diagnosis(Shown):
     instrument: Instrument = field(repr=False)
     hidden: tuple[Hidden, ...] = field(default=(), repr=False)
     warnings: tuple[str, ...] = ()
-    description: Description | None = None
+    description: LeftoverDescription | None = None
 
     @property
     def model(self) -> Model:
@@ -277,7 +277,9 @@ def _findings(decision: Decision, robot: Robot, without: tuple[Comparison, ...],
     return tuple(found)
 
 
-def _described(laws: tuple[Effect, ...], after: Estimate, report: Signals, estimator: Estimator, signals: Signals) -> Description | None:
+def _described(
+    laws: tuple[Effect, ...], after: Estimate, report: Signals, estimator: Estimator, signals: Signals
+) -> LeftoverDescription | None:
     """The laws that describe what is left, judged on report data; None where there are none."""
     if not laws:
         return None
@@ -287,7 +289,7 @@ def _described(laws: tuple[Effect, ...], after: Estimate, report: Signals, estim
     estimate = fitted(model, signals, estimator, None, after)
     values = dict(zip(model.names, estimate.all_values, strict=True))
     own = [values[p.name] for law in laws for p in law.parameters(model.robot)]
-    return Description(told(model.robot, laws, np.array(own)), estimate, compare(after, estimate, report))
+    return LeftoverDescription(told(model.robot, laws, np.array(own)), estimate, compare(after, estimate, report))
 
 
 def _weights(accepted: AcceptedEffect) -> list[float]:

@@ -108,8 +108,9 @@ def next_motion(
     accepted, member = pairs[0]
     own = next(e for e in diagnosis.after.model.effects if type(e) is type(accepted.effect) and e.joints == accepted.effect.joints)
     noise = sample_noise(diagnosis.after, rate)
+    noise = diagnosis.noise_floor if noise is None else noise
     return separating(
-        diagnosis.after.model, diagnosis.after.all_values, diagnosis.noise_floor if noise is None else noise, own, member.effect, seconds=seconds,
+        diagnosis.after.model, diagnosis.after.all_values, noise, own, member.effect, seconds=seconds,
         rate=rate, limits=limits, surroundings=surroundings, starts=starts, iterations=iterations, seed=seed, progress=progress,
     )  # fmt: skip
 

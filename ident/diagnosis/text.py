@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
     from ..evaluation.comparison import Comparison
     from .analysed import Instrument
-    from .described import Description
+    from .described import LeftoverDescription
     from .result import Finding, Hidden, Unexplained
     from .verdict import Verdict
 
@@ -57,7 +57,7 @@ class Told(Protocol):
     def after(self) -> Estimate: ...
 
     @property
-    def description(self) -> Description | None: ...
+    def description(self) -> LeftoverDescription | None: ...
 
     @property
     def warnings(self) -> tuple[str, ...]: ...
