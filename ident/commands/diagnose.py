@@ -14,6 +14,7 @@ from ..diagnosis import diagnose
 from ..diagnosis.next_motion import next_motion
 from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..excitation.surroundings import Surroundings
+from ..problem.integrated import TORQUE
 from ..reporting import report
 from ..reporting.diagnosis import diagnosis_report
 from ..study.session import HELD_SHARE, Session
@@ -78,6 +79,8 @@ def diagnosis_of(session: Session, out: Output, *, verbose: bool = False) -> Dia
         if verbose or not (out.quiet or step.startswith(" ")):
             out.note(step)
 
+    if session.study.form != TORQUE:
+        raise UnsupportedError(f"a diagnosis looks at torque; leave out the {session.study.form} form (--form, or [estimator] form).")
     if session.turned:
         raise DataError(session.turned)
     estimate = session.estimate

@@ -41,7 +41,8 @@ def error_section(robot: Robot, errors: Mapping[str, TorqueError], title: str = 
         rows.append((name, robot.force_unit(j, side), *cells))
     rows.append(("all joints", "", *(cell for e in errors.values() for cell in ("", percent(e.relative_all)))))
     head = ("joint", "unit", *(f"{label}, {what}" for label in errors for what in ("rms", "relative %")))
-    return Table(title, head, tuple(rows), f"On the {side.value} side.", left=2)
+    about = "; ".join(dict.fromkeys(e.about for e in errors.values()))
+    return Table(title, head, tuple(rows), f"On the {side.value} side, {about}.", left=2)
 
 
 def error_frame(robot: Robot, errors: Mapping[str, TorqueError]) -> pd.DataFrame:
