@@ -102,7 +102,7 @@ def diagnosis_text(d: Told) -> str:
     if d.description is not None:
         lines += str(d.description).splitlines()
     lines += [
-        f"hidden: {effect} on {places}: would pass for what the model has; to see it, {motion}"
+        f"not detectable on this motion: {effect} on {places}: would pass for what the model has; to see it, {motion}"
         for effect, places, motion in by_effect(d.hidden)
     ]
     lines += [str(d.instrument)]

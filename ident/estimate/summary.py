@@ -129,4 +129,4 @@ def _sticking(joints: tuple[str, ...]) -> list[str]:
     if not joints:
         return []
     names = ", ".join(joints)
-    return [f"rows near reversals of {names} are left out: they scatter at least twice as much as the others, as of a joint that sticks."]
+    return [f"rows near reversals of {names} are left out: they scatter at least twice as much as the others, which is a sign of stiction."]

@@ -89,8 +89,8 @@ def _impossible(estimate: Estimate) -> str:
         return ""
     listed = ", ".join(found[:_LISTED]) + (f" and {len(found) - _LISTED} more" if len(found) > _LISTED else "")
     return (
-        f"{listed}: no such thing has that sign, and noise does not explain it. A torque recorded with the opposite sign does that, a wrong"
-        " side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
+        f"{listed}: a physically impossible sign, and noise does not explain it. A torque recorded with the opposite sign does that, a"
+        " wrong side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
     )
 
 
