@@ -15,6 +15,7 @@ from ident.physical import (
     InertiaStructure,
     Judgement,
     MinorOrder,
+    SolverError,
     Subject,
     TooManyRaysError,
     judge,
@@ -285,6 +286,22 @@ def test_repair_method_cone() -> None:
     covariance = np.diag((0.1 * values) ** 2)
     covariance[-1, -1] = 0.0
     assert repair(structure, values, covariance, "cone").values[-1] == values[-1]
+
+
+def test_a_repair_does_not_fail_for_want_of_another_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the solver gives up on what is only said beside, the repair stands, and says so; where links are asked for, not."""
+
+    def give_up(*_: object, **__: object) -> None:
+        raise SolverError("the solver stopped")
+
+    monkeypatch.setattr("ident.physical.repairs.judge_consistent", give_up)
+    structure, values = impossible(2)
+    found = repair(structure, values, None, "cone")
+    assert found.possible.possible
+    assert found.consistent is None
+    assert "was not decided: the solver stopped" in found.text()
+    with pytest.raises(SolverError):
+        repair(structure, values, None, "consistent")
 
 
 @pytest.mark.parametrize(("kind", "words"), [({"prismatic": 1.0}, "prismatic"), ({"floating": True, "prismatic": 0.0}, "floating base")])
