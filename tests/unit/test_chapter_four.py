@@ -254,6 +254,7 @@ def test_steps_1_to_4(joints: int) -> None:
     assert after.possible
     assert after.certified
     assert any(t.outside for t in found.targets)
+    straight: list[float] = []
     for target in (t for t in found.targets if t.outside):
         size = np.linalg.norm(target.estimate)
         # Step 1: on the border of the cone over all positions, its difference from the estimate at right angles to it.
@@ -263,8 +264,12 @@ def test_steps_1_to_4(joints: int) -> None:
         assert target.border @ (target.border - target.estimate) == pytest.approx(0.0, abs=1e-8 * size**2)
         # Step 2: inside.
         assert target.cone.lowest(target.inner)[0] > 0
+        step, further = target.border - target.estimate, target.inner - target.border
+        straight.append(step @ further / np.linalg.norm(step) / np.linalg.norm(further))
         # Step 4: so is what was found.
         assert target.minor.polynomial(target.minor.coordinates(found.values)).both(fine)[0].min() > 0
+    # The last minor's line leads inside, so its inner point is on it.
+    assert straight[-1] == pytest.approx(1.0)
     # No possible set is nearer than the border.
     border = judge_possible(structure, values, covariance=np.diag(std**2)).margin_std
     assert border is not None
