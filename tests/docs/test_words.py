@@ -21,7 +21,7 @@ INSTEAD = {
     r"\bwhat is left\b(?! out)": "residual, lack of fit",
     r"\bnegative light\b|\bis light\b": "negative apparent inertia",
     r"\bturning rows\b|\brows near turning\b": "velocity reversals",
-    r"\bcarried on\b|\bcarried by the filter\b": "filter memory",
+    r"\bcarried by the filter\b": "filter memory",
     r"(?<!`)\bknocks\b(?!`)": "impacts",
     r"\bhidden: |\bhidden effect\b": "minimum detectable effect",
     r"\bsteady estimat": "robust",
