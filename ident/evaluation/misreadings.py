@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effects.base import Need
+from ..effects.base import Need, make_effect
 from ..effects.motion import Coordinates
 from ..effects.reference import Reference
+from ..model import Model
 from ..problem.information import Information
 from ..problem.linear_solution import full_values, order_of
 from ..problem.problem import Problem
@@ -33,9 +34,12 @@ Array = np.ndarray
 _SAMPLES, _BLOCKS, _PIECES, _FEW = 6_000, 8, 24, 2
 #: Standard deviations, by the scatter between pieces of time; share of the residual's squares; share of the column that base
 #: parameters cannot follow: a mistake is looked at from these on.
-_SURELY, _PART, _SEEN = 8.0, 0.05, 1e-3
-#: Taken out, it must lower the product of all joints' relative errors so many times.
-_FALL = 1.3
+_SURELY, _PART, _SEEN = 5.0, 0.05, 1e-3
+#: Taken out, it must lower the product of all joints' relative errors so many times, and raise that of none by more: what is no cause
+#: makes one joint fit at the cost of another.
+_FALL, _RISE = 1.3, 1.25
+#: What drives usually do stands beside the declared model: what that explains is no mistake of the log.
+_USUAL = ("rotor_inertia", "viscous", "coulomb", "offset")
 #: Others that do nearly as well (share of the logarithm of that fall) are named too; no more than so many are tried.
 _NEARLY, _TRIED = 0.8, 4
 #: Gauss-Newton steps, the change at which they end, how many may gain nothing, passes of weighting, and the step of differences.
@@ -193,13 +197,17 @@ class _Sampled:
         problem = estimate.problem
         if problem is None or type(problem) is not Problem or Need.HISTORY in problem.model.needs:
             return None
-        signals = problem.signals
+        declared, signals = problem.model, problem.signals
+        known = {effect.name for effect in declared.effects}
+        model = Model(declared.robot, (*declared.effects, *(make_effect(name) for name in _USUAL if name not in known)))
+        values = np.concatenate([estimate.all_values, np.zeros(len(model.parameters) - len(declared.parameters))])
+        problem = Problem(model, signals, reference=None if problem.reference is None else values)
         blocks = list(signals.blocks(None if len(signals.q) <= _SAMPLES else _block_size(signals)))
         enough = _FEW * _PIECES
         for count in (_BLOCKS, 4 * _BLOCKS, len(blocks)):
             chosen = tuple(blocks[i] for i in np.unique(np.linspace(0, len(blocks) - 1, count).astype(int)))
             if sum(b.rows.stop - b.rows.start for b in chosen) >= enough:
-                return cls(problem, estimate.all_values, estimate.weights, chosen)
+                return cls(problem, values, estimate.weights, chosen)
         return None
 
     def suspected(self, suspects: list[Misreading]) -> list[Misreading]:
@@ -253,7 +261,8 @@ class _Sampled:
             values = self.problem.base.expand(fit)
             value += step
         assert best is not None
-        return best if best.fall > np.log(_FALL) and suspect.noteworthy(best.value) else None
+        found = best.fall > np.log(_FALL) and bool(np.all(best.after < _RISE * best.before)) and suspect.noteworthy(best.value)
+        return best if found else None
 
     def _rows(self, block: Block, values: Array, suspects: list[Misreading], value: float = 0.0) -> tuple[Array, Array, Array]:
         """Columns (m, n, b) of a block without a mistake of size `value` (of the first suspect), for parameters' values (k,) the slopes

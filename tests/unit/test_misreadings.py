@@ -21,20 +21,23 @@ RATE = 200.0
 
 
 @cache
-def recorded(name: str, noise: float = 0.01, stribeck: float = 0.0) -> tuple[Array, Array, Array]:
-    """Times, positions and torques of a built-in robot whose links are the URDF's, with friction; `stribeck`: more of it at low speed."""
+def recorded(
+    name: str, noise: float = 0.01, stribeck: float = 0.0, rotor: float = 0.0, seconds: float = 20.0
+) -> tuple[Array, Array, Array]:
+    """Times, positions and torques of a built-in robot whose links are the URDF's, with friction; `stribeck`: more of it at low speed;
+    `rotor`: inertia of the rotors."""
     robot = ident.load_robot(name)
     n, rng = robot.n, np.random.default_rng(4)
     scale = np.where([j.prismatic for j in robot.joints], 0.1, 0.4)
     order = np.arange(1, 5)[:, None]
     motion = FourierTrajectory(np.full(n, 0.3) * scale, *scale * rng.normal(size=(2, 4, n)) / order, 0.1)
-    t = np.arange(4000) / RATE
+    t = np.arange(round(seconds * RATE)) / RATE
     c = motion.sample(t)
     assert robot.nominal is not None
     model = robot.rigid_body() + ident.make_effect("viscous") + ident.make_effect("coulomb")
     size = np.sqrt(np.mean(model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, np.zeros(2 * n)]) ** 2, axis=0)) + 0.01
     tau = model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, 0.1 * size, 0.1 * size])
-    tau = tau + stribeck * size * np.sign(c.dq) * np.exp(-((c.dq / 0.3) ** 2))
+    tau = tau + rotor * c.ddq + stribeck * size * np.sign(c.dq) * np.exp(-((c.dq / 0.3) ** 2))
     return t, c.q, tau + noise * size * rng.standard_normal(tau.shape)
 
 
@@ -93,6 +96,12 @@ def test_another_clock(clock: float) -> None:
 def test_friction_that_the_model_lacks_is_blamed_on_nothing() -> None:
     estimate = fitted("puma560", *recorded("puma560", stribeck=2.0))
     assert estimate.fit_error.relative_all > 0.03
+    assert misreading(estimate) == ""
+
+
+def test_rotors_that_the_model_lacks_are_blamed_on_nothing() -> None:
+    estimate = fitted("ur5", *recorded("ur5", noise=0.003, rotor=0.8, seconds=8.0))
+    assert estimate.fit_error.relative.max() > 0.02
     assert misreading(estimate) == ""
 
 
