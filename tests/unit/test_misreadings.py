@@ -116,3 +116,18 @@ def test_the_zero_of_the_last_joint_shows_in_its_link_alone() -> None:
     assert factor_doubt(estimate) == ""
     assert "reads 0.5 rad too far" in zero_doubt(estimate)
     assert zero_doubt(fitted("puma560", t, q, tau)) == ""
+
+
+@pytest.mark.parametrize(("j", "samples"), [(2, 8), (4, -6)])
+def test_a_position_that_comes_late(j: int, samples: int) -> None:
+    t, q, tau = recorded("ur5")
+    rows = np.clip(np.arange(len(t)) - samples, 0, len(t) - 1)
+    late = q.copy()
+    late[:, j] = q[rows, j]
+    inner = slice(10, -10)
+    estimate = fitted("ur5", t[inner], late[inner], tau[inner])
+    said = misreading(estimate)
+    joint = estimate.model.robot.joint_names[j]
+    assert f"the position of {joint} seems to come about" in said
+    assert f"too {'late' if samples > 0 else 'early'}" in said
+    assert float(said.split("about ")[1].split()[0]) == pytest.approx(5 * abs(samples), rel=0.1)
