@@ -119,6 +119,14 @@ static void add_gram(Lanes* tile, int stride, int used, int width, int padded, d
     for (; r < width; ++r) by_columns(r, width, GramBlocks<1>{tile, stride, used, padded, r, G});
 }
 
+// Products of the tile's first `split` columns with the others alone, added to their block of G.
+static void add_mixed(Lanes* tile, int stride, int used, int width, int padded, int split, double* G) {
+    constexpr int R = LANES == 8 ? 4 : 2;
+    int r = 0;
+    for (; r + R <= split; r += R) by_columns(split, width, GramBlocks<R>{tile, stride, used, padded, r, G});
+    for (; r < split; ++r) by_columns(split, width, GramBlocks<1>{tile, stride, used, padded, r, G});
+}
+
 // Householder triangularisation of [R; tile], R upper triangular (leading dimension `padded`), by panels of four columns in compact
 // WY form (Schreiber and Van Loan 1989). The part of a reflector in R is a unit vector; its part in the tile is stored over the
 // columns it annihilates.
