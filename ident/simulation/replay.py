@@ -233,8 +233,8 @@ def _simulated(
     lost = np.logical_or.accumulate(lost, axis=0)
     simulated[lost], rate[lost] = np.nan, np.nan
     if len(left):
-        parts = (x[:, left] for x in (q, dq, torque))
-        simulated[:, left], rate[:, left], _ = _integrate(dynamics, t[left], *parts, period, substeps, reach, 0.0, None)
+        own = q[:, left], dq[:, left], torque[:, left]
+        simulated[:, left], rate[:, left], _ = _integrate(dynamics, t[left], *own, period, substeps, reach, 0.0, None)
     return simulated, rate, np.zeros(q.shape)
 
 
