@@ -294,8 +294,9 @@ def _no_bodies() -> RigidBodyTree:
 def paired(tree: RigidBodyTree) -> RigidBodyTree:
     """Two copies of a fixed-base tree side by side, which move independently: positions (N, 2 nq) are those of one, then the other.
 
-    With `rows = [T T]` the columns of a row are those of two motions, [Z Phi], so that `information` with form="gram" (and `split`, for
-    those alone) gives all products of instruments Z with the regressor Phi and the torque in one pass. Raises UnsupportedError for a free-flyer."""
+    With `rows = [T T]` the columns of a row are those of two motions, [Z Phi], so that `information` with form="gram" gives all products
+    of instruments Z with the regressor Phi and the torque in one pass (with `split`, those alone). Raises UnsupportedError for a
+    free-flyer."""
     if tree.floating:
         raise UnsupportedError("a floating-base tree cannot be paired; pair the tree of its fixed-base robot.")
     parent = np.asarray(tree.parent)

@@ -210,7 +210,7 @@ def test_two_motions_at_once(kernel):
     threads, _ = rigid.information(rigid.paired(tree), *motion, tau, **given, split=Z.shape[2], threads=2)
     assert error(threads + found - part, found) < 1e-12
     with pytest.raises(ConfigurationError, match="split=3"):
-        rigid.information(rigid.paired(tree), *motion, tau, split=3)
+        rigid.information(rigid.paired(tree), *motion, tau, rows=given["rows"], split=3)
     with pytest.raises(UnsupportedError):
         rigid.paired(tree_of(random_model(rng, 2, True)))
 
