@@ -119,9 +119,11 @@ def information(
     flat = np.zeros(size)
     beside = extra if extra.shape[-1] else None
     count = thread_count(threads)
-    splits = None if split is None else plan.instruments(split)
-    args = plan.handle, int(gram), len(q), count, taps, factor, q, dq, ddq, tau, valid, weight, beside, flat, splits
-    _kernel.information(own.handle, *args)
+    given = plan.handle, int(gram), len(q), count, taps, factor, q, dq, ddq, tau, valid, weight, beside, flat
+    if split is None:
+        _kernel.information(own.handle, *given)
+    else:
+        _kernel.split_information(own.handle, *given, plan.instruments(split))
     out = np.zeros((len(rows), len(columns) + 1, len(columns) + 1))
     found = flat[taken]
     np.put(out, upper, found)
@@ -170,7 +172,7 @@ class FixedRows:
     def add(self, q: Array, dq: Array, ddq: Array, tau: Array, extra: Array, valid: Array | None) -> None:
         """A sample of finite numbers."""
         beside = extra if len(extra) else None
-        _kernel.information(self._tree, self._handle, 0, 1, 1, None, 1, q, dq, ddq, tau, valid, None, beside, self._flat, None)
+        _kernel.information(self._tree, self._handle, 0, 1, 1, None, 1, q, dq, ddq, tau, valid, None, beside, self._flat)
 
     def scale(self, factor: float) -> None:
         """Every sample so far weighted by the square of `factor`."""
