@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -51,15 +52,25 @@ def _by_clock(seconds: float) -> str:
 
 def process(arguments: list[str]) -> tuple[float, float]:
     """Seconds by the clock and of the processor, of the interpreter with these arguments."""
-    start, before = time.perf_counter(), os.times()
-    subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
-    after = os.times()
-    return time.perf_counter() - start, after.children_user + after.children_system - before.children_user - before.children_system
+    start, before = time.perf_counter(), children_clock()
+    subprocess.run([sys.executable, *arguments], check=True, capture_output=True, env=_environment())
+    return time.perf_counter() - start, children_clock() - before
+
+
+def _environment() -> dict[str, str]:
+    """Modules are compiled once, as in an installed package, whatever the environment says of bytecode."""
+    plain = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    return plain | {"PYTHONPYCACHEPREFIX": _bytecode().name}
+
+
+@cache
+def _bytecode() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="ident-benchmark-")
 
 
 def slowest_imports(arguments: list[str], most: int = 4) -> str:
     """The packages whose own modules take longest to import, by the interpreter's own count."""
-    run = subprocess.run([sys.executable, "-X", "importtime", *arguments], check=True, capture_output=True, text=True)
+    run = subprocess.run([sys.executable, "-X", "importtime", *arguments], check=True, capture_output=True, text=True, env=_environment())
     own: dict[str, float] = {}
     for line in run.stderr.splitlines():
         found = re.match(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\S+)", line)
