@@ -10,7 +10,7 @@ from typing import Any
 from ident.regressor import numpy_series
 from ident.regressor.kernel_choice import kernel as chosen_kernel
 
-from . import estimation, kernel, live, ratios, startup, streaming
+from . import estimation, kernel, live, ratios, reading, startup, streaming
 from .table import Row, show, show_rows
 from .timing import machine
 
@@ -45,6 +45,7 @@ def main(short: bool, folder: Path) -> int:
     add(calls)
     add([estimation.judgement_row(30)])
     add(startup.startup_rows())
+    add(reading.reading_rows(200_000))
     add([streaming.memory_row(1_000_000)])
     add(streaming.csv_rows([100_000, 1_000_000, 10_000_000], [1, 2]))
     tables: dict[str, list[dict[str, Any]]] = {}
