@@ -55,6 +55,11 @@ class MotionInformation:
         assert self.values is not None
         return (columns @ self.values) @ self._to_joint.T
 
+    def torque(self, t: Array, joint: Coordinates) -> Array:
+        """Torque (N, n) on the joint side that the values predict along a motion sampled at uniform times t (N,)."""
+        assert self.values is not None
+        return self.model.torque(self.motion(t, joint), self.values) @ self._to_joint.T
+
     def pull(self, motion: Motion, columns: Array, dA: Array, d_torque: Array | None) -> Coordinates:
         """Derivatives (N, n) with respect to q, dq, ddq of a scalar whose derivatives are dA (b, b) with respect to the
         information and `d_torque` (N, n) with respect to the joint-side torque.

@@ -1,0 +1,155 @@
+"""The way from where a robot stands to where a motion starts: slow, at rest at both ends, clear of everything."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from ..simulation.trajectory import Chained, PointToPoint, Trajectory
+from .certificate import certify
+
+if TYPE_CHECKING:
+    from .clearance import Clearance
+    from .information import MotionInformation
+    from .limits import Limits
+
+Array = np.ndarray
+#: Share of the limits of speed, acceleration and jerk that an approach uses, its shortest part (s), and the largest step (rad, m) between
+#: postures that are looked at on the way.
+SLOW, _SHORTEST, _STEP = 0.3, 0.5, 0.05
+#: Postures that a search for a way grows to, how far (share of the range) it grows at once, how often it tries the goal, and shortcuts.
+_NODES, _GROW, _GOAL, _SHORTCUTS = 3000, 0.1, 0.2, 60
+#: Peaks of a fifth-order polynomial's derivatives, per unit way and time.
+_PEAKS = (1.875, 10.0 / np.sqrt(3.0), 60.0)
+
+
+class NoWay(ConfigurationError):
+    """No way to a motion's start was found."""
+
+
+def approach(
+    start: Array, end: Array, limits: Limits, clearance: Clearance | None, information: MotionInformation, seed: int = 0
+) -> Trajectory:
+    """A motion from posture `start` to posture `end`, (n,) each, along straight lines in joint space, at rest at every corner.
+
+    Speed, acceleration and jerk stay within `SLOW` of their limits, torque (where it is known) within its own, and distances above what is
+    required at every moment. Raises NoWay, saying what is in the way."""
+    rng = np.random.default_rng(seed)
+    corners = [start, end] if clearance is None else _way(start, end, limits, clearance, rng)
+    motion = Chained([_part(a, b, limits, information) for a, b in pairwise(corners)])
+    if clearance is not None:
+        proof = certify(clearance, motion, limits)
+        if not proof.holds:
+            raise NoWay(f"excitation: on the way from the present posture {proof.what} come too near at {proof.at:.2f} s; start elsewhere.")
+    return motion
+
+
+def _part(start: Array, end: Array, limits: Limits, information: MotionInformation) -> Trajectory:
+    """One straight line, as slow as its limits ask for."""
+    way = np.abs(end - start)
+    seconds = _SHORTEST
+    for order, (peak, limit) in enumerate(zip(_PEAKS, (limits.velocity, limits.acceleration, limits.jerk), strict=True), 1):
+        seconds = max(seconds, float(((peak * way / (SLOW * limit)) ** (1.0 / order)).max()))
+    if information.values is None or not np.isfinite(limits.torque).any():
+        return PointToPoint(start, end, seconds)
+    share = np.ones(1)
+    for _ in range(12):
+        part = PointToPoint(start, end, seconds)
+        t = np.linspace(0.0, seconds, max(200, int(1000 * seconds)))
+        share = np.abs(information.torque(t, part.sample(t)) / limits.torque) * (1.0 + 1e-6)
+        if share.max() <= 1.0:
+            return part
+        seconds *= 1.3
+    worst = int(share.max(axis=0).argmax())
+    raise NoWay(
+        f"excitation: on the way from the present posture joint {information.model.robot.joint_names[worst]} would need"
+        f" {100 * share.max():.0f} % of its torque limit however slowly it goes; start elsewhere, or raise the limit."
+    )
+
+
+def _way(start: Array, end: Array, limits: Limits, clearance: Clearance, rng: np.random.Generator) -> list[Array]:
+    """Corners of a clear way: the straight line, or what two trees of random postures that grow towards each other find (RRT-Connect,
+    Kuffner & LaValle 2000), shortened."""
+    slack = clearance.slack(start[None], 0.05)[0]
+    if slack.min(initial=0.0) < 0.0:
+        c = clearance.constraints[int(slack.argmin())]
+        raise NoWay(
+            f"excitation: in the present posture {c.what} are {1000 * (slack.min() + c.required):.1f} mm apart, less than the"
+            f" {1000 * c.required:g} mm to keep; move the robot free by hand, or give a smaller --clearance."
+        )
+    if _clear(clearance, start, end):
+        return [start, end]
+    low, high = np.minimum(limits.lower, start), np.maximum(limits.upper, start)
+    trees = [([start], [-1]), ([end], [-1])]
+    for count in range(_NODES):
+        here, there = trees[count % 2], trees[1 - count % 2]
+        goal = there[0][0] if rng.random() < _GOAL else rng.uniform(low, high)
+        new = _grow(here, goal, high - low, clearance)
+        if new is None:
+            continue
+        reached: Array | None = new
+        while reached is not None:
+            reached = _grow(there, new, high - low, clearance)
+            if reached is not None and np.array_equal(reached, new):
+                parts = [_back(here), _back(there)]
+                first, second = parts if count % 2 == 0 else parts[::-1]
+                return _shortened([*first[::-1], *second[1:]], clearance, rng)
+    raise NoWay(
+        f"excitation: {_NODES} tries found no clear way from the present posture to the start of the motion; on the straight line"
+        f" {_blocking(clearance, start, end)}. Start nearer (--start-posture), or allow more room."
+    )
+
+
+def _grow(tree: tuple[list[Array], list[int]], goal: Array, whole: Array, clearance: Clearance) -> Array | None:
+    """The tree's nearest posture moved towards a goal by one step, if that is clear."""
+    nodes, parents = tree
+    away = np.abs((np.array(nodes) - goal) / whole).max(axis=1)
+    nearest = int(away.argmin())
+    share = min(1.0, _GROW / max(float(away[nearest]), 1e-12))
+    new = goal if share == 1.0 else nodes[nearest] + share * (goal - nodes[nearest])
+    if not _clear(clearance, nodes[nearest], new):
+        return None
+    nodes.append(new)
+    parents.append(nearest)
+    return new
+
+
+def _back(tree: tuple[list[Array], list[int]]) -> list[Array]:
+    """From the last posture of a tree back to its root."""
+    nodes, parents = tree
+    out, at = [], len(nodes) - 1
+    while at >= 0:
+        out.append(nodes[at])
+        at = parents[at]
+    return out
+
+
+def _line(start: Array, end: Array) -> Array:
+    count = max(2, int(np.ceil(np.abs(end - start).max() / _STEP)) + 1)
+    return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+
+
+def _clear(clearance: Clearance, start: Array, end: Array) -> bool:
+    """Whether postures along a straight line keep clear, with the margin at all but its first and last."""
+    slack = clearance.slack(_line(start, end), 0.01)
+    return bool((slack[1:-1] > clearance.margin).all() and (slack[[0, -1]] >= 0.0).all())
+
+
+def _blocking(clearance: Clearance, start: Array, end: Array) -> str:
+    slack = clearance.slack(_line(start, end), 0.01).min(axis=0)
+    worst = int(slack.argmin())
+    return f"{clearance.constraints[worst].what} come to {1000 * (slack[worst] + clearance.constraints[worst].required):.0f} mm"
+
+
+def _shortened(corners: list[Array], clearance: Clearance, rng: np.random.Generator) -> list[Array]:
+    """The corners less those that a clear straight line passes by."""
+    for _ in range(_SHORTCUTS):
+        if len(corners) < 3:
+            break
+        i, j = sorted(rng.choice(len(corners), 2, replace=False).tolist())
+        if j - i > 1 and _clear(clearance, corners[i], corners[j]):
+            corners = [*corners[: i + 1], *corners[j:]]
+    return corners
