@@ -47,6 +47,18 @@ def approach(
     return motion
 
 
+def require_clear(posture: Array, what: str, clearance: Clearance, margin: float, remedy: str) -> None:
+    """Raise NoWay, saying what is how near, where a posture (n,) does not keep what is required and a share of the search's margin."""
+    slack = clearance.slack(posture[None], 0.05)[0] - margin * clearance.margin
+    if slack.min(initial=1.0) >= 0.0:
+        return
+    worst = int(slack.argmin())
+    near = 1000.0 * float(clearance.distances(posture[None])[0, worst])
+    apart = f"are {near:.1f} mm apart" if near > 0.0 else f"overlap by {-near:.1f} mm"
+    wanted = 1000.0 * (clearance.required + margin * clearance.margin)[worst]
+    raise NoWay(f"excitation: in {what} {clearance.constraints[worst].what} {apart}; {wanted:.1f} mm are needed. {remedy}")
+
+
 def _part(start: Array, end: Array, limits: Limits, information: MotionInformation) -> Trajectory:
     """One straight line, as slow as its limits ask for."""
     way = np.abs(end - start)
@@ -73,13 +85,6 @@ def _part(start: Array, end: Array, limits: Limits, information: MotionInformati
 def _way(start: Array, end: Array, limits: Limits, clearance: Clearance, rng: np.random.Generator) -> list[Array]:
     """Corners of a clear way: the straight line, or what two trees of random postures that grow towards each other find (RRT-Connect,
     Kuffner & LaValle 2000), shortened."""
-    slack = clearance.slack(start[None], 0.05)[0]
-    if slack.min(initial=0.0) < 0.0:
-        c = clearance.constraints[int(slack.argmin())]
-        raise NoWay(
-            f"excitation: in the present posture {c.what} are {1000 * (slack.min() + c.required):.1f} mm apart, less than the"
-            f" {1000 * c.required:g} mm to keep; move the robot free by hand, or give a smaller --clearance."
-        )
     if _clear(clearance, start, end):
         return [start, end]
     low, high = np.minimum(limits.lower, start), np.maximum(limits.upper, start)

@@ -12,7 +12,7 @@ from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, UnsupportedError
 from ..robots.library.nominal import nominal_values
 from ..simulation.trajectory import Chained, Trajectory
-from .approach import NoWay, approach
+from .approach import NoWay, approach, require_clear
 from .certificate import certify, nearest
 from .clearance import Clearance
 from .families import BSplineFamily, Family, FourierFamily
@@ -91,7 +91,7 @@ def excite(
     True
     """
     search, noise_std = _prepared(model, limits, values, noise, family, measure, surroundings, posture)
-    here = None if present is None else _present(present, model.robot)
+    here = None if present is None else _present(present, model.robot, search.clearance)
     rng = np.random.default_rng(seed)
     found: list[TrajectoryCandidate] = []
     for start in range(max(1, starts)):
@@ -125,8 +125,8 @@ def _reached(
     raise refused[0]
 
 
-def _present(posture: Sequence[float], robot: Robot) -> Array:
-    """Where the robot stands, (n,), within the range of its own joints."""
+def _present(posture: Sequence[float], robot: Robot, clearance: Clearance | None) -> Array:
+    """Where the robot stands, (n,), within the range of its own joints, and clear. Raises ConfigurationError where it is not."""
     q = _posture("the present posture", posture, robot)
     for joint, at in zip(robot.joints, q.tolist(), strict=True):
         if not joint.lower - 1e-6 <= at <= joint.upper + 1e-6:
@@ -134,6 +134,8 @@ def _present(posture: Sequence[float], robot: Robot) -> Array:
                 f"excitation: in the present posture joint {joint.name} is at {at:g}, outside its range from {joint.lower:g} to"
                 f" {joint.upper:g}; give joint-side positions in rad (m), in the order {', '.join(robot.joint_names)}."
             )
+    if clearance is not None:
+        require_clear(q, "the present posture", clearance, 0.0, "Move the robot free by hand, or give a smaller --clearance.")
     return q
 
 
@@ -154,14 +156,7 @@ def _start(posture: Sequence[float], limits: Limits, robot: Robot, clearance: Cl
                 f" {limits.upper[j]:g}; give another posture, or a larger --position-share."
             )
     if clearance is not None:
-        slack = clearance.slack(q[None], 0.05)[0] - clearance.margin
-        if slack.min(initial=1.0) <= 0.0:
-            c = clearance.constraints[int(slack.argmin())]
-            near = 1000 * float(clearance.distances(q[None])[0, int(slack.argmin())])
-            raise ConfigurationError(
-                f"excitation: in the start posture {c.what} are {near:.1f} mm apart; a motion from there needs more than"
-                f" {1000 * (c.required + c.margin):.1f} mm. Give another posture, or a smaller --clearance."
-            )
+        require_clear(q, "the start posture", clearance, 1.0, "Give another posture, or a smaller --clearance.")
     return q
 
 

@@ -57,12 +57,9 @@ def convex_parts(path: str | Path, scale: float) -> list[Any]:
         flat = np.linalg.svd(own - own.mean(axis=0))[1]
         if flat[-1] < 1e-6 * max(flat[0], 1e-12):  # a sheet: as thick as nothing, but a body
             own = np.concatenate([own, own + 1e-4 * np.linalg.svd(own - own.mean(axis=0))[2][-1]])
-        mesh = coal.BVHModelOBBRSS()
-        mesh.beginModel(1, len(own))
-        mesh.addSubModel([np.array(x) for x in own], [])
-        mesh.endModel()
-        mesh.buildConvexHull(True, "Qt")
-        out.append(mesh.convex)
+        points = coal.StdVec_Vec3s()
+        points.extend(list(own))
+        out.append(coal.Convex.convexHull(points, True, "Qt"))
     return out
 
 
