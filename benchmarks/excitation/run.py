@@ -93,7 +93,7 @@ def lines(rows: list[Row]) -> list[str]:
         f"all {len(made)} designs, of which within 15 % {within[1]}",
         f"largest excess of a limit {max(worst(r) for r in made):.1e}; least room beyond the clearance {least:.2f} mm",
         f"shown clear between samples too: {whole}; with an approach: {way}",
-        f"standard deviations, geometric mean, beside those without surroundings: {np.median(wider):.2f} in the median, {max(wider):.2f} at most",
+        f"standard deviations over those without surroundings, geometric mean: {np.median(wider):.2f} (median), {max(wider):.2f} (most)",
     ]
     for reason, count in Counter(str(r["refused"])[:72] for r in rows if "refused" in r).most_common():
         out.append(f"refused {count} times: {reason} …")

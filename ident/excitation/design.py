@@ -269,7 +269,7 @@ def _result(
     return Excitation(
         info.model, trajectory, limits, rate, noise, matrix, best.value, values, shares,
         margins_of(info.model.robot, moved, np.abs(jerk).max(axis=0), torque), _safety(search, whole, way is not None), way,
-        _predicted(info),
+        _predicted(info), None if search.clearance is None else search.clearance.surroundings,
     )  # fmt: skip
 
 

@@ -22,7 +22,8 @@ from .limits import Limits
 from .margins import Margin, margin_lines, margins_section
 from .objective import chosen_parameters, condition_number
 from .pictures import excitation_figure
-from .surroundings import Safety
+from .surroundings import Safety, Surroundings
+from .view import swept_figure, swept_page
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +42,7 @@ class Excitation(Shown, ShortRepr):
     (n,) on the measured side; `value`: the cost function, and of each start in `values`; `shares`: largest share
     of each kind of limit that is used; `margins`: what each joint leaves of the robot's own limits; `safety`: how clear the motion keeps,
     None where collisions were not looked at; `approach`: the way from the present posture, if one was given; `torque_of`: the effects
-    whose values predict the torque."""
+    whose values predict the torque; `surroundings`: what was to be kept clear of."""
 
     model: Model = field(repr=False)
     trajectory: Trajectory
@@ -56,6 +57,7 @@ class Excitation(Shown, ShortRepr):
     safety: Safety | None = None
     approach: Trajectory | None = None
     torque_of: tuple[str, ...] = ()
+    surroundings: Surroundings | None = None
 
     @property
     def whole(self) -> Trajectory:
@@ -98,6 +100,14 @@ class Excitation(Shown, ShortRepr):
         """Position and speed of each joint between their limits; see `plot`."""
         return excitation_figure(self.model.robot, self.trajectory, self.limits)
 
+    def swept(self) -> Figure:
+        """The robot in many postures of the whole motion, from the side, the front and above. Raises ConfigurationError without a URDF."""
+        return swept_figure(self.model.robot, self.whole, self.surroundings)
+
+    def to_view(self, path: str | Path, *, force: bool = False) -> Path:
+        """Write a page that shows the robot along the whole motion in three dimensions: to turn, and to play."""
+        return write_atomic(Path(path), swept_page(self.model.robot, self.whole, self.surroundings), force=force)
+
     def to_frame(self) -> pd.DataFrame:
         """The motion, approach included, at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
         import pandas as pd
@@ -118,7 +128,9 @@ class Excitation(Shown, ShortRepr):
         head = ("parameter", "base-parameter expression", "expected std", "unit")
         title = f"Excitation of {self.trajectory.duration:g} s"
         used += tuple(self._torque_lines())
-        return Text(title, used), Text("Clearance", safe), margins_section(self.margins), Table("Accuracy to expect", head, rows, left=2)
+        parts = Text(title, used), Text("Clearance", safe), margins_section(self.margins)
+        swept = (self.swept(),) if "urdf_text" in self.model.robot.source else ()
+        return *parts, Table("Accuracy to expect", head, rows, left=2), *swept
 
     def _sampled(self) -> tuple[Array, Coordinates]:
         """Times (N,) at `rate` and the whole motion there; its last sample is at rest at its end."""
