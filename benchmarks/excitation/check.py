@@ -9,6 +9,7 @@ import coal
 import numpy as np
 import pandas as pd
 import pinocchio as pin
+from scipy.spatial import ConvexHull
 
 from ident import Robot
 from ident.excitation import Limits, Surroundings
@@ -63,7 +64,8 @@ class Checker:
     def _corners(shape: Any) -> tuple[Array, float]:
         """Points, and the radius of balls about them, that reach as far as a shape."""
         if isinstance(shape, coal.BVHModelBase):
-            return np.asarray(shape.vertices()), 0.0
+            points = np.asarray(shape.vertices())
+            return points[ConvexHull(points).vertices], 0.0
         if isinstance(shape, coal.Sphere):
             return np.zeros((1, 3)), shape.radius
         if isinstance(shape, coal.Cylinder):

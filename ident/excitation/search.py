@@ -244,6 +244,8 @@ class TrajectorySearch:
         """The coefficients times the largest factor that keeps within `share` of the limits; None if rest itself does not."""
         limits = self.limits
         reach = 0.5 * (limits.upper - limits.lower) * share
+        if self.torque_share(offset, 0.0 * coefficients, self.fine_t[:2]) > share:
+            return None
         high, low, *rates = self.extremes(coefficients)
         tiny = 1e-300
         factor = min(
@@ -251,8 +253,7 @@ class TrajectorySearch:
             float(np.min((offset - limits.middle + reach) / np.maximum(-low, tiny))),
             *(float(np.min(share * getattr(limits, k) / np.maximum(x, tiny))) for k, x in zip(limits.kinds[1:], rates, strict=True)),
         )
-        rest = self.fine_t[:2]
-        if factor <= 0 or self.torque_share(offset, 0.0 * coefficients, rest) > share:
+        if factor <= 0:
             return None
         if self.torque_share(offset, factor * coefficients, self.fine_t) > share:
             inside, outside = 0.0, factor
