@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
 from ..simulation.trajectory import Chained, PointToPoint, Trajectory
 from .certificate import certify
@@ -26,6 +28,46 @@ _NODES, _GROW, _GOAL, _SHORTCUTS = 3000, 0.1, 0.2, 60
 _PEAKS = (1.875, 10.0 / np.sqrt(3.0), 60.0)
 
 
+@dataclass(frozen=True, eq=False)
+class _Space:
+    """Postures that a robot may pass: clear, and held by its torque limits."""
+
+    clearance: Clearance | None
+    limits: Limits
+    information: MotionInformation
+
+    def holding(self, q: Array) -> Array:
+        """Shares (N, n) of the torque limits that holding postures q (N, n) still takes; zeros where torque is not limited."""
+        if self.information.values is None or not np.isfinite(self.limits.torque).any():
+            return np.zeros_like(q)
+        still = Coordinates(q, np.zeros_like(q), np.zeros_like(q))
+        return np.abs(self.information.torque(np.arange(len(q)) * 0.01, still) / self.limits.torque)
+
+    def free(self, start: Array, end: Array) -> bool:
+        """Whether postures along a straight line are held and keep clear, with the margin at all but the first and last."""
+        q = _line(start, end)
+        if self.holding(q).max(initial=0.0) > 1.0:
+            return False
+        if self.clearance is None:
+            return True
+        slack = self.clearance.slack(q, 0.01)
+        return bool((slack[1:-1] > self.clearance.margin).all() and (slack[[0, -1]] >= 0.0).all())
+
+    def blocking(self, start: Array, end: Array) -> str:
+        """What is in the way on a straight line."""
+        q = _line(start, end)
+        holding = self.holding(q).max(axis=0)
+        if holding.max(initial=0.0) > 1.0:
+            name = self.information.model.robot.joint_names[int(holding.argmax())]
+            return f"joint {name} would need {100 * holding.max():.0f} % of its torque limit"
+        assert self.clearance is not None
+        slack = self.clearance.slack(q, 0.01).min(axis=0)
+        worst = int(slack.argmin())
+        return (
+            f"{self.clearance.constraints[worst].what} come to {1000 * (slack[worst] + self.clearance.constraints[worst].required):.0f} mm"
+        )
+
+
 class NoWay(ConfigurationError):
     """No way to a motion's start was found."""
 
@@ -38,7 +80,14 @@ def approach(
     Speed, acceleration and jerk stay within `SLOW` of their limits, torque (where it is known) within its own, and distances above what is
     required at every moment. Raises NoWay, saying what is in the way."""
     rng = np.random.default_rng(seed)
-    corners = [start, end] if clearance is None else _way(start, end, limits, clearance, rng)
+    space = _Space(clearance, limits, information)
+    held = space.holding(start[None])[0]
+    if held.max(initial=0.0) > 1.0:
+        raise NoWay(
+            f"excitation: in the present posture joint {information.model.robot.joint_names[int(held.argmax())]} takes"
+            f" {100 * held.max():.0f} % of its torque limit merely to hold still; start elsewhere, or raise the limit."
+        )
+    corners = _way(start, end, space, rng)
     motion = Chained([_part(a, b, limits, information) for a, b in pairwise(corners)])
     if clearance is not None:
         proof = certify(clearance, motion, limits)
@@ -82,40 +131,40 @@ def _part(start: Array, end: Array, limits: Limits, information: MotionInformati
     )
 
 
-def _way(start: Array, end: Array, limits: Limits, clearance: Clearance, rng: np.random.Generator) -> list[Array]:
-    """Corners of a clear way: the straight line, or what two trees of random postures that grow towards each other find (RRT-Connect,
+def _way(start: Array, end: Array, space: _Space, rng: np.random.Generator) -> list[Array]:
+    """Corners of a free way: the straight line, or what two trees of random postures that grow towards each other find (RRT-Connect,
     Kuffner & LaValle 2000), shortened."""
-    if _clear(clearance, start, end):
+    if space.free(start, end):
         return [start, end]
-    low, high = np.minimum(limits.lower, start), np.maximum(limits.upper, start)
+    low, high = np.minimum(space.limits.lower, start), np.maximum(space.limits.upper, start)
     trees = [([start], [-1]), ([end], [-1])]
     for count in range(_NODES):
         here, there = trees[count % 2], trees[1 - count % 2]
         goal = there[0][0] if rng.random() < _GOAL else rng.uniform(low, high)
-        new = _grow(here, goal, high - low, clearance)
+        new = _grow(here, goal, high - low, space)
         if new is None:
             continue
         reached: Array | None = new
         while reached is not None:
-            reached = _grow(there, new, high - low, clearance)
+            reached = _grow(there, new, high - low, space)
             if reached is not None and np.array_equal(reached, new):
                 parts = [_back(here), _back(there)]
                 first, second = parts if count % 2 == 0 else parts[::-1]
-                return _shortened([*first[::-1], *second[1:]], clearance, rng)
+                return _shortened([*first[::-1], *second[1:]], space, rng)
     raise NoWay(
-        f"excitation: {_NODES} tries found no clear way from the present posture to the start of the motion; on the straight line"
-        f" {_blocking(clearance, start, end)}. Start nearer (--start-posture), or allow more room."
+        f"excitation: {_NODES} tries found no way from the present posture to the start of the motion; on the straight line"
+        f" {space.blocking(start, end)}. Start nearer (--start-posture), or allow more room."
     )
 
 
-def _grow(tree: tuple[list[Array], list[int]], goal: Array, whole: Array, clearance: Clearance) -> Array | None:
-    """The tree's nearest posture moved towards a goal by one step, if that is clear."""
+def _grow(tree: tuple[list[Array], list[int]], goal: Array, whole: Array, space: _Space) -> Array | None:
+    """The tree's nearest posture moved towards a goal by one step, if that is free."""
     nodes, parents = tree
     away = np.abs((np.array(nodes) - goal) / whole).max(axis=1)
     nearest = int(away.argmin())
     share = min(1.0, _GROW / max(float(away[nearest]), 1e-12))
     new = goal if share == 1.0 else nodes[nearest] + share * (goal - nodes[nearest])
-    if not _clear(clearance, nodes[nearest], new):
+    if not space.free(nodes[nearest], new):
         return None
     nodes.append(new)
     parents.append(nearest)
@@ -137,24 +186,12 @@ def _line(start: Array, end: Array) -> Array:
     return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
 
 
-def _clear(clearance: Clearance, start: Array, end: Array) -> bool:
-    """Whether postures along a straight line keep clear, with the margin at all but its first and last."""
-    slack = clearance.slack(_line(start, end), 0.01)
-    return bool((slack[1:-1] > clearance.margin).all() and (slack[[0, -1]] >= 0.0).all())
-
-
-def _blocking(clearance: Clearance, start: Array, end: Array) -> str:
-    slack = clearance.slack(_line(start, end), 0.01).min(axis=0)
-    worst = int(slack.argmin())
-    return f"{clearance.constraints[worst].what} come to {1000 * (slack[worst] + clearance.constraints[worst].required):.0f} mm"
-
-
-def _shortened(corners: list[Array], clearance: Clearance, rng: np.random.Generator) -> list[Array]:
-    """The corners less those that a clear straight line passes by."""
+def _shortened(corners: list[Array], space: _Space, rng: np.random.Generator) -> list[Array]:
+    """The corners less those that a free straight line passes by."""
     for _ in range(_SHORTCUTS):
         if len(corners) < 3:
             break
         i, j = sorted(rng.choice(len(corners), 2, replace=False).tolist())
-        if j - i > 1 and _clear(clearance, corners[i], corners[j]):
+        if j - i > 1 and space.free(corners[i], corners[j]):
             corners = [*corners[: i + 1], *corners[j:]]
     return corners

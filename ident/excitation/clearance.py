@@ -184,7 +184,7 @@ class Clearance:
             np.add.at(out, row, slope[:, None] * self._gradients(seen))
         return value, out @ self.robot.loop.W
 
-    def _gradients(self, seen: _Seen) -> Array:
+    def _gradients(self, seen: _Looked) -> Array:
         """Gradients (A, J) by the tree joints of the distances that were looked at closely."""
         plane, first, second = self._columns
         c = seen.constraint
@@ -194,7 +194,7 @@ class Clearance:
         out[pair] += other
         return out
 
-    def _look(self, q: Array, near: Array, floor: Array | None = None, memory: NearMemory | None = None) -> _Seen:
+    def _look(self, q: Array, near: Array, floor: Array | None = None, memory: NearMemory | None = None) -> _Looked:
         """Distances at q (N, n), exact where they are below `near` (C,), else possibly lower bounds; with `floor` (C,) only until one
         is not above it."""
         tree = self.robot.tree_position(np.asarray(q, float))
@@ -213,10 +213,10 @@ class Clearance:
             memory.keep(tree, bound)
         row, c, one, two, normal = (np.concatenate(x) for x in zip(*found, strict=True))
         wanted = bound[row, c] < near[c]
-        return _Seen(bound, placed, row[wanted], c[wanted], one[wanted], two[wanted], normal[wanted])
+        return _Looked(bound, placed, row[wanted], c[wanted], one[wanted], two[wanted], normal[wanted])
 
     def _planar(self, placed: Placed, row: Array, c: Array, bound: Array) -> tuple[Array, ...]:
-        """Exact distances from planes, into `bound`; what was found, as `_Seen` has it."""
+        """Exact distances from planes, into `bound`; what was found, as `_Looked` has it."""
         plane, first, _ = self._columns
         points, normals = np.empty((len(row), 3)), np.empty((len(row), 3))
         for k in np.unique(c).tolist():
@@ -230,7 +230,7 @@ class Clearance:
         return row, c, points, points, normals
 
     def _pairs(self, tree: Array, row: Array, c: Array, bound: Array, floor: Array | None) -> list[tuple[Array, ...]]:
-        """Exact distances of pairs of shapes, into `bound`, the nearest by their bounds first; what was found, as `_Seen` has it."""
+        """Exact distances of pairs of shapes, into `bound`, the nearest by their bounds first; what was found, as `_Looked` has it."""
         import pinocchio as pin
 
         wanted: dict[int, list[int]] = {}
@@ -263,7 +263,7 @@ class Clearance:
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _Looked:
     """Distances (N, C), and those A that were looked at closely: sample `row`, `constraint`, the nearest points `one` and `two` (A, 3), and
     `normal` (A, 3) from the first to the second, or out of the plane."""
 

@@ -28,6 +28,8 @@ _PEAKS, _ZOOMS = 3, 8
 _POSTURES = 2000
 _SHARES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1, 0.05)
 _LEAST = 0.02
+#: Shares of the limits that random trajectories use, the next where there are none at the one before.
+_START_SHARES = (0.7, 0.85, 0.95)
 #: Seconds between the moments at which torque is looked at in the end, and how far it may exceed that between them, relative.
 _TORQUE_STEP, _TORQUE_MARGIN = 1e-3, 2e-4
 
@@ -272,31 +274,56 @@ class TrajectorySearch:
     def random(self, rng: np.random.Generator, share: float = 1.0) -> TrajectoryCandidate:
         """A random trajectory scaled to use `share` of the limits. Raises ConfigurationError if gravity alone exceeds the torque limits."""
         held_up = False
-        for offset in self._postures(rng)[:200]:
-            coefficients = self.scaled(offset, self.family.random(self.n, rng), share)
-            held_up |= coefficients is not None
-            coefficients = None if coefficients is None else self.cleared(offset, coefficients)
-            if coefficients is not None:
-                return TrajectoryCandidate(offset, coefficients, self.value(offset, coefficients))
-        if self.posture is not None:
-            raise ConfigurationError(
-                "excitation: about the posture that was given for the start no motion keeps within the limits and clear; give another one,"
-                " or allow more room (ground, workspace, clearance, torque)."
-            )
+        for postures in (self._postures, self._easy):
+            for offset in postures(rng)[:200]:
+                coefficients = self.scaled(offset, self.family.random(self.n, rng), share)
+                held_up |= coefficients is not None
+                coefficients = None if coefficients is None else self.cleared(offset, coefficients)
+                if coefficients is not None:
+                    return TrajectoryCandidate(offset, coefficients, self.value(offset, coefficients))
+        raise ConfigurationError(self._refusal(rng, held_up, share))
+
+    def _holding(self, postures: Array) -> Array:
+        """Shares (K, n) of the torque limits that holding postures (K, n) still takes."""
+        still = Coordinates(postures, np.zeros_like(postures), np.zeros_like(postures))
+        return np.abs(self.information.torque(np.arange(len(postures)) * 0.01, still) / self.limits.torque)
+
+    def _easy(self, rng: np.random.Generator) -> Array:
+        """Postures (K, n), in random order, that take the least torque to hold of many that are clear: for where random ones fail."""
+        if not self.limited_torque or self.posture is not None:
+            return self._postures(rng)
+        reach = 0.5 * (self.limits.upper - self.limits.lower)
+        many = self._clear if self._clear is not None else self.limits.middle + rng.uniform(-0.9, 0.9, (_POSTURES, self.n)) * reach
+        worst = self._holding(many).max(axis=1)
+        return rng.permutation(many[np.argsort(worst)[: max(20, len(many) // 20)]])
+
+    def _refusal(self, rng: np.random.Generator, held_up: bool, share: float) -> str:
+        """Why there is no random trajectory."""
         if held_up:
-            raise ConfigurationError(
-                "excitation: about none of 200 clear postures can the robot move without coming too near to something; allow more room"
-                " (ground, workspace, clearance)."
+            where = (
+                "the posture given for the start the robot cannot"
+                if self.posture is not None
+                else "none of many clear postures can the robot"
             )
-        raise ConfigurationError(
-            "excitation: in 200 random postures the torque limits do not even carry the robot; raise the torque limits or give others."
+            return (
+                f"excitation: about {where} move without coming too near to something; allow more room (ground, workspace, clearance), or"
+                " another start."
+            )
+        holding = self._holding(self._easy(rng))
+        easiest = holding[int(holding.max(axis=1).argmin())]
+        j = int(easiest.argmax())
+        where = "the posture given for the start" if self.posture is not None else "the easiest of many random postures"
+        return (
+            f"excitation: the torque limits leave no room to move: in {where} joint {self.information.model.robot.joint_names[j]} takes"
+            f" {100 * easiest[j]:.0f} % of its limit merely to hold still (at most {100 * share:.0f} % may be). Raise the torque limits, or"
+            " give other positions."
         )
 
     # --- search -------------------------------------------------------------------------------------------------------
 
     def run(self, rng: np.random.Generator, iterations: int) -> TrajectoryCandidate | None:
         """Descent from the best of some random trajectories; None where what it finds cannot be shown to keep clear."""
-        first = min((self.random(rng, 0.7) for _ in range(_CANDIDATES)), key=lambda c: c.value)
+        first = min(self._starts(rng), key=lambda c: c.value)
         x = self.packed(first.offset, first.coefficients)
         for mu in _BARRIERS:
             x = descend(partial(self._level, mu), x, iterations)
@@ -309,3 +336,13 @@ class TrajectorySearch:
         own = coefficients if np.linalg.norm(coefficients) <= np.linalg.norm(full) else full
         kept = [c for c in (self.certified(offset, full), self.certified(offset, own)) if c is not None]
         return min((TrajectoryCandidate(offset, c, self.value(offset, c)) for c in kept), key=lambda c: c.value, default=None)
+
+    def _starts(self, rng: np.random.Generator) -> list[TrajectoryCandidate]:
+        """Random trajectories to start from, at the least of some shares of the limits at which there are any."""
+        refused: list[ConfigurationError] = []
+        for share in _START_SHARES:
+            try:
+                return [self.random(rng, share) for _ in range(_CANDIDATES)]
+            except ConfigurationError as error:
+                refused.append(error)
+        raise refused[-1]

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.excitation.check import Checker
 from benchmarks.excitation.problems import problem, robot_of
-from benchmarks.excitation.run import BETWEEN, EXACT, lines, solve, worst
+from benchmarks.excitation.run import CONSISTENT, EXACT, lines, outside, solve, worst
 from ident.excitation import Limits, Surroundings, random_excitation
 
 
@@ -16,10 +16,10 @@ def test_a_problem_of_the_benchmark(tmp_path: Path) -> None:
     row = solve(problem(6, tmp_path))
     assert row["arm"] == "iiwa14"
     assert row["touching"] == 0
-    assert row["room"] >= -BETWEEN
+    assert not outside(row)
     assert worst(row) <= EXACT
     assert row["still"] <= 1e-8
-    assert row["consistent"] <= 1e-5
+    assert row["consistent"] <= CONSISTENT
     assert any("iiwa14" in line for line in lines([row]))
 
 
@@ -35,5 +35,5 @@ def test_its_check_sees_contacts_depths_and_excess(tmp_path: Path) -> None:
     for kind in ("position", "velocity", "acceleration", "jerk", "torque"):
         assert seen[f"over_{kind}"] > 0, kind
     frame = found.to_frame()
-    frame["dq1"] *= 1.1
-    assert checker.verdict(frame, own, np.zeros((3, 7)))["consistent"] > 1e-5 > seen["consistent"]
+    frame["dq1"] *= 1.5
+    assert checker.verdict(frame, own, np.zeros((3, 7)))["consistent"] > CONSISTENT > seen["consistent"]

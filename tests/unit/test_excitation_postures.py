@@ -134,13 +134,21 @@ def test_postures_that_cannot_be_are_refused_with_the_reason(tmp_path: Path) -> 
         excite(model, surroundings=walled, **quick)
 
 
-def test_a_way_that_torque_forbids_is_refused(tmp_path: Path) -> None:
-    """Hanging down, swung up to point up is possible for no motor that cannot hold the arm level."""
+def test_a_way_keeps_to_what_the_motors_can_hold() -> None:
+    """From hanging down to pointing up no motor goes that cannot hold the arm level; a present posture that it cannot hold is refused; and
+    where the outer link can be folded on the way, it is."""
     robot = Robot.from_urdf(ARM)
-    mass = 9.81 * 0.5 * np.ones(2)
-    limits = Limits.of(robot, torque=[0.5 * mass[0], 50.0])
-    with pytest.raises(NoWay, match=r"joint a would need .* % of its torque limit however slowly"):
-        excite(robot.rigid_body(), posture=[1.5, 0.0], present=[-1.5, 0.0], limits=limits, starts=1, iterations=1)
+    model, quick = robot.rigid_body(), {"starts": 1, "iterations": 1}
+    level = 9.81 * 0.5  # N m at joint a, the mass of link two at joint b
+    weak = Limits.of(robot, torque=[0.5 * level, 50.0])
+    with pytest.raises(NoWay, match=r"3000 tries found no way .* joint a would need .* % of its torque limit"):
+        excite(model, posture=[1.5, 0.0], present=[-1.5, 0.0], limits=weak, **quick)
+    with pytest.raises(NoWay, match=r"in the present posture joint a takes 200 % of its torque limit merely to hold still"):
+        excite(model, posture=[1.5, 0.0], present=[0.0, 0.0], limits=weak, **quick)
+    with pytest.raises(
+        ConfigurationError, match=r"in the posture given for the start joint a takes 200 % of its limit merely to hold still"
+    ):
+        excite(model, posture=[0.0, 0.0], limits=weak, **quick)
 
 
 def test_distance_of_an_obstacle_is_that_of_geometry(tmp_path: Path) -> None:
