@@ -9,7 +9,8 @@ import numpy as np
 
 from ..errors import DataError
 from ..problem.opposite_signs import negative_share, opposite_sign
-from .against_nominal import factor_doubt
+from .against_nominal import factor_doubt, zero_doubt
+from .misreadings import misreading
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -35,7 +36,9 @@ _LISTED = 6
 def doubts(estimate: Estimate) -> tuple[str, ...]:
     """Sentences for an estimate's warnings; none where nothing is to be said."""
     every = all_turned(estimate)
-    wrong = (every,) if every else (_impossible(estimate), _turned(estimate), factor_doubt(estimate))
+    if estimate.information is not None and estimate.information.n != estimate.model.robot.n:  # one row for the whole robot (energy)
+        return tuple(said for said in (every or _impossible(estimate), _apart(estimate)) if said)
+    wrong = (every,) if every else (_impossible(estimate), _cause(estimate))
     return tuple(said for said in (*wrong, _few(estimate), _apart(estimate)) if said)
 
 
@@ -86,8 +89,8 @@ def _impossible(estimate: Estimate) -> str:
         return ""
     listed = ", ".join(found[:_LISTED]) + (f" and {len(found) - _LISTED} more" if len(found) > _LISTED else "")
     return (
-        f"{listed}: no such thing has that sign, and noise does not explain it. A torque recorded with the opposite sign does that, a wrong"
-        " side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
+        f"{listed}: a physically impossible sign, and noise does not explain it. A torque recorded with the opposite sign does that, a"
+        " wrong side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
     )
 
 
@@ -97,6 +100,11 @@ def _turned(estimate: Estimate) -> str:
         return ""
     found = opposite_sign(estimate.information, estimate.base, estimate.model.robot.joint_names)
     return "" if found is None else str(found)
+
+
+def _cause(estimate: Estimate) -> str:
+    """What the log has wrong, the surest first: what follows from one cause is not blamed on the next."""
+    return _turned(estimate) or misreading(estimate) or zero_doubt(estimate) or factor_doubt(estimate)
 
 
 def _bounds(estimate: Estimate) -> tuple[Array, Array]:
