@@ -167,13 +167,15 @@ class TrajectorySearch:
         return next((s * coefficients for s in _SHARES if self.is_clear(offset, s * coefficients)), None)
 
     def certified(self, offset: Array, coefficients: Array) -> Array | None:
-        """The coefficients, scaled down until the motion keeps clear at every moment; None where that leaves hardly any."""
-        if self.clearance is None:
-            return coefficients
+        """The coefficients, scaled down until torque holds and the motion keeps clear at every moment; None where hardly any is left."""
         share = 1.0
         while share > _LEAST:
-            if certify(self.clearance, self.family.build(offset, share * coefficients), self.limits).holds:
-                return share * coefficients
+            own = share * coefficients
+            # A smaller motion takes less speed, but not always less torque.
+            if self.torque_share(offset, own, self.torque_t) <= 1.0 and (
+                self.clearance is None or certify(self.clearance, self.family.build(offset, own), self.limits).holds
+            ):
+                return own
             share *= 0.97 if share > 0.5 else 0.8
         return None
 
@@ -239,7 +241,8 @@ class TrajectorySearch:
         """The largest share of any torque limit at uniform times t, with a margin for what lies between them."""
         if not self.limited_torque:
             return 0.0
-        torque = self.information.torque(t, self.family.build(offset, coefficients).sample(t))
+        joint = self.family.build(offset, coefficients).sample(t)
+        torque = np.concatenate([self.information.torque(t, joint), self.information.torque_at_reversals(t, joint)])
         return float(np.abs(torque / self.limits.torque).max()) * (1.0 + _TORQUE_MARGIN)
 
     def scaled(self, offset: Array, coefficients: Array, share: float) -> Array | None:

@@ -274,3 +274,27 @@ def test_what_torque_is_predicted_from_is_said() -> None:
     assert "torque as predicted from: rigid_body; NOT in it, no value is known: coulomb" in text
     values = np.ones(len(model.parameters))
     assert excite(model, values=values, starts=1, iterations=1).torque_of == ("rigid_body", "coulomb")
+
+
+def test_torque_beside_a_reversal_is_within_its_limit() -> None:
+    """Dry friction jumps between samples: torque with either direction is looked at, against a hundred times finer samples."""
+    from ident.excitation.information import MotionInformation
+    from ident.friction import Coulomb
+
+    robot = Robot.from_urdf(ARM)
+    model = robot.rigid_body() + Coulomb()
+    values = np.zeros(len(model.parameters))
+    values[0], values[10], values[-2:] = 1.0, 1.0, (4.0, 3.0)
+    trajectory = excite(model, starts=1, iterations=1).trajectory
+    info = MotionInformation(model, values, np.ones(2))
+    t, fine = np.linspace(0.0, 10.0, 101), np.linspace(0.0, 10.0, 100_001)
+    true = np.abs(info.torque(fine, trajectory.sample(fine)))
+    sampled = np.abs(info.torque(t, trajectory.sample(t)))
+    beside = np.abs(info.torque_at_reversals(t, trajectory.sample(t)))
+    near = [np.flatnonzero(np.diff(np.sign(trajectory.sample(t).dq[:, j]))) for j in range(2)]
+    for j, intervals in enumerate(near):
+        assert len(intervals) > 2
+        for i in intervals.tolist():
+            inside = true[1000 * i : 1000 * (i + 1), j].max()
+            assert inside <= max(sampled[:, j].max(), beside[:, j].max()) + 0.05
+    assert beside.max() > 4.0
