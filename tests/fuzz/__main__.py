@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 from .kinds import KINDS
 from .outcomes import Count
-from .run import fuzz
+from .run import fuzz_apart
 
 #: Bytes of memory beyond which an input is a bomb.
 _MEMORY = 6 << 30
@@ -30,11 +30,11 @@ def main() -> int:
     for name in given.kinds:
         until = None if given.minutes is None else time.monotonic() + 60 * given.minutes / len(given.kinds)
         with TemporaryDirectory() as folder:
-            count = fuzz(KINDS[name], Path(folder), given.seed, None if until else given.count, until)
+            count = fuzz_apart(KINDS[name], Path(folder), given.seed, None if until else given.count, until)
         counts.append(count)
-        print(count.line(), flush=True)
+        print(f"{count.line()}\n{count.sources()}", flush=True)
         for i, (seen, outcome, data, seed) in enumerate(count.faults.values()):
-            print(f"  {outcome.kind} x{seen} at {outcome.where}, seed {seed}: {outcome.text}")
+            print(f"  {outcome.kind} x{seen} at {outcome.where}, seed {seed}: {outcome.text}", flush=True)
             if given.keep is not None:
                 given.keep.mkdir(parents=True, exist_ok=True)
                 (given.keep / f"{name}-{i}-{seed}.bin").write_bytes(data)

@@ -29,7 +29,7 @@ class Difference(AssertionError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """`kind`: "done", "refused", "traceback", "hang" or "difference"; `where`: the line of ours that raised; `text`: what was said."""
+    """`kind`: "done", "refused", "traceback", "crash", "hang", "difference"; `where`: the line of ours that raised; `text`: what was said."""
 
     kind: str
     where: str = ""
@@ -83,10 +83,12 @@ class Count:
     name: str
     kinds: Counter[str] = field(default_factory=Counter)
     faults: dict[tuple[str, str, str], list[Any]] = field(default_factory=dict)
+    files: Counter[str] = field(default_factory=Counter)
 
-    def add(self, outcome: Outcome, data: bytes, seed: int) -> bool:
-        """Count one; True where its kind of fault is new."""
+    def add(self, outcome: Outcome, data: bytes, seed: int, name: str = "") -> bool:
+        """Count one that was made of the file `name`; True where its kind of fault is new."""
         self.kinds[outcome.kind] += 1
+        self.files[name] += 1
         if not outcome.is_fault:
             return False
         key = (outcome.kind, outcome.where, outcome.text.split(":", maxsplit=1)[0])
@@ -96,10 +98,21 @@ class Count:
         self.faults[key] = [1, outcome, data, seed]
         return True
 
+    def join(self, other: Count) -> None:
+        """Count what another counted."""
+        self.kinds += other.kinds
+        self.files += other.files
+        for key, (seen, *rest) in other.faults.items():
+            self.faults.setdefault(key, [0, *rest])[0] += seen
+
     @property
     def total(self) -> int:
         return sum(self.kinds.values())
 
     def line(self) -> str:
-        kinds = "  ".join(f"{k} {self.kinds[k]}" for k in ("done", "refused", "traceback", "hang", "difference"))
+        kinds = "  ".join(f"{k} {self.kinds[k]}" for k in ("done", "refused", "traceback", "crash", "hang", "difference"))
         return f"{self.name:<12} inputs {self.total:<7} {kinds}"
+
+    def sources(self) -> str:
+        """How many were made of each file."""
+        return "  of " + ", ".join(f"{name} {n}" for name, n in sorted(self.files.items()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from ...errors import DataError
 from .damage import reason
+from .packed import Expansion
 from .stored import LogFormat, Stored, register_log_format
 
 Array = np.ndarray
@@ -80,9 +82,15 @@ def shortest(arrays: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _read_npz(path: Path) -> Stored:
+    unpacked = Expansion(path)
     try:
+        with zipfile.ZipFile(path) as members:
+            for member in members.infolist():
+                unpacked.add(member.file_size)
         with np.load(path, allow_pickle=False) as content:
             arrays = {name: content[name] for name in content.files}
+    except DataError:
+        raise
     except MemoryError:
         raise DataError(f"log {path}: asks for more memory than there is. Save fewer arrays; a damaged file may ask too.") from None
     except Exception as error:  # noqa: BLE001 - whatever NumPy makes of a damaged file

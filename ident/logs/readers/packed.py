@@ -77,12 +77,29 @@ class _Zstandard(io.RawIOBase):
         super().close()
 
 
+class Expansion:
+    """How many bytes a packed file may become in memory, counted as they come; more is a DataError."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._bytes = path, 0
+        self.most = max(_UNPACKED, _RATIO * path.stat().st_size)
+
+    def add(self, count: int) -> None:
+        """Count bytes before they are kept."""
+        self._bytes += int(count)
+        if self._bytes > self.most:
+            raise DataError(
+                f"log {self._path}: unpacks to more than {_RATIO} times its size ({self._bytes / 1e6:.0f} MB so far): a damaged file, or"
+                " one made to fill the memory. If it is meant, unpack it, or read it piece by piece (--stream)."
+            )
+
+
 class _Unpacked(io.RawIOBase):
     """What a packed file unpacks to, up to a size that a table of numbers may have."""
 
     def __init__(self, inner: IO[bytes], path: Path) -> None:
-        self._inner, self._path, self._at = inner, path, 0
-        self._most = max(_UNPACKED, _RATIO * path.stat().st_size)
+        self._inner, self._path = inner, path
+        self._bytes, self._counted = Expansion(path), 0
 
     def readable(self) -> bool:
         return True
@@ -91,20 +108,16 @@ class _Unpacked(io.RawIOBase):
         return True
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        self._at = self._inner.seek(offset, whence)
-        return self._at
+        return self._inner.seek(offset, whence)
 
     def readinto(self, buffer: Any) -> int:
         try:
             count: int = self._inner.readinto(buffer)  # type: ignore[attr-defined]
         except DAMAGED as error:
             raise DataError(f"log {self._path}: the file is damaged ({reason(error)}).") from None
-        self._at += count
-        if self._at > self._most:
-            raise DataError(
-                f"log {self._path}: unpacks to more than {_RATIO} times its size ({self._at / 1e6:.0f} MB so far): a damaged file, or one"
-                " made to fill the memory. If it is meant, unpack it, or read it piece by piece (--stream)."
-            )
+        if (at := self._inner.tell()) > self._counted:  # what is read again counts once
+            self._bytes.add(at - self._counted)
+            self._counted = at
         return count
 
     def close(self) -> None:
