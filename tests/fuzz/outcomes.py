@@ -29,7 +29,7 @@ class Difference(AssertionError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """`kind`: "done", "refused", "traceback", "crash", "hang", "difference"; `where`: the line of ours that raised; `text`: what was said."""
+    """`kind`: "done", "refused", "traceback", "crash", "hang", "difference"; `where`: our line that raised; `text`: what was said."""
 
     kind: str
     where: str = ""

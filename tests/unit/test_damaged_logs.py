@@ -95,7 +95,7 @@ def bomb(path: Path) -> None:
         import pyarrow as pa
         from pyarrow import parquet
 
-        parquet.write_table(pa.table({name: zeros for name in ("t", "q1", "q2", "tau1", "tau2")}), path)
+        parquet.write_table(pa.table(dict.fromkeys(("t", "q1", "q2", "tau1", "tau2"), zeros)), path)
     else:
         h5py = pytest.importorskip("h5py")
         with h5py.File(path, "w", userblock_size=512) as file:

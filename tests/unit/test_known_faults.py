@@ -100,6 +100,20 @@ def test_a_name_survives_its_encoding(tmp_path: Path, encoding: str) -> None:
     assert ident.Robot.from_urdf(robot.source["urdf_text"]).joint_names == robot.joint_names
 
 
+@pytest.mark.parametrize("size", [1e200, np.inf, np.nan])
+def test_numbers_that_are_no_robots_are_refused_where_they_are_given(size: float) -> None:
+    """Of gravity of 1e200 m/s², no parameter was kept, and the fit's doubts ended in a traceback."""
+    with pytest.raises(ident.ConfigurationError, match="gravity"):
+        ident.Robot.from_urdf(urdf(), gravity=(0, 0, -size))
+    with pytest.raises(ident.ConfigurationError, match="locked"):
+        ident.Robot.from_urdf(urdf(), locked={"j2": size})
+    for told in ({"K": [[size, 0], [0, 1]]}, {"zero": [size, 0]}, {"torque_constants": [1, size]}):
+        with pytest.raises(ident.ConfigurationError, match=next(iter(told))):
+            ident.Transmission(**{"K": np.eye(2), "zero": np.zeros(2), **told})
+    with pytest.raises(ident.ConfigurationError, match="ratio"):
+        ident.Transmission.from_ratio([1, size])
+
+
 # --- logs -------------------------------------------------------------------------------------------------------------
 
 
