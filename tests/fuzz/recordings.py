@@ -32,6 +32,12 @@ def messages() -> dict[str, bytes]:
     record = '<Rob Type="x"><Pos A1="{:.7g}" A2="{:.7g}"/><Torque A1="{:.7g}" A2="{:.7g}"/><time>{:.7g}</time></Rob>'
     telegrams = "\n".join(record.format(*a, *b, s) for s, a, b in zip(t, q, tau, strict=True))
     long = [f"{s:.7g},{k + 1},{a[k]:.7g},{b[k]:.7g}" for s, a, b in zip(t, q, tau, strict=True) for k in range(2)]
+    lists = ["time,name,position,effort"] + [
+        f'{s:.7g},"[\'j1\', \'j2\']","[{a[0]:.7g}, {a[1]:.7g}]","[{b[0]:.7g}, {b[1]:.7g}]"' for s, a, b in zip(t, q, tau, strict=True)
+    ]
+    echoed = ["%time,field.name0,field.name1,field.position0,field.position1,field.effort0,field.effort1"] + [
+        f"{round(1e9 * s)},j1,j2,{a[0]:.7g},{a[1]:.7g},{b[0]:.7g},{b[1]:.7g}" for s, a, b in zip(t, q, tau, strict=True)
+    ]
     arrays = {"t": t.tolist(), "q": q.tolist(), "tau": tau.tolist(), "note": "x"}
     return {
         "states.jsonl": "\n".join(map(json.dumps, states)).encode(),
@@ -39,6 +45,8 @@ def messages() -> dict[str, bytes]:
         "arrays.json": json.dumps(arrays).encode(),
         "telegrams.xml": telegrams.encode(),
         "document.xml": f'<?xml version="1.0"?>\n<log>{telegrams}</log>'.encode(),
+        "lists.csv": "\n".join([*lists, ""]).encode(),
+        "echoed.csv": "\n".join([*echoed, ""]).encode(),
         "long.csv": "\n".join(["time,id,position,effort", *long, ""]).encode(),
     }
 

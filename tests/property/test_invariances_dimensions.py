@@ -242,7 +242,16 @@ def test_a_study_says_what_arguments_say(name: str, tmp_path: Path) -> None:
         "estimator": {"method": "wls"},
     }
     (tmp_path / "study.toml").write_text(to_toml(study))
-    same(usual(name), ident.fit(ident.read_study(tmp_path / "study.toml"), held=0), SAME)
+    told = ident.read_study(tmp_path / "study.toml")
+    by_arguments = ident.fit(c.log, c.robot, model=[ident.make_effect(e) for e in EFFECTS])
+    by_study = ident.fit(told)
+    same(by_arguments, by_study, SAME)
+    assert by_study.heldout_error is not None
+    assert by_arguments.heldout_error is not None
+    assert by_study.heldout_error.relative_all == pytest.approx(by_arguments.heldout_error.relative_all, rel=SAME)
+    for given in ({"held": 0}, {"method": "ls"}, {"iterations": 3}):
+        with pytest.raises(ident.ConfigurationError, match="change the study"):
+            ident.fit(told, **given)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

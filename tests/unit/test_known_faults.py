@@ -207,6 +207,25 @@ def test_a_line_without_an_end_is_no_table(tmp_path: Path, robot: ident.Robot) -
         ident.read_logs(tmp_path / "b.csv", robot)
 
 
+@pytest.mark.parametrize("row", ["0.02,1,0.1", "0.02,1,0.1,0.2,0.3,0.4", '0.02,"1,0.1,0.2'], ids=["short", "long", "open quotes"])
+def test_tables_of_words_are_read_or_refused_by_name(tmp_path: Path, row: str) -> None:
+    """A table in which a column holds names or lists goes through a reader of its own, which refuses like that of numbers."""
+    path = tmp_path / "a.csv"
+    path.write_text(f'time,name,position,effort,more\n0,"[\'j1\', \'j2\']","[0, 1]","[0, 1]",\n{row}\n')
+    with pytest.raises(ident.DataError, match=r"a\.csv"):
+        ident.read_logs(path)
+    many = ",".join(["time", "id", "position", "effort", *["extra"] * 16, "name"])
+    path.write_text(many + "\n" + "".join(f"{k},1,0.1,0.2\n" for k in range(60)))
+    with pytest.raises(ident.DataError, match=r"a\.csv"):
+        ident.read_logs(path)
+
+
+def test_a_field_beyond_all_bounds_is_told_with_its_file_and_line(tmp_path: Path, robot: ident.Robot) -> None:
+    (tmp_path / "a.csv").write_text("t,q1,q2,tau1,tau2\n0,0,0,0,0\n1,0," + "1" * 200_000 + ",0,0\n")
+    with pytest.raises(ident.DataError, match=r"a\.csv.*line 3"):
+        ident.read_logs(tmp_path / "a.csv", robot)
+
+
 # --- structured text, writers, faults ---------------------------------------------------------------------------------
 
 
