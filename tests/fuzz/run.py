@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import pickle
 import signal
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,13 @@ import numpy as np
 
 from .kinds import Kind
 from .mutations import of
-from .outcomes import HANG_S, Count, Outcome, tried
+from .outcomes import HANG_S, WAITS, Count, Outcome, tried
 
 #: Inputs for which one process is made, and seconds without an end of any after which it is taken to hang where no signal reaches it.
-_BATCH, _STUCK = 250, 3 * HANG_S
+_BATCH, _STUCK = 250, 2 * WAITS * HANG_S
+#: What those processes would else load each for itself.
+_LOADED = ("scipy.signal", "scipy.io", "scipy.linalg", "scipy.stats", "scipy.optimize", "pandas", "pyarrow.csv", "pyarrow.parquet", "h5py",
+           "lxml.etree", "pinocchio", "yourdfpy", "rosbags.highlevel")  # fmt: skip
 
 
 def made(kind: Kind, seed: int) -> tuple[str, bytes]:
@@ -44,6 +49,9 @@ def fuzz(kind: Kind, folder: Path, seed: int, count: int | None, until: float | 
 def fuzz_apart(kind: Kind, folder: Path, seed: int, count: int | None, until: float | None = None) -> Count:
     """The same in processes of their own: one that dies, or hangs where no signal is heard, is a fault of the input it had."""
     kind.sources()  # made once, before there are several
+    for module in _LOADED:
+        with suppress(ImportError):
+            importlib.import_module(module)
     found = Count(kind.name)
     while (count is None or found.total < count) and (until is None or time.monotonic() < until):
         wanted = _BATCH if count is None else min(_BATCH, count - found.total)
