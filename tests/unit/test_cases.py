@@ -1,4 +1,4 @@
-"""Inputs that once went wrong: every folder of `../shared/cases` has a test of its kind here; where the folder is, its commands are right."""
+"""Inputs that once went wrong: each folder of `../shared/cases` has a test of its kind; where the folder is, its commands are right."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FOLDER = Path(os.environ.get("IDENT_CASES", ROOT.parent / "shared" / "cases"))
 
 @dataclass(frozen=True)
 class Kind:
-    """`test`: that of its kind. `says`, `not_said`: what must, and must not, stand in what the folder's commands print; they exit with 0."""
+    """`test`: that of its kind. `says`, `not_said`: what must, and must not, stand in what the folder's commands print."""
 
     test: str
     says: tuple[str, ...] = ()
