@@ -43,6 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     command = next((a for a in given if not a.startswith("-")), "")
     parser = build_parser(command)
+    if any("\x00" in a for a in given):
+        parser.error("an argument holds the character NUL, which no name can")
     args, more = parser.parse_known_args(given)
     if not take_names(args, more):
         parser.error(f"unrecognized arguments: {' '.join(more)}")

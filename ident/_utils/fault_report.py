@@ -25,7 +25,9 @@ def fault_report(given: Sequence[str], error: Exception) -> tuple[Path | None, s
     import zipfile
 
     files = list(dict.fromkeys(_files(given)))
-    kept, left, size = [], [], 0
+    kept: list[Path] = []
+    left: list[Path] = []
+    size = 0
     for path in files:
         size += path.stat().st_size
         (kept if size <= _MOST else left).append(path)

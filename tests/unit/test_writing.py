@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ident import ConfigurationError
+from ident import ConfigurationError, cli
 from ident._utils import files
 from ident._utils.files import remove_leftovers, staged, write_atomic
 
@@ -143,3 +143,11 @@ def test_a_name_is_taken_or_refused_in_one_line(tmp_path: Path, name: str) -> No
     with pytest.raises(ConfigurationError, match="nothing was written"):
         fill(tmp_path / name, {"a.txt": "1"})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_argument_with_a_nul_is_refused_by_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("fit", "base", "export"):
+        with pytest.raises(SystemExit) as ended:
+            cli.main([command, "--out", "a\x00b"])
+        assert ended.value.code == 2
+    assert capsys.readouterr().err.count("the character NUL") == 3
