@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from ...errors import ConfigurationError, DataError, IdentError
-from .arrays import columns_of, leaves
+from .arrays import ArrayTable, columns_of, leaves
 from .damage import reason
 from .mat import matlab_columns
 from .packed import Expansion
-from .stored import LogFormat, Stored, register_log_format, split_inside
+from .stored import Chunked, LogFormat, Stored, register_log_format, split_inside
 
 Array = np.ndarray
 _MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -92,7 +92,29 @@ def _read(path: Path) -> Stored:
     return Stored(columns_of(arrays, f"log {path}"))
 
 
-def _one_level_up(arrays: Mapping[str, Array]) -> dict[str, Array]:
+def _chunks(path: Path) -> Chunked:
+    outer, inside = split_inside(path)
+
+    def table(file: Any) -> ArrayTable:
+        if inside and inside not in file:
+            raise DataError(f"log {outer}: holds no group {inside!r}; it has {', '.join(list(file)[:8])}.")
+        found = _datasets(file[inside] if inside else file)
+        return ArrayTable.of(found if inside else _one_level_up(found), f"log {path}")
+
+    def read(names: Sequence[str], first: int) -> Iterator[dict[str, Array]]:
+        with _opened(outer) as file:
+            yield from table(file).chunks(names, first)
+
+    def sample(names: Sequence[str]) -> dict[str, Array]:
+        with _opened(outer) as file:
+            return table(file).sample(names)
+
+    with _opened(outer) as file:
+        whole = table(file)
+        return Chunked(tuple(whole.places), read, sample, whole.rows)
+
+
+def _one_level_up(arrays: Mapping[str, Any]) -> dict[str, Any]:
     """The same without groups that hold everything (`data/demo_1/`)."""
     parts = [name.split("/") for name in arrays]
     depth = 0
@@ -129,5 +151,5 @@ def _value(file: Any, item: Any, unpacked: Expansion) -> Any:
     return array.T if array.ndim > 1 else array
 
 
-HDF5 = register_log_format(LogFormat("HDF5", lambda path, start: start.startswith(_MAGIC), _read, _recordings))
+HDF5 = register_log_format(LogFormat("HDF5", lambda path, start: start.startswith(_MAGIC), _read, _recordings, _chunks))
 MATLAB = register_log_format(LogFormat("MATLAB 7.3", lambda path, start: start.startswith(_MATLAB), _read_matlab))
