@@ -85,17 +85,18 @@ def _made(name: str, write: Callable[[Path], object]) -> bytes:
 
 @lru_cache(maxsize=1)
 def stored() -> dict[str, bytes]:
-    """Binary logs: Parquet, MAT, NPZ; HDF5 and MAT 7.3 where `h5py` is installed, bags of ROS 1 and 2 and MCAP where `rosbags` is."""
+    """Binary logs: Parquet, Arrow, MAT, NPZ; HDF5 and MAT 7.3 where `h5py` is installed, bags where `rosbags` is."""
     import pyarrow as pa
-    from pyarrow import parquet
+    from pyarrow import feather, parquet
     from scipy.io import savemat
 
     t, q, tau = motion()
     columns = {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": tau[:, 0], "tau2": tau[:, 1]}
     lists = {"timestamp": t, "observation.state": list(q), "observation.effort": list(tau)}
     stamped = {**columns, "t": (t * 1e9).astype("datetime64[ns]")}
-    npz = io.BytesIO()
+    npz, packed_npz = io.BytesIO(), io.BytesIO()
     np.savez(npz, t=t, q=q, tau=tau)
+    np.savez_compressed(packed_npz, t=t, q=q, tau=tau)
     return {
         "a.parquet": _made("a.parquet", lambda p: parquet.write_table(pa.table(columns), p)),
         "stamped.parquet": _made("s.parquet", lambda p: parquet.write_table(pa.table(stamped), p)),
@@ -103,6 +104,9 @@ def stored() -> dict[str, bytes]:
         "a.mat": _made("a.mat", lambda p: savemat(p, {"t": t, "q": q, "tau": tau})),
         "packed.mat": _made("p.mat", lambda p: savemat(p, {"log": {"t": t, "q": q, "tau": tau}}, do_compression=True)),
         "a.npz": npz.getvalue(),
+        "packed.npz": packed_npz.getvalue(),
+        "a.arrow": _made("a.arrow", lambda p: feather.write_feather(pa.table(columns), str(p), compression="uncompressed")),
+        "a.feather": _made("a.feather", lambda p: feather.write_feather(pa.table(lists), str(p))),
         **_hdf5(t, q, tau),
         **_bags(t, q, tau),
     }

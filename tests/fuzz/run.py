@@ -7,6 +7,7 @@ import os
 import pickle
 import signal
 import time
+import traceback
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,9 @@ def _child(kind: Kind, folder: Path, seed: int, count: int, until: float | None)
             inputs.mkdir(exist_ok=True)
             result.write_bytes(pickle.dumps(fuzz(kind, inputs, seed, count, until, progress)))
             code = 0
+        except BaseException:
+            traceback.print_exc()
+            raise
         finally:
             os._exit(code)
     stuck = False

@@ -150,3 +150,29 @@ def test_a_torque_that_is_none_is_told_and_left_out(tmp_path: Path, value: str) 
     assert "1 samples" in found.text
     (run,) = store_logs(path, tmp_path / "rows", Reading(seeds.robot()))
     np.testing.assert_array_equal(run.read(0, len(run)).tau["joint"], logs[0].tau["joint"])
+
+
+def test_what_another_library_would_believe_is_checked_first(tmp_path: Path) -> None:
+    """Mapped arrays by their sums, lists in Arrow files by their places, whole and in chunks; Feather's first version not at all."""
+    feather = pytest.importorskip("pyarrow.feather")
+    import pyarrow as pa
+
+    path = tmp_path / "a.npz"
+    np.savez(path, t=np.arange(400) / 50.0, q=np.sin(np.arange(800.0)).reshape(400, 2), tau=np.cos(np.arange(800.0)).reshape(400, 2))
+    content = bytearray(path.read_bytes())
+    content[content.index(b"q.npy") + 1000] ^= 0xFF
+    path.write_bytes(bytes(content))
+    lists = pa.table(
+        {"timestamp": np.arange(400) / 50.0, "observation.state": list(np.zeros((400, 2))), "observation.effort": list(np.ones((400, 2)))}
+    )
+    feather.write_feather(lists, str(tmp_path / "a.arrow"), compression="uncompressed")
+    offsets = np.arange(0, 40, 2, dtype=np.int32).tobytes()
+    content = bytearray((tmp_path / "a.arrow").read_bytes())
+    content[content.index(offsets) + 19] = 0x40
+    (tmp_path / "a.arrow").write_bytes(bytes(content))
+    (tmp_path / "old.feather").write_bytes(b"FEA1" + bytes(400) + b"FEA1")
+    for name in ("a.npz", "a.arrow", "old.feather"):
+        with pytest.raises(DataError, match=name):
+            ident.read_logs(tmp_path / name, seeds.robot())
+        with pytest.raises(DataError, match=name):
+            store_logs(tmp_path / name, tmp_path / f"rows {name}", Reading(seeds.robot()))

@@ -12,14 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import DataError, IdentError, UnsupportedError
-from .damage import reason
+from ...errors import DataError, UnsupportedError
+from .damage import damage_told
 from .packed import Expansion
 from .stored import Chunked, LogFormat, Stored, register_log_format
 
 Array = np.ndarray
 #: Rows of a chunk, and of a stretch by which columns are recognised, of which there are so many.
 CHUNK, STRETCH, _STRETCHES = 1 << 16, 4096, 16
+_NO_ARRAYS = "is not a file of plain arrays"
 #: Arrays beyond so many columns are images and the like.
 _WIDEST = 1024
 
@@ -141,18 +142,12 @@ def shortest(arrays: Mapping[str, Array]) -> dict[str, Array]:
 
 def _read_npz(path: Path) -> Stored:
     unpacked = Expansion(path)
-    try:
+    with damage_told(path, _NO_ARRAYS):
         with zipfile.ZipFile(path) as members:
             for member in members.infolist():
                 unpacked.add(member.file_size)
         with np.load(path, allow_pickle=False) as content:
             arrays = {name: content[name] for name in content.files}
-    except DataError:
-        raise
-    except MemoryError:
-        raise DataError(f"log {path}: asks for more memory than there is. Save fewer arrays; a damaged file may ask too.") from None
-    except Exception as error:  # noqa: BLE001 - whatever NumPy makes of a damaged file
-        raise DataError(f"log {path}: is not a file of plain arrays ({reason(error)}).") from None
     return Stored(columns_of(arrays, f"log {path}"))
 
 
@@ -160,6 +155,8 @@ def _mapped(path: Path) -> dict[str, Array]:
     """The arrays of an NPZ file that is not packed, mapped into memory. Raises UnsupportedError for one that is."""
     out: dict[str, Array] = {}
     with zipfile.ZipFile(path) as members, path.open("rb") as file:
+        if (bad := members.testzip()) is not None:  # what is mapped is not checked on the way
+            raise DataError(f"log {path}: {_NO_ARRAYS} (Bad CRC-32 for file {bad!r}).")
         for member in members.infolist():
             if member.compress_type != zipfile.ZIP_STORED:
                 raise UnsupportedError(f"log {path}: arrays that are packed are read whole (--no-stream); save them with numpy.savez.")
@@ -176,12 +173,8 @@ def _mapped(path: Path) -> dict[str, Array]:
 
 
 def _npz_chunks(path: Path) -> Chunked:
-    try:
+    with damage_told(path, _NO_ARRAYS):
         table = ArrayTable.of(_mapped(path), f"log {path}")
-    except IdentError:
-        raise
-    except Exception as error:  # noqa: BLE001 - whatever NumPy makes of a damaged file
-        raise DataError(f"log {path}: is not a file of plain arrays ({reason(error)}).") from None
     return Chunked(tuple(table.places), table.chunks, table.sample, table.rows)
 
 

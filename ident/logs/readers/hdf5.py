@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ConfigurationError, DataError, IdentError
+from ...errors import ConfigurationError, DataError
 from .arrays import ArrayTable, columns_of, leaves
-from .damage import reason
+from .damage import damage_told
 from .mat import matlab_columns
 from .packed import Expansion
 from .stored import Chunked, LogFormat, Stored, register_log_format, split_inside
@@ -27,20 +27,13 @@ _LARGEST = 1 << 28
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """The content of a file. Whatever h5py makes of a damaged one, wherever in it, is a DataError."""
+    """The content of a file."""
     if find_spec("h5py") is None:
         raise ConfigurationError(f"log {path}: reading HDF5 needs h5py: pip install 'ident[hdf5]'. Or export the log as CSV.")
     import h5py
 
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except IdentError:
-        raise
-    except MemoryError:
-        raise DataError(f"log {path}: asks for more memory than there is. Save fewer data sets; a damaged file may ask too.") from None
-    except Exception as error:  # noqa: BLE001 - h5py raises what it likes, at any access
-        raise DataError(f"log {path}: cannot be read as HDF5 ({reason(error)}).") from None
+    with damage_told(path, "cannot be read as HDF5"), h5py.File(path, "r") as file:
+        yield file
 
 
 def _datasets(group: Any) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import DataError
 from ..units import bracketed, split_unit
 from .arrays import columns_of, leaves, shortest
-from .damage import reason
+from .damage import damage_told
 from .packed import Expansion
 from .stored import LogFormat, Stored, register_log_format
 
@@ -25,17 +25,9 @@ _HEAD, _PACKED, _ZLIB, _PIECE = 128, 15, 1032, 1 << 20
 def _read(path: Path) -> Stored:
     from scipy.io import loadmat
 
-    try:
+    with damage_told(path, "is not a MAT file"):
         _bound(path)
         content = loadmat(path, simplify_cells=True)
-    except DataError:
-        raise
-    except MemoryError:
-        raise DataError(
-            f"log {path}: asks for more memory than there is. Save fewer columns, or in parts; a damaged file may ask too."
-        ) from None
-    except Exception as error:  # noqa: BLE001 - whatever SciPy makes of a damaged file
-        raise DataError(f"log {path}: is not a MAT file ({reason(error)}).") from None
     plain = {name: value for name, value in content.items() if not str(name).startswith("__") and name != "None"}
     return matlab_columns(leaves(plain), path)
 
