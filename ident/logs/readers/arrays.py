@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import zipfile
 from collections import Counter
@@ -92,7 +93,7 @@ class ArrayTable:
     def _slice(self, name: str, start: int, stop: int) -> Array:
         a = self.arrays[name]
         rows = np.asarray(a[:, start:stop]).T if name in self.across else np.asarray(a[start:stop])
-        return rows.astype(float).reshape(stop - start, -1)
+        return rows.astype(float).reshape(len(rows), math.prod(rows.shape[1:]))  # of no rows, -1 would be no number of columns
 
     def _filled(self) -> int:
         """Rows without those at the end that are zero in every array."""
