@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from .._utils.files import write_atomic
 from .._utils.text import wrapped
 from ..diagnosis import diagnose
-from ..errors import ConfigurationError, DataError
+from ..errors import ConfigurationError, DataError, UnsupportedError
+from ..problem.integrated import TORQUE
 from ..reporting import report
 from ..reporting.diagnosis import diagnosis_report
 from ..study.session import HELD_SHARE, Session
@@ -56,6 +57,8 @@ def diagnosis_of(session: Session, out: Output, *, verbose: bool = False) -> Dia
         if verbose or not (out.quiet or step.startswith(" ")):
             out.note(step)
 
+    if session.study.form != TORQUE:
+        raise UnsupportedError(f"a diagnosis looks at torque; leave out the {session.study.form} form (--form, or [estimator] form).")
     if session.turned:
         raise DataError(session.turned)
     estimate = session.estimate

@@ -96,7 +96,7 @@ def diagnosis_text(d: Told) -> str:
         lines.append(f"     {f.advice}")
     lines += [f"left: {u.evidence}" for u in d.unexplained]
     lines += [
-        f"hidden: {effect} on {places}: would pass for what the model has; to see it, {motion}"
+        f"not detectable on this motion: {effect} on {places}: would pass for what the model has; to see it, {motion}"
         for effect, places, motion in by_effect(d.hidden)
     ]
     lines += [str(d.instrument)]

@@ -112,7 +112,7 @@ def _swap(state: EffectSearch, say: Callable[[str], None]) -> None:
 def _withdraw(state: EffectSearch, say: Callable[[str], None]) -> None:
     """Take back what beside the others has values that it cannot have: it stood for something else."""
     while (i := state.impossible()) is not None:
-        say(f"withdrawn: {state.accepted[i][0].name}, whose values no such effect can have")
+        say(f"retracted: {state.accepted[i][0].name}, whose values no such effect can have")
         del state.accepted[i]
         state.solve()
 
