@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ...errors import ConfigurationError, DataError
-from .damage import DAMAGED, reason
+from .damage import damage_told
 
 #: Bytes that a packed file may always unpack to, how many times its own size beyond that, and bytes that are unpacked at a time.
 _UNPACKED, _RATIO, _BLOCK = 1 << 28, 200, 1 << 20
@@ -22,14 +22,14 @@ _OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.ope
 
 
 def open_binary(path: Path) -> IO[bytes]:
-    """The bytes of a file, decompressed if it begins like a gzip, bzip2 or xz file."""
+    """The bytes of a file, decompressed if it begins like a packed one; damage in that, wherever it is met, is a DataError."""
     with path.open("rb") as raw:
         start = raw.read(6)
     for magic, opener in _OPENERS:
         if start.startswith(magic):
-            return opener(path, "rb")  # type: ignore[no-any-return]
+            return io.BufferedReader(_Told(opener(path, "rb"), path), _BLOCK)
     if start.startswith(_ZSTANDARD):
-        return io.BufferedReader(_Zstandard(path))
+        return io.BufferedReader(_Told(_Zstandard(path), path), _BLOCK)
     return path.open("rb")
 
 
@@ -94,12 +94,11 @@ class Expansion:
             )
 
 
-class _Unpacked(io.RawIOBase):
-    """What a packed file unpacks to, up to a size that a table of numbers may have."""
+class _Told(io.RawIOBase):
+    """A stream whose damage is a DataError."""
 
-    def __init__(self, inner: IO[bytes], path: Path) -> None:
+    def __init__(self, inner: Any, path: Path) -> None:
         self._inner, self._path = inner, path
-        self._bytes, self._counted = Expansion(path), 0
 
     def readable(self) -> bool:
         return True
@@ -108,21 +107,32 @@ class _Unpacked(io.RawIOBase):
         return True
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        return self._inner.seek(offset, whence)
+        with damage_told(self._path, "the file is damaged"):
+            return int(self._inner.seek(offset, whence))
 
     def readinto(self, buffer: Any) -> int:
-        try:
-            count: int = self._inner.readinto(buffer)  # type: ignore[attr-defined]
-        except DAMAGED as error:
-            raise DataError(f"log {self._path}: the file is damaged ({reason(error)}).") from None
+        with damage_told(self._path, "the file is damaged"):
+            return int(self._inner.readinto(buffer))
+
+    def close(self) -> None:
+        if not self.closed:
+            self._inner.close()
+        super().close()
+
+
+class _Unpacked(_Told):
+    """What a packed file unpacks to, up to a size that a table of numbers may have."""
+
+    def __init__(self, inner: Any, path: Path) -> None:
+        super().__init__(inner, path)
+        self._bytes, self._counted = Expansion(path), 0
+
+    def readinto(self, buffer: Any) -> int:
+        count = super().readinto(buffer)
         if (at := self._inner.tell()) > self._counted:  # what is read again counts once
             self._bytes.add(at - self._counted)
             self._counted = at
         return count
-
-    def close(self) -> None:
-        self._inner.close()
-        super().close()
 
 
 def open_whole(path: Path) -> IO[bytes]:

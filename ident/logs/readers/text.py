@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 
 from ...errors import DataError, IdentError
-from .damage import DAMAGED, reason
+from .damage import DAMAGED, damage_told, reason
 from .header import MISSING, Header, is_number
 from .packed import open_binary, open_whole
 from .parquet import arrow_values
@@ -31,22 +31,17 @@ def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[
     """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists). Raises DataError."""
     import pandas as pd
 
-    try:
-        with body_of(path, header) as stream:
-            # All columns, not only those wanted: otherwise rows with too many fields, or too few, would be read as others.
-            frame = pd.read_csv(
-                stream,
-                sep=header.delimiter,
-                names=list(header.names),
-                dtype=str,
-                keep_default_na=False,
-                encoding=header.encoding,
-                encoding_errors="replace",
-            )
-    except IdentError:
-        raise
-    except (ValueError, OverflowError, *DAMAGED) as error:
-        raise DataError(f"log {path}: cannot be read as a table ({reason(error)}).") from None
+    # All columns, not only those wanted: otherwise rows with too many fields, or too few, would be read as others.
+    with damage_told(path, "cannot be read as a table"), body_of(path, header) as stream:
+        frame = pd.read_csv(
+            stream,
+            sep=header.delimiter,
+            names=list(header.names),
+            dtype=str,
+            keep_default_na=False,
+            encoding=header.encoding,
+            encoding_errors="replace",
+        )
     if not isinstance(frame.index, pd.RangeIndex):
         raise DataError(f"log {path}: rows have more fields than the header.")
     return {name: frame[name].to_numpy(dtype=object) for name in names}
