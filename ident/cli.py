@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from ._utils.fault_report import fault_report
 from ._utils.version import __version__
 from .commands import COMMANDS
 from .commands.names import take_names
@@ -48,6 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     command = next((a for a in given if not a.startswith("-")), "")
     parser = build_parser(command)
+    if any("\x00" in a for a in given):
+        parser.error("an argument holds the character NUL, which no name can")
     args, more = parser.parse_known_args(given)
     if not take_names(args, more):
         parser.error(f"unrecognized arguments: {' '.join(more)}")
@@ -100,30 +103,16 @@ def _told(wanted: bool) -> Iterator[None]:
 
 
 def _fault(command: str, given: Sequence[str], error: Exception) -> int:
-    """Report a fault of ours: what to send, in a file of its own. Exit code 70."""
-    import platform
-    import tempfile
-    import traceback
-
-    text = "\n".join(
-        [
-            f"ident {__version__}, Python {platform.python_version()}, {platform.platform()}",
-            "command: ident " + " ".join(map(repr, given)),
-            "".join(traceback.format_exception(error)),
-        ]
-    )
-    try:
-        with tempfile.NamedTemporaryFile("w", prefix="ident-fault-", suffix=".txt", delete=False) as file:
-            file.write(text)
-        where = f" The whole report is in {file.name}."
-    except OSError:
-        where = ""
+    """Report a fault of ours: what to send, in one file that reproduces it. Exit code 70."""
+    archive, text = fault_report(given, error)
+    if archive is None:
         print(text, file=sys.stderr)
-    print(
-        f"ident {command}: a fault of ours, please report it: {type(error).__name__}: {error}.{where}"
-        " Send it with the files of the command.",
-        file=sys.stderr,
+    where = (
+        "It is told above; send it"
+        if archive is None
+        else f"The report and the command's files are in {archive}: look into it, and send it"
     )
+    print(f"ident {command}: a fault of ours, please report it: {type(error).__name__}: {error}. {where}.", file=sys.stderr)
     return 70
 
 

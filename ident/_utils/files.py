@@ -184,6 +184,13 @@ def _exchanged(one: Path, other: Path) -> bool:
     return bool(call(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGE) == 0)
 
 
+def remove_folder(folder: Path) -> None:
+    """Remove a folder, which is gone at once: a process that is killed meanwhile leaves what the next one takes for left behind."""
+    aside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=_prefix(folder)))
+    folder.rename(aside)  # an empty folder may be replaced
+    shutil.rmtree(aside, ignore_errors=True)
+
+
 def _settle(folder: Path) -> None:
     """Ask the disk to remember the names in a folder."""
     with suppress(OSError):

@@ -14,12 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from .._utils.files import sha256, staged, write_atomic
+from .._utils.files import remove_leftovers, sha256, staged, write_atomic
 from .._utils.plugins import load_modules
 from .._utils.text import WIDTH, wrapped
 from ..errors import ConfigurationError
 from ..estimators import make_estimator
 from ..problem.integrated import FORMULATIONS
+from ..streaming.checkpoint import NAME as CHECKPOINT
 from ..study.study import Study, read_study
 
 if TYPE_CHECKING:
@@ -186,8 +187,9 @@ class Output:
     def _claim(self, folder: Path) -> None:
         if folder.exists() and not folder.is_dir():
             raise ConfigurationError(f"--out {folder} is a file; give a folder.")
+        remove_leftovers(folder / CHECKPOINT)
         held = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
-        unfinished = held == ["checkpoint"]
+        unfinished = held == [CHECKPOINT]
         if unfinished and not (self.resume or self.force):
             raise ConfigurationError(
                 f"--out {folder} holds unfinished work of a command that was cut off; go on with it (--resume), or throw it away (--force)."

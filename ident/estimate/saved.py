@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -51,6 +52,7 @@ def load(kind: type[_E], path: Path) -> _E:
     if not changed:
         return found
     said = f"{path} was changed after ident wrote it: its checksum is that of another content."
+    warnings.warn(said, stacklevel=3)
     return dataclasses.replace(found, warnings=(*found.warnings, said))
 
 

@@ -171,8 +171,8 @@ def _beside(estimate: Estimate) -> _Beside | None:
     alone = ~np.any(base.regroup[:, ~rigid] != 0, axis=1)
     own = [base.parameters[i] for i in base.independent]
     about_axis = {f"I{a}{a}_{joint}" for joint, axis in zip(robot.joint_names, robot.tree.axis, strict=False) for a in _along(axis)}
-    plain = np.array([ok and p.name not in about_axis for ok, p in zip(alone, own, strict=True)])
-    inertia = np.array([p.unit == "kg m^2" for p in own])
+    plain = np.array([ok and p.name not in about_axis for ok, p in zip(alone, own, strict=True)], bool)
+    inertia = np.array([p.unit == "kg m^2" for p in own], bool)
     return _Beside(estimate, base.base_values(start), plain, inertia)
 
 

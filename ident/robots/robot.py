@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+#: m/s², and rad or m: beyond these, numbers are no robot's, and sums of them overflow.
+_MOST_GRAVITY, _FARTHEST = 1e6, 1e6
 
 
 @dataclass(frozen=True)
@@ -237,8 +239,10 @@ class Robot(ShortRepr):
 
 def _gravity(gravity: Sequence[float]) -> Array:
     g = np.asarray(gravity, float).reshape(-1)
-    if g.shape != (3,) or not np.all(np.isfinite(g)):
-        raise ConfigurationError(f"gravity must be three finite numbers (m/s^2 in the base frame), not {list(gravity)}.")
+    if g.shape != (3,) or not np.all(np.abs(g) <= _MOST_GRAVITY):
+        raise ConfigurationError(
+            f"gravity must be three finite numbers (m/s^2 in the base frame, at most {_MOST_GRAVITY:g}), not {list(gravity)}."
+        )
     return g
 
 
@@ -329,8 +333,8 @@ def held_joints(
         if joint in loop:
             raise ConfigurationError(f"joint {joint!r} is both locked and dependent ([loop]); it can only be one of them.")
         held[joint] = float(position)
-        if not np.isfinite(held[joint]):
-            raise ConfigurationError(f"joint {joint!r} is locked at {position}, which is not a finite position.")
+        if not abs(held[joint]) <= _FARTHEST:
+            raise ConfigurationError(f"joint {joint!r} is locked at {position}, which is no position of a joint.")
     masters = {m.joint: m for m in urdf.mimics if m.joint not in held and m.joint not in loop}
     if keep is not None:
         for joint in keep:

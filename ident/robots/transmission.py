@@ -13,6 +13,8 @@ from .._utils.short_repr import ShortRepr
 from ..errors import ConfigurationError, unknown_name
 
 Array = np.ndarray
+#: Beyond this, or below its inverse, a number is no drive's: sums of it overflow.
+_MOST = 1e12
 
 
 class Side(StrEnum):
@@ -59,16 +61,16 @@ class Transmission(ShortRepr):
         if K.ndim != 2 or K.shape[0] != K.shape[1]:
             raise ConfigurationError(f"[drive] K must be a square matrix, but its shape is {K.shape}.")
         n = K.shape[0]
-        if not np.all(np.isfinite(K)):
-            raise ConfigurationError("[drive] K holds a value that is not finite.")
+        if not np.all(np.abs(K) <= _MOST):
+            raise ConfigurationError(f"[drive] K holds a value that is not finite, or beyond {_MOST:g}.")
         norms = np.linalg.norm(K, axis=1)
-        if n and (np.any(norms == 0) or np.linalg.cond(K / norms[:, None]) > 1e12):
+        if n and (np.any(norms < 1.0 / _MOST) or np.linalg.cond(K / norms[:, None]) > 1e12):
             raise ConfigurationError("[drive] K is singular: some joint is moved by no motor of its own. Give an invertible K.")
         zero = np.zeros(n) if self.zero is None else np.asarray(self.zero, float).reshape(-1)
         if zero.shape != (n,):
             raise ConfigurationError(f"[drive] zero has {zero.size} entries, but K is {n} x {n}.")
-        if not np.all(np.isfinite(zero)):
-            raise ConfigurationError("[drive] zero holds a value that is not finite.")
+        if not np.all(np.abs(zero) <= _MOST):
+            raise ConfigurationError(f"[drive] zero holds a value that is not finite, or beyond {_MOST:g}.")
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "zero", zero)
         object.__setattr__(self, "measured", Side(self.measured))
@@ -76,8 +78,8 @@ class Transmission(ShortRepr):
             constants = np.asarray(self.torque_constants, float).reshape(-1)
             if constants.shape != (n,):
                 raise ConfigurationError(f"[drive] torque_constants has {constants.size} entries for {n} motors.")
-            if not np.all(np.isfinite(constants)) or np.any(constants == 0):
-                raise ConfigurationError("[drive] torque_constants holds a zero or a value that is not finite.")
+            if not np.all((np.abs(constants) >= 1.0 / _MOST) & (np.abs(constants) <= _MOST)):
+                raise ConfigurationError("[drive] torque_constants holds a zero or a value that is not finite, or no drive's.")
             object.__setattr__(self, "torque_constants", constants)
 
     @classmethod
@@ -89,8 +91,8 @@ class Transmission(ShortRepr):
     def from_ratio(cls, ratio: Array, measured: Side = Side.JOINT) -> Transmission:
         """From signed gear ratios (n,), motor turns per joint turn."""
         ratio = np.asarray(ratio, float).reshape(-1)
-        if np.any(ratio == 0) or not np.all(np.isfinite(ratio)):
-            raise ConfigurationError("[drive] ratio holds a zero or a value that is not finite.")
+        if not np.all((np.abs(ratio) >= 1.0 / _MOST) & (np.abs(ratio) <= _MOST)):
+            raise ConfigurationError("[drive] ratio holds a zero or a value that is not finite, or no gear's.")
         return cls(np.diag(1.0 / ratio), np.zeros(ratio.size), measured)
 
     def restricted(self, keep: Sequence[int]) -> Transmission:

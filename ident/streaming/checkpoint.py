@@ -7,11 +7,12 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .._utils.files import write_atomic
+from .._utils.files import remove_folder, staged, write_atomic
 from .._utils.structured import read_json
 from .._utils.version import __version__
 from ..errors import ConfigurationError, DataError
@@ -56,16 +57,16 @@ class Checkpoint:
         Raises ConfigurationError where there is one and nobody asked for it (`force` throws it away), or where it is of other work."""
         folder = results / NAME
         record = folder / _KEY
-        if not folder.exists():
-            folder.mkdir(parents=True)
-            write_atomic(record, json.dumps(key, indent=1))
+        if not folder.exists() or not any(folder.iterdir()):
+            with staged(folder) as scratch:  # with its key, or not at all
+                write_atomic(scratch / _KEY, json.dumps(key, indent=1))
             return cls(folder, True)
         if not record.exists():
             raise ConfigurationError(f"{folder} exists, but is no checkpoint of ident; nothing was written. Choose another --out.")
         if not resume:
             if not force:
                 raise ConfigurationError(f"{folder} holds unfinished work; go on with it (--resume), or throw it away (--force).")
-            shutil.rmtree(folder)
+            remove_folder(folder)
             return cls.beside(results, key, resume=False)
         found = read_json(record, "checkpoint")
         if not isinstance(found, dict) or not isinstance(found.get("settings"), dict) or not isinstance(found.get("files"), list):
@@ -95,7 +96,8 @@ class Checkpoint:
 
     def remove(self) -> None:
         """The work is done."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        with suppress(OSError):
+            remove_folder(self.folder)
 
 
 def _changed(old: dict[str, Any], new: dict[str, Any]) -> str:

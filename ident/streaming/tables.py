@@ -70,7 +70,7 @@ def shows_bytes(path: Path) -> bool:
     if path.suffix.lower() in (".parquet", ".pq") or format_of(path) is not None:
         return False
     with open_binary(path) as stream:
-        return isinstance(stream, io.BufferedReader)
+        return isinstance(stream, io.BufferedReader) and isinstance(stream.raw, io.FileIO)
 
 
 def pieces(

@@ -100,7 +100,7 @@ class TextParser:
                 return arrow_columns(source, self.header, names, 0, block=len(text) + 1, threads=False, pool=pool)
             except (pa.ArrowException, ValueError):
                 pass  # the slower reader says why, or is more lenient
-        if quotes_stay_open(io.BytesIO(text)) and over_lines(numbered_rows(_decoded(text), self.header), self.header, names):
+        if quotes_stay_open(io.BytesIO(text)) and over_lines(numbered_rows(self.path, _decoded(text), self.header), self.header, names):
             raise ValueError("quotes are open at the end of a line")
         try:
             return pandas_columns(io.BytesIO(text), self.header, names, 0)
@@ -118,7 +118,9 @@ class TextParser:
             while left and (block := stream.read(min(left, _COUNTED))):
                 lines += block.count(b"\n")
                 left -= len(block)
-        return bad_text(self.path, self.header, self.plan.sources, reason, numbered_rows(_decoded(text), self.header, lines), rows + 1)
+        return bad_text(
+            self.path, self.header, self.plan.sources, reason, numbered_rows(self.path, _decoded(text), self.header, lines), rows + 1
+        )
 
 
 def _decoded(text: memoryview) -> io.StringIO:

@@ -82,8 +82,11 @@ def fit(
     """
     study = read_study(logs) if isinstance(logs, str | Path) and str(logs).endswith(".toml") else logs
     if isinstance(study, Study):
-        if robot is not None or model is not None or preparation is not None:
-            raise ConfigurationError("a study says which robot, model and preparation; change the study instead of giving them to fit().")
+        usual = method == "wls" and isinstance(held, float) and held == HELD_SHARE and not options
+        if robot is not None or model is not None or preparation is not None or not usual:
+            raise ConfigurationError(
+                "a study says which robot, model, method, preparation and held logs; change the study instead of giving them to fit()."
+            )
         return Session(study).estimate
     where = _robot(robot)
     whole = _read(logs, where)

@@ -11,10 +11,10 @@ from tempfile import TemporaryDirectory
 
 from .kinds import KINDS
 from .outcomes import Count
-from .run import fuzz
+from .run import fuzz_apart
 
-#: Bytes of memory beyond which an input is a bomb.
-_MEMORY = 6 << 30
+#: GB of memory beyond which an input is a bomb.
+_MEMORY = 6
 
 
 def main() -> int:
@@ -24,17 +24,19 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=1000, help="inputs of each class, where no time is given")
     parser.add_argument("--seed", type=int, default=0, help="the first seed")
     parser.add_argument("--keep", type=Path, help="folder for files that reproduce faults")
+    parser.add_argument("--memory", type=int, default=_MEMORY, help="GB of memory that an input may take; 0: no limit")
     given = parser.parse_args()
-    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+    if given.memory:
+        resource.setrlimit(resource.RLIMIT_AS, (given.memory << 30, given.memory << 30))
     counts: list[Count] = []
     for name in given.kinds:
         until = None if given.minutes is None else time.monotonic() + 60 * given.minutes / len(given.kinds)
         with TemporaryDirectory() as folder:
-            count = fuzz(KINDS[name], Path(folder), given.seed, None if until else given.count, until)
+            count = fuzz_apart(KINDS[name], Path(folder), given.seed, None if until else given.count, until)
         counts.append(count)
-        print(count.line(), flush=True)
+        print(f"{count.line()}\n{count.sources()}", flush=True)
         for i, (seen, outcome, data, seed) in enumerate(count.faults.values()):
-            print(f"  {outcome.kind} x{seen} at {outcome.where}, seed {seed}: {outcome.text}")
+            print(f"  {outcome.kind} x{seen} at {outcome.where}, seed {seed}: {outcome.text}", flush=True)
             if given.keep is not None:
                 given.keep.mkdir(parents=True, exist_ok=True)
                 (given.keep / f"{name}-{i}-{seed}.bin").write_bytes(data)

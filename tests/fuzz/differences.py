@@ -109,9 +109,9 @@ def streamed(path: Path, robot: ident.Robot) -> list[ident.Log]:
         return [run.read(0, len(run)) for run in runs]
 
 
-def streamed_as_whole(path: Path, robot: ident.Robot, logs: ident.LogSet | None) -> None:
-    """The same file piece by piece, by the compiled and by the lenient reader: what whole reading made of it (None: a refusal)."""
-    for what, compiled in (("streamed, compiled", None), ("streamed, lenient", lambda: None)):
+def streamed_as_whole(path: Path, robot: ident.Robot, logs: ident.LogSet | None, is_text: bool = True) -> None:
+    """The same file piece by piece, a text by the compiled and by the lenient reader: what whole reading made of it (None: a refusal)."""
+    for what, compiled in (("streamed, compiled", None), ("streamed, lenient", lambda: None))[: 2 if is_text else 1]:
         try:
             if compiled is None:
                 runs = streamed(path, robot)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import gzip
 import hashlib
+import io
 import json
 import os
 import random
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from collections import Counter
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+from ident import cli
 
 from . import seeds
 
@@ -26,47 +28,75 @@ _STREAMED = 40_000
 
 @dataclass(frozen=True)
 class Writing:
-    """A command that writes into a folder; `files`: all that it writes there. `resumes`: it leaves a checkpoint, and is taken up again."""
+    """A command that writes into a folder, by `--out` or where {out} stands. `resumes`: it leaves a checkpoint, and is taken up again."""
 
     name: str
     arguments: tuple[str, ...]
-    files: frozenset[str]
     resumes: bool = False
+
+    def into(self, out: Path, *more: str) -> list[str]:
+        """Its arguments for a folder."""
+        told = [a.format(out=out) for a in self.arguments]
+        return [*told, *(() if told != [*self.arguments] else ("--out", str(out))), *more]
 
 
 def writings(base: Path) -> list[Writing]:
     """The writing commands, on small inputs in `base`."""
     (base / "arm.urdf").write_text(seeds.URDF)
     (base / "log.csv").write_bytes(seeds.table(rows=400))
-    (base / "long.csv").write_bytes(seeds.table(rows=_STREAMED))
-    arm, log = ("--urdf", str(base / "arm.urdf")), ("--log", str(base / "log.csv"))
-    fit = base / "given" / "fit.json"
-    if run(["fit", *arm, *log, "--out", str(fit.parent)]) not in (0, 1):
+    for k in range(2):
+        (base / f"long{k}.csv").write_bytes(seeds.table(rows=_STREAMED))
+    possible = base / "possible.json"
+    possible.write_text(json.dumps(seeds.possible_fit()))
+    arm, log, long = ("--urdf", str(base / "arm.urdf")), ("--log", str(base / "log.csv")), [str(base / f"long{k}.csv") for k in range(2)]
+    fit = str(base / "given/fit.json")
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        # In this process, so that those that are made of it find everything loaded.
+        code = cli.main(["fit", *arm, *log, "--out", str(base / "given")])
+    if code not in (0, 1):
         raise SystemExit("the fit that other commands start from does not run")
-    diagnosis = {"diagnosis.json", "diagnosis.txt", "before.fit.json", "after.fit.json", "extended.toml", "report.json"}
     return [
-        Writing("fit", ("fit", *arm, *log), frozenset({"fit.json", "fit.txt"})),
-        Writing("simulate", ("simulate", *arm, "--seconds", "2"), frozenset({"simulated.csv", "simulation.json"})),
-        Writing("validate", ("validate", "--fit", str(fit), *log), frozenset({"validation.json"})),
-        Writing("check", ("check", *arm, *log), frozenset({"check.json"})),
-        Writing("excite", ("excite", *arm, "--starts", "1", "--seconds", "5"), frozenset({"excitation.csv", "excitation.json"})),
-        Writing("plan", ("plan", *arm), frozenset({"plan.toml", "plan.txt", "plan.json"})),
-        Writing("judge", ("judge", str(fit)), frozenset({"judgement.json"})),
-        Writing("diagnose", ("diagnose", *arm, *log), frozenset(diagnosis)),
-        Writing("stream", ("fit", *arm, "--log", str(base / "long.csv"), "--stream"), frozenset({"fit.json", "fit.txt"}), resumes=True),
+        Writing("fit", ("fit", *arm, *log)),
+        Writing("simulate", ("simulate", *arm, "--seconds", "2")),
+        Writing("validate", ("validate", "--fit", fit, *log)),
+        Writing("check", ("check", *arm, *log)),
+        Writing("base", ("base", *arm)),
+        Writing("excite", ("excite", *arm, "--starts", "1", "--seconds", "5")),
+        Writing("plan", ("plan", *arm)),
+        Writing("judge", ("judge", str(possible), "--repair", "possible")),
+        Writing("compare", ("compare", fit, fit, *log)),
+        Writing("payload", ("payload", "--fit", fit, *log)),
+        Writing("monitor", ("monitor", "--fit", fit, *log)),
+        Writing("diagnose", ("diagnose", *arm, *log)),
+        Writing("demo", ("demo",)),
+        Writing("export", ("export", str(possible), "{out}/made.urdf")),
+        Writing("report", ("report", fit, "-o", "{out}/made.html")),
+        Writing("study-schema", ("study-schema", "-o", "{out}/schema.json")),
+        Writing("stream", ("fit", *arm, "--log", long[0], "--stream"), resumes=True),
+        Writing("stream, two files", ("fit", *arm, "--log", *long, "--stream", "--jobs", "2"), resumes=True),
     ]
 
 
 def run(arguments: list[str], after: float | None = None) -> int:
-    """Run a command; SIGKILL it after some seconds."""
-    process = subprocess.Popen([sys.executable, "-m", "ident.cli", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    if after is not None:
-        deadline = time.monotonic() + after
-        while process.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.002)
-        if process.poll() is None:
-            process.send_signal(signal.SIGKILL)
-    return process.wait()
+    """Run a command in a process of its own, which has everything loaded already; SIGKILL it after some seconds."""
+    child = os.fork()
+    if child == 0:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, 1)
+        os.dup2(nothing, 2)
+        code = 70
+        try:
+            code = cli.main(arguments)
+        except SystemExit as error:
+            code = int(error.code or 0)
+        finally:
+            os._exit(code)
+    deadline = None if after is None else time.monotonic() + after
+    while (ended := os.waitpid(child, os.WNOHANG))[0] == 0:
+        if deadline is not None and time.monotonic() >= deadline:
+            os.kill(child, signal.SIGKILL)
+        time.sleep(0.001)
+    return -os.WTERMSIG(ended[1]) if os.WIFSIGNALED(ended[1]) else os.WEXITSTATUS(ended[1])
 
 
 def state(out: Path) -> dict[str, str]:
@@ -82,9 +112,7 @@ def whole(path: Path) -> bool:
     try:
         if path.suffix == ".json":
             json.loads(path.read_text())
-        if path.suffix == ".gz":
-            gzip.decompress(path.read_bytes())
-    except (ValueError, EOFError, OSError):
+    except ValueError:
         return False
     return path.stat().st_size > 0
 
@@ -94,33 +122,39 @@ def values(path: Path) -> object:
     return [(p["name"], p["value"], p["std"]) for p in json.loads(path.read_text())["parameters"]]
 
 
-def kill_once(writing: Writing, folder: Path, after: float, reference: Path, *, over: bool) -> str:
-    """One kill; what was wrong afterwards, "" if nothing. `over`: into a folder that holds a note and old results, with --force."""
-    out = folder / "out"
-    if over:
+def kill_once(writing: Writing, folder: Path, after: float, reference: Path, *, over: bool) -> tuple[str, str]:
+    """One kill; in which state it left the folder, and what was wrong with it, "" if nothing.
+
+    `over`: into a folder that holds a note and old results, with --force."""
+    out, files = folder / "out", set(state(reference))
+    if over or writing.into(out)[-1] != str(out):
         out.mkdir()
-        for name in ("note.txt", *writing.files):
+    if over:
+        for name in ("note.txt", *files):
+            (out / name).parent.mkdir(parents=True, exist_ok=True)
             (out / name).write_text("old")
     before = state(out)
-    run([*writing.arguments, "--out", str(out), *(["--force"] if over else [])], after)
+    code = run(writing.into(out, *(["--force"] if over else [])), after)
+    left = "ended before" if code >= 0 else "checkpoint" if (out / "checkpoint" / "key.json").exists() else "old"
     now = state(out)
-    changed = {k for k in writing.files if now.get(k) != before.get(k)}
-    if changed and changed != set(writing.files):
-        return f"mixed: of {sorted(writing.files)} only {sorted(changed)} are new"
+    changed = {k for k in files if now.get(k) != before.get(k)}
+    left = left if code >= 0 or not changed else "new"
+    if changed and changed != files:
+        return left, f"mixed: of {sorted(files)} only {sorted(changed)} are new"
     if over and now.get("note.txt") != before["note.txt"]:
-        return "the user's own file is gone"
-    if changed and not all(whole(out / name) for name in writing.files):
-        return "a file is cut off"
+        return left, "the user's own file is gone"
+    if changed and not all(whole(out / name) for name in files):
+        return left, "a file is cut off"
     if not changed and set(now) != set(before):
-        return f"files that are none of its results: {sorted(set(now) - set(before))}"
-    how = ["--resume"] if writing.resumes and (out / "checkpoint" / "key.json").exists() and not changed else []
-    again = run([*writing.arguments, "--out", str(out), *how, *(["--force"] if over or changed else [])])
-    if again not in (0, 1) or not set(writing.files) <= set(state(out)):
-        return f"the same command afterwards ({' '.join(how) or 'anew'}) ends with {again}"
-    if writing.resumes and values(out / "fit.json") != values(reference / "fit.json"):
-        return "what was taken up again has other values"
-    left = [p.name for p in folder.iterdir() if ".ident-" in p.name]
-    return f"left behind: {left}" if left else ""
+        return left, f"files that are none of its results: {sorted(set(now) - set(before))}"
+    how = ["--resume"] if writing.resumes and left == "checkpoint" else []
+    again = run(writing.into(out, *how, *(["--force"] if over or changed else [])))
+    if again not in (0, 1) or not files <= set(state(out)):
+        return left, f"the same command afterwards ({' '.join(how) or 'anew'}) ends with {again}"
+    if "fit.json" in files and values(out / "fit.json") != values(reference / "fit.json"):
+        return left, f"values are others afterwards ({' '.join(how) or 'anew'})"
+    lying = [str(p.relative_to(folder)) for p in folder.rglob("*") if ".ident-" in p.name]
+    return left, f"left behind: {lying}" if lying else ""
 
 
 def main() -> int:
@@ -129,31 +163,40 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="+", help="these commands alone")
     given = parser.parse_args()
-    rng, outcomes, wrong = random.Random(given.seed), Counter[str](), 0
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    outcomes: dict[str, Counter[str]] = {}
+    rng, wrong = random.Random(given.seed), 0
     with TemporaryDirectory() as name:
         base = Path(name)
         commands = [w for w in writings(base) if given.only is None or w.name in given.only]
         usual = {}
         for w in commands:
+            whole_run = base / f"whole-{w.name}"
+            whole_run.mkdir()
             start = time.monotonic()
-            code = run([*w.arguments, "--out", str(base / f"whole-{w.name}")])
+            code = run(w.into(whole_run))
             usual[w.name] = time.monotonic() - start
-            if code not in (0, 1) or not w.files <= set(state(base / f"whole-{w.name}")):
-                raise SystemExit(f"{w.name} does not run at all, or writes other files: {code}, {sorted(state(base / f'whole-{w.name}'))}")
-        for i in range(given.count):
+            if code not in (0, 1) or not state(whole_run):
+                raise SystemExit(f"{w.name} does not run at all: {code}, {sorted(state(whole_run))}")
+        killed = i = 0
+        while killed < given.count and i < 5 * given.count:
             writing, over = commands[i % len(commands)], bool(rng.getrandbits(1))
             folder = base / f"kill-{i}"
             folder.mkdir()
             # Half of them near the end, where the writing is.
             share = rng.uniform(0.0, 1.1) if rng.random() < 0.5 else rng.uniform(0.85, 1.1)
-            found = kill_once(writing, folder, share * usual[writing.name], base / f"whole-{writing.name}", over=over)
-            outcomes[writing.name] += 1
+            left, found = kill_once(writing, folder, share * usual[writing.name], base / f"whole-{writing.name}", over=over)
+            outcomes.setdefault(writing.name, Counter())[left] += 1
+            killed += left != "ended before"
             if found:
                 wrong += 1
                 print(f"kill {i}: {writing.name}{' --force' if over else ''}, at {share:.2f} of its time: {found}", flush=True)
             shutil.rmtree(folder)
-    print(f"{sum(outcomes.values())} kills ({', '.join(f'{k} {v}' for k, v in outcomes.items())}): {wrong} wrong")
+            i += 1
+    for command, left_as in outcomes.items():
+        print(f"{command:<18} {sum(left_as.values()):>4}  {', '.join(f'{k} {v}' for k, v in sorted(left_as.items()))}")
+    total = sum((c for c in outcomes.values()), Counter[str]())
+    told = ", ".join(f"{k} {v}" for k, v in sorted(total.items()))
+    print(f"{killed} kills of {sum(total.values())} runs ({told}): {wrong} wrong")
     return 1 if wrong else 0
 
 

@@ -21,13 +21,13 @@ from ident._utils.toml import to_toml
 from ident.errors import ConfigurationError, DataError, IdentError
 from ident.robots.urdf import prepare_urdf
 
-from . import mutations, seeds
+from . import mutations, recordings, seeds
 from .differences import same_log, same_robot, sound_estimate, sound_log, streamed_as_whole, texts_agree
 from .mutations import Rng
 from .outcomes import Difference
 
-#: Suffixes of classes of files that are read again in other ways, and compared.
-_TEXT = (".csv", ".tsv", ".txt")
+#: Suffixes of tables of text, which are read again without pyarrow too, and compared.
+_TEXT = {".csv", ".tsv", ".txt"}
 
 
 @dataclass(frozen=True)
@@ -43,20 +43,25 @@ class Kind:
 # --- logs -----------------------------------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=1)
+def logs_of_text() -> dict[str, bytes]:
+    return {**seeds.tables(), **recordings.messages()}
+
+
 def use_log(path: Path) -> None:
-    """Read, audit and, where it is a text, read in other ways too."""
+    """Read, audit, and read in other ways too: piece by piece and, where it is a text, without pyarrow."""
     robot = seeds.robot()
+    is_text = bool(_TEXT & set(path.suffixes))
     try:
         logs = ident.read_logs(path, robot)
     except IdentError:
-        if path.suffix in _TEXT:
-            streamed_as_whole(path, robot, None)
+        streamed_as_whole(path, robot, None, is_text)
         raise
     for log in logs:
         sound_log(log)
-    if path.suffix in _TEXT:
+    if is_text:
         texts_agree(path, robot, logs)
-        streamed_as_whole(path, robot, logs)
+    streamed_as_whole(path, robot, logs, is_text)
     try:
         ident.audit(logs, robot)
     except DataError:
@@ -71,14 +76,9 @@ def change_table(rng: Rng, name: str, data: bytes) -> bytes:
 
 def change_packed(rng: Rng, name: str, data: bytes) -> bytes:
     """Bytes of the packed file, or of the text in it."""
-    import bz2
-    import gzip
-    import lzma
-
     if rng.random() < 0.5:
         return mutations.mutated(rng, data, mutations.BYTES)
-    text = mutations.mutated(rng, seeds.table(), mutations.TABLE)
-    packed = gzip.compress(text, mtime=0) if ".gz" in name else bz2.compress(text) if ".bz2" in name else lzma.compress(text)
+    packed = recordings.PACK[Path(name).suffix](mutations.mutated(rng, seeds.table(), mutations.TABLE))
     return mutations.mutated(rng, packed, mutations.BYTES) if rng.random() < 0.2 else packed + (b"\x00" * 9 if rng.random() < 0.2 else b"")
 
 
@@ -196,12 +196,13 @@ def use_fit(path: Path) -> None:
 _DRIVE = b"ratio = [50, 30.0]\nmeasured = 'motor'\neffects = ['viscous', { name = 'coulomb', joints = ['j1'] }]\n"
 
 
+@lru_cache(maxsize=1)
 def commands() -> dict[str, Any]:
     """Command lines whose files are changed: name of the changed file → the command, the file, how it is changed."""
     return {
         "fit.log.csv": (("fit", "--urdf", "{right}/arm.urdf", "--log", "{file}"), seeds.table(), mutations.TABLE),
         "fit.arm.urdf": (("fit", "--urdf", "{file}", "--log", "{right}/log.csv"), seeds.URDF.encode(), mutations.TEXT),
-        "check.log.csv.gz": (("check", "--urdf", "{right}/arm.urdf", "--log", "{file}"), seeds.packed()["a.csv.gz"], mutations.BYTES),
+        "check.log.csv.gz": (("check", "--urdf", "{right}/arm.urdf", "--log", "{file}"), recordings.packed()["a.csv.gz"], mutations.BYTES),
         "stream.log.csv": (("fit", "--stream", "--urdf", "{right}/arm.urdf", "--log", "{file}"), seeds.table(), mutations.TABLE),
         "base.arm.urdf": (("base", "--urdf", "{file}"), seeds.MIMIC.encode(), mutations.TEXT),
         "validate.fit.json": (("validate", "--fit", "{file}", "--log", "{right}/log.csv"), _fit(), mutations.TEXT),
@@ -278,9 +279,9 @@ def run_command(arguments: list[str]) -> int:
 KINDS: dict[str, Kind] = {
     k.name: k
     for k in (
-        Kind("logs", seeds.tables, change_table, use_log),
-        Kind("compressed", seeds.packed, change_packed, use_log),
-        Kind("binary", seeds.stored, change_bytes, use_log),
+        Kind("logs", logs_of_text, change_table, use_log),
+        Kind("compressed", recordings.packed, change_packed, use_log),
+        Kind("binary", recordings.stored, change_bytes, use_log),
         Kind("urdf", seeds.robots, change_urdf, use_urdf),
         Kind("toml", studies, change_study, use_study),
         Kind("json", seeds.saved_fits, change_fit, use_fit),

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import bz2
-import gzip
-import io
 import json
-import lzma
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -62,6 +58,7 @@ def motion(rows: int = ROWS) -> tuple[Array, Array, Array]:
     return t, q, tau
 
 
+@lru_cache(maxsize=32)
 def table(
     names: str = "t,q1,q2,tau1,tau2",
     delimiter: str = ",",
@@ -78,6 +75,7 @@ def table(
     return (head + names.replace(",", delimiter) + end + text + end).encode()
 
 
+@lru_cache(maxsize=1)
 def tables() -> dict[str, bytes]:
     """Logs as text, in several dialects; name of the file → bytes."""
     plain = table()
@@ -96,61 +94,11 @@ def tables() -> dict[str, bytes]:
     }
 
 
-def packed() -> dict[str, bytes]:
-    """Compressed logs."""
-    plain = table()
-    return {"a.csv.gz": gzip.compress(plain, mtime=0), "a.csv.bz2": bz2.compress(plain), "a.csv.xz": lzma.compress(plain)}
-
-
 def _made(name: str, write: Any) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / name
         write(path)
         return path.read_bytes()
-
-
-def stored() -> dict[str, bytes]:
-    """Binary logs: Parquet, MAT, NPZ, and a bag where `rosbags` is installed."""
-    import pyarrow as pa
-    from pyarrow import parquet
-    from scipy.io import savemat
-
-    t, q, tau = motion()
-    columns = {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": tau[:, 0], "tau2": tau[:, 1]}
-    lists = {"timestamp": t, "observation.state": list(q), "observation.effort": list(tau)}
-    stamped = {**columns, "t": (t * 1e9).astype("datetime64[ns]")}
-    npz = io.BytesIO()
-    np.savez(npz, t=t, q=q, tau=tau)
-    out = {
-        "a.parquet": _made("a.parquet", lambda p: parquet.write_table(pa.table(columns), p)),
-        "stamped.parquet": _made("s.parquet", lambda p: parquet.write_table(pa.table(stamped), p)),
-        "lists.parquet": _made("l.parquet", lambda p: parquet.write_table(pa.table(lists), p)),
-        "a.mat": _made("a.mat", lambda p: savemat(p, {"t": t, "q": q, "tau": tau})),
-        "packed.mat": _made("p.mat", lambda p: savemat(p, {"log": {"t": t, "q": q, "tau": tau}}, do_compression=True)),
-        "a.npz": npz.getvalue(),
-    }
-    with_bag = _bag(t, q, tau)
-    return {**out, **({"a.bag": with_bag} if with_bag else {})}
-
-
-def _bag(t: Array, q: Array, tau: Array) -> bytes | None:
-    try:
-        from rosbags.rosbag1 import Writer
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        return None
-    types = get_typestore(Stores.ROS1_NOETIC)
-    State, Head, Time = (types.types[n] for n in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
-
-    def write(path: Path) -> None:
-        with Writer(path) as writer:
-            connection = writer.add_connection("/joint_states", State.__msgtype__, typestore=types)
-            for i, s in enumerate(t):
-                head = Head(seq=i, stamp=Time(sec=1 + int(s), nanosec=int((s % 1) * 1e9)), frame_id="")
-                message = State(header=head, name=["j1", "j2"], position=q[i], velocity=np.zeros(0), effort=tau[i])
-                writer.write(connection, int(1e9 * (1 + s)), types.serialize_ros1(message, State.__msgtype__))
-
-    return _made("a.bag", write)
 
 
 STUDY: dict[str, Any] = {
@@ -209,6 +157,7 @@ def possible_fit() -> dict[str, Any]:
     return dict(json.loads(_made("fit.json", estimate.save)))
 
 
+@lru_cache(maxsize=1)
 def robots() -> dict[str, bytes]:
     """URDFs: two of our own, and two that come with ident."""
     out = {"arm.urdf": URDF.encode(), "mimic.urdf": MIMIC.encode()}

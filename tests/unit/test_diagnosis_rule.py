@@ -19,6 +19,10 @@ from ident.diagnosis.scoring.whitening import density
 from ident.effects.motion import Motion
 
 Array = np.ndarray
+PENDULUM = """<robot name="one"><link name="a"/><link name="b"><inertial><origin xyz="0 0 -.3"/><mass value="10"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="j1" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
+<limit lower="-9" upper="9" velocity="9" effort="900"/></joint></robot>"""
 
 
 def diagnosed(case: Case) -> ident.Diagnosis:
@@ -91,6 +95,34 @@ def test_a_saved_estimate_without_signals_is_refused() -> None:
     estimate = ident.fit(train, "puma560", held=0)
     with pytest.raises(ident.ConfigurationError, match="signals"):
         ident.diagnose(replace(estimate, problem=None))
+
+
+def concave(seed: int) -> ident.LogSet:
+    """A pendulum whose friction grows less than in proportion to speed: 12 sign ω + 30 ω - 4.4 ω|ω| (N m), always resisting."""
+    rng, t = np.random.default_rng(seed), np.arange(8000) / 200.0
+    w = 4 * np.pi * np.arange(1, 9) / 40.0
+    a, b = rng.normal(size=(2, 8)) / np.arange(1, 9)
+    angle = np.outer(t, w)
+    q = np.sin(angle) @ a + (np.cos(angle) - 1) @ b
+    v = np.cos(angle) @ (a * w) - np.sin(angle) @ (b * w)
+    acceleration = -np.sin(angle) @ (a * w**2) - np.cos(angle) @ (b * w**2)
+    tau = 9 * acceleration + 30 * np.sin(q) + 12 * np.sign(v) + 30 * v - 4.4 * v * np.abs(v) + 0.8 * rng.normal(size=t.size)
+    q = q + 2e-6 * rng.normal(size=t.size)
+    return ident.LogSet((ident.Log(f"run {seed}", t, q=q[:, None], tau={"joint": tau[:, None]}),), ident.Robot.from_urdf(PENDULUM))
+
+
+def test_of_concave_friction_the_power_that_resists_is_kept() -> None:
+    """Beside viscous friction, Fn |ω|^a with a < 1 has a mirror a > 1 with Fn < 0. The shape once went there, and was taken back."""
+    train, held = concave(1), concave(2)
+    before = ident.fit(train, model=[ident.make_effect(e) for e in ("viscous", "coulomb")], held=0)
+    prepare = ident.ZeroPhase(cutoff_hz=8.0)
+    found = ident.diagnose(before, prepare(held), fit=prepare(train))
+    (finding,) = found.findings
+    assert (finding.name, finding.joints) == ("nonlinear_viscous", ("j1",))
+    values = {p.name: p.value for p in finding.parameters}
+    assert values["a"] < 1.0
+    assert values["Fn_j1"] > 0
+    assert found.comparison.error_after.relative_all < 0.5 * found.comparison.error_before.relative_all
 
 
 def test_what_has_no_name_is_described_by_what_it_follows_and_names_nothing(arm: tuple[ident.Robot, dict[str, Array]]) -> None:

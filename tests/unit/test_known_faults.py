@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import gzip
+import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +102,20 @@ def test_a_name_survives_its_encoding(tmp_path: Path, encoding: str) -> None:
     assert ident.Robot.from_urdf(robot.source["urdf_text"]).joint_names == robot.joint_names
 
 
+@pytest.mark.parametrize("size", [1e200, np.inf, np.nan])
+def test_numbers_that_are_no_robots_are_refused_where_they_are_given(size: float) -> None:
+    """Of gravity of 1e200 m/s², no parameter was kept, and the fit's doubts ended in a traceback."""
+    with pytest.raises(ident.ConfigurationError, match="gravity"):
+        ident.Robot.from_urdf(urdf(), gravity=(0, 0, -size))
+    with pytest.raises(ident.ConfigurationError, match="locked"):
+        ident.Robot.from_urdf(urdf(), locked={"j2": size})
+    for told in ({"K": [[size, 0], [0, 1]]}, {"zero": [size, 0]}, {"torque_constants": [1, size]}):
+        with pytest.raises(ident.ConfigurationError, match=next(iter(told))):
+            ident.Transmission(**{"K": np.eye(2), "zero": np.zeros(2), **told})
+    with pytest.raises(ident.ConfigurationError, match="ratio"):
+        ident.Transmission.from_ratio([1, size])
+
+
 # --- logs -------------------------------------------------------------------------------------------------------------
 
 
@@ -193,6 +209,42 @@ def test_a_line_without_an_end_is_no_table(tmp_path: Path, robot: ident.Robot) -
         ident.read_logs(tmp_path / "b.csv", robot)
 
 
+@pytest.mark.parametrize("row", ["0.02,1,0.1", "0.02,1,0.1,0.2,0.3,0.4", '0.02,"1,0.1,0.2'], ids=["short", "long", "open quotes"])
+def test_tables_of_words_are_read_or_refused_by_name(tmp_path: Path, row: str) -> None:
+    """A table in which a column holds names or lists goes through a reader of its own, which refuses like that of numbers."""
+    path = tmp_path / "a.csv"
+    path.write_text(f'time,name,position,effort,more\n0,"[\'j1\', \'j2\']","[0, 1]","[0, 1]",\n{row}\n')
+    with pytest.raises(ident.DataError, match=r"a\.csv"):
+        ident.read_logs(path)
+    many = ",".join(["time", "id", "position", "effort", *["extra"] * 16, "name"])
+    path.write_text(many + "\n" + "".join(f"{k},1,0.1,0.2\n" for k in range(60)))
+    with pytest.raises(ident.DataError, match=r"a\.csv"):
+        ident.read_logs(path)
+
+
+def test_a_field_beyond_all_bounds_is_told_with_its_file_and_line(tmp_path: Path, robot: ident.Robot) -> None:
+    (tmp_path / "a.csv").write_text("t,q1,q2,tau1,tau2\n0,0,0,0,0\n1,0," + "1" * 200_000 + ",0,0\n")
+    with pytest.raises(ident.DataError, match=r"a\.csv.*line 3"):
+        ident.read_logs(tmp_path / "a.csv", robot)
+
+
+def test_very_many_columns_take_no_longer_for_each(tmp_path: Path, robot: ident.Robot) -> None:
+    """Names were once looked up in a list for each column: 30,000 of them took half a minute."""
+
+    def seconds(more: int) -> float:
+        path = tmp_path / f"{more}.csv"
+        head = ",".join([*NAMES, *(f"c{k}" for k in range(more))])
+        rows = "\n".join(f"{k / 100},{np.sin(0.1 * k)},{np.cos(0.1 * k)},1,2" + ",0" * more for k in range(20))
+        path.write_text(f"{head}\n{rows}\n")
+        start = time.process_time()
+        assert ident.read_logs(path, robot)[0].n == 2
+        return time.process_time() - start
+
+    seconds(10)
+    few, many = (min(seconds(count) for _ in range(2)) for count in (5_000, 20_000))
+    assert many < 4 * 2 * few + 0.2
+
+
 # --- structured text, writers, faults ---------------------------------------------------------------------------------
 
 
@@ -226,18 +278,61 @@ def test_what_cannot_be_written_is_said_in_one_line(tmp_path: Path, name: str) -
     assert sorted(p.name for p in tmp_path.iterdir()) == ["folder"]
 
 
-def test_a_fault_of_ours_ends_with_a_report(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_full_disk_and_a_place_that_takes_nothing_are_said_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """A disk that takes 4096 bytes of a file and no more, and one that is read-only: exit 2, one line, what was there stays."""
+    resource = pytest.importorskip("resource")
+    train, _ = ident.demo_logs()
+    estimate = ident.fit(train, "puma560", held=0)
+    (tmp_path / "fit.json").write_text("old")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        with pytest.raises(ident.ConfigurationError, match=r"File too large.*nothing was written"):
+            estimate.save(tmp_path / "fit.json", force=True)
+        assert cli.main(["simulate", "--robot", "scara", "--seconds", "2", "--out", str(tmp_path / "out"), "--quiet"]) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert capsys.readouterr().err.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["fit.json"]
+    assert (tmp_path / "fit.json").read_text() == "old"
+
+    def denied(*_: object, **__: object) -> tuple[int, str]:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("tempfile.mkstemp", denied)
+    with pytest.raises(ident.ConfigurationError, match=r"Read-only file system.*nothing was written"):
+        estimate.save(tmp_path / "fit.json", force=True)
+
+
+def test_a_fault_of_ours_ends_with_a_report_and_the_files_that_reproduce_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     def broken(*_: object) -> int:
         raise ZeroDivisionError("made here")
 
     monkeypatch.setattr(base, "run", broken)
-    assert cli.main(["base", "--robot", "scara"]) == 70
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / "arm.urdf").write_text(urdf())
+    (tmp_path / "study.toml").write_text('[robot]\nurdf = "arm.urdf"\n')
+    assert cli.main(["base", str(tmp_path / "study.toml")]) == 70
     said = capsys.readouterr().err
     assert "please report" in said
     assert "Traceback" not in said
-    report = Path(said.split("report is in ")[1].split(". Send")[0])
-    assert "made here" in report.read_text()
-    report.unlink()
+    assert said.count("\n") == 1
+    (report,) = tmp_path.glob("ident-fault-*.zip")
+    assert str(report) in said
+    with zipfile.ZipFile(report) as archive:
+        text = archive.read("report.txt").decode()
+        assert archive.read("files/0/study.toml") == (tmp_path / "study.toml").read_bytes()
+        assert archive.read("files/1/arm.urdf") == (tmp_path / "arm.urdf").read_bytes()
+    for told in ("made here", "Traceback", f"ident {ident.__version__}", "'base'", "Python 3."):
+        assert told in text
+    # Where nothing can be written, the report is on standard error.
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "absent"))
+    assert cli.main(["base", "--urdf", str(tmp_path / "arm.urdf")]) == 70
+    assert "made here" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("names", [("q2", "q1"), ("q0", "q1")])

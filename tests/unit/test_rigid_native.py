@@ -6,13 +6,8 @@ The sanitizer run (slow) builds the extension apart with -fsanitize=address,unde
 from __future__ import annotations
 
 import importlib
-import os
-import shutil
-import subprocess
 import sys
-import sysconfig
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,8 +16,8 @@ from rigid_models import native
 import ident
 from ident.errors import ConfigurationError
 from ident.regressor import kernel_choice
+from tests.fuzz import sanitized
 
-ROOT = Path(__file__).resolve().parents[2]
 needs_native = pytest.mark.skipif(native() is None, reason="the compiled kernel is not built")
 
 
@@ -140,49 +135,10 @@ def test_trees_are_freed():
 @pytest.mark.slow
 @needs_native
 def test_sanitizers_are_clean(tmp_path):
-    """The tests of all compiled modules on extensions built with address and undefined-behaviour sanitizers."""
-    compiler = shutil.which("g++")
-    if compiler is None:
-        pytest.skip("no g++")
-    libraries = ("libasan.so", "libubsan.so", "libstdc++.so.6")
-    runtime = [_output(compiler, f"-print-file-name={name}") for name in libraries]
-    if not all(Path(path).is_absolute() for path in runtime):
-        pytest.skip("the compiler has no sanitizers")
-    shutil.copytree(ROOT / "ident", tmp_path / "ident", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
-    shutil.copytree(ROOT / "tests", tmp_path / "tests", ignore=shutil.ignore_patterns("__pycache__"))
-    folder = tmp_path / "ident" / "_native"
-    flags = "-std=c++17 -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all -fPIC -shared -pthread"
-    modules = {"kernel": ("module", "baseline", "avx2", "avx512")} | {name: (name,) for name in ("recursions", "text", "filters")}
-    for module, names in modules.items():
-        sources = [str(folder / f"{name}.cpp") for name in names]
-        _output(compiler, *flags.split(), f"-I{sysconfig.get_path('include')}", *sources, "-o", str(folder / f"_{module}.abi3.so"))
-    environment = {
-        **os.environ,
-        "LD_PRELOAD": " ".join(runtime),
-        "ASAN_OPTIONS": "detect_leaks=0",  # the interpreter itself leaks by that measure
-        "UBSAN_OPTIONS": "print_stacktrace=1",
-        "OPENBLAS_NUM_THREADS": "1",
-        "PYTHONPATH": str(tmp_path),
-    }
-    names = (
-        "rigid_dynamics",
-        "rigid_information",
-        "rigid_native",
-        "simulate_compiled",
-        "recursions_native",
-        "filters_native",
-        "text_native",
-    )
-    tests = [str(tmp_path / "tests" / "unit" / f"test_{name}.py") for name in names]
-    options = ["-q", "-x", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "-o", "addopts=", "-m", "not slow"]
-    command = [sys.executable, "-m", "pytest", *options, *tests]
-    run = subprocess.run(command, check=False, cwd=tmp_path, env=environment, capture_output=True, text=True)
-    report = run.stdout[-3000:] + run.stderr[-3000:]
-    print(report)
-    assert run.returncode == 0, report
-    assert "runtime error" not in report
-    assert "AddressSanitizer" not in report
-
-
-def _output(*command: str) -> str:
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    """The tests of all compiled modules, and inputs of the fuzzer, under address and undefined-behaviour sanitizers."""
+    if sanitized.runtime() is None:
+        pytest.skip("no compiler with sanitizers")
+    sanitized.build(tmp_path)
+    for code, report in (sanitized.run_tests(tmp_path), sanitized.run_corpus(tmp_path, 100, 0)):
+        assert code == 0, report[-3000:]
+        assert sanitized.is_clean(report), report[-3000:]

@@ -108,7 +108,8 @@ def test_what_was_not_changed_is_not_told(saved: dict[str, Any], tmp_path: Path)
 def test_a_changed_number_is_told(saved: dict[str, Any], tmp_path: Path) -> None:
     other = json.loads(json.dumps(saved))
     other["parameters"][0]["value"] += 1.0
-    found = Estimate.load(write(tmp_path, other))
+    with pytest.warns(UserWarning, match="changed after ident wrote it"):  # every command shows it on standard error
+        found = Estimate.load(write(tmp_path, other))
     assert any("changed after ident wrote it" in w for w in found.warnings)
     assert "changed after ident wrote it" in str(found)
 

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from ident import ConfigurationError
+from ident import ConfigurationError, cli
 from ident._utils import files
 from ident._utils.files import remove_leftovers, staged, write_atomic
+from ident.streaming.checkpoint import Checkpoint, key_of
 
 
 def names(folder: Path) -> list[str]:
@@ -143,3 +144,36 @@ def test_a_name_is_taken_or_refused_in_one_line(tmp_path: Path, name: str) -> No
     with pytest.raises(ConfigurationError, match="nothing was written"):
         fill(tmp_path / name, {"a.txt": "1"})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_argument_with_a_nul_is_refused_by_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("fit", "base", "export"):
+        with pytest.raises(SystemExit) as ended:
+            cli.main([command, "--out", "a\x00b"])
+        assert ended.value.code == 2
+    assert capsys.readouterr().err.count("the character NUL") == 3
+
+
+def test_a_checkpoint_has_its_key_or_is_not_there(tmp_path: Path) -> None:
+    """A process killed between folder and key once left what neither --resume nor --force took."""
+    key = key_of([], {"a": 1})
+    code = (
+        "import os, signal, sys; from pathlib import Path; from ident.streaming import checkpoint\n"
+        "def killed(*_, **__):\n    os.kill(os.getpid(), signal.SIGKILL)\n"
+        "checkpoint.write_atomic = killed\n"
+        "checkpoint.Checkpoint.beside(Path(sys.argv[1]), {}, resume=False)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
+    assert not (tmp_path / "checkpoint").exists()
+    found = Checkpoint.beside(tmp_path, key, resume=False)
+    assert names(tmp_path) == ["checkpoint", "checkpoint/key.json"]
+    (found.part("rows") / "a").write_text("1")
+    assert Checkpoint.beside(tmp_path, key, resume=True).folder == found.folder
+    assert names(tmp_path) == ["checkpoint", "checkpoint/key.json", "checkpoint/rows", "checkpoint/rows/a"]
+    Checkpoint.beside(tmp_path, key, resume=False, force=True)
+    assert names(tmp_path) == ["checkpoint", "checkpoint/key.json"]
+    found.remove()
+    assert names(tmp_path) == []
+    (tmp_path / "checkpoint").mkdir()  # as an older version left it
+    Checkpoint.beside(tmp_path, key, resume=False)
+    assert names(tmp_path) == ["checkpoint", "checkpoint/key.json"]

@@ -9,11 +9,13 @@ import numpy as np
 
 from ..design.catalogue import Catalogue
 from ..design.places import is_order, order_spacing, search_range
+from ..thresholds import BOUND
 from .scores import Scores
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
     from ...robots.parameters import ShapeParameter
+    from ...robots.robot import Robot
     from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
@@ -71,12 +73,21 @@ def _order(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved) -> 
 
 
 def scored(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solved) -> Array:
-    """z of each effect of a list beside a frame."""
+    """z of each effect of a list beside a frame; nothing where its values would be those of no such effect.
+
+    A shape thus stays where its effect is possible: friction |ω|^a, a < 1, that resists has a mirror beside viscous friction, a > 1, that
+    drives."""
     scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, joints) for e in effects]))
     out = np.zeros(len(effects))
-    for z, k in zip(scores.plain, scores.kept, strict=True):
-        out[k] = z
+    for i, (z, k) in enumerate(zip(scores.plain, scores.kept, strict=True)):
+        out[k] = z if can_be(effects[k], fit.robot, *scores.values(i)) else 0.0
     return out
+
+
+def can_be(effect: Effect, robot: Robot, values: Array, std: Array) -> bool:
+    """Whether values lie within an effect's bounds as far as their deviations tell, and are those of something that can be."""
+    inside = all(p.lower - BOUND * s <= v <= p.upper + BOUND * s for p, v, s in zip(effect.parameters(robot), values, std, strict=True))
+    return inside and not effect.implausible(robot, values, std)
 
 
 def _free(effect: Effect, fit: Fit) -> tuple[ShapeParameter, ...]:

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..thresholds import BOUND, MATERIAL
-from .refinement import refined
+from ..thresholds import MATERIAL
+from .refinement import can_be, refined
 from .scores import Scores
 from .significance import parametric
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
-    from ...robots.robot import Robot
     from ..design.catalogue import Catalogue
     from ..scoring.fit import Fit, Solved
 
@@ -87,7 +86,7 @@ class EffectSearch:
         effect, robot = scores.group(k).effect, self.fit.robot
         if effect is None:
             return False
-        return _can_be(effect, robot, *scores.values(k))
+        return can_be(effect, robot, *scores.values(k))
 
     def impossible(self) -> int | None:
         """An accepted effect that beside the others has values which no such effect can have; None where there is none."""
@@ -96,12 +95,6 @@ class EffectSearch:
         for i, (effect, _) in enumerate(self.accepted):
             own = slice(start, start + len(effect.parameters(self.fit.robot)))
             start = own.stop
-            if not _can_be(effect, self.fit.robot, self.frame.theta[own], std[own]):
+            if not can_be(effect, self.fit.robot, self.frame.theta[own], std[own]):
                 return i
         return None
-
-
-def _can_be(effect: Effect, robot: Robot, values: Array, std: Array) -> bool:
-    """Whether values lie within an effect's bounds as far as their deviations tell, and are those of something that can be."""
-    inside = all(p.lower - BOUND * s <= v <= p.upper + BOUND * s for p, v, s in zip(effect.parameters(robot), values, std, strict=True))
-    return inside and not effect.implausible(robot, values, std)

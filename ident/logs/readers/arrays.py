@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import zipfile
 from collections import Counter
@@ -12,13 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import DataError, IdentError, UnsupportedError
-from .damage import reason
+from ...errors import DataError, UnsupportedError
+from .damage import damage_told
+from .packed import Expansion
 from .stored import Chunked, LogFormat, Stored, register_log_format
 
 Array = np.ndarray
 #: Rows of a chunk, and of a stretch by which columns are recognised, of which there are so many.
 CHUNK, STRETCH, _STRETCHES = 1 << 16, 4096, 16
+_NO_ARRAYS = "is not a file of plain arrays"
 #: Arrays beyond so many columns are images and the like.
 _WIDEST = 1024
 
@@ -90,7 +93,7 @@ class ArrayTable:
     def _slice(self, name: str, start: int, stop: int) -> Array:
         a = self.arrays[name]
         rows = np.asarray(a[:, start:stop]).T if name in self.across else np.asarray(a[start:stop])
-        return rows.astype(float).reshape(stop - start, -1)
+        return rows.astype(float).reshape(len(rows), math.prod(rows.shape[1:]))  # of no rows, -1 would be no number of columns
 
     def _filled(self) -> int:
         """Rows without those at the end that are zero in every array."""
@@ -139,13 +142,13 @@ def shortest(arrays: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _read_npz(path: Path) -> Stored:
-    try:
+    unpacked = Expansion(path)
+    with damage_told(path, _NO_ARRAYS):
+        with zipfile.ZipFile(path) as members:
+            for member in members.infolist():
+                unpacked.add(member.file_size)
         with np.load(path, allow_pickle=False) as content:
             arrays = {name: content[name] for name in content.files}
-    except MemoryError:
-        raise DataError(f"log {path}: asks for more memory than there is. Save fewer arrays; a damaged file may ask too.") from None
-    except Exception as error:  # noqa: BLE001 - whatever NumPy makes of a damaged file
-        raise DataError(f"log {path}: is not a file of plain arrays ({reason(error)}).") from None
     return Stored(columns_of(arrays, f"log {path}"))
 
 
@@ -153,6 +156,8 @@ def _mapped(path: Path) -> dict[str, Array]:
     """The arrays of an NPZ file that is not packed, mapped into memory. Raises UnsupportedError for one that is."""
     out: dict[str, Array] = {}
     with zipfile.ZipFile(path) as members, path.open("rb") as file:
+        if (bad := members.testzip()) is not None:  # what is mapped is not checked on the way
+            raise DataError(f"log {path}: {_NO_ARRAYS} (Bad CRC-32 for file {bad!r}).")
         for member in members.infolist():
             if member.compress_type != zipfile.ZIP_STORED:
                 raise UnsupportedError(f"log {path}: arrays that are packed are read whole (--no-stream); save them with numpy.savez.")
@@ -169,12 +174,8 @@ def _mapped(path: Path) -> dict[str, Array]:
 
 
 def _npz_chunks(path: Path) -> Chunked:
-    try:
+    with damage_told(path, _NO_ARRAYS):
         table = ArrayTable.of(_mapped(path), f"log {path}")
-    except IdentError:
-        raise
-    except Exception as error:  # noqa: BLE001 - whatever NumPy makes of a damaged file
-        raise DataError(f"log {path}: is not a file of plain arrays ({reason(error)}).") from None
     return Chunked(tuple(table.places), table.chunks, table.sample, table.rows)
 
 

@@ -98,7 +98,8 @@ def _behind_preamble(path: Path, encoding: str, names: tuple[str, ...]) -> Heade
     with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=encoding, newline="") as text:
         lines = [*islice(bounded_lines(text, path), _PREAMBLE)]
     for delimiter in ("\t", ";", ","):
-        table = [_fields(line, delimiter, path) if line.strip() and line.count('"') % 2 == 0 else () for line in lines]
+        usual = (bool(line.strip()) and line.count('"') % 2 == 0 and len(line) < csv.field_size_limit() for line in lines)
+        table = [_fields(line, delimiter, path) if fits else () for line, fits in zip(lines, usual, strict=True)]
         plain = [tuple(x.replace(",", ".", 1) if delimiter != "," else x for x in fields) for fields in table]
         first = next(
             (k for k, row in enumerate(plain) if len(row) > _COLUMNS and all(x == "" or is_number(x) for x in row) and any(row)), 0

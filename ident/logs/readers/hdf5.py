@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,9 @@ import numpy as np
 
 from ...errors import ConfigurationError, DataError
 from .arrays import ArrayTable, columns_of, leaves
-from .damage import reason
+from .damage import damage_told
 from .mat import matlab_columns
+from .packed import Expansion
 from .stored import Chunked, LogFormat, Stored, register_log_format, split_inside
 
 Array = np.ndarray
@@ -23,15 +25,15 @@ _MATLAB = b"MATLAB 7.3"
 _LARGEST = 1 << 28
 
 
-def _opened(path: Path) -> Any:
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The content of a file."""
     if find_spec("h5py") is None:
         raise ConfigurationError(f"log {path}: reading HDF5 needs h5py: pip install 'ident[hdf5]'. Or export the log as CSV.")
     import h5py
 
-    try:
-        return h5py.File(path, "r")
-    except (OSError, ValueError) as error:
-        raise DataError(f"log {path}: is not an HDF5 file ({reason(error)}).") from None
+    with damage_told(path, "cannot be read as HDF5"), h5py.File(path, "r") as file:
+        yield file
 
 
 def _datasets(group: Any) -> dict[str, Any]:
@@ -70,13 +72,14 @@ def _recordings(path: Path) -> Sequence[str]:
 
 def _read(path: Path) -> Stored:
     outer, inside = split_inside(path)
+    unpacked = Expansion(outer)
     with _opened(outer) as file:
         if inside and inside not in file:
             raise DataError(f"log {outer}: holds no group {inside!r}; it has {', '.join(list(file)[:8])}.")
-        try:
-            arrays = {name: np.asarray(item[()]) for name, item in _datasets(file[inside] if inside else file).items()}
-        except (OSError, ValueError, MemoryError) as error:
-            raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
+        found = _datasets(file[inside] if inside else file)
+        for item in found.values():
+            unpacked.add(item.size * item.dtype.itemsize)
+        arrays = {name: np.asarray(item[()]) for name, item in found.items()}
     if not inside:
         arrays = _one_level_up(arrays)
     return Stored(columns_of(arrays, f"log {path}"))
@@ -114,26 +117,25 @@ def _one_level_up(arrays: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read_matlab(path: Path) -> Stored:
+    unpacked = Expansion(path)
     with _opened(path) as file:
-        try:
-            content = {name: _value(file, item) for name, item in file.items() if not name.startswith("#")}
-        except (OSError, ValueError, KeyError, RecursionError) as error:
-            raise DataError(f"log {path}: is not a MAT file ({reason(error)}).") from None
+        content = {name: _value(file, item, unpacked) for name, item in file.items() if not name.startswith("#")}
     return matlab_columns(leaves(content), path)
 
 
-def _value(file: Any, item: Any) -> Any:
+def _value(file: Any, item: Any, unpacked: Expansion) -> Any:
     """A MATLAB value: arrays with the axes as MATLAB has them, structs as dicts, cells and arrays of structs as lists, text as str."""
     if hasattr(item, "items"):
-        fields = {name: _value(file, member) for name, member in item.items()}
+        fields = {name: _value(file, member, unpacked) for name, member in item.items()}
         lists = [v for v in fields.values() if isinstance(v, list)]
         # An array of structs is stored field by field.
         if fields and len(lists) == len(fields) and len({len(v) for v in lists}) == 1:
             return [dict(zip(fields, values, strict=True)) for values in zip(*fields.values(), strict=True)]
         return fields
     kind = item.attrs.get("MATLAB_class", b"")
+    unpacked.add(item.size * item.dtype.itemsize)
     if item.dtype.kind == "O":
-        return [_value(file, file[reference]) for reference in np.asarray(item[()]).reshape(-1)]
+        return [_value(file, file[reference], unpacked) for reference in np.asarray(item[()]).reshape(-1)]
     if kind == b"char":
         return "".join(chr(int(c)) for c in np.asarray(item[()]).reshape(-1, order="F"))
     if item.attrs.get("MATLAB_empty", 0) or item.size > _LARGEST or item.dtype.kind not in "fiub":

@@ -14,13 +14,13 @@ import numpy as np
 
 from ...errors import ConfigurationError, DataError, UnsupportedError
 from .arrays import CHUNK, STRETCH, element, stretches
-from .damage import DAMAGED, reason
+from .damage import damage_told
 from .header import numeric
 from .parquet import arrow_values, parquet_file, parquet_table
 from .stored import Chunked, LogFormat, Stored, register_log_format
 
 Array = np.ndarray
-_MAGIC = b"PAR1"
+_MAGIC, _DAMAGED = b"PAR1", "the file is damaged"
 
 
 def _is_one(path: Path, start: bytes) -> bool:
@@ -72,7 +72,7 @@ def _chunked(tables: Callable[[int], Iterator[tuple[int, Any]]], path: Path, tol
         return columns_of_arrow(pa.Table.from_batches([batch.slice(skip, most)]), path, told)
 
     def read(names: Sequence[str], first: int) -> Iterator[dict[str, Array]]:
-        try:
+        with damage_told(path, _DAMAGED):
             for at, batch in tables(first):
                 skip = max(0, first - at)
                 if skip < batch.num_rows:
@@ -80,19 +80,19 @@ def _chunked(tables: Callable[[int], Iterator[tuple[int, Any]]], path: Path, tol
                     if lacking := [name for name in names if name not in found]:
                         raise DataError(f"log {path}: column {lacking[0]!r} is another after row {at + skip}: its lists differ in length.")
                     yield {name: found[name] for name in names}
-        except (pa.ArrowException, UnicodeDecodeError, *DAMAGED) as error:
-            raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
 
     def sample(names: Sequence[str]) -> dict[str, Array]:
         starts = stretches(rows)
         if len(starts) == 1:
             parts = [*read(names, 0)]
         else:
-            first = ((start, next(tables(start))) for start in starts)
-            parts = [columns(batch, start - at, STRETCH) for start, (at, batch) in first]
+            with damage_told(path, _DAMAGED):
+                first = ((start, next(tables(start))) for start in starts)
+                parts = [columns(batch, start - at, STRETCH) for start, (at, batch) in first]
         return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
-    names = next((tuple(columns(batch)) for _, batch in tables(0)), ())
+    with damage_told(path, _DAMAGED):
+        names = next((tuple(columns(batch)) for _, batch in tables(0)), ())
     if not names:
         raise DataError(f"log {path}: holds no column of numbers.")
     return Chunked(names, read, sample, rows)
@@ -146,47 +146,39 @@ def _is_arrow(path: Path, start: bytes) -> bool:
 
 
 def _opened(path: Path) -> Any:
-    """An Arrow file, mapped into memory; a stream, or a file of Feather's first version, as a table."""
+    """An Arrow file, mapped into memory; a stream as a table."""
     if find_spec("pyarrow") is None:
         raise ConfigurationError(f"log {path}: reading Arrow files needs pyarrow: pip install pyarrow. Or export the log as CSV.")
     import pyarrow as pa
-    from pyarrow import feather
 
-    try:
+    with damage_told(path, "is not an Arrow file"):
         with path.open("rb") as file:
             start = file.read(6)
-        if start.startswith(b"FEA1"):
-            return feather.read_table(path)
+        if start.startswith(b"FEA1"):  # of which Arrow believes every place in the file: damage ends the whole process
+            raise DataError(f"log {path}: is of Feather's first version, which is read no more; write it anew (Feather 2, Parquet).")
         source = pa.memory_map(str(path))
         return pa.ipc.open_file(source) if start == b"ARROW1" else pa.ipc.open_stream(source).read_all()
-    except (pa.ArrowException, UnicodeDecodeError, *DAMAGED) as error:
-        raise DataError(f"log {path}: is not an Arrow file ({reason(error)}).") from None
 
 
 def _read_arrow(path: Path) -> Stored:
-    import pyarrow as pa
-
     found = _opened(path)
-    try:
+    with damage_told(path, _DAMAGED):
         table = found.read_all() if hasattr(found, "read_all") else found
+        table.validate(full=True)  # places in a damaged file would be believed
         columns = columns_of_arrow(table, path, _described(path))
-    except (pa.ArrowException, UnicodeDecodeError, *DAMAGED) as error:
-        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
     if not columns:
         raise DataError(f"log {path}: holds no column of numbers.")
     return Stored(columns)
 
 
 def _arrow_chunks(path: Path) -> Chunked:
-    import pyarrow as pa
-
     file = _opened(path)
     if not hasattr(file, "get_batch"):
         raise UnsupportedError(f"log {path}: this kind of Arrow file is read whole (--no-stream); write it as an Arrow file (Feather 2).")
-    try:
+    with damage_told(path, _DAMAGED):
         batches = [file.get_batch(k) for k in range(file.num_record_batches)]
-    except (pa.ArrowException, *DAMAGED) as error:
-        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
+        for batch in batches:
+            batch.validate(full=True)
     ends = np.cumsum([batch.num_rows for batch in batches])
 
     def tables(first: int) -> Iterator[tuple[int, Any]]:

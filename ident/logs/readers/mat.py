@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -9,27 +11,43 @@ import numpy as np
 from ...errors import DataError
 from ..units import bracketed, split_unit
 from .arrays import columns_of, leaves, shortest
-from .damage import reason
+from .damage import damage_told
+from .packed import Expansion
 from .stored import LogFormat, Stored, register_log_format
 
 Array = np.ndarray
 _SYMBOLS = ("q", "dq", "ddq", "tau")
 _HDF5 = b"MATLAB 7.3"
+#: Of MATLAB 5 to 7: bytes of the head, the type of a packed element, how many times its size zlib can unpack, and bytes unpacked at a time.
+_HEAD, _PACKED, _ZLIB, _PIECE = 128, 15, 1032, 1 << 20
 
 
 def _read(path: Path) -> Stored:
     from scipy.io import loadmat
 
-    try:
+    with damage_told(path, "is not a MAT file"):
+        _bound(path)
         content = loadmat(path, simplify_cells=True)
-    except MemoryError:
-        raise DataError(
-            f"log {path}: asks for more memory than there is. Save fewer columns, or in parts; a damaged file may ask too."
-        ) from None
-    except Exception as error:  # noqa: BLE001 - whatever SciPy makes of a damaged file
-        raise DataError(f"log {path}: is not a MAT file ({reason(error)}).") from None
     plain = {name: value for name, value in content.items() if not str(name).startswith("__") and name != "None"}
     return matlab_columns(leaves(plain), path)
+
+
+def _bound(path: Path) -> None:
+    """Unpack what is packed, keeping none of it, to count its bytes. Raises DataError for more than a log may have."""
+    unpacked = Expansion(path)
+    size = path.stat().st_size
+    if _ZLIB * size <= unpacked.most:
+        return
+    with path.open("rb") as file:
+        order = "<" if file.read(_HEAD)[-2:] == b"IM" else ">"
+        while len(head := file.read(8)) == 8:
+            kind, length = struct.unpack(f"{order}II", head)
+            end = file.tell() + length
+            if kind == _PACKED:
+                stream = zlib.decompressobj()
+                while not stream.eof and (rest := stream.unconsumed_tail or file.read(min(_PIECE, end - file.tell()))):
+                    unpacked.add(len(stream.decompress(rest, _PIECE)))
+            file.seek(end)
 
 
 def matlab_columns(arrays: dict[str, Array], path: Path) -> Stored:

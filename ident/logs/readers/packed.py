@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ...errors import ConfigurationError, DataError
-from .damage import DAMAGED, reason
+from .damage import damage_told
 
 #: Bytes that a packed file may always unpack to, how many times its own size beyond that, and bytes that are unpacked at a time.
 _UNPACKED, _RATIO, _BLOCK = 1 << 28, 200, 1 << 20
@@ -22,14 +22,14 @@ _OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.ope
 
 
 def open_binary(path: Path) -> IO[bytes]:
-    """The bytes of a file, decompressed if it begins like a gzip, bzip2 or xz file."""
+    """The bytes of a file, decompressed if it begins like a packed one; damage in that, wherever it is met, is a DataError."""
     with path.open("rb") as raw:
         start = raw.read(6)
     for magic, opener in _OPENERS:
         if start.startswith(magic):
-            return opener(path, "rb")  # type: ignore[no-any-return]
+            return io.BufferedReader(_Told(opener(path, "rb"), path), _BLOCK)
     if start.startswith(_ZSTANDARD):
-        return io.BufferedReader(_Zstandard(path))
+        return io.BufferedReader(_Told(_Zstandard(path), path), _BLOCK)
     return path.open("rb")
 
 
@@ -77,12 +77,28 @@ class _Zstandard(io.RawIOBase):
         super().close()
 
 
-class _Unpacked(io.RawIOBase):
-    """What a packed file unpacks to, up to a size that a table of numbers may have."""
+class Expansion:
+    """How many bytes a packed file may become in memory, counted as they come; more is a DataError."""
 
-    def __init__(self, inner: IO[bytes], path: Path) -> None:
-        self._inner, self._path, self._at = inner, path, 0
-        self._most = max(_UNPACKED, _RATIO * path.stat().st_size)
+    def __init__(self, path: Path) -> None:
+        self._path, self._bytes = path, 0
+        self.most = max(_UNPACKED, _RATIO * path.stat().st_size)
+
+    def add(self, count: int) -> None:
+        """Count bytes before they are kept."""
+        self._bytes += int(count)
+        if self._bytes > self.most:
+            raise DataError(
+                f"log {self._path}: unpacks to more than {_RATIO} times its size ({self._bytes / 1e6:.0f} MB so far): a damaged file, or"
+                " one made to fill the memory. If it is meant, unpack it, or read it piece by piece (--stream)."
+            )
+
+
+class _Told(io.RawIOBase):
+    """A stream whose damage is a DataError."""
+
+    def __init__(self, inner: Any, path: Path) -> None:
+        self._inner, self._path = inner, path
 
     def readable(self) -> bool:
         return True
@@ -91,25 +107,32 @@ class _Unpacked(io.RawIOBase):
         return True
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        self._at = self._inner.seek(offset, whence)
-        return self._at
+        with damage_told(self._path, "the file is damaged"):
+            return int(self._inner.seek(offset, whence))
 
     def readinto(self, buffer: Any) -> int:
-        try:
-            count: int = self._inner.readinto(buffer)  # type: ignore[attr-defined]
-        except DAMAGED as error:
-            raise DataError(f"log {self._path}: the file is damaged ({reason(error)}).") from None
-        self._at += count
-        if self._at > self._most:
-            raise DataError(
-                f"log {self._path}: unpacks to more than {_RATIO} times its size ({self._at / 1e6:.0f} MB so far): a damaged file, or one"
-                " made to fill the memory. If it is meant, unpack it, or read it piece by piece (--stream)."
-            )
-        return count
+        with damage_told(self._path, "the file is damaged"):
+            return int(self._inner.readinto(buffer))
 
     def close(self) -> None:
-        self._inner.close()
+        if not self.closed:
+            self._inner.close()
         super().close()
+
+
+class _Unpacked(_Told):
+    """What a packed file unpacks to, up to a size that a table of numbers may have."""
+
+    def __init__(self, inner: Any, path: Path) -> None:
+        super().__init__(inner, path)
+        self._bytes, self._counted = Expansion(path), 0
+
+    def readinto(self, buffer: Any) -> int:
+        count = super().readinto(buffer)
+        if (at := self._inner.tell()) > self._counted:  # what is read again counts once
+            self._bytes.add(at - self._counted)
+            self._counted = at
+        return count
 
 
 def open_whole(path: Path) -> IO[bytes]:

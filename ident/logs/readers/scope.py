@@ -47,8 +47,10 @@ def _read(path: Path) -> Stored:
     table = np.full((len(rows), 2 * width), np.nan)
     for k, row in enumerate(rows):
         for j, x in enumerate(row[: 2 * width]):
+            if not _is_value(x):
+                raise DataError(f"log {path}: row {k + 1} of the values: {x.strip()[:40]!r} is not a number.")
             if x.strip():
-                table[k, j] = float(x.strip().replace(",", "."))
+                table[k, j] = float(x.strip().replace(",", ".", 1))
     known = [np.isfinite(table[:, 2 * j]) for j in range(width)]
     main = int(np.argmax([own.sum() for own in known]))
     t = table[known[main], 2 * main]

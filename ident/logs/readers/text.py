@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 
 from ...errors import DataError, IdentError
-from .damage import DAMAGED, reason
+from .damage import DAMAGED, damage_told, reason
 from .header import MISSING, Header, is_number
 from .packed import open_binary, open_whole
 from .parquet import arrow_values
@@ -28,20 +28,22 @@ _NEVER_CLOSED = "EOF inside string"
 
 
 def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
-    """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists)."""
+    """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists). Raises DataError."""
     import pandas as pd
 
-    with body_of(path, header) as stream:
+    # All columns, not only those wanted: otherwise rows with too many fields, or too few, would be read as others.
+    with damage_told(path, "cannot be read as a table"), body_of(path, header) as stream:
         frame = pd.read_csv(
             stream,
             sep=header.delimiter,
             names=list(header.names),
-            usecols=list(names),
             dtype=str,
             keep_default_na=False,
             encoding=header.encoding,
             encoding_errors="replace",
         )
+    if not isinstance(frame.index, pd.RangeIndex):
+        raise DataError(f"log {path}: rows have more fields than the header.")
     return {name: frame[name].to_numpy(dtype=object) for name in names}
 
 
@@ -171,13 +173,13 @@ def rows_of_text(path: Path, header: Header) -> Iterator[tuple[int, list[str]]]:
     """Line number (from 1) and fields of every row of data."""
     try:
         with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=header.encoding, errors="replace", newline="") as text:
-            yield from ((line, fields) for line, fields in numbered_rows(text, header) if line > header.line)
+            yield from ((line, fields) for line, fields in numbered_rows(path, text, header) if line > header.line)
     except DAMAGED as error:
         raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
 
 
-def numbered_rows(text: Iterable[str], header: Header, before: int = 0) -> Iterator[tuple[int, list[str]]]:
-    """Rows of a text that are not blank, each with the number of the line on which it begins, after `before` lines."""
+def numbered_rows(path: Path, text: Iterable[str], header: Header, before: int = 0) -> Iterator[tuple[int, list[str]]]:
+    """Rows of a text of a file that are not blank, each with the number of the line on which it begins, after `before` lines."""
     if header.delimiter == " ":
         yield from ((i, row.split()) for i, row in enumerate(text, before + 1) if row.strip())
         return
@@ -189,7 +191,7 @@ def numbered_rows(text: Iterable[str], header: Header, before: int = 0) -> Itera
         except StopIteration:
             return
         except csv.Error as error:
-            raise DataError(f"log: line {line} cannot be read ({error}).") from None
+            raise DataError(f"log {path}: line {line} cannot be read ({error}).") from None
         if any(f.strip() for f in fields):
             yield line, fields
         line = before + reader.line_num + 1
