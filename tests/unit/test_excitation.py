@@ -199,5 +199,5 @@ def test_limits_from_the_description_and_given() -> None:
     with pytest.raises(ConfigurationError, match="one number or 1"):
         Limits.of(robot, velocity=[1.0, 2.0])
     heavy = robot.rigid_body() + Viscous()
-    with pytest.raises(ConfigurationError, match="carry the robot"):
+    with pytest.raises(ConfigurationError, match="merely to hold still"):
         excite(heavy, limits=Limits.of(robot, torque=1e-6), starts=1)
