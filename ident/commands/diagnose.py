@@ -14,6 +14,7 @@ from ..errors import ConfigurationError, DataError
 from ..reporting import report
 from ..reporting.diagnosis import diagnosis_report
 from ..study.session import HELD_SHARE, Session
+from .commanded import asks_for_simulation, diagnose_under_law
 from .common import Output, add_output_arguments, add_study_arguments, study_from
 
 if TYPE_CHECKING:
@@ -32,7 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
-    session = Session(study_from(args), out.progress("fitting"))
+    study = study_from(args)
+    if asks_for_simulation(study):
+        return diagnose_under_law(study, args, out)
+    session = Session(study, out.progress("fitting"))
     for finding in session.audit.warnings:
         out.say(wrapped(f"audit: {finding}"))
     diagnosis = diagnosis_of(session, out, verbose=args.verbose)

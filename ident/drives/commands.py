@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,8 @@ Array = np.ndarray
 _COLUMN = re.compile(r"^(?P<what>q_cmd|dq_cmd|tau_ff|torque_enable|supply)_?(?P<joint>[0-9]+)$", re.IGNORECASE)
 #: Samples at the start of a log from which its initial speed is taken where none was logged.
 _FIRST = 6
+#: Steps of an encoder that a joint moves from one sample to the next but one where a repeated reading is none of a joint at rest.
+_FEW = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,18 @@ class DriveLog:
     enabled: Array
     supply: Array | None
     start: Array
+
+    @cached_property
+    def fresh(self) -> Array:
+        """(N, n): readings that are no repeat of the one before. Equal to it, while the joint moved by more than a few steps of its
+        encoder from the sample before to the sample behind: nothing was read anew."""
+        change = np.diff(self.q, axis=0)
+        out = np.ones(self.q.shape, bool)
+        moved = np.abs(self.q[2:] - self.q[:-2])
+        for j, steps in enumerate(np.abs(change).T):
+            least = float(np.min(steps[steps > 0], initial=np.inf))
+            out[1:-1, j] = ~((steps[:-1] == 0) & (moved[:, j] > _FEW * least))
+        return out
 
     @classmethod
     def of(cls, log: Log, robot: Robot, law: DriveLaw) -> DriveLog:
