@@ -89,7 +89,7 @@ def _tried(plant: DrivePlant, fit: Fitted, sizes: Array, one: Screened, inertia:
 def _spread(fit: Fitted) -> float:
     """Variance of the weighted residual, as large as its memory makes it count."""
     weighted = fit.residual * fit.weights
-    count = max(np.count_nonzero(fit.weights) - len(fit.values), 1)
+    count = max(int(np.count_nonzero(fit.weights)) - len(fit.values), 1)
     r = weighted.reshape(-1, weighted.shape[1])
     own: Array = np.sum(r * r, axis=0)
     ahead: Array = np.sum(r[1:] * r[:-1], axis=0) / np.maximum(own, 1e-300)

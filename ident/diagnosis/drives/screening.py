@@ -59,8 +59,8 @@ class _Base:
         spread = float(score @ score)
         for lag in range(1, self.lags + 1):
             spread += 2.0 * (1.0 - lag / (self.lags + 1)) * float(score[lag:] @ score[:-lag])
-        white = float(left @ left) / max(np.count_nonzero(left), 1) * size
-        return step, step * size / np.sqrt(np.fmax(spread, white)).item()
+        white = float(left @ left) / max(int(np.count_nonzero(left)), 1) * size
+        return step, step * size / max(spread, white) ** 0.5
 
     def gain(self, J: Array, columns: Array) -> float:
         """Share of the squared residual that the columns (M, k) take off readings that had no part in their adjustment."""
