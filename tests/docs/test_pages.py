@@ -56,7 +56,8 @@ def test_every_warning_has_cause_and_remedy() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
-        if not target.startswith(("http://", "https://")):
+        made = page.name == "index.md" and target.startswith("reference/")  # by docs/tools/make_reference.py, for the site alone
+        if not made and not target.startswith(("http://", "https://")):
             assert (page.parent / target).exists(), target
 
 

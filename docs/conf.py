@@ -1,0 +1,44 @@
+"""Settings of the documentation's site; `python docs/tools/make_site.py` builds it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+import ident
+
+sys.path.insert(0, str(Path(__file__).parent / "tools"))
+
+project = "ident"
+author = "The ident developers"
+release = version = ident.__version__
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+exclude_patterns = ["tools", "README.md"]
+
+html_theme = "furo"
+html_title = f"ident {release}"
+html_static_path: list[str] = ["static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_extra_path: list[str] = []
+pygments_style, pygments_dark_style = "default", "github-dark"
+
+autodoc_typehints = "none"  # shapes and meanings are in the docstrings
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+default_role = "literal"
+html_math_renderer = "mathml"
+suppress_warnings = ["ref.python"]  # shapes such as (n,) in docstrings are no names to link to
+
+
+def setup(app: Sphinx) -> None:
+    """Docstrings are prose with absolute values: |x| is no substitution."""
+
+    def plain(app: Sphinx, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
+        lines[:] = ["`".join(p.replace("|", "\\|") if i % 2 == 0 else p for i, p in enumerate(line.split("`"))) for line in lines]
+
+    app.connect("autodoc-process-docstring", plain, priority=900)
