@@ -104,7 +104,7 @@ class _SimulatedSearch:
     def coarse(self) -> _SimulatedSearch:
         """The same in larger steps of time, where the samples leave room for them."""
         period = min(log.period for log in self.plant.logs)
-        return replace(self, plant=replace(self.plant, step=max(self.plant.step, min(0.5 * period, 2.5e-3))))
+        return replace(self, plant=replace(self.plant, step=max(self.plant.longest, min(0.5 * period, 2.5e-3))))
 
     @property
     def lower(self) -> Array:
