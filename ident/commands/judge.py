@@ -4,13 +4,26 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .._utils.json import result
 from .._utils.text import wrapped
 from ..errors import ConfigurationError, unknown_name
 from ..estimate.estimate import Estimate
-from ..physical import Bounds, judge, nominal_prior, published_subject, repair, repair_estimate, subject_of, with_repair
+from ..physical import (
+    DEFINITIONS,
+    Bounds,
+    MinorOrder,
+    judge,
+    judge_by_cone,
+    judge_on_grid,
+    nominal_prior,
+    published_subject,
+    repair,
+    repair_estimate,
+    subject_of,
+    with_repair,
+)
 from ..robots.library.load import load_robot
 from ..robots.library.published import published_tables
 from ..study.session import like
@@ -27,10 +40,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", help="built-in robot whose published parameters are judged")
     parser.add_argument("--table", metavar="NUMBER", help="which of its published tables")
     parser.add_argument("--limits", action="store_true", help="only within the joint limits")
+    parser.add_argument("--grid", type=int, metavar="POINTS", help="judge by leading minors, too, at so many positions of every joint")
+    parser.add_argument(
+        "--cone", choices=[o.value for o in MinorOrder], help="judge by the cones of these minors, too (revolute chains, a few joints)"
+    )
     parser.add_argument(
         "--repair",
         metavar="METHOD",
-        help="repair it too: fit (constrained fit), consistent, possible or stepwise; of a saved fit, --out keeps the repaired one",
+        help="repair it too: fit (constrained fit), consistent, possible, stepwise, or cone (the source's Steps 1 to 4, for a few joints);"
+        " of a saved fit, --out keeps the repaired one",
     )
     parser.add_argument("--validate", nargs="+", metavar="FILE", help="held-out logs on which the repair is compared with the fit")
     parser.add_argument("--study", metavar="FILE", help="study file whose [columns] and validation logs are used for that")
@@ -51,9 +69,10 @@ def run(args: argparse.Namespace) -> int:
     held = _held(args, estimate)
     # A request that cannot be met is refused before anything is computed.
     bounds, prior = _knowledge(args, estimate)
+    others, lines = _by_the_source(args, subject)
     judgement = judge(subject, limits=args.limits)
-    out.say(judgement.text())
-    body = judgement.to_dict()
+    out.say("\n".join([*judgement.verdicts(), *lines, "", *DEFINITIONS]))
+    body = judgement.to_dict() | others
     inputs = estimate.inputs if estimate is not None else ()
     if held is not None:
         inputs = (*inputs, *held.inputs)
@@ -91,6 +110,24 @@ def _subject(args: argparse.Namespace) -> tuple[Estimate | None, Subject]:
         raise unknown_name(f"published table of {args.robot}", args.table, tables)
     table = tables[args.table]
     return None, published_subject(load_robot(args.robot), table.values, f"{args.robot}, table {table.id}: {table.title}")
+
+
+def _by_the_source(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any], list[str]]:
+    """The dissertation's judgements that were asked for, of each inertia matrix, on a grid of positions and by cones: results, lines."""
+    if args.cone and args.limits:
+        raise ConfigurationError("--cone judges over whole turns of every joint; leave out --limits.")
+    body: dict[str, Any] = {}
+    lines = []
+    for name, structure in subject.matrices.items():
+        if args.grid is not None:
+            on_grid = judge_on_grid(structure, subject.values, points=args.grid, limits=args.limits)
+            lines.append(f"{name}: {on_grid.text()}")
+            body.setdefault("grid", {})[name] = on_grid.to_dict()
+        if args.cone:
+            by_cone = judge_by_cone(structure, subject.values, order=args.cone)
+            lines.append(f"{name}: {by_cone.text()}")
+            body.setdefault("cone", {})[name] = by_cone.to_dict()
+    return body, lines
 
 
 def _held(args: argparse.Namespace, estimate: Estimate | None) -> Signals | None:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..physical.pseudo_inertia import displaced
+
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
 
@@ -16,6 +18,9 @@ Array = np.ndarray
 _FACTOR, _LEFT = 3.0, 0.3
 #: What the URDF asks for, or what is fitted, must stand so far above the noise of the fit.
 _CLEAR = 10.0
+#: A last link is the URDF's, turned, where turning takes away that much of the distance between both (squared standard deviations), and
+#: leaves no more than this share; by less than so many radians it is not turned. Angles that are tried, and how often the step is halved.
+_CLEAR_OFF, _LEFT_OFF, _TURNED, _ANGLES, _NARROWER = 100.0, 0.25, 0.05, 72, 8
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,42 @@ class _Beside:
         )
         return gravity, inertia
 
+    def turned(self, j: int) -> float:
+        """By how much the position of joint j, which carries body j alone, reads too far if that link is the URDF's (rad); 0 if it is not,
+        or if it is so without turning."""
+        robot, base, information = self.estimate.model.robot, self.estimate.base, self.estimate.information
+        assert robot.nominal is not None
+        assert information is not None
+        R = information.combined(self.estimate.weights)[0]
+        free = R[:, ~self.plain]
+        basis = np.linalg.svd(free, full_matrices=False)[0][:, : int(np.linalg.matrix_rank(free))] if free.size else free
+        link = slice(10 * j, 10 * j + 10)
+        fitted = R @ self.estimate.values
+
+        def apart(off: float) -> float:
+            """Distance of the fit from the URDF's values, turned, in standard deviations squared."""
+            values = np.zeros(len(base.parameters))
+            values[: len(robot.nominal)] = robot.nominal  # type: ignore[arg-type]
+            values[link] = displaced(values[link], _turn(robot.tree.axis[j], -off), np.zeros(3))
+            v = fitted - R @ base.base_values(values)
+            return float(np.sum((v - basis @ (basis.T @ v)) ** 2))
+
+        grid = np.linspace(-np.pi, np.pi, _ANGLES, endpoint=False)
+        step = float(grid[1] - grid[0])
+        best = float(grid[int(np.argmin([apart(off) for off in grid]))])
+        for _ in range(_NARROWER):
+            step *= 0.5
+            best = min((best - step, best, best + step), key=apart)
+        here, there = apart(0.0), apart(best)
+        return best if here - there > _CLEAR_OFF and there < _LEFT_OFF * here else 0.0
+
+
+def _turn(axis: Array, angle: float) -> Array:
+    """Rotation (3, 3) by an angle about a unit axis."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+
 
 def factor_doubt(estimate: Estimate) -> str:
     """A sentence where torque, or the part of it that inertia takes, is that of the URDF times a factor no link has; "" otherwise."""
@@ -79,6 +120,26 @@ def factor_doubt(estimate: Estimate) -> str:
         f"torque is many times, or a small part of, what the URDF's inertials ask for on some joints alone: {listed}. Look at its unit,"
         " its gear ratio and its torque constant there."
     )
+
+
+def zero_doubt(estimate: Estimate) -> str:
+    """A sentence where the last link of a chain is the URDF's, but turned about its joint; "" otherwise.
+
+    No motion tells the zero of a joint that carries one link alone: that link's parameters turn with it. Only what the URDF says of the
+    link does, where it is right but for that."""
+    beside = _beside(estimate)
+    if beside is None:
+        return ""
+    robot = estimate.model.robot
+    for j, name in enumerate(robot.joint_names):
+        off = beside.turned(j) if robot.loop.is_trivial and j not in robot.tree.parent and not robot.joints[j].prismatic else 0.0
+        if abs(off) > _TURNED:
+            return (
+                f"the link of {name} is what the URDF says, turned about its joint: the zero of that joint is off (its position reads"
+                f" {abs(off):.2g} rad too {'far' if off > 0 else 'little'}), or a tool is mounted otherwise. Parameters of the link are"
+                " told in turned axes. Look at [drive] zero."
+            )
+    return ""
 
 
 def _of_the_clock(heavy: float, swung: float) -> str:

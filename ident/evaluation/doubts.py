@@ -9,7 +9,8 @@ import numpy as np
 
 from ..errors import DataError
 from ..problem.opposite_signs import negative_share, opposite_sign
-from .against_nominal import factor_doubt
+from .against_nominal import factor_doubt, zero_doubt
+from .misreadings import misreading
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -35,7 +36,7 @@ _LISTED = 6
 def doubts(estimate: Estimate) -> tuple[str, ...]:
     """Sentences for an estimate's warnings; none where nothing is to be said."""
     every = all_turned(estimate)
-    wrong = (every,) if every else (_impossible(estimate), _turned(estimate), factor_doubt(estimate))
+    wrong = (every,) if every else (_impossible(estimate), _cause(estimate))
     return tuple(said for said in (*wrong, _few(estimate), _apart(estimate)) if said)
 
 
@@ -97,6 +98,11 @@ def _turned(estimate: Estimate) -> str:
         return ""
     found = opposite_sign(estimate.information, estimate.base, estimate.model.robot.joint_names)
     return "" if found is None else str(found)
+
+
+def _cause(estimate: Estimate) -> str:
+    """What the log has wrong, the surest first: what follows from one cause is not blamed on the next."""
+    return _turned(estimate) or misreading(estimate) or zero_doubt(estimate) or factor_doubt(estimate)
 
 
 def _bounds(estimate: Estimate) -> tuple[Array, Array]:

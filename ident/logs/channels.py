@@ -40,6 +40,7 @@ _ESTIMATED = {
     "deviation",
     "feedforward",
     "ff",
+    "next",
 }
 _MEASURED = MEASURED | {"present", "fb", "mp", "mt", "act", "mes"}
 _NOT_JOINTS = {
@@ -101,6 +102,12 @@ class ChannelGroup:
 
     def __str__(self) -> str:
         return repr(self.columns[0]) if len(self.columns) == 1 else f"{self.columns[0]!r} … {self.columns[-1]!r}"
+
+
+def joint_of(name: str) -> str:
+    """A joint's name from the path by which a channel names it: the last part that is no word for a quantity (`arm/elbow.pos`: elbow)."""
+    parts = [part for part in re.split(r"[/.]", name) if part]
+    return next((part for part in reversed(parts) if part.lower() not in _QUANTITIES), parts[-1] if parts else name)
 
 
 def words_of(name: str) -> frozenset[str]:
@@ -183,7 +190,7 @@ def _around_names(
 
 def bare_name(joint: str) -> str:
     """A joint's name without its path, the word for joint, and what separates its words."""
-    return "".join(part for part in re.split(r"[^a-z0-9]+", re.split(r"[/.]", joint.lower())[-1]) if part != "joint")
+    return "".join(part for part in re.split(r"[^a-z0-9]+", joint_of(joint).lower()) if part != "joint")
 
 
 def _put(stems: dict[str, list[tuple[int, str, str]]], stem: str, name: str, joint: str, joints: Sequence[str] | None) -> None:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from ..errors import DataError
 from .channels import words_of
-from .readers.bag import is_bag
+from .readers.stored import split_inside
 from .readers.tables import recordings_in
+from .readers.topics import is_bag
 from .readers.wording import DESIRED, MEASURED
 
 _SUFFIXES = {
@@ -20,6 +21,8 @@ _SUFFIXES = {
     ".dat",
     ".parquet",
     ".pq",
+    ".arrow",
+    ".feather",
     ".mat",
     ".npz",
     ".bag",
@@ -88,6 +91,12 @@ def _inside(found: LogFile) -> list[LogFile]:
 def _kind(path: Path) -> str:
     suffixes = [s.lower() for s in path.suffixes]
     return suffixes[-2] if len(suffixes) > 1 and suffixes[-1] in _PACKED else suffixes[-1] if suffixes else ""
+
+
+def content_file(path: Path) -> Path:
+    """The file that holds a log: of a path inside a file, that; of a ROS 2 bag's folder, its data."""
+    outer, _ = split_inside(path)
+    return next((p for p in sorted(outer.iterdir()) if p.suffix in (".db3", ".mcap")), outer) if outer.is_dir() else outer
 
 
 def _pairs(files: Sequence[Path]) -> list[LogFile]:

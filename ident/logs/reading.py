@@ -13,15 +13,16 @@ import numpy as np
 
 from .._utils.files import sha256
 from ..errors import DataError, IdentError, unknown_name
+from .channels import joint_of
 from .columns import resolve_columns
-from .files import LogFile, log_files
+from .files import LogFile, content_file, log_files
 from .log import Log, LogSet, log_of
 from .names import JointNames
 from .planning import COUNTED, PlannedLog, planned
 from .readers.frames import is_frame
 from .readers.ros import joint_state_columns, read_joint_states
 from .readers.stored import split_inside
-from .repair import blank_unusable, repeated_rows, usable_rows
+from .repair import blank_unusable, drop_empty, repeated_rows, usable_rows
 from .source import TableSource
 from .torque import as_meant
 from .unwrap import from_one_turn, motor_turn_notes, unwrapped, within_limits, wrapping
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 _LOG = logging.getLogger(__name__)
-#: Positions that stay within this (rad, m) may have velocities that are all zero.
-_AT_REST = 1e-3
 _REFERENCE = re.compile(r"^(?P<joint>.+)\.(?P<word>position|velocity|acceleration)_reference$")
 _REFERENCE_KEYS = {"position": "q_ref", "velocity": "dq_ref", "acceleration": "ddq_ref"}
 
@@ -208,7 +207,7 @@ def _read(given: Path | pd.DataFrame, request: _Request) -> list[Log]:
         raise DataError(f"{where}: there is a header, but no row of data.")
     if rows < 2:
         raise DataError(f"{where}: one row of data; a log needs many.")
-    empty = _drop_empty(arrays, where)
+    empty = drop_empty(arrays, where)
     notes = [*source.notes, *plan.notes, *meant, *empty]
     hint = "what stands there for a torque is zero in every row" if empty and not any(k.startswith("tau") for k in arrays) else plan.hint
     side = "q" if "q" in arrays else "q_motor"
@@ -220,7 +219,7 @@ def _read(given: Path | pd.DataFrame, request: _Request) -> list[Log]:
     extras = _numbered_references(extras, joints.names if joints else plan.joints)
     outer, inside = (None, "") if path is None else split_inside(path)
     stem = inside.replace("/", " ") or source.name
-    digest = "" if outer is None else sha256(_content(outer))
+    digest = "" if outer is None else sha256(content_file(outer))
     whole = len(pieces.rows) == 1 and len(pieces.rows[0]) == rows
     logs = []
     for i, index in enumerate(pieces.rows):
@@ -233,7 +232,7 @@ def _read(given: Path | pd.DataFrame, request: _Request) -> list[Log]:
                 log,
                 extra={k: v[cut] for k, v in extras.items()},
                 hint=hint,
-                joint_names=joints.names if joints else tuple(re.split(r"[/.]", name)[-1] for name in plan.joints),
+                joint_names=joints.names if joints else tuple(joint_of(name) for name in plan.joints),
                 recording=found.recording,
             )
         )
@@ -257,24 +256,6 @@ def _values(source: TableSource, found: PlannedLog, request: _Request) -> tuple[
     return table, extras
 
 
-def _drop_empty(arrays: dict[str, Array], where: str) -> list[str]:
-    """Take out channels that are there and hold nothing but zeros, which no measurement does; what to say of them."""
-    notes = []
-    q = arrays.get("q", arrays.get("q_motor"))
-    assert q is not None
-    span = np.nanmax(q, axis=0, initial=-np.inf) - np.nanmin(q, axis=0, initial=np.inf)
-    for name in [k for k in arrays if k not in ("t", "q", "q_motor")]:
-        values = arrays[name]
-        known = np.isfinite(values)
-        if not known.any() or np.any(values[known] != 0.0):
-            continue
-        if name.startswith("tau") or np.any(span > _AT_REST):
-            del arrays[name]
-            what = {"tau_joint": "torque", "tau_motor": "motor torque", "tau_current": "current"}.get(name, "velocity or acceleration")
-            notes.append(f"{where}: the {what} is zero in every row: nothing was recorded there, and it is not used.")
-    return notes
-
-
 def _numbered_references(extras: dict[str, Array], names: Sequence[str]) -> dict[str, Array]:
     """Desired motion by joint name (`elbow.position_reference`) as by number (`q_ref3`)."""
     out: dict[str, Array] = {}
@@ -285,8 +266,3 @@ def _numbered_references(extras: dict[str, Array], names: Sequence[str]) -> dict
         else:
             out[name] = values
     return out
-
-
-def _content(path: Path) -> Path:
-    """The file that holds a log: of a ROS 2 bag's folder, its data."""
-    return next((p for p in sorted(path.iterdir()) if p.suffix in (".db3", ".mcap")), path) if path.is_dir() else path

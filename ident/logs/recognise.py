@@ -6,13 +6,13 @@ which is measured, wanted or estimated too. Time has its unit from its own numbe
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import DataError
-from .channels import ChannelGroup, groups, known_scale, scalar_time_names, unit_suffix
+from .channels import ChannelGroup, bare_name, groups, known_scale, scalar_time_names, unit_suffix
 from .recorders import EFFORTS, Recorder, recorder_of
 from .references import references
 from .units import expected_units, split_unit, unit_of
@@ -56,17 +56,14 @@ def recognised(
     unit_of_column = dict(zip(names, units, strict=False))
     recorder = recorder_of(names)
     found = groups(names, joints, unit_of_column, {} if recorder is None else recorder.channels)
+    order = () if recorder is None or joints is None else named_alike(recorder.joints, joints)
+    if order:
+        found = [replace(g, joints=order) if not g.named and len(g.columns) == len(order) else g for g in found]
     fitting, wide = _fitting(found, joints)
     positions = [g for g in fitting if g.quantity == "q" and not g.wanted and not g.estimated]
     if not positions:
         if wide:
-            count, there = len(joints or ()), len(wide[0].columns)
-            remedy = (
-                "lock those that were not logged ([robot] locked, or joints for those to keep)"
-                if count > there
-                else "map those of the robot's joints under [columns] of a study file, q1 = … first"
-            )
-            raise DataError(f"the robot has {count} joints, but positions of {there} are there ({wide[0]}); {remedy}.")
+            raise _other_number(wide[0], len(joints or ()))
         return None
     table = read([c for g in fitting for c in g.columns])
     q = _best(positions, table)
@@ -95,6 +92,8 @@ def recognised(
     wanted, order_notes = references(fitting, q, table, (scale, offset))
     if wanted:
         said += f", desired motion from {next(iter(wanted.values()))[0]!r} …"
+    if recorder is not None and recorder.desired == "command":
+        wanted = wanted | {key.replace("_ref", "_cmd"): source for key, source in wanted.items() if key.startswith("q_ref")}
     used = {v if isinstance(v, str) else v["column"] for v in mapping.values()} | {c for c, *_ in wanted.values()}
     effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
     told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
@@ -106,9 +105,34 @@ def recognised(
         "" if recorder is None else recorder.name,
         told,
         effort,
-        (*(() if recorder is None or not recorder.say else (recorder.say,)), *order_notes),
+        (*(() if recorder is None or not recorder.say else (recorder.say,)), *_put_in_order(order, joints), *order_notes),
         None if recorder is None else recorder.rate_hz,
     )
+
+
+def _other_number(positions: ChannelGroup, count: int) -> DataError:
+    there = len(positions.columns)
+    remedy = (
+        "lock those that were not logged ([robot] locked, or joints for those to keep)"
+        if count > there
+        else "map those of the robot's joints under [columns] of a study file, q1 = … first"
+    )
+    return DataError(f"the robot has {count} joints, but positions of {there} are there ({positions}); {remedy}.")
+
+
+def named_alike(known: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
+    """The robot's names of the joints that a recorder is known to number (`FR_hip` for `FR_hip_joint`), in its order; () where names do
+    not tell each of them."""
+    own = {bare_name(name): name for name in joints}
+    found = tuple(own.get(bare_name(name), "") for name in known)
+    return found if all(found) and len(set(found)) == len(found) == len(joints) else ()
+
+
+def _put_in_order(order: Sequence[str], joints: Sequence[str] | None) -> tuple[str, ...]:
+    """What is said where the recorder counts the joints in another order than the robot."""
+    if not order or list(order) == list(joints or ()):
+        return ()
+    return (f"its joints come as {', '.join(order)}, and are put into the robot's order by these names.",)
 
 
 def _entry(column: str, quantity: str, factor: float, offset: float = 0.0) -> str | dict[str, Any]:

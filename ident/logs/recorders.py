@@ -29,8 +29,8 @@ class Recorder:
 
     `effort`: a key of `EFFORTS`, "" if none is known; `effort_scale`: SI value of one unit of it; `rate_hz`: what it usually runs at;
     `counts` of position a turn, of which `centre` is zero; `joints` in its order; `channels`: quantity
-    (`q`, `dq`, `tau`, `i`, `q_ref`, `dq_ref`) → a column's name with {} for the joint's number, where words do not tell it; `say`: what a
-    user has to know.
+    (`q`, `dq`, `tau`, `i`, `q_ref`, `dq_ref`) → a column's name with {} for the joint's number, where words do not tell it; `desired`:
+    "command" where what was asked for is what the drives were sent (`q_cmd`); `say`: what a user has to know.
     """
 
     name: str
@@ -42,6 +42,7 @@ class Recorder:
     centre: float = 0.0
     joints: tuple[str, ...] = ()
     channels: Mapping[str, str] = field(default_factory=dict)
+    desired: str = ""
     say: str = ""
 
     def wrote(self, names: Sequence[str]) -> bool:
@@ -71,6 +72,8 @@ def _recorder(table: Mapping[str, Any], path: Path) -> Recorder:
     effort = table.get("effort", "")
     if effort and effort not in EFFORTS:
         raise ConfigurationError(f"recorders {path}: {unknown_name('effort', effort, tuple(EFFORTS))}")
+    if table.get("desired", "command") != "command":
+        raise ConfigurationError(f'recorders {path}: desired of {table["name"]!r} may be "command" (what the drives were sent).')
     for key in ("effort_scale", "rate_hz", "counts", "centre"):
         if key in table and (isinstance(table[key], bool) or not isinstance(table[key], (int, float))):
             raise ConfigurationError(f"recorders {path}: {key} of {table['name']!r} must be a number.")

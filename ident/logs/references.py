@@ -42,7 +42,7 @@ def references(
 def _by_name(g: ChannelGroup, q: ChannelGroup) -> Array | None:
     """For each joint, which column of g has its name; None where names do not tell all."""
     own, wanted = ([bare_name(name) for name in group.joints] for group in (q, g))
-    if not all(own) or sorted(own) != sorted(wanted):
+    if not all(own) or len(set(own)) < len(own) or sorted(own) != sorted(wanted):
         return None
     return np.array([wanted.index(name) for name in own])
 

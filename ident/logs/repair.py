@@ -16,6 +16,8 @@ _ISOLATED = 10
 _LARGEST = 1e30
 #: Share of rows up to which repeats are a recorder's; more of them are the stream itself, held.
 _REPEATS = 0.3
+#: Positions that stay within this (rad, m) may have velocities that are all zero.
+_AT_REST = 1e-3
 _SHARE = 0.01
 #: Where more rows than this share repeat the stamp before them, and this share of those not its positions, stamps are rounded too coarsely.
 _ROUNDED = 0.2
@@ -223,3 +225,23 @@ def _ranges(blocks: list[list[int]], most: int = 4) -> str:
     text = ", ".join(f"{a + 1}" if b - a == 1 else f"{a + 1}-{b}" for a, b in blocks[:most])
     rows = sum(b - a for a, b in blocks)
     return f"data row{'s' * (rows > 1)} {text}" + (" …" if len(blocks) > most else "")
+
+
+def drop_empty(arrays: dict[str, Array], where: str) -> list[str]:
+    """Take out channels that are there and hold nothing but zeros, which no measurement does; what to say of them.
+
+    `arrays`: (N, n) by quantity, or the least and largest value of each, (2, n)."""
+    notes = []
+    q = arrays.get("q", arrays.get("q_motor"))
+    assert q is not None
+    span = np.nanmax(q, axis=0, initial=-np.inf) - np.nanmin(q, axis=0, initial=np.inf)
+    for name in [k for k in arrays if k not in ("t", "q", "q_motor")]:
+        values = arrays[name]
+        known = np.isfinite(values)
+        if not known.any() or np.any(values[known] != 0.0):
+            continue
+        if name.startswith("tau") or np.any(span > _AT_REST):
+            del arrays[name]
+            what = {"tau_joint": "torque", "tau_motor": "motor torque", "tau_current": "current"}.get(name, "velocity or acceleration")
+            notes.append(f"{where}: the {what} is zero in every row: nothing was recorded there, and it is not used.")
+    return notes

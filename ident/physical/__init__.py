@@ -4,12 +4,15 @@ Everything works on an `InertiaStructure` (plain arrays) and base values; `judge
 
 from .binding import Binding, binding_constraints
 from .bounds import Bounds, LinkBounds, Metric, Prior, nominal_prior, reference_prior
+from .cone_judgement import ConeJudgement, MinorVerdict, judge_by_cone
 from .conic import InfeasibleError, SolverError, solver_available
 from .consistent import Consistent, judge_consistent
 from .constrained import Settling
 from .estimates import payload_of, repair_estimate, with_repair
 from .grid import GridJudgement, GridTest, judge_on_grid
-from .judgement import Judgement, Subject, judge, published_subject, subject_of
+from .judgement import DEFINITIONS, Judgement, Subject, judge, published_subject, subject_of
+from .minors import MinorOrder, TooManyRaysError
+from .modification import Modification, modify_by_cone
 from .payload import PayloadEstimate, payload_from_fit, payload_from_fits, payload_from_logs
 from .possible import Possible, judge_possible
 from .repairs import Repair, RepairMethod, consistent_fit, repair, torque_errors
@@ -18,8 +21,10 @@ from .structure import InertiaStructure
 from .target import Target
 
 __all__ = [
+    "DEFINITIONS",
     "Binding",
     "Bounds",
+    "ConeJudgement",
     "Consistent",
     "GridJudgement",
     "GridTest",
@@ -28,6 +33,9 @@ __all__ = [
     "Judgement",
     "LinkBounds",
     "Metric",
+    "MinorOrder",
+    "MinorVerdict",
+    "Modification",
     "PayloadEstimate",
     "Possible",
     "Prior",
@@ -38,12 +46,15 @@ __all__ = [
     "StandardParameters",
     "Subject",
     "Target",
+    "TooManyRaysError",
     "binding_constraints",
     "consistent_fit",
     "judge",
+    "judge_by_cone",
     "judge_consistent",
     "judge_on_grid",
     "judge_possible",
+    "modify_by_cone",
     "nominal_prior",
     "payload_from_fit",
     "payload_from_fits",

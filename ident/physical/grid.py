@@ -57,7 +57,7 @@ class GridJudgement:
             )
         return (
             f"not possible by {self.method} {self.order}: smallest eigenvalue {self.min_eigenvalue:.4g} kg m^2 at {where}"
-            f" ({100 * self.share:.2g} % of the {self.evaluations} positions looked at)"
+            f" ({100 * self.share:.0f} % of the {self.evaluations} positions looked at)"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -90,6 +90,8 @@ def judge_on_grid(
     start = time.perf_counter()
     values, test = structure.check_values(values), GridTest(test)
     joints = np.flatnonzero(structure.relevant)
+    if points < 1:
+        raise ConfigurationError(f"a grid needs at least one position of every joint, not {points}.")
     if points ** len(joints) > most:
         raise ConfigurationError(
             f"a grid of {points} positions of {len(joints)} joints has {float(points) ** len(joints):.2g} points (at most {most:.2g});"

@@ -27,10 +27,22 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
+#: The two matrices that can be judged: of the links, and with the rotors R seen through the transmission K.
+LINKS_ALONE = "H"
+WITH_ROTORS = "H + K^-T R K^-1"
+#: What the verdicts mean.
+DEFINITIONS = (
+    "possible: the inertia matrix is positive definite at every position, so that every motion has a positive kinetic energy.",
+    "consistent: real bodies, with a density that is nowhere negative, can have these parameters; then H alone is possible, too.",
+)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Judgement(Shown, ShortRepr):
     """`possible` and `consistent` (None without the semidefinite solver) of a set called `subject`, of a robot with these `links`.
+
+    `possible` is of `matrix`: what a drive feels, reflected rotor inertia included, unless the set holds none of its own. `alone`: the
+    verdict on H alone, without rotors, as the dissertation judges; None where that is the same matrix.
 
     Examples
     --------
@@ -46,6 +58,12 @@ class Judgement(Shown, ShortRepr):
     consistent: Consistent | None
     notes: tuple[str, ...] = ()
     links: tuple[str, ...] = ()
+    alone: Possible | None = None
+
+    @property
+    def matrix(self) -> str:
+        """The inertia matrix that `possible` is about."""
+        return LINKS_ALONE if self.alone is None else WITH_ROTORS
 
     def figure(self) -> Figure:
         """What each link's pseudo-inertia lacks to be that of a real body; see `plot`."""
@@ -63,17 +81,31 @@ class Judgement(Shown, ShortRepr):
         return self.text()
 
     def text(self) -> str:
-        """A few lines for people."""
+        """A few lines for people, with what the verdicts mean."""
+        return "\n".join([*self.verdicts(), *DEFINITIONS])
+
+    def verdicts(self) -> list[str]:
+        """The lines of the verdicts alone."""
         consistent = "physical consistency was not judged: the solver is not installed (pip install 'ident[sdp]')"
-        lines = [self.subject, self.possible.text(), consistent if self.consistent is None else self.consistent.text()]
-        return "\n".join([*lines, *self.notes])
+        lines = [self.subject, *self._possible(), consistent if self.consistent is None else self.consistent.text()]
+        return [*lines, *self.notes]
+
+    def _possible(self) -> list[str]:
+        if self.alone is None:
+            return [f"{LINKS_ALONE}, the inertia matrix (no rotor inertia beside it): {self.possible.text()}"]
+        alone = self.alone.text().splitlines()[0]
+        if self.alone.possible != self.possible.possible:
+            alone += "; a drive feels the rotors, too, and the verdicts differ"
+        return [f"{WITH_ROTORS}, the inertia that a drive feels: {self.possible.text()}", f"{LINKS_ALONE} alone, without rotors: {alone}"]
 
     def to_dict(self) -> dict[str, Any]:
         """The body of `ident.judgement/1` (docs/formats.md)."""
         p, c = self.possible, self.consistent
         return {
             "subject": self.subject,
+            "matrix": self.matrix,
             "possible": p.possible,
+            "alone": None if self.alone is None else self.alone.to_dict(),
             "consistent": None if c is None else c.consistent,
             "min_eigenvalue": p.min_eigenvalue,
             "worst_configuration": dict(p.worst_configuration),
@@ -101,6 +133,14 @@ class Subject(ShortRepr):
     covariance: Array | None
     unseen: Array | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def matrices(self) -> dict[str, InertiaStructure]:
+        """The inertia matrices that can be judged, by their formula: with rotors first, and H alone where that is another one."""
+        alone = self.structure.without_rotors
+        if np.array_equal(alone.reflected, self.structure.reflected):
+            return {LINKS_ALONE: self.structure}
+        return {WITH_ROTORS: self.structure, LINKS_ALONE: alone}
 
 
 def subject_of(estimate: Estimate) -> Subject:
@@ -138,7 +178,8 @@ def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: floa
     Returns
     -------
     Judgement
-        Both verdicts, the worst configuration, and the distance to the feasibility boundary in standard deviations.
+        Both verdicts, the worst configuration, and the distance to the feasibility boundary in standard deviations; and the verdict
+        on H alone where the set holds rotor inertia beside it.
 
     References
     ----------
@@ -159,7 +200,9 @@ def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: floa
     consistent = None
     if solver_available():
         consistent = judge_consistent(subject.structure, subject.values, unseen=subject.unseen, covariance=subject.covariance)
-    return Judgement(subject.name, possible, consistent, subject.notes, subject.structure.body_names)
+    links = subject.matrices.get(LINKS_ALONE, subject.structure)
+    alone = None if links is subject.structure else judge_possible(links, subject.values, limits=limits, time_limit=time_limit)
+    return Judgement(subject.name, possible, consistent, subject.notes, subject.structure.body_names, alone)
 
 
 #: First letter and axes of a published name -> symbol of the parameter that stays in that base parameter (theorem 2.3.1).

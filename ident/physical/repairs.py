@@ -21,6 +21,7 @@ from .consistent import Consistent, judge_consistent
 from .constrained import ConsistentFit, Settling, fit_consistent
 from .cuts import nearest_by_cuts
 from .log_cholesky import fit_log_cholesky
+from .modification import modify_by_cone
 from .possible import Possible, judge_possible
 from .search import typical_diagonal
 from .stepwise import repair_stepwise
@@ -40,9 +41,11 @@ _WEAK = 30.0
 class RepairMethod(StrEnum):
     """How a set is repaired.
 
-    STEPWISE: the dissertation's, from the tip. POSSIBLE: nearest set with H(q) > 0. CONSISTENT: nearest set with real links.
-    FIT: the constrained fit from the information block, which is what a user should use."""
+    CONE: the dissertation's Steps 1 to 4, for a few joints. STEPWISE: the least change joint by joint from the tip. POSSIBLE: nearest
+    set with H(q) > 0. CONSISTENT: nearest set with real links. FIT: the constrained fit from the information block, which is what a user
+    should use."""
 
+    CONE = "cone"
     STEPWISE = "stepwise"
     POSSIBLE = "possible"
     CONSISTENT = "consistent"
@@ -127,7 +130,8 @@ def repair(
     `prior`: what else is known of the links (consistent and fit). `near`: links on which what the data hardly see is settled without a
     prior (`Settling`; fit: within one standard deviation, consistent: one hundredth of the squared distance). `margin`: least
     eigenvalue of H, relative to its typical diagonal, for stepwise and possible (stepwise asks up to twice as much of the outer joints'
-    blocks, so that what couples them to the inner ones can be outweighed). `limits`: possible within the joint limits only.
+    blocks, so that what couples them to the inner ones can be outweighed); for cone, least value of its minors, of their root mean
+    square. `limits`: possible within the joint limits only.
     `data`: name -> information block on which the torque error before and after is reported ("fitted", "held out").
     Raises InfeasibleError, SolverError, ConfigurationError."""
     start = time.perf_counter()
@@ -145,7 +149,7 @@ def repair(
     root = covariance_root(covariance)
     standard: Array | None = None
     binding: Binding | None = None
-    if method in (RepairMethod.STEPWISE, RepairMethod.POSSIBLE):
+    if method in (RepairMethod.CONE, RepairMethod.STEPWISE, RepairMethod.POSSIBLE):
         if bounds is not None or prior is not None:
             raise UnsupportedError(
                 f"repair method {method.value!r} knows no links, so it takes neither bounds nor a prior; 'consistent' and 'fit' do."
@@ -241,10 +245,15 @@ def _possible(
         wide = unseen_root(values, unseen)
         root = np.concatenate([root, wide], axis=1)
         covariance = covariance + wide @ wide.T
+    std = np.sqrt(np.diagonal(covariance))
+    if method == RepairMethod.CONE:
+        if limits:
+            raise UnsupportedError("repair method 'cone' is for whole turns of every joint: leave out the limits, or use 'possible'.")
+        done = modify_by_cone(structure, values, std, margin=margin)
+        return done.values, done.text()
     lower, upper, _ = structure.ranges(limits)
     weight = typical_diagonal(structure, values, lower, upper)
     if method == RepairMethod.STEPWISE:
-        std = np.sqrt(np.diagonal(covariance))
         repaired, steps = repair_stepwise(
             structure, values, std, weight=weight, margin=margin, lower=lower, upper=upper, time_limit=time_limit
         )

@@ -1,10 +1,10 @@
-"""The dissertation's repair (K. Yoshida 1995, chapter 4): from the tip to the base, joint by joint, as the reference for the others.
+"""A repair from the tip to the base, joint by joint: the order of the dissertation (K. Yoshida 1995, chapter 4) with a least change.
 
 H is judged by its trailing blocks H[i:, i:], which need only the positions of the joints after i. A block that is not positive definite
 is made so by changing only the parameters that enter with joint i, those further out being settled, by the least change weighted with
-each parameter's own standard deviation. Increasing J_iz alone always succeeds, so every step has a solution. The source finds the least
-change by the extreme rays of the parameter cone, which grow beyond use (311 terms for the 2 x 2 minor of the PUMA 560); the least
-change itself is the same problem, solved here by cutting planes. What remains of the method are its greedy order and its weights."""
+each parameter's own standard deviation. Increasing J_iz alone always succeeds, so every step has a solution. The source itself works with
+the minors of H and their cones (`modification`), which grow beyond use with the joints; here the least change is found by cutting
+planes, for robots of any size."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ grouped parameters are set to zero (a rotor inertia merged into an Izz is then c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -183,6 +183,16 @@ class InertiaStructure(ShortRepr):
         roots = self.tree.parent < 0
         moves = self.projection[6 * self.tree.floating :, 6 * self.tree.floating :] != 0
         return np.array([bool(np.any(~roots[int(self.tree.floating) :][moves[:, j]])) for j in range(self.n)], bool)
+
+    @cached_property
+    def without_rotors(self) -> InertiaStructure:
+        """The same robot for H alone, without reflected rotor inertia; what base parameters hold merged with a link's stays in."""
+        # A rotor whose column the links' columns give is merged with them: its parameter may even be the one that stands for both.
+        links, rank = self.regroup[:, self.inertial], np.linalg.matrix_rank
+        alone = [r for r, i in enumerate(self.drive) if rank(np.c_[links, self.regroup[:, i]]) > rank(links)]
+        reflected = self.reflected.copy()
+        reflected[alone] = 0.0
+        return replace(self, reflected=reflected)
 
     def ranges(self, limits: bool) -> tuple[Array, Array, tuple[str, ...]]:
         """Positions to be judged (lower (n,), upper (n,), notes): whole turns, or within the joint limits.

@@ -9,28 +9,34 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._utils.files import write_atomic
 from ..errors import DataError, UnsupportedError
 from ..logs.columns import ColumnPlan
+from ..logs.files import content_file
 from ..logs.log import log_of
 from ..logs.names import JointNames
 from ..logs.planning import planned
+from ..logs.readers.header import Header
 from ..logs.readers.ros import joint_state_columns
-from ..logs.readers.stored import format_of
+from ..logs.readers.stored import split_inside
 from ..logs.readers.tables import read_header
-from ..logs.repair import Holes, blank_unusable, missing_rows, rising_runs, usable_numbers
+from ..logs.repair import Holes, blank_unusable, drop_empty, missing_rows, rising_runs, usable_numbers
 from ..logs.source import TableSource
+from ..logs.torque import as_meant
 from ..robots.robot import Robot
 from .digest import FileDigest
 from .disk import DiskArray, DiskWriter
 from .stored import StoredLog, survey_of
 from .survey import Survey, Surveyed
-from .tables import PieceOfFile, pieces, shows_bytes
-from .unwrapping import joined_positions
+from .tables import PieceOfFile, chunked_file, pieces, shows_bytes
+from .unwrapping import joined_positions, moved_into_limits
+
+if TYPE_CHECKING:
+    from ..study.study import Study
 
 Array = np.ndarray
 #: Seconds between two records of how far reading has come.
@@ -51,7 +57,14 @@ class _State:
     rising: bool = True
     last_t: float = -np.inf
     last_q: list[float] | None = None
+    bounds: dict[str, list[list[float]]] = field(default_factory=dict)
     done: bool = False
+
+    def widen(self, quantity: str, values: Array) -> None:
+        """Take in values (N, n) of a quantity: the least and the largest of each column, NaN where there is none."""
+        known = [np.array(self.bounds[quantity])] if quantity in self.bounds else []
+        whole = np.concatenate([*known, values])
+        self.bounds[quantity] = [np.fmin.reduce(whole).tolist(), np.fmax.reduce(whole).tolist()]
 
     def to_json(self) -> str:
         return json.dumps(
@@ -64,6 +77,7 @@ class _State:
                 "rising": self.rising,
                 "last_t": self.last_t,
                 "last_q": self.last_q,
+                "bounds": self.bounds,
                 "done": self.done,
             }
         )
@@ -80,23 +94,59 @@ class _State:
             data["rising"],
             data["last_t"],
             data["last_q"],
+            data["bounds"],
             data["done"],
         )
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How log files are read (see `read_logs`): `columns`, the study's table; `missing`: "refuse" or "gap"; `jobs`: threads that parse."""
+    """How log files are read (see `read_logs`): `columns`, the study's table; `missing`: "refuse" or "gap"; `rate_hz`, `torque`, `sign`;
+    `jobs`: threads that parse."""
 
     robot: Robot
     columns: Mapping[str, Any] | None = None
     missing: str = "refuse"
+    rate_hz: float | None = None
+    torque: str | None = None
+    sign: tuple[float, ...] = (1.0,)
     jobs: int = 1
+
+    @classmethod
+    def of(cls, study: Study, robot: Robot) -> Reading:
+        """As a study asks for."""
+        how = study.reading()
+        sign = tuple(how.pop("torque_sign", (1.0,)))
+        return cls(robot, study.columns or None, sign=sign, **how)
+
+    def as_meant(self, arrays: dict[str, Array], where: str) -> list[str]:
+        """Put torques where they belong, with their sign, in place; notes."""
+        return as_meant(arrays, self.torque, self.sign, where)
 
     def plan(self, path: Path) -> tuple[Any, ColumnPlan]:
         """Header and columns of a file. Raises DataError and ConfigurationError; UnsupportedError for what cannot be streamed."""
+        file = chunked_file(path)
+        if file is not None:
+            source = TableSource(
+                f"log {path}",
+                path.name.split(".")[0],
+                Header(file.names, units=tuple(file.units.get(name, "") for name in file.names)),
+                lambda names, optional: file.sample([*names, *optional]),
+                lambda name: [f"{x:g}" for x in file.sample([name])[name]],
+                path,
+                file.notes,
+                whole=True,
+            )
+            found = planned(source, JointNames.of(self.robot), self.columns, self.rate_hz)
+            if found.table is not None:
+                raise UnsupportedError(f"log {path}: a table with a row for each joint is read as a whole only; take --stream away.")
+            return file, replace(found.plan, notes=(*file.notes, *found.plan.notes))
+        if self.rate_hz is not None:
+            raise UnsupportedError(
+                f"log {path}: a rate_hz in the place of a time is not counted in streaming; read it whole (--no-stream)."
+            )
         header = read_header(path)
-        if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig" or path.is_dir() or format_of(path):
+        if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig":
             raise UnsupportedError(f"log {path}: this dialect is read as a whole only; take --stream away, or write it with commas.")
         if not self.columns and joint_state_columns(header) is not None:
             raise UnsupportedError(f"log {path}: JointState messages with a name array cannot be streamed; read it whole (--no-stream).")
@@ -114,20 +164,27 @@ def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[f
     header, plan = reading.plan(path)
     folder.mkdir(parents=True, exist_ok=True)
     record = folder / "read.json"
+    present = {c.quantity: np.zeros((1, plan.n)) for c in plan.columns}
+    meant = reading.as_meant(present, where)
     state = _State.from_json(record.read_text()) if record.exists() else _State()
-    with FileDigest(path, shown=not state.done and shows_bytes(path)) as digest:
-        arrays = _read(path, folder, header, plan, reading, state, record, digest, progress)
+    with FileDigest(content_file(path), shown=not state.done and shows_bytes(path)) as digest:
+        arrays = _read(path, folder, header, plan, reading, [*present], state, record, digest, progress)
         sums = digest.hexdigest()
     notes = missing_rows(state.unstamped, state.holes, state.place.rows, where, missing=reading.missing)
     if state.place.rows < 2:
         what = "one row of data; a log needs many." if state.place.rows else "there is a header, but no row of data."
         raise DataError(f"{where}: {what}")
-    stem = path.name.split(".")[0]
-    log = StoredLog(stem, arrays, str(path), sums, (), tuple(state.blocks), hint=plan.hint)
+    outer, inside = split_inside(path)
+    stem = inside.replace("/", " ") or path.name.split(".")[0]
+    empty = _without_empty(arrays, state, where)
+    hint = "what stands there for a torque is zero in every row" if empty and not any(k.startswith("tau") for k in arrays) else plan.hint
+    log = StoredLog(stem, arrays, str(outer), sums, (), () if empty else tuple(state.blocks), hint=hint)
     runs = [log] if state.rising and state.kept >= 2 else _runs(log, state, where, notes)
-    noted = (*plan.notes, *notes)
+    noted = (*plan.notes, *meant, *empty, *notes)
     named = [replace(r, notes=noted, origin=None, name=stem if len(runs) == 1 else f"{stem} run {i + 1}") for i, r in enumerate(runs)]
-    if "q" not in arrays:
+    if "q" in arrays:
+        named = [moved_into_limits(r, reading.robot, folder / f"moved-{i}") for i, r in enumerate(named)]
+    else:
         named = [joined_positions(r, reading.robot, folder / f"joined-{i}") for i, r in enumerate(named)]
     return tuple(named)
 
@@ -138,13 +195,13 @@ def _read(
     header: Any,
     plan: ColumnPlan,
     reading: Reading,
+    present: list[str],
     state: _State,
     record: Path,
     digest: FileDigest,
     progress: Callable[[float], None] | None,
 ) -> dict[str, DiskArray]:
     """Append the rows that are left to the files of the folder."""
-    present = {c.quantity for c in plan.columns}
     quantities: list[str] = [
         q for q in ("t", "q", "q_motor", "dq", "ddq", "dq_motor", "tau_joint", "tau_motor", "tau_current") if q in present
     ]
@@ -155,7 +212,8 @@ def _read(
         state.holes = state.holes or {sources[j]: Holes() for j in sorted(sources)}
         transmission, stem = reading.robot.transmission, path.name.split(".")[0]
         told = time.monotonic()
-        for piece in pieces(path, header, plan, state.place, reading.jobs, digest.show):
+        for piece in pieces(path, header, plan, state.place, reading.jobs, digest.show, reading.rate_hz):
+            reading.as_meant(piece.arrays, f"log {path}")
             rows = _present(piece.arrays, side, sources, state)
             if len(rows["t"]):
                 before = None if state.last_q is None else np.array(state.last_q)
@@ -167,6 +225,8 @@ def _read(
                     state.blocks.append(Surveyed(state.kept, found))
                 for q in quantities:
                     writers[q].append(rows[q])
+                    if q != "t":
+                        state.widen(q, rows[q])
                 state.kept += len(rows["t"])
                 state.last_t, state.last_q = float(rows["t"][-1]), rows[side][-1].tolist()
             state.place = piece.after
@@ -178,6 +238,17 @@ def _read(
         state.done = True
         _record(writers, state, record)
     return {q: writer.close() for q, writer in writers.items()}
+
+
+def _without_empty(arrays: dict[str, DiskArray], state: _State, where: str) -> list[str]:
+    """Leave out channels that hold nothing but zeros, as `read_logs` does; what to say of them."""
+    bounds = {name: np.array(values) for name, values in state.bounds.items()}
+    if not bounds:
+        return []
+    notes = drop_empty(bounds, where)
+    for name in [name for name in arrays if name != "t" and name not in bounds]:
+        del arrays[name]
+    return notes
 
 
 def _record(writers: Mapping[str, DiskWriter], state: _State, record: Path) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..effects.base import Need
 from ..errors import DataError, IdentError, UnsupportedError
 from ..estimators.base import Capability, estimator_types
+from ..logs.files import content_file
 from ..problem.problem import Problem
 from ..study.session import HELD_SHARE, Session, like
 from .audit import audit_stored
@@ -43,7 +44,8 @@ _UNPACKS = {".gz": 3.0, ".bz2": 4.0, ".xz": 4.0, ".parquet": 2.0, ".pq": 2.0}
 
 def size_of(files: Iterable[Path]) -> int:
     """Bytes of text that the logs are worth."""
-    return int(sum(f.stat().st_size * _UNPACKS.get(f.suffix.lower(), 1.0) for f in files if f.is_file()))
+    content = [content_file(f) if f.exists() else f for f in files]
+    return int(sum(f.stat().st_size * _UNPACKS.get(f.suffix.lower(), 1.0) for f in content if f.is_file()))
 
 
 def why_not(study: Study) -> str:
@@ -127,7 +129,7 @@ class StreamedSession(Session):
 
     def _stored(self, files: Sequence[Path], name: str) -> tuple[tuple[StoredLog, ...], tuple[str, ...]]:
         self.checkpoint.require_space(2 * size_of((*self.study.fit_files(), *self.study.validation_files())) // 3)
-        reading = Reading(self.robot, self.study.columns or None, self.study.logs.missing or "refuse")
+        reading = Reading.of(self.study, self.robot)
         progress = self._phase(name)
         return store_files(files, self.checkpoint, name, reading, self._workers, skip=self.skip_bad_files, progress=progress)
 
@@ -245,7 +247,7 @@ def stored_signals(
     study: Study, model: Model, prep: Preparation, checkpoint: Checkpoint, jobs: int, skip: bool, progress: Progress | None
 ) -> StreamedSignals:
     """The logs to fit of a study as signals for a model, prepared in a given way."""
-    reading = Reading(model.robot, study.columns or None, study.logs.missing or "refuse")
+    reading = Reading.of(study, model.robot)
     checkpoint.require_space(2 * size_of(study.fit_files()) // 3)
     logs, skipped = store_files(study.fit_files(), checkpoint, "fit", reading, Threads(jobs), skip=skip, progress=progress)
     found = Streaming(checkpoint.part("rows-fit"), Threads(jobs)).prepare(prep, logs, model.robot, model)

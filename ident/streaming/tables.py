@@ -14,10 +14,12 @@ import numpy as np
 
 from ..errors import DataError, UnsupportedError
 from ..logs.columns import ColumnPlan
+from ..logs.planning import COUNTED
 from ..logs.readers.damage import DAMAGED, reason
 from ..logs.readers.header import Header, numeric
 from ..logs.readers.packed import LONGEST_LINE, open_binary
 from ..logs.readers.parquet import arrow_values, parquet_file, stored_names
+from ..logs.readers.stored import Chunked, format_of
 from .text import TextParser
 
 Array = np.ndarray
@@ -47,6 +49,16 @@ class Piece:
     share: float
 
 
+def chunked_file(path: Path) -> Chunked | None:
+    """A file that is neither text nor plain Parquet, in chunks; None for those. Raises UnsupportedError for a format that is read whole."""
+    found = format_of(path)
+    if found is None:
+        return None
+    if found.chunks is None:
+        raise UnsupportedError(f"log {path}: {found.name} is read as a whole only; take --stream away, or save it as Parquet or CSV.")
+    return found.chunks(path)
+
+
 def is_streamable(path: Path) -> bool:
     """Whether a file is of a kind that can be read piece by piece."""
     return path.suffix.lower() != ".mat"
@@ -54,22 +66,40 @@ def is_streamable(path: Path) -> bool:
 
 def shows_bytes(path: Path) -> bool:
     """Whether what is parsed of a file are its own bytes: text that is not compressed."""
-    if path.suffix.lower() in (".parquet", ".pq"):
+    if path.suffix.lower() in (".parquet", ".pq") or format_of(path) is not None:
         return False
     with open_binary(path) as stream:
         return isinstance(stream, io.BufferedReader)
 
 
 def pieces(
-    path: Path, header: Header, plan: ColumnPlan, start: PieceOfFile, jobs: int = 1, show: Callable[[int, memoryview], None] | None = None
+    path: Path,
+    header: Header | Chunked,
+    plan: ColumnPlan,
+    start: PieceOfFile,
+    jobs: int = 1,
+    show: Callable[[int, memoryview], None] | None = None,
+    rate_hz: float | None = None,
 ) -> Iterator[Piece]:
     """The columns of a plan from `start` on, in order. `jobs`: threads that parse; `show` is called with each piece of text and its
-    place in the file, where `shows_bytes`. Raises DataError (file, column, row)."""
+    place in the file, where `shows_bytes`; `rate_hz`: of a file without time. Raises DataError (file, column, row)."""
+    if isinstance(header, Chunked):
+        return _chunk_pieces(header, plan, start, rate_hz)
     if path.suffix.lower() in (".parquet", ".pq"):
         return _parquet_pieces(path, plan, start)
     if not is_streamable(path):
         raise UnsupportedError(f"log {path}: MAT files cannot be streamed. Save it as CSV or Parquet, or read it whole (--no-stream).")
     return _text_pieces(path, header, plan, start, jobs, show if shows_bytes(path) else None)
+
+
+def _chunk_pieces(file: Chunked, plan: ColumnPlan, start: PieceOfFile, rate_hz: float | None) -> Iterator[Piece]:
+    stored = [name for name in plan.sources if name != COUNTED]
+    row = start.rows
+    for columns in file.read(stored, row):
+        rows = len(columns[stored[0]])
+        counted = {} if rate_hz is None else {COUNTED: np.arange(row, row + rows) / rate_hz}
+        row += rows
+        yield Piece(plan.arrays(columns | counted), PieceOfFile(0, row), min(1.0, row / max(1, file.rows)))
 
 
 def _parquet_pieces(path: Path, plan: ColumnPlan, start: PieceOfFile) -> Iterator[Piece]:

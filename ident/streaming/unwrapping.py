@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..logs.unwrap import motor_turn_notes
+from ..logs.unwrap import motor_turn_notes, within_limits
 from ..robots.robot import Robot
 from .disk import DiskArray, DiskWriter
 from .stored import StoredLog
@@ -25,6 +25,24 @@ def joined_positions(log: StoredLog, robot: Robot, path: Path) -> StoredLog:
         writer.append(drive.joint_position(piece))
     notes = (*log.notes, *motor_turn_notes(log.name, robot, wrapping.tolist()))
     return replace(log, arrays={**log.arrays, "q": writer.close()}, blocks=(), notes=notes)
+
+
+def moved_into_limits(log: StoredLog, robot: Robot, path: Path) -> StoredLog:
+    """A run whose joint positions lie within the joints' limits, where whole turns are all that keeps them out, as `read_logs` does."""
+    if log.n != robot.n:
+        return log
+    found = unwrapped(log.arrays["q"], np.flatnonzero(log.survey(robot.transmission).wrapped), path.with_suffix(".joined"))
+    bounds = np.array([[np.inf] * log.n, [-np.inf] * log.n])
+    for piece in found.pieces():
+        bounds = np.stack([np.fmin(bounds[0], np.fmin.reduce(piece)), np.fmax(bounds[1], np.fmax.reduce(piece))])
+    inside, moved = within_limits(bounds, robot)
+    if not moved:
+        return log
+    writer = DiskWriter(path.with_suffix(".f64"), log.n)
+    for piece in found.pieces():
+        writer.append(piece + (inside - bounds)[0])
+    said = f"log {log.name}: positions of {', '.join(moved)} are joined over full turns and moved by whole turns into the joint limits."
+    return replace(log, arrays={**log.arrays, "q": writer.close()}, blocks=(), notes=(*log.notes, said))
 
 
 def unwrapped(positions: DiskArray, columns: Array, path: Path) -> DiskArray:

@@ -37,7 +37,7 @@ def short_fit(arm, tmp_path_factory):
     return out / "fit.json"
 
 
-@pytest.mark.parametrize("method", ["fit", "consistent", "possible", "stepwise"])
+@pytest.mark.parametrize("method", ["fit", "consistent", "possible", "stepwise", "cone"])
 def test_a_repaired_fit_is_written(ident, arm, short_fit, tmp_path, method):
     assert not judge(Estimate.load(short_fit)).consistent.consistent
     before = short_fit.read_bytes()
@@ -183,3 +183,44 @@ def test_importing_needs_no_solver():
     """`import ident` and the judgement module load without Clarabel."""
     code = "import sys; sys.modules['clarabel'] = None; import ident, ident.physical; print('loaded')"
     assert subprocess.run([*python(), "-c", code], capture_output=True, text=True, check=True).stdout == "loaded\n"
+
+
+def test_the_sources_judgements_of_a_published_table(ident):
+    """Each matrix by its name: the grid of leading minors, and the cones as far as their rays allow."""
+    ran = ident("judge", "--robot", "puma560", "--table", "3", "--grid", "4", "--cone", "trailing", "--json")
+    assert ran.code == 0, ran.err
+    rotors, links = "H + K^-T R K^-1", "H"
+    assert ran.json["matrix"] == rotors
+    assert ran.json["possible"] is True
+    assert ran.json["alone"]["possible"] is False
+    assert ran.json["alone"]["min_eigenvalue"] == pytest.approx(-0.0079, abs=5e-5)
+    assert {name: found["possible"] for name, found in ran.json["cone"].items()} == {rotors: None, links: False}
+    assert {found["evaluations"] for found in ran.json["grid"].values()} == {4**5}
+    assert ran.json["grid"][rotors]["possible"] is True
+    assert "the verdicts differ" in ran.err
+    assert "9,765,625 rays" in ran.err
+    # What the words mean stands last.
+    assert "consistent: real bodies" in ran.err.rstrip().splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (("--repair", "cone"), "9,765,625 rays"),
+        (("--cone", "leading", "--limits"), "leave out --limits"),
+        (("--grid", "0"), "at least one position"),
+        (("--grid", "100"), "fewer points"),
+    ],
+)
+def test_what_the_sources_judgements_cannot_do(ident, flags, words):
+    ran = ident("judge", "--robot", "puma560", "--table", "3", *flags)
+    assert ran.code == 2
+    assert words in ran.err
+
+
+def test_a_fit_without_rotors_has_one_matrix(ident, saved_fit):
+    ran = ident("judge", saved_fit, "--grid", "3", "--json")
+    assert ran.code == 0, ran.err
+    assert ran.json["matrix"] == "H"
+    assert ran.json["alone"] is None
+    assert list(ran.json["grid"]) == ["H"]

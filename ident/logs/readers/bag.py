@@ -1,44 +1,34 @@
-"""ROS 1 bags, ROS 2 bags (SQLite, MCAP) and plain MCAP files, by `rosbags`: joint states, and what a controller asked for, as one table."""
+"""ROS 1 bags, ROS 2 bags (SQLite, MCAP) and plain MCAP files: joint states, and what a controller asked for, as one table."""
 
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...errors import ConfigurationError, DataError
+from ...errors import ConfigurationError, DataError, IdentError, UnsupportedError
+from .arrays import CHUNK, STRETCH, stretches
 from .damage import reason
-from .stored import LogFormat, Stored, register_log_format
+from .joint_states import FIELDS, JointStates, decoded
+from .mcap import Channel
+from .stored import Chunked, LogFormat, Stored, register_log_format
+from .topics import Block, blocks, decoder, is_bag, topics_of
 from .wording import DESIRED
 
 Array = np.ndarray
-_SUFFIXES = (".bag", ".db3", ".mcap")
-_FIELDS = ("position", "velocity", "effort")
 #: Parts of a controller's state message that hold the desired motion.
 _REFERENCE = ("reference", "desired")
 _REFERENCE_FIELDS = {"positions": "position_reference", "velocities": "velocity_reference", "accelerations": "acceleration_reference"}
+_ASKED_FIELDS = {"position": "position_reference", "velocity": "velocity_reference"}
 _SHOWN = 8
-
-
-@dataclass(frozen=True)
-class _Message:
-    """Joint values of one message at a time (s): field → values in the order of `joints`."""
-
-    time: float
-    received: float
-    joints: tuple[str, ...]
-    values: Mapping[str, Array]
-
-
-def is_bag(path: Path) -> bool:
-    """A bag file, or the folder of a ROS 2 bag."""
-    return path.suffix.lower() in _SUFFIXES or (path.is_dir() and (path / "metadata.yaml").is_file())
+#: Messages that wait, in reading by chunks, for others that were stamped before them.
+_WAITING = 4096
 
 
 def _read(path: Path) -> Stored:
@@ -46,114 +36,217 @@ def _read(path: Path) -> Stored:
 
     Messages are ordered by their stamps, and their values by the joints' names, whatever the order in a message. Raises DataError, and
     ConfigurationError without `rosbags`."""
-    if find_spec("rosbags") is None:
-        raise ConfigurationError(f"log {path}: reading bags needs rosbags: pip install 'ident[bags]'. Or export the joint states as CSV.")
-    try:
-        states, wanted, notes = _messages(path)
-    except DataError:
-        raise
-    except Exception as error:  # noqa: BLE001 - what a damaged bag brings up in another library
-        raise DataError(f"log {path}: cannot be read as a bag ({type(error).__name__}: {reason(error)}).") from None
+    states, wanted, notes = _messages(path)
     if not states:
         raise DataError(f"log {path}: holds no message of type JointState.")
-    shifted = sum(m.received < n.received for m, n in zip(states[1:], states, strict=False))
-    states.sort(key=lambda m: m.time)
     clock, columns = _by_publisher(states, notes, path)
     if wanted:
-        columns |= _onto(clock, sorted(wanted, key=lambda m: m.time), _REFERENCE_FIELDS.values())
-    if shifted:
+        columns |= _onto(clock, wanted)
+    sent = np.concatenate([s.stamp for s in states])[np.argsort(np.concatenate([s.received for s in states]), kind="stable")]
+    if shifted := int(np.sum(np.diff(sent) < 0)):
         notes.append(f"log {path}: {shifted} messages were recorded in another order than they were stamped; the stamps count.")
     return Stored({"t": clock} | {name: v for name, v in columns.items() if np.isfinite(v).any()}, notes=tuple(notes))
 
 
-def _messages(path: Path) -> tuple[list[_Message], list[_Message], list[str]]:
-    """Measured joint states, what was asked for, and notes on topics that are not used."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
+def _is_state(channel: Channel) -> bool:
+    return channel.msgtype.endswith("/JointState")
 
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        topics = [c for c in reader.connections if c.msgtype.endswith("/JointState")]
-        if not topics:
-            raise DataError(f"log {path}: holds no message of type JointState; its topics: {', '.join(sorted(reader.topics)) or 'none'}.")
-        measured = [c for c in topics if not _asked_for(c.topic)] or topics
-        most = max(measured, key=lambda c: (c.msgcount, -len(c.topic))).topic
-        asked = [c for c in topics if _asked_for(c.topic) and c.topic != most]
-        control = [c for c in reader.connections if c.msgtype.endswith("JointTrajectoryControllerState") and not asked]
-        used = {most, *(c.topic for c in (*asked, *control))}
-        notes = []
-        if left := sorted({c.topic for c in topics} - used):
-            notes.append(f"log {path}: joint states of {most} are read, not those of {', '.join(left[:_SHOWN])}.")
-        states: list[_Message] = []
-        wanted: list[_Message] = []
-        for connection, received, raw in reader.messages(connections=[c for c in reader.connections if c.topic in used]):
-            message: Any = reader.deserialize(raw, connection.msgtype)
-            if connection.topic == most:
-                states.append(_state(message, received, {field: field for field in _FIELDS}))
-            elif connection.msgtype.endswith("/JointState"):
-                wanted.append(_state(message, received, {"position": "position_reference", "velocity": "velocity_reference"}))
-            elif (part := next((getattr(message, p) for p in _REFERENCE if hasattr(message, p)), None)) is not None:
-                values = {own: np.asarray(getattr(part, field), float) for field, own in _REFERENCE_FIELDS.items()}
-                wanted.append(_Message(_stamp(message, received), 1e-9 * received, tuple(message.joint_names), values))
-    return states, wanted, notes
+
+def _is_control(channel: Channel) -> bool:
+    return channel.msgtype.endswith("JointTrajectoryControllerState")
+
+
+def _messages(path: Path) -> tuple[list[JointStates], list[JointStates], list[str]]:
+    """Measured joint states, what was asked for, and notes on topics that are not used."""
+    states: dict[str, list[JointStates]] = defaultdict(list)
+    control: list[Block] = []
+    for channel, received, raw in _by_library(path, lambda c: _is_state(c) or _is_control(c)):
+        if _is_state(channel):
+            states[channel.topic] += _states(channel, received, raw)
+        else:
+            control.append((channel, received, raw))
+    if not states:
+        topics = ", ".join(sorted(topics_of(path))) or "none"
+        raise DataError(f"log {path}: holds no message of type JointState; its topics: {topics}.")
+    most = _measured({topic: sum(map(len, found)) for topic, found in states.items()})
+    asked = [topic for topic in states if _asked_for(topic) and topic != most]
+    wanted = [_renamed(s, _ASKED_FIELDS) for topic in asked for s in states[topic]]
+    if not asked:
+        wanted = [s for block in control for s in _controllers(*block)]
+    left = sorted(set(states) - {most, *asked})
+    notes = [f"log {path}: joint states of {most} are read, not those of {', '.join(left[:_SHOWN])}."] if left else []
+    return states[most], wanted, notes
+
+
+def _measured(counts: Mapping[str, int]) -> str:
+    """The topic of joint states that were measured: of several the one with most messages, then that with the shortest name."""
+    measured = [topic for topic in counts if not _asked_for(topic)] or [*counts]
+    return max(measured, key=lambda topic: (counts[topic], -len(topic)))
 
 
 def _asked_for(topic: str) -> bool:
     return bool(set(re.split(r"[^a-z]+", topic.lower())) & DESIRED)
 
 
-def _stamp(message: Any, received: int) -> float:
-    """The sender's stamp (s); where it is zero, the time of receipt."""
-    stamp = message.header.stamp
-    sent = float(stamp.sec) + 1e-9 * float(stamp.nanosec)
-    return sent if sent > 0 else 1e-9 * received
+def _states(channel: Channel, received: Array, raw: Array) -> Iterator[JointStates]:
+    if channel.encoding not in ("cdr", "ros1"):
+        decoder(channel)  # which says what is read
+    try:
+        yield from decoded(raw, received, ros1=channel.encoding == "ros1")
+    except ValueError as error:
+        raise DataError(f"topic {channel.topic}: {error}.") from None
 
 
-def _state(message: Any, received: int, fields: Mapping[str, str]) -> _Message:
-    values = {own: np.asarray(getattr(message, field), float) for field, own in fields.items()}
-    return _Message(_stamp(message, received), 1e-9 * received, tuple(message.name), values)
+def _renamed(states: JointStates, names: Mapping[str, str]) -> JointStates:
+    return replace(states, values={names[k]: v for k, v in states.values.items() if k in names})
 
 
-def _by_publisher(states: Sequence[_Message], notes: list[str], path: Path) -> tuple[Array, dict[str, Array]]:
+def _controllers(channel: Channel, received: Array, raw: Array) -> Iterator[JointStates]:
+    """Desired motion in the state messages of a controller."""
+    read = decoder(channel)
+    for at, row in zip(received.tolist(), raw, strict=True):
+        message: Any = read(row.tobytes())
+        part = next((getattr(message, p) for p in _REFERENCE if hasattr(message, p)), None)
+        if part is not None:
+            stamp = message.header.stamp
+            sent = float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+            values = {own: np.asarray(getattr(part, field), float)[None] for field, own in _REFERENCE_FIELDS.items()}
+            values = {own: v for own, v in values.items() if v.shape[1] == len(message.joint_names)}
+            yield JointStates(tuple(message.joint_names), np.array([sent if sent > 0 else 1e-9 * at]), np.array([1e-9 * at]), values)
+
+
+def _by_publisher(states: Sequence[JointStates], notes: list[str], path: Path) -> tuple[Array, dict[str, Array]]:
     """Columns on the clock of the messages that name most joints; those of other joints on the same topic are brought to that clock."""
-    groups = Counter(frozenset(m.joints) for m in states)
-    main = max(groups, key=lambda joints: (groups[joints] * len(joints), len(joints)))
-    rows = [m for m in states if main <= frozenset(m.joints)]
-    clock = np.array([m.time for m in rows])
-    order = list(dict.fromkeys(name for m in rows for name in m.joints))
-    columns = _table(rows, order, _FIELDS)
-    others = [m for m in states if not main <= frozenset(m.joints)]
+    main = _main(states)
+    rows = [s for s in states if main <= frozenset(s.joints)]
+    clock, columns = _table(rows)
+    others = [s for s in states if not main <= frozenset(s.joints)]
     if others:
-        names = sorted({name for m in others for name in m.joints} - set(order))
-        rest = _onto(clock, others, _FIELDS)
-        columns |= {name: v for name, v in rest.items() if name not in columns}
+        names = sorted({name for s in others for name in s.joints} - {name for s in rows for name in s.joints})
+        columns |= {name: v for name, v in _onto(clock, others).items() if name not in columns}
+        told, count = ", ".join(names[:_SHOWN]) or "only some of them", sum(map(len, others))
         notes.append(
-            f"log {path}: {len(others)} messages on the same topic name other joints ({', '.join(names[:_SHOWN]) or 'only some of them'});"
-            " they are brought to the clock of the others."
+            f"log {path}: {count} messages on the same topic name other joints ({told}); they are brought to the clock of the others."
         )
     return clock, columns
 
 
-def _table(rows: Sequence[_Message], joints: Sequence[str], fields: Sequence[str]) -> dict[str, Array]:
-    place = {name: k for k, name in enumerate(joints)}
-    table = {field: np.full((len(rows), len(joints)), np.nan) for field in fields}
-    for row, message in enumerate(rows):
-        at = [place[name] for name in message.joints]
-        for field, values in message.values.items():
-            if len(values) == len(at):
-                table[field][row, at] = values
-    return {f"{name}.{field}": values[:, k] for field, values in table.items() for name, k in place.items()}
+def _main(states: Sequence[JointStates]) -> frozenset[str]:
+    """The joints that most numbers are of."""
+    groups: Counter[frozenset[str]] = Counter()
+    for s in states:
+        groups[frozenset(s.joints)] += len(s)
+    return max(groups, key=lambda joints: (groups[joints] * len(joints), len(joints)))
 
 
-def _onto(clock: Array, messages: Sequence[_Message], fields: Sequence[str] | Any) -> dict[str, Array]:
+def _table(states: Sequence[JointStates]) -> tuple[Array, dict[str, Array]]:
+    """Times (N,) in order, and columns by joint and field; NaN where a message does not have it."""
+    stamp, received = (np.concatenate([getattr(s, what) for s in states]) for what in ("stamp", "received"))
+    order = np.lexsort((received, stamp))
+    place = {name: k for k, name in enumerate(dict.fromkeys(name for s in states for name in s.joints))}
+    table = {field: np.full((len(stamp), len(place)), np.nan) for field in dict.fromkeys(f for s in states for f in s.values)}
+    start = 0
+    for s in states:
+        at = [place[name] for name in s.joints]
+        for field, values in s.values.items():
+            table[field][start : start + len(s), at] = values
+        start += len(s)
+    by_field = {field: table[field] for field in dict.fromkeys((*FIELDS, *table)) if field in table}
+    return stamp[order], {f"{name}.{field}": values[order, k] for field, values in by_field.items() for name, k in place.items()}
+
+
+def _onto(clock: Array, messages: Sequence[JointStates]) -> dict[str, Array]:
     """Columns of messages with another clock, linear between them, NaN before the first and after the last."""
-    joints = list(dict.fromkeys(name for m in messages for name in m.joints))
-    t = np.array([m.time for m in messages])
+    t, columns = _table(messages)
     out: dict[str, Array] = {}
-    for name, values in _table(messages, joints, list(fields)).items():
+    for name, values in columns.items():
         known = np.isfinite(values)
         if known.any():
             out[name] = np.interp(clock, t[known], values[known], left=np.nan, right=np.nan)
     return out
 
 
-BAG = register_log_format(LogFormat("ROS bag", lambda path, start: is_bag(path), _read))
+def _chunks(path: Path) -> Chunked:
+    """The messages that name most joints, in the order of their stamps, of the topic that is measured.
+
+    What else stands on that topic, and what was asked for, is brought to their clock by the whole of it: it is read whole."""
+    topic, joints, filled, rows = _surveyed(path)
+    names = ("t", *(f"{joint}.{field}" for field in FIELDS if field in filled for joint in joints))
+
+    def read(wanted: Sequence[str], first: int) -> Iterator[dict[str, Array]]:
+        after = 0
+        for clock, columns in _in_order(path, topic, frozenset(joints)):
+            start, after = max(0, first - after), after + len(clock)
+            missing = np.full(len(clock), np.nan)
+            found = {"t": clock} | columns
+            if start < len(clock):
+                yield {name: found.get(name, missing)[start:] for name in wanted}
+
+    def sample(wanted: Sequence[str]) -> dict[str, Array]:
+        parts: list[dict[str, Array]] = []
+        every = max(1, rows // (CHUNK * len(stretches(rows))))
+        for k, part in enumerate(read(wanted, 0)):
+            if k % every == 0:
+                parts.append(part if every == 1 and rows <= 2 * CHUNK else {name: v[:STRETCH] for name, v in part.items()})
+        return {name: np.concatenate([part[name] for part in parts]) for name in wanted}
+
+    return Chunked(names, read, sample, rows)
+
+
+def _surveyed(path: Path) -> tuple[str, tuple[str, ...], set[str], int]:
+    """Topic, joints in the order in which they are first named, fields that hold anything, and number of messages."""
+    seen: dict[str, Counter[tuple[str, ...]]] = defaultdict(Counter)
+    filled: dict[str, set[str]] = defaultdict(set)
+    for channel, received, raw in _by_library(path, _is_state):
+        for s in _states(channel, received, raw):
+            seen[channel.topic][s.joints] += len(s)
+            filled[channel.topic] |= {field for field, v in s.values.items() if np.isfinite(v).any()}
+    if not seen:
+        raise DataError(f"log {path}: holds no message of type JointState; its topics: {', '.join(sorted(topics_of(path))) or 'none'}.")
+    topic = _measured({name: sum(own.values()) for name, own in seen.items()})
+    groups: Counter[frozenset[str]] = Counter()
+    for joints, count in seen[topic].items():
+        groups[frozenset(joints)] += count
+    if len(groups) > 1:
+        raise UnsupportedError(f"log {path}: messages on {topic} name different joints; they are brought together by reading it whole.")
+    return topic, next(iter(seen[topic])), filled[topic], sum(groups.values())
+
+
+def _in_order(path: Path, topic: str, joints: frozenset[str]) -> Iterator[tuple[Array, dict[str, Array]]]:
+    """Times and columns of a topic's messages, chunk by chunk: the last of each wait for those that were stamped before them."""
+    waiting: list[JointStates] = []
+    told = -np.inf
+    for channel, received, raw in _by_library(path, lambda c: _is_state(c) and c.topic == topic):
+        waiting += _states(channel, received, raw)
+        if sum(map(len, waiting)) < CHUNK + _WAITING:
+            continue
+        stamps = np.concatenate([s.stamp for s in waiting])
+        until = float(np.partition(stamps, len(stamps) - _WAITING)[len(stamps) - _WAITING])
+        ready = [s.of(s.stamp < until) for s in waiting]
+        waiting = [s.of(s.stamp >= until) for s in waiting]
+        yield _after(told, _table([s for s in ready if len(s)]), path)
+        told = until
+        waiting = [s for s in waiting if len(s)]
+    if waiting:
+        yield _after(told, _table(waiting), path)
+
+
+def _after(told: float, part: tuple[Array, dict[str, Array]], path: Path) -> tuple[Array, dict[str, Array]]:
+    if len(part[0]) and part[0][0] < told:
+        raise UnsupportedError(f"log {path}: messages were recorded far from the order of their stamps; read it whole (--no-stream).")
+    return part
+
+
+def _by_library(path: Path, wanted: Callable[[Channel], bool]) -> Iterator[Block]:
+    """`blocks`, with what other libraries say of damaged files as DataError."""
+    if find_spec("rosbags") is None:
+        raise ConfigurationError(f"log {path}: reading bags needs rosbags: pip install 'ident[bags]'. Or export the joint states as CSV.")
+    try:
+        yield from blocks(path, wanted)
+    except IdentError:
+        raise
+    except Exception as error:  # noqa: BLE001 - what a damaged bag brings up in another library
+        raise DataError(f"log {path}: cannot be read as a bag ({type(error).__name__}: {reason(error)}).") from None
+
+
+BAG = register_log_format(LogFormat("ROS bag", lambda path, start: is_bag(path), _read, chunks=_chunks))

@@ -20,6 +20,8 @@ from .packed import bounded_lines, open_binary
 _SEPARATOR = re.compile(r'"?sep=([,;\t])"?', re.IGNORECASE)
 _OTHER = re.compile(r"\s*\|\s*|\s+")
 _COLUMNS = 2
+#: Lines in which a header behind others is looked for.
+_PREAMBLE = 80
 #: Longest word that a row of units holds.
 _UNIT = 8
 
@@ -67,6 +69,8 @@ def _header_of(path: Path, encoding: str) -> Header:
     if line.count('"') % 2:
         raise DataError(f"log {path}: line {number}: a column name opens quotes that it does not close. Close them, or leave them out.")
     names = _fields(line, delimiter, path)
+    if rows and (begins := _behind_preamble(path, encoding, names)):
+        return begins
     if all(is_number(n) for n in names):
         # What numpy.savetxt writes: the header behind a sign of comment, right before the numbers.
         behind = _fields(said[1], delimiter, path) if said[0] == number - 1 else ()
@@ -84,6 +88,30 @@ def _header_of(path: Path, encoding: str) -> Header:
     if delimiter in ";\t" and any("," in x for x in numbers) and not any("." in x for x in numbers):
         decimal = "," if all(is_number(x.replace(",", ".", 1)) for x in numbers if "," in x) else "."
     return Header(once(names), number, delimiter, decimal, units, encoding)
+
+
+def _behind_preamble(path: Path, encoding: str, names: tuple[str, ...]) -> Header | None:
+    """The header behind lines that tell of the recording (a name and a value each), if there are such; None for a table from the start.
+
+    It is the last line of names before the first of numbers, of as many fields (more than two, more than the first line has); a row of
+    units may stand between. A comma is the decimal sign where fields are separated by others."""
+    with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=encoding, newline="") as text:
+        lines = [*islice(bounded_lines(text, path), _PREAMBLE)]
+    for delimiter in ("\t", ";", ","):
+        table = [_fields(line, delimiter, path) if line.strip() and line.count('"') % 2 == 0 else () for line in lines]
+        plain = [tuple(x.replace(",", ".", 1) if delimiter != "," else x for x in fields) for fields in table]
+        first = next(
+            (k for k, row in enumerate(plain) if len(row) > _COLUMNS and all(x == "" or is_number(x) for x in row) and any(row)), 0
+        )
+        above = [k for k in range(first) if len(table[k]) == len(plain[first]) and not any(is_number(x) for x in plain[k])]
+        if len(above) not in (1, 2) or above[0] == 0 or len(names) >= len(table[above[0]]) or any(table[above[-1] + 1 : first]):
+            continue
+        units = table[above[1]] if len(above) == 2 and _is_units(table[above[1]]) else ()
+        if len(above) == 2 and not units:
+            continue
+        comma = delimiter != "," and any("," in x for x in table[first])
+        return Header(once(table[above[0]]), above[-1] + 1, delimiter, "," if comma else ".", units, encoding)
+    return None
 
 
 def _is_units(fields: Sequence[str]) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import ConfigurationError, DataError
-from .arrays import columns_of, leaves
+from .arrays import ArrayTable, columns_of, leaves
 from .damage import reason
 from .mat import matlab_columns
-from .stored import LogFormat, Stored, register_log_format, split_inside
+from .stored import Chunked, LogFormat, Stored, register_log_format, split_inside
 
 Array = np.ndarray
 _MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -82,7 +82,29 @@ def _read(path: Path) -> Stored:
     return Stored(columns_of(arrays, f"log {path}"))
 
 
-def _one_level_up(arrays: Mapping[str, Array]) -> dict[str, Array]:
+def _chunks(path: Path) -> Chunked:
+    outer, inside = split_inside(path)
+
+    def table(file: Any) -> ArrayTable:
+        if inside and inside not in file:
+            raise DataError(f"log {outer}: holds no group {inside!r}; it has {', '.join(list(file)[:8])}.")
+        found = _datasets(file[inside] if inside else file)
+        return ArrayTable.of(found if inside else _one_level_up(found), f"log {path}")
+
+    def read(names: Sequence[str], first: int) -> Iterator[dict[str, Array]]:
+        with _opened(outer) as file:
+            yield from table(file).chunks(names, first)
+
+    def sample(names: Sequence[str]) -> dict[str, Array]:
+        with _opened(outer) as file:
+            return table(file).sample(names)
+
+    with _opened(outer) as file:
+        whole = table(file)
+        return Chunked(tuple(whole.places), read, sample, whole.rows)
+
+
+def _one_level_up(arrays: Mapping[str, Any]) -> dict[str, Any]:
     """The same without groups that hold everything (`data/demo_1/`)."""
     parts = [name.split("/") for name in arrays]
     depth = 0
@@ -120,5 +142,5 @@ def _value(file: Any, item: Any) -> Any:
     return array.T if array.ndim > 1 else array
 
 
-HDF5 = register_log_format(LogFormat("HDF5", lambda path, start: start.startswith(_MAGIC), _read, _recordings))
+HDF5 = register_log_format(LogFormat("HDF5", lambda path, start: start.startswith(_MAGIC), _read, _recordings, _chunks))
 MATLAB = register_log_format(LogFormat("MATLAB 7.3", lambda path, start: start.startswith(_MATLAB), _read_matlab))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -40,6 +40,22 @@ class Stored:
         return tuple(self.columns)
 
 
+@dataclass(frozen=True, eq=False)
+class Chunked:
+    """A file whose columns can be read in chunks, in memory that does not grow with it; all of them are what `LogFormat.read` gives.
+
+    `names` and `units` as in `Stored`; `read`: (names, first row) → chunks of columns, in order; `sample`: names → rows from all over the
+    file, by which columns are recognised (all of a file that is not long); `rows`: how many there are, 0 where that is not known;
+    `notes` on what was left out."""
+
+    names: tuple[str, ...]
+    read: Callable[[Sequence[str], int], Iterator[dict[str, Array]]]
+    sample: Callable[[Sequence[str]], dict[str, Array]]
+    rows: int = 0
+    units: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
 def _one(path: Path) -> Sequence[str]:
     return ()
 
@@ -58,6 +74,8 @@ class LogFormat:
         path → `Stored`. Raises DataError for a file that cannot be used.
     recordings : callable, optional
         path → names of the recordings in a file that holds several; each is then read as `path/name`.
+    chunks : callable, optional
+        path → `Chunked`, for files that `--stream` can read in chunks.
 
     Examples
     --------
@@ -70,6 +88,7 @@ class LogFormat:
     recognises: Callable[[Path, bytes], bool]
     read: Callable[[Path], Stored]
     recordings: Callable[[Path], Sequence[str]] = _one
+    chunks: Callable[[Path], Chunked] | None = None
 
 
 _FORMATS: list[LogFormat] = []

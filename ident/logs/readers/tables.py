@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import DataError
-from . import arrays, bag, hdf5, lists, mat, messages  # the formats that are registered
+from . import arrays, bag, hdf5, lists, mat, messages, scope  # the formats that are registered
 from .dialect import text_header
 from .header import MISSING, Header, check_file, is_number, numeric, seconds
 from .parquet import arrow_values, parquet_file, parquet_table, stored_names
@@ -20,7 +20,7 @@ from .text import read_text_columns, rows_of_text, text_columns
 
 Array = np.ndarray
 #: The formats that come with the package.
-BUILT_IN = (arrays.NPZ, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, bag.BAG)
+BUILT_IN = (arrays.NPZ, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, lists.ARROW, scope.SCOPE, bag.BAG)
 _PARQUET = (".parquet", ".pq")
 
 

@@ -1,0 +1,297 @@
+"""What a log has misread: a joint's zero that is off, a joint's torque in another unit, a clock that runs wrong; told by the fit's own
+residual.
+
+A mistake of one number θ moves the residual along its derivative by θ. What base parameters cannot follow of that column must not be in the
+residual: a score test finds the mistake, Gauss-Newton steps take it out, and it is named only where the fit is then of another kind. So no
+cause is named that does not account for what is wrong, and of several that might, those that account for most."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..effects.base import Need
+from ..effects.motion import Coordinates
+from ..effects.reference import Reference
+from ..problem.information import Information
+from ..problem.linear_solution import full_values, order_of
+from ..problem.problem import Problem
+from ..problem.reweighting import reweighted
+from ..robots.transmission import Side
+
+if TYPE_CHECKING:
+    from ..effects.motion import Motion
+    from ..estimate.estimate import Estimate
+    from ..robots.robot import Robot
+    from ..signals.signals import Block, Signals
+
+Array = np.ndarray
+#: Samples that are looked at, of long logs in so many blocks; scatter is told by so many pieces of time, of so many rows at least.
+_SAMPLES, _BLOCKS, _PIECES, _FEW = 6_000, 8, 24, 2
+#: Standard deviations, by the scatter between pieces of time; share of the residual's squares; share of the column that base
+#: parameters cannot follow: a mistake is looked at from these on.
+_SURELY, _PART, _SEEN = 8.0, 0.05, 1e-3
+#: Taken out, it must lower the product of all joints' relative errors so many times.
+_FALL = 1.3
+#: Others that do nearly as well (share of the logarithm of that fall) are named too; no more than so many are tried.
+_NEARLY, _TRIED = 0.8, 4
+#: Gauss-Newton steps, the change at which they end, how many may gain nothing, passes of weighting, and the step of differences.
+_STEPS, _SETTLED, _VAIN, _PASSES, _STEP = 8, 3e-3, 3, 5, 1e-5
+
+
+@dataclass(frozen=True)
+class Misreading(ABC):
+    """A mistake of one number, `value`, in a log; 0 is none. `reach`: how far the residual's derivative holds."""
+
+    reach: ClassVar[float] = 1.0
+
+    def motion(self, joint: Coordinates, value: float) -> Coordinates:
+        """The motion of n joints, (N, n), without it."""
+        return joint
+
+    def torque(self, tau: Array, value: float) -> Array:
+        """The measured torque (M, n) without it."""
+        return tau
+
+    @abstractmethod
+    def noteworthy(self, value: float) -> bool:
+        """Whether it is more than a matter of calibration."""
+
+    @abstractmethod
+    def told(self, value: float) -> str:
+        """A clause: what seems to be wrong."""
+
+    @property
+    @abstractmethod
+    def remedy(self) -> str:
+        """A sentence: what to look at."""
+
+
+@dataclass(frozen=True)
+class ZeroOff(Misreading):
+    """The position of joint number `at` reads `value` too much."""
+
+    at: int
+    name: str
+    unit: str
+
+    def motion(self, joint: Coordinates, value: float) -> Coordinates:
+        q = joint.q.copy()
+        q[:, self.at] -= value
+        return Coordinates(q, joint.dq, joint.ddq)
+
+    def noteworthy(self, value: float) -> bool:
+        return abs(value) > 0.05
+
+    def told(self, value: float) -> str:
+        return f"the zero of {self.name} seems to be off: its position reads about {abs(value):.2g} {self.unit} too {_way(value)}"
+
+    @property
+    def remedy(self) -> str:
+        return "Look at the joint's zero in the log and in the URDF ([drive] zero)."
+
+
+@dataclass(frozen=True)
+class TorqueScaled(Misreading):
+    """The torque of joint number `at` is 1 / (1 - `value`) times what it is."""
+
+    reach: ClassVar[float] = np.inf
+    at: int
+    name: str
+
+    def torque(self, tau: Array, value: float) -> Array:
+        out = tau.copy()
+        out[:, self.at] *= 1.0 - value
+        return out
+
+    def noteworthy(self, value: float) -> bool:
+        return value < -1.0 or 0.5 < value < 1.0
+
+    def told(self, value: float) -> str:
+        return f"the torque of {self.name} seems to be about {1.0 / (1.0 - value):.2g} times what the other joints' torques say"
+
+    @property
+    def remedy(self) -> str:
+        return "Look at the unit of that torque, its gear ratio and its torque constant, and at the order of the columns."
+
+
+@dataclass(frozen=True)
+class ClockOff(Misreading):
+    """Time runs exp(`value`) times too slowly."""
+
+    def motion(self, joint: Coordinates, value: float) -> Coordinates:
+        faster = np.exp(value)
+        return Coordinates(joint.q, faster * joint.dq, faster**2 * joint.ddq)
+
+    def noteworthy(self, value: float) -> bool:
+        return abs(value) > np.log(1.1)
+
+    def told(self, value: float) -> str:
+        return f"time seems to run about {np.exp(abs(value)):.2g} times too {'slowly' if value > 0 else 'fast'}"
+
+    @property
+    def remedy(self) -> str:
+        return "Look at the unit of the time, and at rate_hz."
+
+
+def misreadings(robot: Robot) -> list[Misreading]:
+    """Every mistake that is looked for."""
+    zeros = [ZeroOff(j, name, robot.position_unit(j, Side.JOINT)) for j, name in enumerate(robot.joint_names)]
+    return [*zeros, *(TorqueScaled(j, name) for j, name in enumerate(robot.joint_names)), ClockOff()]
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A mistake of a size, the logarithm of the `fall` of all joints' errors without it, and these (n,) with and without it."""
+
+    misreading: Misreading
+    value: float
+    fall: float
+    before: Array
+    after: Array
+
+    @property
+    def told(self) -> str:
+        return self.misreading.told(self.value)
+
+
+def misreading(estimate: Estimate) -> str:
+    """A sentence on what makes the fit as bad as it is: the zero or the torque's unit of a joint, or the clock; "" where none does.
+
+    What base parameters follow whole (the zero of the last joint) is not seen here (`against_nominal`)."""
+    rows = _Sampled.of(estimate)
+    if rows is None:
+        return ""
+    robot = rows.problem.model.robot
+    found = [one for suspect in rows.suspected(misreadings(robot)) if (one := rows.without(suspect)) is not None]
+    if not found:
+        return ""
+    best = max(found, key=lambda one: one.fall)
+    others = [one.told for one in found if one is not best and one.fall > _NEARLY * best.fall]
+    worst = int(np.nanargmax(best.before / best.after))
+    more = f"; or {'; or '.join(others)} (these data do not tell which)" if others else ""
+    return (
+        f"{best.told}{more}. Without that, the torque error of {robot.joint_names[worst]} falls from {100 * best.before[worst]:.2g} to"
+        f" {100 * best.after[worst]:.2g} % of its torque; parameters of this fit are shifted by it. {best.misreading.remedy}"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """Some rows of a plain problem, with the values (k,) of all parameters that its estimate found."""
+
+    problem: Problem
+    values: Array
+    weights: Array
+    blocks: tuple[Block, ...]
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> _Sampled | None:
+        problem = estimate.problem
+        if problem is None or type(problem) is not Problem or Need.HISTORY in problem.model.needs:
+            return None
+        signals = problem.signals
+        blocks = list(signals.blocks(None if len(signals.q) <= _SAMPLES else _block_size(signals)))
+        enough = _FEW * _PIECES
+        for count in (_BLOCKS, 4 * _BLOCKS, len(blocks)):
+            chosen = tuple(blocks[i] for i in np.unique(np.linspace(0, len(blocks) - 1, count).astype(int)))
+            if sum(b.rows.stop - b.rows.start for b in chosen) >= enough:
+                return cls(problem, estimate.all_values, estimate.weights, chosen)
+        return None
+
+    def suspected(self, suspects: list[Misreading]) -> list[Misreading]:
+        """Those that a score test finds in the residual, the likeliest first."""
+        parts = [self._rows(block, self.values, suspects) for block in self.blocks]
+        scale, n = np.sqrt(self.weights), len(self.weights)
+        columns, slopes = (np.concatenate([(p[i] * scale[:, None]).reshape(-1, p[i].shape[2]) for p in parts]) for i in (0, 1))
+        tau = np.concatenate([(p[2] * scale).reshape(-1) for p in parts])
+        length = np.linalg.norm(columns, axis=0)
+        Q = np.linalg.qr(columns / np.where(length > 0, length, 1.0))[0]
+        alone, left = slopes - Q @ (Q.T @ slopes), tau - Q @ (Q.T @ tau)
+        piece = np.repeat(_PIECES * np.arange(len(tau) // n) // (len(tau) // n), n)
+        found = []
+        for k, suspect in enumerate(suspects):
+            own = alone[:, k]
+            squares = float(own @ own)
+            if squares <= (_SEEN * float(np.linalg.norm(slopes[:, k]))) ** 2:
+                continue
+            value = float(own @ left) / squares
+            rest = left - value * own
+            scatter = float(np.linalg.norm(np.bincount(piece, own * rest))) / squares
+            share = 1.0 - float(rest @ rest) / max(float(left @ left), 1e-300)
+            if abs(value) > _SURELY * scatter and share > _PART:
+                found.append((share, suspect))
+        return [suspect for _, suspect in sorted(found, key=lambda one: -one[0])[:_TRIED]]
+
+    def without(self, suspect: Misreading) -> _Found | None:
+        """How the fit is without a mistake, whose size is fitted too; None where it is of the same kind."""
+        order, names = order_of(self.problem.base), (*self.problem.base.names, "mistake")
+        mistake = len(names) - 1
+        value, values = 0.0, self.values
+        before: Array | None = None
+        best: _Found | None = None
+        for number in range(_STEPS):
+            whole = Information.empty(len(self.weights), names)
+            for block in self.blocks:
+                columns, slopes, tau = self._rows(block, values, [suspect], value)
+                whole = whole.with_rows(np.concatenate([columns, slopes], axis=2), tau, self.problem.valid[block.rows])
+            own = whole.selected(np.arange(mistake))
+            fit = full_values(self.problem, reweighted(own, order, iterations=_PASSES)[0])
+            torque = own.torque_squares()
+            errors = np.sqrt(np.maximum(np.where(torque > 0, own.residual_squares(fit) / np.where(torque > 0, torque, 1.0), 1.0), 1e-24))
+            before = errors if before is None else before
+            fall = float(np.sum(np.log(before / errors)))
+            if best is None or fall > best.fall:
+                best = _Found(suspect, value, fall, before, errors)
+            solution, _ = reweighted(whole, [*order, mistake], iterations=_PASSES)
+            step = float(np.clip(solution.values[solution.columns == mistake].sum(), -suspect.reach, suspect.reach))
+            if abs(step) < _SETTLED or (number == _VAIN and best.fall < np.log(_FALL)):
+                break
+            values = self.problem.base.expand(fit)
+            value += step
+        assert best is not None
+        return best if best.fall > np.log(_FALL) and suspect.noteworthy(best.value) else None
+
+    def _rows(self, block: Block, values: Array, suspects: list[Misreading], value: float = 0.0) -> tuple[Array, Array, Array]:
+        """Columns (m, n, b) of a block without a mistake of size `value` (of the first suspect), for parameters' values (k,) the slopes
+        (m, n, s) of the residual along further mistakes, and the torque (m, n); rows that are not used are zero."""
+        problem, (first, *_) = self.problem, suspects
+        recorded, valid = problem.motion(block.samples), problem.valid[block.rows]
+        tau = np.where(valid, problem.tau[block.rows], 0.0)
+        slopes = np.stack([self._slope(block, recorded, tau, suspect, values, value) for suspect in suspects], axis=2)
+        motion = self._moved(recorded, first.motion(recorded.joint, value), values)
+        columns = block.reduce(problem.model.columns(motion)[:, :, problem.base.independent])
+        used = valid[:, :, None]
+        return np.where(used, columns, 0.0), np.where(used, slopes, 0.0), first.torque(tau, value)
+
+    def _slope(self, block: Block, motion: Motion, tau: Array, suspect: Misreading, values: Array, value: float) -> Array:
+        """Change (m, n) of prediction minus torque where a little more of a mistake is taken out."""
+        ends = (value + _STEP, value - _STEP)
+        torque = [suspect.torque(tau, end) for end in ends]
+        joints = [suspect.motion(motion.joint, end) for end in ends]
+        change = torque[1] - torque[0]
+        if joints[0] is not motion.joint:
+            predicted = [self.problem.model.torque(self._moved(motion, joint, values), values) for joint in joints]
+            change = change + block.reduce(predicted[0] - predicted[1])
+        return change / (2.0 * _STEP)
+
+    def _moved(self, motion: Motion, joint: Coordinates, values: Array) -> Motion:
+        """The same samples at other coordinates."""
+        if joint is motion.joint:
+            return motion
+        model = self.problem.model
+        moved = motion.moved(model.robot, joint)
+        return moved.with_reference(Reference(model, values)) if model.needs & {Need.LOAD, Need.REFERENCE} else moved
+
+
+def _block_size(signals: Signals) -> int:
+    """Samples of one of the blocks that are looked at, with the margins of its rows."""
+    factor, margin = (1, 1) if signals.row_filter is None else (signals.row_filter.factor, len(signals.row_filter.taps))
+    return factor * (max(_FEW * _PIECES // _BLOCKS, _SAMPLES // (_BLOCKS * factor)) - 1) + margin
+
+
+def _way(value: float) -> str:
+    return "far" if value > 0 else "little"

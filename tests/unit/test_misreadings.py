@@ -1,0 +1,109 @@
+"""What a log has misread: zeros, units of one torque, the clock; found in the fit's own residual, and not where they are not."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import ident
+from ident.estimators import WeightedLeastSquares
+from ident.evaluation.against_nominal import factor_doubt, zero_doubt
+from ident.evaluation.doubts import doubts
+from ident.evaluation.misreadings import misreading
+from ident.problem.problem import Problem
+from ident.signals import ZeroPhase
+from ident.simulation.trajectory import FourierTrajectory
+
+Array = np.ndarray
+RATE = 200.0
+
+
+@cache
+def recorded(name: str, noise: float = 0.01, stribeck: float = 0.0) -> tuple[Array, Array, Array]:
+    """Times, positions and torques of a built-in robot whose links are the URDF's, with friction; `stribeck`: more of it at low speed."""
+    robot = ident.load_robot(name)
+    n, rng = robot.n, np.random.default_rng(4)
+    scale = np.where([j.prismatic for j in robot.joints], 0.1, 0.4)
+    order = np.arange(1, 5)[:, None]
+    motion = FourierTrajectory(np.full(n, 0.3) * scale, *scale * rng.normal(size=(2, 4, n)) / order, 0.1)
+    t = np.arange(4000) / RATE
+    c = motion.sample(t)
+    assert robot.nominal is not None
+    model = robot.rigid_body() + ident.make_effect("viscous") + ident.make_effect("coulomb")
+    size = np.sqrt(np.mean(model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, np.zeros(2 * n)]) ** 2, axis=0)) + 0.01
+    tau = model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, 0.1 * size, 0.1 * size])
+    tau = tau + stribeck * size * np.sign(c.dq) * np.exp(-((c.dq / 0.3) ** 2))
+    return t, c.q, tau + noise * size * rng.standard_normal(tau.shape)
+
+
+def fitted(name: str, t: Array, q: Array, tau: Array) -> ident.Estimate:
+    robot = ident.load_robot(name)
+    model = robot.rigid_body() + ident.make_effect("viscous") + ident.make_effect("coulomb")
+    log = ident.Log("run", t, q=q, tau={robot.transmission.measured.value: tau})
+    return WeightedLeastSquares().solve(Problem(model, ZeroPhase(cutoff_hz=10.0)(log, robot)))
+
+
+@pytest.mark.parametrize("name", ["puma560", "ur5", "scara"])
+def test_a_sound_log_raises_none(name: str) -> None:
+    estimate = fitted(name, *recorded(name))
+    assert misreading(estimate) == ""
+    assert doubts(estimate) == ()
+
+
+@pytest.mark.parametrize(("name", "j", "off"), [("puma560", 1, 0.2), ("puma560", 2, -0.5), ("puma560", 4, 0.5), ("ur5", 4, -0.2)])
+def test_a_zero_that_is_off(name: str, j: int, off: float) -> None:
+    t, q, tau = recorded(name)
+    estimate = fitted(name, t, q + off * np.eye(q.shape[1])[j], tau)
+    said = misreading(estimate)
+    joint = estimate.model.robot.joint_names[j]
+    assert f"the zero of {joint} seems to be off: its position reads about {abs(off):.2g} rad too {'far' if off > 0 else 'little'}" in said
+    assert said in doubts(estimate)
+    assert not any("time that runs" in one for one in doubts(estimate))
+
+
+def test_joints_whose_zeros_these_data_do_not_tell_apart_are_both_named() -> None:
+    """Axes of the UR5's elbow and first wrist are parallel."""
+    t, q, tau = recorded("ur5")
+    said = misreading(fitted("ur5", t, q + 0.4 * np.eye(6)[2], tau))
+    assert ("wrist_1_joint" in said) == ("do not tell which" in said)
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.1])
+def test_the_torque_of_one_joint_in_another_unit(factor: float) -> None:
+    t, q, tau = recorded("puma560")
+    scale = np.ones(6)
+    scale[1] = factor
+    said = misreading(fitted("puma560", t, q, scale * tau))
+    assert "the torque of joint2 seems to be about " in said
+    told = float(said.split("about ")[1].split()[0])
+    assert told == pytest.approx(factor, rel=0.3)
+
+
+@pytest.mark.parametrize("clock", [1.5, 0.5])
+def test_another_clock(clock: float) -> None:
+    t, q, tau = recorded("puma560")
+    said = misreading(fitted("puma560", clock * t, q, tau))
+    told = float(said.split("about ")[1].split()[0])
+    assert told == pytest.approx(max(clock, 1.0 / clock), rel=0.1)
+    assert ("too slowly" in said) == (clock > 1.0)
+
+
+def test_friction_that_the_model_lacks_is_blamed_on_nothing() -> None:
+    estimate = fitted("puma560", *recorded("puma560", stribeck=2.0))
+    assert estimate.fit_error.relative_all > 0.03
+    assert misreading(estimate) == ""
+
+
+def test_noise_is_blamed_on_nothing() -> None:
+    assert misreading(fitted("ur5", *recorded("ur5", noise=0.2))) == ""
+
+
+def test_the_zero_of_the_last_joint_shows_in_its_link_alone() -> None:
+    t, q, tau = recorded("puma560", noise=0.001)
+    estimate = fitted("puma560", t, q + 0.5 * np.eye(6)[5], tau)
+    assert misreading(estimate) == ""
+    assert factor_doubt(estimate) == ""
+    assert "reads 0.5 rad too far" in zero_doubt(estimate)
+    assert zero_doubt(fitted("puma560", t, q, tau)) == ""
