@@ -33,7 +33,7 @@ class DriveLog:
     """One log as a drive law sees it. N samples, n joints, SI, joint side.
 
     `t` (N,) s from the first sample; `q` (N, n); `q_cmd`, `dq_cmd`, `tau_ff` (N, n): commands; `enabled` (N, n): share of the torque
-    that is switched on; `supply` (N, n) V, None where the law needs none; `origin`, `start` (n,): position and speed at the first sample."""
+    that is switched on; `supply` (N, n) V, None where the law needs none; `origin`, `start` (n,): first position and speed."""
 
     name: str
     t: Array

@@ -13,8 +13,9 @@ from ...drives.fit import result_of
 from ...drives.plant import DrivePlant
 from ...drives.search import Fitted, fitted, refitted
 from ...drives.starts import moved_inertia, starts
+from ..verdict import Verdict
 from .candidates import values_in
-from .result import DriveDiagnosis, DriveFinding, DriveRival, Verdict
+from .result import DriveDiagnosis, DriveFinding, DriveRival
 from .screening import FORETOLD, SIGNIFICANT, Screened, screened, structure
 
 if TYPE_CHECKING:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -11,17 +10,9 @@ import numpy as np
 from ..._utils.json import jsonable, result
 from ..._utils.text import wrapped
 from ...drives.result import DriveFit
+from ..verdict import Verdict
 
 Array = np.ndarray
-
-
-class Verdict(StrEnum):
-    """Nothing is missing; what is missing is named; more than one thing explains it; something is left that nothing explains."""
-
-    CLEAN = "clean"
-    EXPLAINED = "explained"
-    AMBIGUOUS = "ambiguous"
-    UNEXPLAINED = "unexplained"
 
 
 @dataclass(frozen=True)
