@@ -19,6 +19,9 @@ myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 exclude_patterns = ["tools", "README.md"]
 
+smartquotes = False  # two hyphens are a flag, not a dash
+copyright = "The ident developers, BSD-3-Clause"  # noqa: A001 - Sphinx names it
+
 html_theme = "furo"
 html_title = f"ident {release}"
 html_static_path: list[str] = ["static"]

@@ -171,7 +171,8 @@ def gallery(pictures: Path | None = None) -> str:
     model, values = usual_of(robot)
     motion = motion_of(model, values)
     scale = np.sqrt(np.mean(model.torque(motion, values) ** 2, axis=0))
-    kinds = {name: kind for name, kind in effect_types().items() if name not in USUAL and kind.__module__.startswith("ident.")}
+    own = {name: kind for name, kind in effect_types().items() if kind.__module__.startswith("ident.") and kind.cause}
+    kinds = {name: kind for name, kind in own.items() if name not in USUAL}
     effects = {name: shown(kind, robot, motion) for name, kind in kinds.items()}
     columns = {}
     for name, effect in effects.items():

@@ -13,7 +13,7 @@ Models (what the torque is made of): `Model`, `Effect`, `Motion`, `effect_names`
 Identification (parameters with covariance): `fit`, `Problem`, `MomentumProblem`, `EnergyProblem`, `Information`,
     `make_estimator`, `Estimate`, `Status`, `StatusCode`.
 Evaluation (on data that no fit saw): `validate`, `Validation`, `compare`, `Comparison`.
-Diagnosis (what the model lacks, and what has changed): `diagnose`, `Diagnosis`, `monitor`.
+Diagnosis (what the model lacks, and what has changed): `diagnose`, `Diagnosis`, `next_motion`, `monitor`.
 Physics (possible, consistent, loaded): `judge`, `repair`, `payload`.
 Experiments (motions to run, and simulated runs): `excite`, `plan`, `simulate`.
 Results (files for others): `report`, `export`.
@@ -72,6 +72,7 @@ _WHERE: dict[str, tuple[str, str]] = {
     "Comparison": ("evaluation", "Comparison"),
     "diagnose": ("diagnosis", "diagnose"),
     "Diagnosis": ("diagnosis", "Diagnosis"),
+    "next_motion": ("diagnosis", "next_motion"),
     "monitor": ("monitoring", "monitor"),
     "judge": ("physical", "judge"),
     "repair": ("physical", "repair_estimate"),
@@ -136,6 +137,7 @@ __all__ = [
     "make_effect",
     "make_estimator",
     "monitor",
+    "next_motion",
     "payload",
     "physical",
     "plan",
@@ -170,7 +172,7 @@ def __dir__() -> list[str]:
 if TYPE_CHECKING:
     from . import effects, estimators, friction, physical, regressor, robots
     from .auditing import audit
-    from .diagnosis import Diagnosis, diagnose
+    from .diagnosis import Diagnosis, diagnose, next_motion
     from .effects import Effect, Motion, effect_names, make_effect
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
     from .estimate import Estimate, Status, StatusCode

@@ -1,4 +1,4 @@
-"""Figures as PNG. Those of the dissertation (3.6.1 to 3.6.4, measured against simulated motion) are not at hand; these follow its text."""
+"""Figures as PNG. Those numbered 3.6.1 to 3.6.4 show what the dissertation's figures of the same number show, on data of our own."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from .convergence import CONVERGED, Growth, Recursion
+from .convergence import CONVERGED, Growth
 from .data import Data
 from .degradation import Sweep
 from .methods import METHODS
 from .monte_carlo import Trials
+from .recursions import BAND, Recursion
 from .trajectories import Forward
 
-#: Which method stands for which family in the figures of motion.
-SHOWN = {"3.6.1": "steps", "3.6.2": "ls_raw", "3.6.3": "iv"}
+#: Which method stands for which of the source in the figures of motion.
+SHOWN = {"steps": "step by step", "ls_raw": "simultaneous (LS)", "iv_plain": "advanced simultaneous (IV)"}
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 
 
@@ -27,7 +28,7 @@ def _new(rows: int, columns: int, width: float, height: float):
     FigureCanvasAgg(figure)
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     # A fixed layout: searching one costs more than the drawing.
-    figure.subplots_adjust(0.9 / width, 0.6 / height, 1 - 0.2 / width, 1 - 0.7 / height, wspace=0.3, hspace=0.4)
+    figure.subplots_adjust(0.9 / width, 0.6 / height, 1 - 0.3 / width, 1 - 0.7 / height, wspace=0.3, hspace=0.4)
     return figure, axes
 
 
@@ -37,56 +38,67 @@ def _write(figure, folder: Path, name: str) -> Path:
     return path
 
 
-def motion_figures(data: Data, forward: Mapping[str, Forward], folder: Path) -> list[Path]:
-    """3.6.1 to 3.6.3: true and simulated joint angles of one validation run; 3.6.4: error of the three methods against time."""
+def convergence_figure(recursions: Mapping[str, Recursion], folder: Path) -> Path:
+    """3.6.1: J1z and J5z against the number of iterations, by the simultaneous and by the advanced method."""
+    figure, axes = _new(2, 1, 8, 7)
+    for axis, name, label in zip(axes, ("Izz_joint1", "Izz_joint5"), ("$J_{1z}$", "$J_{5z}$"), strict=True):
+        for colour, r in zip(_COLOURS[:2], recursions.values(), strict=True):
+            axis.plot(r.samples, r.course(name), color=colour, lw=1.4, label=r.title)
+            settled = r.settled_one(name)
+            if np.isfinite(settled):
+                axis.axvline(settled, color=colour, lw=0.8, ls="--", label=f"within ±{100 * BAND:g} % of its end from {settled:,.0f} on")
+        first = next(iter(recursions.values()))
+        truth = first.truth[first.names.index(name)]
+        axis.axhline(truth, color="black", lw=0.8, ls=":", label="true value")
+        axis.set(xlabel="number of iterations (samples of 5 ms)", ylabel=f"{label} / kg m²", xlim=(0, first.instants))
+        # What comes after the first thirtieth, which is far off.
+        seen = [x for r in recursions.values() for x in r.course(name)[len(r.samples) // 30 :] if np.isfinite(x)]
+        low, high = min(*seen, truth), max(*seen, truth)
+        axis.set_ylim(low - 0.15 * (high - low), high + 0.15 * (high - low))
+        axis.legend(fontsize=7, loc="best")
+    figure.suptitle("3.6.1  Convergence of $J_{1z}$ and $J_{5z}$: simultaneous and advanced simultaneous identification")
+    return _write(figure, folder, "figure_3_6_1.png")
+
+
+def motion_figures(forward: Mapping[str, Forward], folder: Path) -> list[Path]:
+    """3.6.2, 3.6.3, 3.6.4: joints 1 and 2, 3 and 4, 5 and 6 of one run from standstill, measured and simulated with the three methods.
+
+    The run is that of the median error of the simultaneous method, which is the largest."""
     made = []
-    joints = data.world.model.robot.joint_names
-    for number, key in SHOWN.items():
-        if key not in forward:
-            continue
-        run = forward[key].replay
-        figure, axes = _new(2, 3, 11, 6)
-        for j, axis in enumerate(axes[: len(joints)]):
-            axis.plot(run.t, np.degrees(run.measured[:, 0, j]), color="black", lw=2, label="true motion")
-            axis.plot(run.t, np.degrees(run.simulated[:, 0, j]), color=_COLOURS[1], lw=1.2, ls="--", label="simulated")
-            axis.set(title=joints[j], xlabel="time / s", ylabel="angle / deg")
-            low, high = np.degrees([run.measured[:, 0, j].min(), run.measured[:, 0, j].max()])
-            axis.set_ylim(low - 0.3 * (high - low) - 1, high + 0.3 * (high - low) + 1)
-        axes[0].legend()
-        figure.suptitle(f"{number}  {forward[key].title}: torque-driven validation run, simulated with the estimate")
+    replays = {key: forward[key].replay for key in SHOWN if key in forward}
+    first = next(iter(replays.values()))
+    run = int(np.argsort(np.sqrt(np.mean(replays["ls_raw"].window_error ** 2, axis=1)))[(len(first.starts) - 1) // 2])
+    for number, pair in (("3.6.2", (0, 1)), ("3.6.3", (2, 3)), ("3.6.4", (4, 5))):
+        figure, axes = _new(2, 1, 8, 7)
+        for axis, j in zip(axes, pair, strict=True):
+            measured = np.degrees(first.measured[:, run, j])
+            axis.plot(first.t, measured, color="black", lw=2.8, alpha=0.5, label="measured")
+            for colour, style, (key, label) in zip(_COLOURS, ("-", "--", "-."), SHOWN.items(), strict=False):
+                if key in replays:
+                    axis.plot(replays[key].t, np.degrees(replays[key].simulated[:, run, j]), color=colour, lw=1.3, ls=style, label=label)
+            room = 0.35 * np.ptp(measured) + 1.0
+            axis.set(xlabel="time / s", ylabel=f"joint {j + 1} / deg", xlim=(0, first.t[-1]))
+            axis.set_ylim(measured.min() - room, measured.max() + room)
+        axes[0].legend(fontsize=7, loc="best")
+        figure.suptitle(f"{number}  Joints {pair[0] + 1} and {pair[1] + 1}: measured and simulated trajectories from standstill")
         made.append(_write(figure, folder, f"figure_{number.replace('.', '_')}.png"))
-    figure, axes = _new(2, 3, 11, 6)
-    for colour, key in zip(_COLOURS, SHOWN.values(), strict=False):
-        if key not in forward:
-            continue
-        run = forward[key].replay
-        # Windows that diverge count as large.
-        error = np.degrees(np.median(np.nan_to_num(np.abs(run.simulated - run.measured), nan=np.pi), axis=1))
-        for j, axis in enumerate(axes[: len(joints)]):
-            axis.semilogy(run.t[1:], np.maximum(error[1:, j], 1e-6), color=colour, label=forward[key].title)
-            axis.set(title=joints[j], xlabel="time / s", ylabel="error / deg")
-    axes[0].legend(fontsize=7)
-    figure.suptitle("3.6.4  error of the simulated motion, median over the validation windows")
-    made.append(_write(figure, folder, "figure_3_6_4.png"))
     return made
 
 
-def recursion_figure(recursions: Mapping[str, Recursion], folder: Path) -> Path:
-    """Course of the followed parameters against the number of samples."""
-    names = next(iter(recursions.values())).names
-    figure, axes = _new(1, len(names), 4.2 * len(names), 3.8)
-    for i, axis in enumerate(axes):
-        for colour, r in zip(_COLOURS, recursions.values(), strict=False):
-            axis.semilogx(r.samples, r.values[:, i], color=colour, label=r.title)
-            axis.fill_between(r.samples, r.values[:, i] - 2 * r.std[:, i], r.values[:, i] + 2 * r.std[:, i], color=colour, alpha=0.2)
-            axis.plot(r.samples[-1:], r.batch[i : i + 1], "o", color=colour, ms=5)
-        truth = next(iter(recursions.values())).truth[i]
-        axis.axhline(truth, color="black", lw=0.8, ls=":", label="truth")
-        axis.set(title=names[i], xlabel="samples", ylabel="kg m²")
-        axis.set_ylim(min(0.0, 1.5 * truth) - 0.2 * abs(truth), 1.6 * abs(truth))
+def error_course_figure(data: Data, forward: Mapping[str, Forward], folder: Path) -> Path:
+    """Error of the simulated motion against time, median over the validation runs; not a figure of the source."""
+    figure, axes = _new(2, 3, 11, 6)
+    for colour, (key, label) in zip(_COLOURS, SHOWN.items(), strict=False):
+        if key not in forward:
+            continue
+        run = forward[key].replay
+        error = np.degrees(np.median(np.abs(np.nan_to_num(run.simulated - run.measured, nan=np.inf)), axis=1))
+        for j, axis in enumerate(axes[: error.shape[1]]):
+            axis.semilogy(run.t[1:], np.maximum(error[1:, j], 1e-5), color=colour, label=label)
+            axis.set(title=data.world.model.robot.joint_names[j], xlabel="time / s", ylabel="error / deg")
     axes[0].legend(fontsize=7)
-    figure.suptitle("recursive least squares against samples (dots: batch solution; bands: two standard deviations for white noise)")
-    return _write(figure, folder, "recursion.png")
+    figure.suptitle("error of the simulated motion, median over the validation runs")
+    return _write(figure, folder, "motion_error.png")
 
 
 def growth_figure(growths: Mapping[str, Growth], folder: Path) -> Path:

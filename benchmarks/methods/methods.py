@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -105,14 +106,14 @@ def _total(case: Case) -> TotalLeastSquares:
     )
 
 
-def _instruments(kind: str) -> Callable[[Case], InstrumentalVariable]:
+def _instruments(kind: str, **options: Any) -> Callable[[Case], InstrumentalVariable]:
     """Instruments need not repeat the experiment to the last digit: control at the rate of the logs, on the exact state."""
 
     def make(case: Case) -> InstrumentalVariable:
         experiment = None
         if kind != "forward_dynamics" and case.experiment is not None:
             experiment = replace(case.experiment, control_rate=case.rate, sensing=None, torque_window=0.0)
-        return InstrumentalVariable(loop=case.loop, instruments=kind, experiment=experiment)
+        return InstrumentalVariable(loop=case.loop, instruments=kind, experiment=experiment, **options)
 
     return make
 
@@ -144,6 +145,7 @@ METHODS: Mapping[str, Method] = {
         Method("momentum", "WLS, momentum form", SIMULTANEOUS, _filtered(WeightedLeastSquares(), "momentum")),
         Method("energy", "WLS, energy form", SIMULTANEOUS, _filtered(WeightedLeastSquares(), "energy")),
         Method("physical", "WLS, physically consistent", SIMULTANEOUS, _filtered(PhysicalLeastSquares())),
+        Method("iv_plain", "plain IV (the source's), raw", ADVANCED, _raw(_instruments("forward_dynamics", weighting="none"))),
         Method("iv_dynamics", "IV, model accelerations, raw", ADVANCED, _raw(_instruments("forward_dynamics"))),
         Method("iv_desired", "IV, desired motion, raw", ADVANCED, _raw(_instruments("reference")), _told),
         Method("iv", "IV, simulated motion, raw", ADVANCED, _raw(_instruments("simulation")), _told),

@@ -4,13 +4,17 @@ Tables are printed, figures and `methods.json` written. Nothing here is a consta
 
 from __future__ import annotations
 
+import html
+import io
 import json
 import platform
+import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stdout
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 import scipy
@@ -18,27 +22,62 @@ import scipy
 import ident
 from ident._utils.json import jsonable
 
-from . import excitation, figures, tables, verdict
-from .convergence import followed, growth, recursions
+from . import claims, excitation, figures, plain, tables, verdict
+from .convergence import growth
 from .data import FULL, SHORT, Data, make_case
 from .degradation import sweeps
 from .methods import METHODS, Method
 from .monte_carlo import Trials, run_trials
+from .recursions import recursions
 from .trajectories import Forward, forward_errors
 
 #: The short run has one or two of each kind.
-_SHORT = ("steps", "ls_raw", "wls", "momentum", "iv_dynamics", "iv")
+_SHORT = ("steps", "ls_raw", "wls", "momentum", "iv_plain", "iv_dynamics", "iv")
 _SHORT_LOOP = ("ls_raw", "wls", "iv_dynamics", "iv", "didim")
 _SHORT_SWEPT = ("ls_raw", "wls")
 #: On slow motion and in closed loop the two ends of every family are compared.
-_FEW = ("steps", "ls_raw", "ls", "wls", "momentum", "iv_dynamics", "iv_desired", "iv", "didim")
+_FEW = ("steps", "ls_raw", "ls", "wls", "momentum", "iv_plain", "iv_dynamics", "iv_desired", "iv", "didim")
 _LOOP = ("ls_raw", "ls", "wls", "irls", "momentum", "energy", "physical", "iv_dynamics", "iv_desired", "iv", "didim")
 
 
 def main(short: bool, folder: Path) -> int:
-    """Run the comparison; 0 when the requirements on instrumental variables and on excitation hold (full run), else 1."""
+    """Run the comparison; 0 when the requirements on instrumental variables and on excitation hold (full run), else 1.
+
+    Tables are printed, and kept with the figures in `report.html`."""
     out = folder / "methods"
     out.mkdir(parents=True, exist_ok=True)
+    said = Said(sys.stdout)
+    with redirect_stdout(said):
+        worst, made = _compared(short, out)
+    pictures = "".join(f'<p><img src="{html.escape(name)}" alt="{html.escape(name)}"></p>\n' for name in made)
+    page = f"<!doctype html><meta charset=utf-8><title>methods</title>\n{pictures}<pre>{html.escape(said.text)}</pre>\n"
+    (out / "report.html").write_text(page, encoding="utf-8")
+    return worst
+
+
+class Said(io.TextIOBase):
+    """What is printed goes on to a stream, and is kept."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream, self.parts = stream, []  # type: TextIO, list[str]
+
+    def write(self, text: str) -> int:
+        """Pass on and keep."""
+        self.parts.append(text)
+        return self.stream.write(text)
+
+    def flush(self) -> None:
+        """Pass on."""
+        self.stream.flush()
+
+    @property
+    def text(self) -> str:
+        """All that was printed."""
+        return "".join(self.parts)
+
+
+def _compared(short: bool, out: Path) -> tuple[int, list[str]]:
+    """The comparison, and the names of its figures."""
     begin = time.process_time()
     scale = SHORT if short else FULL
     data = Data.make(scale)
@@ -48,7 +87,7 @@ def main(short: bool, folder: Path) -> int:
 
     chosen = METHODS if scale.everything else _SHORT
     main_trials = _torque_driven(data, data.main, scale.seeds, [METHODS[k] for k in chosen])
-    forward = forward_errors(data, main_trials, METHODS if scale.everything else figures.SHOWN.values())
+    forward = forward_errors(data, main_trials, METHODS if scale.everything else (*figures.SHOWN, "iv"))
     growths = growth(data) if scale.everything else growth(data, _SHORT_SWEPT)
     _heading(f"torque-driven, quick motion: {scale.seeds} seeds of {scale.lanes * scale.seconds:g} s, error over the Cramér-Rao bound")
     print(tables.error_table(main_trials, groups))
@@ -80,10 +119,17 @@ def main(short: bool, folder: Path) -> int:
     results["closed_loop"] = _told(data, loop_trials, groups, {})
 
     made = recursions(data)
-    _heading(f"recursion over {max(r.instants for r in made.values())} samples against the batch solution")
+    _heading(f"recursion over {max(r.instants for r in made.values())} samples of raw second differences against the batch solution")
     print(tables.recursion_table(made))
-    results["recursion"] = {k: _plain(r) for k, r in made.items()}
+    print()
+    print(claims.points_table(made))
+    results["recursion"] = {k: {**_plain(r), "settled": r.settled()} for k, r in made.items()}
     results["data_needed"] = {k: {**_plain(g), "converged_at": g.converged_at} for k, g in growths.items()}
+    if scale.everything:
+        of_seeds = plain.plain_kinds(data.world)
+        _heading("the source's plain IV: 12 seeds with motions of their own")
+        print(plain.plain_table(of_seeds))
+        results["plain"] = [_plain(s) for s in of_seeds]
     swept = sweeps(data) if scale.everything else sweeps(data, methods=_SHORT_SWEPT)
     _heading("degradation: torque error on unseen motion")
     for sweep in swept.values():
@@ -100,28 +146,32 @@ def main(short: bool, folder: Path) -> int:
         deciding = _torque_driven(data, data.main, scale.deciding_seeds, [METHODS["iv"], METHODS["ls_raw"]], tests=False)
     asked = verdict.criteria(deciding["iv"], deciding["ls_raw"], groups)
     print(tables.table(verdict.CRITERION_HEAD, [c.row() for c in asked]))
-    claims = verdict.ranking(data, "quick", main_trials, forward) + verdict.ranking(data, "slow", slow_trials, slow_forward)
-    claims += verdict.costs(main_trials, data)
-    _heading("verdict on the dissertation's ranking")
-    for claim in claims:
-        print(claim)
-    print(verdict.conclusion(claims, asked))
+    others = verdict.ranking(data, "quick", main_trials, forward) + verdict.ranking(data, "slow", slow_trials, slow_forward)
+    _heading("beyond the source: what filtering and simulated instruments change")
+    for one in others:
+        print(one)
+    print(verdict.conclusion(others, asked))
+    found = claims.source_claims(data, main_trials, forward, made)
+    _heading(f"the source's claims (replay from standstill, torque error in brackets; a value settles within ±{100 * claims.BAND:g} %)")
+    print(claims.claims_table(found))
     results["requirements"] = [{**asdict(c), "passes": c.passes} for c in asked]
-    results["verdict"] = [asdict(c) for c in claims]
+    results["claims"] = [asdict(c) for c in found]
+    results["verdict"] = [asdict(c) for c in others]
 
-    paths = figures.motion_figures(data, forward, out)
-    paths.append(figures.recursion_figure(made, out))
+    paths = [figures.convergence_figure(made, out)]
+    paths += figures.motion_figures(forward, out)
+    paths.append(figures.error_course_figure(data, forward, out))
     paths.append(figures.growth_figure(growths, out))
     paths.append(figures.degradation_figure(swept, out))
     paths.append(figures.error_figure(main_trials, groups, out))
     results["figures"] = [p.name for p in paths]
     results["seconds"] = time.process_time() - begin
     (out / "methods.json").write_text(json.dumps(jsonable(results), indent=1))
-    print(f"\n{len(paths)} figures and methods.json in {out}; {results['seconds']:.0f} s of one core")
+    print(f"\n{len(paths)} figures, report.html and methods.json in {out}; {results['seconds']:.0f} s of one core")
     if short:
         print("the short run is too small to judge by: no requirement is enforced")
-        return 0
-    return 0 if all(c.passes for c in asked) and all(d.beats and d.holds for d in designs) else 1
+        return 0, results["figures"]
+    return int(not (all(c.passes for c in asked) and all(d.beats and d.holds for d in designs))), results["figures"]
 
 
 def _torque_driven(data: Data, runs, seeds: int, methods: Sequence[Method], tests: bool = True) -> dict[str, Trials]:
@@ -192,4 +242,4 @@ def versions() -> dict[str, str]:
     return {"ident": ident.__version__, "numpy": np.__version__, "scipy": scipy.__version__, "python": platform.python_version()}
 
 
-__all__ = ["followed", "main", "versions"]
+__all__ = ["main", "versions"]

@@ -1,4 +1,4 @@
-"""What errors of the parameters mean in motion: the models driven forward by the torque of runs that no method has seen."""
+"""What errors of the parameters mean in motion: the models driven forward from standstill by the torque of runs that no method saw."""
 
 from __future__ import annotations
 
@@ -45,9 +45,13 @@ def forward_errors(data: Data, trials: Mapping[str, Trials], methods: Container[
     signals = recorded()(exact_logs(data, data.validation, rate), data.world.model.robot)
     model, measure = data.world.model, data.torque_measure
     window = min(WINDOW_S, 0.25 * data.scale.seconds)
+    # Every run begins at rest: its beginning alone is replayed.
+    length = round(window * rate) + 1
+    begins = signals.select_rows([slice(rows.start, rows.start + length + 1) for rows in signals.row_runs])
 
     def run(title: str, base_values: Array) -> Forward:
-        made = replay(model, model.base.expand(base_values), signals, window=window, windows=data.scale.validation)
+        made = replay(model, model.base.expand(base_values), begins, window=window, windows=data.scale.validation)
+        assert not made.measured_rate[0].any()
         return Forward(title, made)
 
     found = {"truth": run("the true parameters", data.world.truth)}

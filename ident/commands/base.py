@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import argparse
 
+import numpy as np
+
 from .._utils.json import result
 from ..logs.reading import read_logs
 from ..problem.base_report import base_report
 from ..problem.problem import Problem
 from ..regressor.base_parameters.principal import principal_parameters
+from ..regressor.virtual_parameters import virtual_parameters
 from ..signals.preparation import ZeroPhase
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
+
+#: Operations are counted for parameters of which none is zero.
+GENERIC = np.random.default_rng(0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,6 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--gravity", nargs=3, type=float, metavar=("X", "Y", "Z"), help="gravity in the base frame (m/s^2); other than the robot's own"
     )
     parser.add_argument("--floating-base", action="store_true", help="the base moves freely (six more equations)")
+    parser.add_argument(
+        "--operations", action="store_true", help="count the operations of a recursive pass with all link parameters, and with virtual ones"
+    )
     parser.add_argument(
         "--principal", nargs="+", metavar="FILE", help="logs: rank orthogonal combinations by their effect on the torque along this motion"
     )
@@ -40,15 +49,17 @@ def run(args: argparse.Namespace) -> int:
     principal = _principal(args.principal, robot) if args.principal else None
     report = base_report(robot, rotor_inertia=args.rotor_inertia, principal=principal)
     out.say(report)
-    out.result(
-        result("ident.base/1", report.to_dict(), inputs=inputs_of(args, robot, *(args.principal or ())), warnings=report.notes), "base"
-    )
+    body = report.to_dict()
+    if args.operations:
+        base = robot.rigid_body().base
+        counted = virtual_parameters(robot, base, base.base_values(GENERIC.uniform(0.1, 0.9, 10 * robot.tree.nb)))
+        out.say_wrapped(counted)
+        body["operations"] = counted.to_dict()
+    out.result(result("ident.base/1", body, inputs=inputs_of(args, robot, *(args.principal or ())), warnings=report.notes), "base")
     return 0 if report.agreement else 1
 
 
 def _principal(files, robot):  # type: ignore[no-untyped-def]
-    import numpy as np
-
     problem = Problem(robot.rigid_body(), ZeroPhase()(read_logs(files, robot)))
     information = problem.information
     R, _, _ = information.combined(np.where(information.counts > 0, 1.0, 0.0))

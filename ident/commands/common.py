@@ -19,6 +19,7 @@ from .._utils.plugins import load_modules
 from .._utils.text import WIDTH, wrapped
 from ..errors import ConfigurationError
 from ..estimators import make_estimator
+from ..problem.integrated import FORMULATIONS
 from ..study.study import Study, read_study
 
 if TYPE_CHECKING:
@@ -48,6 +49,11 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
             "--validate", nargs="+", metavar="FILE", help="logs held out; without them the last part of each log is held out"
         )
         parser.add_argument("--method", help="estimator, e.g. wls, irls, physical (all: ident fit --help); default: wls")
+        parser.add_argument(
+            "--form",
+            choices=(*FORMULATIONS,),
+            help="equations that are fitted: torque (default), or momentum or energy, integrated over windows, which need no acceleration",
+        )
         parser.add_argument(
             "--plan",
             dest="followed",
@@ -92,6 +98,7 @@ def study_from(args: argparse.Namespace) -> Study:
         validate=getattr(args, "validate", None) or (),
         method=getattr(args, "method", None),
         effects=getattr(args, "effects", None),
+        form=getattr(args, "form", None),
     )
     followed = getattr(args, "followed", None)
     if followed is not None:

@@ -5,21 +5,23 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._utils.files import write_atomic
 from .._utils.text import wrapped
 from ..diagnosis import diagnose
-from ..errors import ConfigurationError, DataError
+from ..diagnosis.next_motion import next_motion
+from ..errors import ConfigurationError, DataError, UnsupportedError
+from ..excitation.surroundings import Surroundings
+from ..problem.integrated import TORQUE
 from ..reporting import report
 from ..reporting.diagnosis import diagnosis_report
 from ..study.session import HELD_SHARE, Session
 from .commanded import asks_for_simulation, diagnose_under_law
-from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .common import Output, add_output_arguments, add_study_arguments, positive, study_from
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from ..diagnosis import Diagnosis
     from ..signals.signals import Signals
 
@@ -28,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)
     add_output_arguments(parser)
     parser.add_argument("--verbose", action="store_true", help="tell every step of the selection")
+    parser.add_argument("--next", metavar="FOLDER", help="design the motion that tells competing effects apart, and write it there")
+    parser.add_argument("--next-seconds", type=positive, default=20.0, metavar="S", help="its length (default: %(default)s)")
     parser.add_argument("--strict", action="store_true", help="exit with 1 unless the verdict is clean")
 
 
@@ -35,7 +39,12 @@ def run(args: argparse.Namespace) -> int:
     out = Output(args)
     study = study_from(args)
     if asks_for_simulation(study):
+        if args.next is not None:
+            raise ConfigurationError("--next plans for logs with torque; under a drive law the findings say what to do. Leave it out.")
         return diagnose_under_law(study, args, out)
+    folder_of_next = None if args.next is None else Path(args.next)
+    if folder_of_next is not None and folder_of_next.exists() and not args.force:
+        raise ConfigurationError(f"{folder_of_next} exists; nothing was diagnosed. Choose another --next, or add --force.")
     session = Session(study, out.progress("fitting"))
     for finding in session.audit.warnings:
         out.say(wrapped(f"audit: {finding}"))
@@ -49,7 +58,23 @@ def run(args: argparse.Namespace) -> int:
             _keep(folder, out, diagnosis, session)
     if out.folder is not None:
         out.note(f"saved {out.folder}: diagnosis.json, diagnosis.txt, before.fit.json, after.fit.json, extended.toml, report")
+    if folder_of_next is not None:
+        _design(diagnosis, folder_of_next, args.next_seconds, out, force=args.force)
     return 1 if args.strict and diagnosis.verdict != "clean" else 0
+
+
+def _design(diagnosis: Diagnosis, folder: Path, seconds: float, out: Output, *, force: bool) -> None:
+    """The motion of the next log, where two effects are to be told apart."""
+    try:
+        found = next_motion(diagnosis, seconds=seconds, surroundings=Surroundings(), progress=out.progress("searching"))
+    except (ConfigurationError, UnsupportedError) as error:
+        out.say(f"no next motion: {error}")
+        return
+    out.say(found)
+    folder.mkdir(parents=True, exist_ok=True)
+    found.excitation.to_csv(folder / "next.csv", force=force)
+    write_atomic(folder / "next.json", json.dumps(found.to_dict(), indent=2) + "\n")
+    out.note(f"saved {folder}: next.csv, next.json")
 
 
 def diagnosis_of(session: Session, out: Output, *, verbose: bool = False) -> Diagnosis:
@@ -60,6 +85,8 @@ def diagnosis_of(session: Session, out: Output, *, verbose: bool = False) -> Dia
         if verbose or not (out.quiet or step.startswith(" ")):
             out.note(step)
 
+    if session.study.form != TORQUE:
+        raise UnsupportedError(f"a diagnosis looks at torque; leave out the {session.study.form} form (--form, or [estimator] form).")
     if session.turned:
         raise DataError(session.turned)
     estimate = session.estimate
@@ -88,6 +115,9 @@ def _keep(folder: Path, out: Output, diagnosis: Diagnosis, session: Session) -> 
     assert out.folder is not None
     extended = session.study.with_effects(diagnosis.model.effects)
     write_atomic(folder / "extended.toml", extended.to_toml(out.folder))
+    if diagnosis.description is not None:
+        described = session.study.with_effects(diagnosis.description.estimate.model.effects)
+        write_atomic(folder / "described.toml", described.to_toml(out.folder))
     document = diagnosis_report(diagnosis)
     write_atomic(folder / "report.json", document.to_json())
     try:

@@ -48,8 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sharpen", nargs="+", metavar="PARAMETER", help="base parameters that matter; the others only as far as they get in the way"
     )
-    parser.add_argument("--separate", nargs=2, metavar="EFFECT", help="two effects that are to be told apart")
-    parser.add_argument("--noise", type=float, nargs="+", help="torque noise (std), one value or one a joint, measured side")
+    parser.add_argument("--separate", nargs=2, metavar="EFFECT", help="two effects that are to be distinguished")
+    parser.add_argument("--noise", type=float, nargs="+", help="torque noise (std), one value or one per joint, measured side")
     room = parser.add_argument_group("room: what the motion keeps clear of, at every moment; the robot itself always")
     where = "height of the ground in the base frame, m, or none (default: that of the frame)"
     room.add_argument("--ground", default="base", metavar="HEIGHT", help=where)

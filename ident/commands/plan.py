@@ -12,6 +12,7 @@ from ..errors import ConfigurationError
 from ..excitation.limits import Limits
 from ..planning.plan import make_plan, write_plan
 from ..planning.text import plan_text
+from ..robots.library.published import plan_names
 from ..simulation.result import write_log_csv
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
 
@@ -27,10 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--postures", type=int, default=3, help="postures of an accelerated test, at least (default: %(default)s)")
     parser.add_argument(
         "--separation",
-        choices=("coupled", "safe"),
-        default="coupled",
-        help="how rotor and link inertia are separated: by coupled gears where they can (fewest tests), or safe, as if every motor"
-        " moved its joint alone (more tests, less sensitive to noise) (default: %(default)s)",
+        choices=("safe", "coupled"),
+        default="safe",
+        help="how rotor and link inertia are separated: safe, as if every motor moved its joint alone (more tests, less sensitive to"
+        " noise), or by coupled gears where they can (fewest tests; a little noise may spoil them) (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--published",
+        choices=plan_names(),
+        help="a published plan of the robot instead of a search: yoshida1995, the 13 accelerated tests for the PUMA 560",
     )
     parser.add_argument("--share", type=float, default=0.9, help="share of the joints' ranges and speeds to use (default: %(default)s)")
     parser.add_argument("--motion", type=float, metavar="HZ", help="with --out: also write the motion of every test as CSV at this rate")
@@ -51,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
         limits=Limits.of(robot, share=args.share),
         postures=args.postures,
         separation=args.separation,
+        published=args.published,
         seed=args.seed,
     )
     out.say(plan_text(plan, robot))

@@ -40,7 +40,7 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
         )
         return f"{title} or {rival.effect}{on(rival.place)}: to tell them apart, {'; and '.join(ways)}."
     if verdict in ("unexplained", "ambiguous") and finding.confidence < 0.5:
-        return f"{title} explains a part only; take it as a hint, and look at what is left before acting on it."
+        return f"{title} explains a part only; take it as a hint, and look at the residual before acting on it."
     return f"Add {finding.name}{on(finding.place)} to the declared model ({title})."
 
 

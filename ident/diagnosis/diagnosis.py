@@ -13,16 +13,17 @@ import numpy as np
 from .._utils.json import result
 from ..drawing.document import Figure, Section, Text
 from ..drawing.shown import Shown
-from ..errors import ConfigurationError, IdentError
-from ..estimators import estimator_types, make_estimator
+from ..errors import ConfigurationError
 from ..evaluation.comparison import Comparison, compare
-from ..problem.problem import Problem
 from ..statistics.torque_error import number
 from .advice import advice_for
 from .analysed import Instrument, analysed
 from .data.quality import jumps, lost
+from .described import LeftoverDescription, told
 from .detectability import undetectable
+from .held_out import contradicted, louder
 from .pictures import diagnosis_figure, diagnosis_frame, findings_section
+from .refits import estimator_of, fitted, fitted_without, plainly_named
 from .result import Finding, Hidden, Imitator, Unexplained
 from .text import diagnosis_text
 from .uncertainty import found_parameters
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
     from ..estimators import Estimator
     from ..model import Model
+    from ..robots.robot import Robot
     from ..signals.signals import Signals
     from .inference.confidence_set import AcceptedEffect
     from .inference.decide import Decision
@@ -55,7 +57,8 @@ class Diagnosis(Shown):
 
     `before`: the declared model's estimate; `after`: the same with the findings; `signals`: what was fitted and decided on; `held`: data
     that no choice has seen, on which errors before and after are reported. `decision`: what was scored and decided; `instrument`: what
-    it rests on; `hidden`: what this motion could not have shown.
+    it rests on; `hidden`: what this motion could not have shown; `description`: smooth functions of what a leftover follows, where the
+    verdict is unexplained and it follows anything.
 
     See `ident.diagnose`.
 
@@ -77,6 +80,7 @@ class Diagnosis(Shown):
     instrument: Instrument = field(repr=False)
     hidden: tuple[Hidden, ...] = field(default=(), repr=False)
     warnings: tuple[str, ...] = ()
+    description: LeftoverDescription | None = None
 
     @property
     def model(self) -> Model:
@@ -124,6 +128,7 @@ class Diagnosis(Shown):
             "findings": [f.to_dict() for f in self.findings],
             "unexplained": [u.to_dict() for u in self.unexplained],
             "instruments": {"kind": self.instrument.kind, "band_hz": self.instrument.band_hz},
+            "described": None if self.description is None else self.description.to_dict(),
             "hidden": [h.to_dict() for h in self.hidden],
             "before": sides["before"],
             "after": sides["after"],
@@ -212,42 +217,26 @@ def diagnose(
     tell = progress or (lambda _: None)
     tell(0.0)
     decision, instrument = analysed(before.model, signals, note, lambda share: tell(0.9 * share))
-    declared = _fitted(before.model, signals, estimator, None, before)
+    declared = fitted(before.model, signals, estimator, None, before)
     effects = tuple(x.effect for x in decision.named)
-    after = declared if not effects else _fitted(_plainly_named(before.model, effects), signals, estimator, decision.fit.values, declared)
+    after = declared if not effects else fitted(plainly_named(before.model, effects), signals, estimator, decision.fit.values, declared)
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
+    report = signals if held is None else held
+    without = tuple(compare(fitted_without(i, decision, declared, estimator, signals), after, report) for i in range(len(decision.named)))
     verdict, unexplained = _verdict(decision, signals)
+    if held is not None and (worse := (*contradicted(decision.named, without), *louder(after, signals, held))):
+        verdict, unexplained = Verdict.UNEXPLAINED, (*unexplained, *worse)
     _LOG.info("verdict %s; %s", verdict.value, "; ".join(decision.trail[-3:]))
-    findings = _findings(decision, declared, after, signals if held is None else held, estimator, signals, verdict)
+    findings = _findings(decision, declared.model.robot, without, verdict)
+    description = _described(decision.laws, after, report, estimator, signals)
     tell(1.0)
     said = [] if held is not None else ["no data were held out: errors before and after are of the data fitted."]
     warnings = tuple(dict.fromkeys((*_of_the_declared(before, findings), *signals.report.warnings, *said)))
     return Diagnosis(
-        verdict, findings, unexplained, declared, after, signals, held, decision, instrument, undetectable(decision), warnings
+        verdict, findings, unexplained, declared, after, signals, held, decision, instrument, undetectable(decision), warnings,
+        description,
     )  # fmt: skip
-
-
-def _plainly_named(declared: Model, effects: tuple[Effect, ...]) -> Model:
-    """The declared model with effects whose labels are no longer than it takes to keep parameters apart."""
-    model = declared
-    for effect in effects:
-        taken = set(model.names)
-        plain = replace(effect, label="")
-        free = not taken & {p.name for p in plain.parameters(declared.robot)}
-        model = model + (plain if free else effect)
-    return model
-
-
-def _fitted(model: Model, signals: Signals, estimator: Estimator, reference: Array | None, otherwise: Estimate) -> Estimate:
-    """The estimate of a model on signals; where the estimator cannot have it, by weighted least squares."""
-    problem = Problem(model, signals, reference=reference)
-    try:
-        found = estimator.solve(problem)
-    except IdentError:
-        found = make_estimator("wls").solve(problem)
-        found = replace(found, warnings=(*found.warnings, f"refitted by weighted least squares: method {otherwise.method!r} cannot."))
-    return replace(found, inputs=otherwise.inputs, signals_config=otherwise.signals_config)
 
 
 def _verdict(decision: Decision, signals: Signals) -> tuple[Verdict, tuple[Unexplained, ...]]:
@@ -270,26 +259,13 @@ def _verdict(decision: Decision, signals: Signals) -> tuple[Verdict, tuple[Unexp
     return verdict, (*left, *plain, *blind)
 
 
-def _findings(
-    decision: Decision,
-    declared: Estimate,
-    after: Estimate,
-    report: Signals,
-    estimator: Estimator,
-    signals: Signals,
-    verdict: Verdict,
-) -> tuple[Finding, ...]:
-    """The accepted effects with values, gain on report data, and confidence against competing models."""
+def _findings(decision: Decision, robot: Robot, without: tuple[Comparison, ...], verdict: Verdict) -> tuple[Finding, ...]:
+    """The accepted effects with values, gain on report data (`without`: the model without each against the whole), and confidence
+    against competing models."""
     values = found_parameters(decision.fit, decision.frame)
-    final = after.torque_error(report).relative_all
     found = []
-    for x in decision.named:
-        others = tuple(y.effect for y in decision.named if y is not x)
-        without = declared
-        if others:
-            part = decision.fit.with_effects(others)
-            without = _fitted(part.model, signals, estimator, part.values, declared)
-        error = without.torque_error(report).relative_all
+    for x, c in zip(decision.named, without, strict=True):
+        error, final = c.error_before.relative_all, c.error_after.relative_all
         gain = 1.0 - (final / error) ** 2 if error > 0 else 0.0
         weights = _weights(x)
         most = _SURE if verdict != Verdict.UNEXPLAINED else _BESIDE
@@ -297,8 +273,23 @@ def _findings(
         ranked = sorted(zip(x.competing, weights, strict=True), key=lambda pair: -pair[1])
         rivals = tuple(Imitator(m.effect.name, m.joints, own * w) for m, w in ranked)
         finding = Finding(x.effect, x.joints, values[x.effect], float(gain), float(x.z**2), own, rivals)
-        found.append(replace(finding, advice=advice_for(finding, declared.model.robot, verdict)))
+        found.append(replace(finding, advice=advice_for(finding, robot, verdict)))
     return tuple(found)
+
+
+def _described(
+    laws: tuple[Effect, ...], after: Estimate, report: Signals, estimator: Estimator, signals: Signals
+) -> LeftoverDescription | None:
+    """The laws that describe what is left, judged on report data; None where there are none."""
+    if not laws:
+        return None
+    model = after.model
+    for law in laws:
+        model = model + law
+    estimate = fitted(model, signals, estimator, None, after)
+    values = dict(zip(model.names, estimate.all_values, strict=True))
+    own = [values[p.name] for law in laws for p in law.parameters(model.robot)]
+    return LeftoverDescription(told(model.robot, laws, np.array(own)), estimate, compare(after, estimate, report))
 
 
 def _weights(accepted: AcceptedEffect) -> list[float]:
@@ -314,8 +305,3 @@ def _of_the_declared(before: Estimate, findings: tuple[Finding, ...]) -> list[st
     """Warnings of the declared model's fit; beside findings it is said that they are of the fit without them, but for those of the data."""
     of_data = before.problem.signals.report.warnings if before.problem is not None else before.warnings
     return [f"of the fit of the declared model: {w}" if findings and w not in of_data else w for w in before.warnings]
-
-
-def estimator_of(estimate: Estimate) -> Estimator:
-    """The estimator that an estimate came from, with its usual settings; weighted least squares for one that is not known."""
-    return make_estimator(estimate.method if estimate.method in estimator_types() else "wls")

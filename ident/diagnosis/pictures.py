@@ -131,8 +131,8 @@ def finding_figures(d: Diagnosed) -> list[Figure]:
         if not panels:
             continue
         caption = (
-            f"Residual on {data} data. Left: of the declared model. Middle: what is left after the refit, with the effect"
-            " put back, and the effect itself. Right: what is left. Lines: means over bins; grey: noise floor (± 1 std)."
+            f"Residual on {data} data. Left: of the declared model. Middle: the residual of the refit, with the effect"
+            " put back, and the effect itself. Right: the residual of the refit. Lines: means over bins; grey: noise floor (± 1 std)."
         )
         title = f"{number}. {finding.effect.title}{on(place_of(finding.effect, finding.joints))}"
         out.append(Figure(f"finding_{number}_{finding.name}", title, caption, tuple(panels), columns=3))

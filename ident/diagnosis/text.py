@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
     from ..evaluation.comparison import Comparison
     from .analysed import Instrument
+    from .described import LeftoverDescription
     from .result import Finding, Hidden, Unexplained
     from .verdict import Verdict
 
@@ -56,6 +57,9 @@ class Told(Protocol):
     def after(self) -> Estimate: ...
 
     @property
+    def description(self) -> LeftoverDescription | None: ...
+
+    @property
     def warnings(self) -> tuple[str, ...]: ...
 
 
@@ -95,8 +99,10 @@ def diagnosis_text(d: Told) -> str:
             lines.append(f"     in its place would take up, of what it explains: {named}")
         lines.append(f"     {f.advice}")
     lines += [f"left: {u.evidence}" for u in d.unexplained]
+    if d.description is not None:
+        lines += str(d.description).splitlines()
     lines += [
-        f"hidden: {effect} on {places}: would pass for what the model has; to see it, {motion}"
+        f"not detectable on this motion: {effect} on {places}: would pass for what the model has; to see it, {motion}"
         for effect, places, motion in by_effect(d.hidden)
     ]
     lines += [str(d.instrument)]

@@ -41,13 +41,14 @@ class Role(StrEnum):
 
 class BlockKind(StrEnum):
     """How a layer is drawn. POINTS: a cloud of many; MARKS: a few, each to be seen; BAND: between `y` and `upper`; SPAN: between x[0] and
-    x[1] over the whole height."""
+    x[1] over the whole height; CELLS: a square at each (x, y), coloured by `upper` from -1 to 1."""
 
     LINE = "line"
     POINTS = "points"
     MARKS = "marks"
     BAND = "band"
     SPAN = "span"
+    CELLS = "cells"
 
 
 @dataclass(frozen=True)
@@ -69,13 +70,15 @@ class Layer:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes. `names`: what stands at y = 0, 1, 2 … from above, where y counts things."""
+    """One pair of axes. `names`: what stands at y = 0, 1, 2 … from above, where y counts things. `to_scale`: a length is as long in x
+    as in y."""
 
     title: str
     x_label: str
     y_label: str
     layers: tuple[Layer, ...]
     names: tuple[str, ...] = ()
+    to_scale: bool = False
 
 
 @dataclass(frozen=True)
@@ -168,7 +171,7 @@ def _section(data: Field) -> Section:
     panels = tuple(
         Panel(
             p["title"].text(), p["x_label"].text(), p["y_label"].text(), tuple(map(_layer, p["layers"].items())),
-            p["names"].texts() if "names" in p else (),
+            p["names"].texts() if "names" in p else (), "to_scale" in p and p["to_scale"].value is True,
         )
         for p in data["panels"].items()
     )  # fmt: skip
@@ -181,7 +184,9 @@ def _section(data: Field) -> Section:
 def _layer(data: Field) -> Layer:
     kind, role = BlockKind(data["kind"].one_of(BlockKind)), Role(data["role"].one_of(Role))
     x, y, upper = (_finite(v.number(absent=True) for v in data[key].items()) for key in ("x", "y", "upper"))
-    wanted = {BlockKind.SPAN: (2, len(y), len(upper)), BlockKind.BAND: (len(x),) * 3}.get(kind, (len(x), len(x), len(upper)))
+    wanted = {BlockKind.SPAN: (2, len(y), len(upper)), BlockKind.BAND: (len(x),) * 3, BlockKind.CELLS: (len(x),) * 3}.get(
+        kind, (len(x), len(x), len(upper))
+    )
     if (len(x), len(y), len(upper)) != wanted:
         raise data.fault(f"a layer of one length ({kind})")
     return Layer(kind, role, x, y, upper, data["label"].text())

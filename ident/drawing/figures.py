@@ -26,6 +26,8 @@ COLOURS = {
     Role.MEASURED: "#333333",
 }
 _WIDTH_INCHES = 9.6
+#: A cloud of more points than this is drawn finer.
+_MANY = 1500
 _STYLE: Any = {
     "font.size": 9,
     "axes.titlesize": 9.5,
@@ -135,6 +137,8 @@ def _panel(ax: Axes, panel: Panel) -> None:
         ax.set_yticks(range(len(panel.names)), panel.names)
         ax.set_ylim(len(panel.names) - 0.5, -0.5)
         ax.grid(False, axis="y")
+    if panel.to_scale:
+        ax.set_aspect("equal", adjustable="datalim")
     ax.set_title("\n".join(textwrap.wrap(panel.title, 58)), loc="left")
     ax.set_xlabel(panel.x_label)
     ax.set_ylabel(panel.y_label)
@@ -151,8 +155,14 @@ def _layer(ax: Axes, layer: Layer) -> None:
         # With an edge: where a stretch holds a single row, least and greatest value are the same, and the band is a line.
         style: dict[str, Any] = {"alpha": 0.25, "linewidth": 0} if layer.role == Role.FLOOR else {"alpha": 0.75, "linewidth": 0.8}
         ax.fill_between(x, y, upper, color=colour, label=layer.label or None, **style)
+    elif layer.kind == BlockKind.CELLS:
+        cells = np.full((int(np.nanmax(y)) + 1, int(np.nanmax(x)) + 1), np.nan)
+        cells[y.astype(int), x.astype(int)] = [np.nan if v is None else v for v in layer.upper]
+        drawn = ax.imshow(cells, cmap="PuOr", vmin=-1.0, vmax=1.0, aspect="auto", interpolation="nearest")
+        ax.figure.colorbar(drawn, ax=ax, fraction=0.03, pad=0.01)
     elif layer.kind == BlockKind.POINTS:
-        ax.plot(x, y, ".", color=colour, markersize=1.8, alpha=0.35, rasterized=True, label=layer.label or None)
+        size, alpha = (1.8, 0.35) if len(x) > _MANY else (3.0, 0.5)
+        ax.plot(x, y, ".", color=colour, markersize=size, alpha=alpha, rasterized=True, label=layer.label or None)
     elif layer.kind == BlockKind.MARKS:
         ax.plot(x, y, "o", color=colour, markersize=4.5, label=layer.label or None)
     else:

@@ -11,8 +11,20 @@ from .._utils.version import __version__
 from .document import Figure, Report, Section, Table, Text
 from .figures import draw
 
-#: Tables longer than this may break over printed pages.
+#: Tables longer than this may break over printed pages; those longer than the other have a field to find rows.
 _LONG = 18
+_SEARCHED = 12
+#: Rows without the words that were typed are left out; without a script everything is there.
+_FIND = """document.querySelectorAll("input.find").forEach(function (field) {
+  field.hidden = false;
+  field.addEventListener("input", function () {
+    var words = field.value.toLowerCase().split(/\\s+/);
+    field.nextElementSibling.querySelectorAll("tbody tr").forEach(function (row) {
+      var text = row.textContent.toLowerCase();
+      row.hidden = !words.every(function (word) { return text.includes(word); });
+    });
+  });
+});"""
 
 
 def to_html(report: Report, drawn: dict[str, bytes] | None = None) -> str:
@@ -36,6 +48,9 @@ def to_html(report: Report, drawn: dict[str, bytes] | None = None) -> str:
 {sections}
 <footer>ident {escape(__version__)}</footer>
 </main>
+<script>
+{_FIND}
+</script>
 </body>
 </html>
 """
@@ -64,7 +79,10 @@ def _table(table: Table) -> str:
 
     body = "\n".join(row(cells, "td") for cells in table.rows)
     note = f'\n<p class="note">{escape(table.note)}</p>' if table.note else ""
-    return f'<div class="wide"><table>\n<thead>{row(table.head, "th")}</thead>\n<tbody>\n{body}\n</tbody>\n</table></div>{note}'
+    find = (
+        '<input class="find" type="search" placeholder="find rows" aria-label="find rows" hidden>\n' if len(table.rows) > _SEARCHED else ""
+    )
+    return f'{find}<div class="wide"><table>\n<thead>{row(table.head, "th")}</thead>\n<tbody>\n{body}\n</tbody>\n</table></div>{note}'
 
 
 def _figure(figure: Figure, svg: bytes) -> str:

@@ -104,6 +104,8 @@ class Effect(ABC):
     needs: ClassVar[frozenset[Need]] = frozenset()
     #: Whether it sits on joints one by one. If not, it is one thing for the whole robot; `joints`, if it is of use, says where.
     per_joint: ClassVar[bool] = True
+    #: Whether it is a cause that a diagnosis may name: a description is none.
+    cause: ClassVar[bool] = True
     #: Whether one cause may put it on all joints alike (one clock for all readings): then it is sought on all of them at once as well.
     everywhere: ClassVar[bool] = False
     #: Whether a robot that has it on one joint mostly has it on all: joints that ask for it, each with a value of its own, get it together.

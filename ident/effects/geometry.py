@@ -149,7 +149,7 @@ class GearCoupling(Effect):
 class LinkLength(Effect):
     """A link that is longer than declared by dL: τ = dL ∂τ/∂L, L the distance from the joint before to this joint.
 
-    Only joints that follow another at some distance have one. Mostly absorbed by base parameters; what is left is small."""
+    Only joints that follow another at some distance have one. Mostly absorbed by base parameters; the rest is small."""
 
     name: ClassVar[str] = "link_length"
     title: ClassVar[str] = "error of a link's length"

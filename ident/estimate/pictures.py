@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..drawing.document import BlockKind, Figure, Layer, Panel, Role, Section, Table, Text, percent, plain, uncertain
-from ..signals.timeline import Timeline
+from ..robots.transmission import Side
+from ..signals.timeline import Timeline, binned, cloud
 from .significance import insignificant
 
 if TYPE_CHECKING:
@@ -41,7 +42,8 @@ def error_section(robot: Robot, errors: Mapping[str, TorqueError], title: str = 
         rows.append((name, robot.force_unit(j, side), *cells))
     rows.append(("all joints", "", *(cell for e in errors.values() for cell in ("", percent(e.relative_all)))))
     head = ("joint", "unit", *(f"{label}, {what}" for label in errors for what in ("rms", "relative %")))
-    return Table(title, head, tuple(rows), f"On the {side.value} side.", left=2)
+    about = "; ".join(dict.fromkeys(e.about for e in errors.values()))
+    return Table(title, head, tuple(rows), f"On the {side.value} side, {about}.", left=2)
 
 
 def error_frame(robot: Robot, errors: Mapping[str, TorqueError]) -> pd.DataFrame:
@@ -139,6 +141,69 @@ def measured_figure(robot: Robot, signals: Signals, measured: Array, residual: A
     which = f"{data} data, " if data else ""
     caption = f"Torque on the {side.value} side, {which}filtered like the rows; gaps: rows that are not used."
     return Figure("torque", "Measured and predicted torque", caption, tuple(panels), columns=2)
+
+
+def correlation_figure(estimate: EstimateRecord) -> Figure:
+    """Correlation of each pair of base parameters: near -1 or 1, only a combination of the two is known."""
+    correlation = np.nan_to_num(estimate.correlation)
+    x, y = (v.ravel().astype(float) for v in np.meshgrid(*(np.arange(len(correlation)),) * 2))
+    cells = Layer.of(BlockKind.CELLS, Role.AFTER, x, y, correlation.ravel())
+    panel = Panel("", "parameter, in the order of the rows", "", (cells,), tuple(estimate.names))
+    caption = (
+        "Correlation between the errors of two parameters, from -1 to 1. Near either end, the log determines only a combination of both."
+    )
+    return Figure("correlation", "Correlation of the parameters", caption, (panel,))
+
+
+def axes_figure(robot: Robot, signals: Signals, residual: Array, data: str = "") -> Figure:
+    """The residual (M, n) of each joint against its own position, speed and acceleration, with its mean over bins."""
+    side, at = robot.transmission.measured, signals.centres
+    panels = []
+    for j, name in enumerate(robot.joint_names):
+        unit = robot.position_unit(j, Side.JOINT)
+        quantities = (("position", unit, signals.q), ("speed", f"{unit}/s", signals.dq), ("acceleration", f"{unit}/s^2", signals.ddq))
+        for i, (what, own, values) in enumerate(quantities):
+            x, y = values[at, j], residual[:, j]
+            layers = (
+                Layer.of(BlockKind.POINTS, Role.BEFORE, *cloud(x, y)),
+                Layer.of(BlockKind.LINE, Role.AFTER, *binned(x, y), label="mean"),
+            )
+            label = f"residual ({robot.force_unit(j, side)})" if i == 0 else ""
+            panels.append(Panel(name, f"{what} ({own})", label, layers))
+    which = f" of the {data} data" if data else ""
+    caption = (
+        f"Each joint's residual{which} against its own motion. A mean that follows a curve is a missing effect: friction shows against"
+        " speed, springs and gravity against position, inertia and delay against acceleration."
+    )
+    return Figure("residual_axes", "Residual against position, speed and acceleration", caption, tuple(panels), columns=3)
+
+
+def spectrum_figure(robot: Robot, signals: Signals, residual: Array, data: str = "") -> Figure:
+    """Amplitude spectrum of the residual (M, n) of each joint, over frequency; rows that are not used count as zero."""
+    panels = []
+    for j, name in enumerate(robot.joint_names):
+        longest = max((rows for rows in signals.row_runs), key=lambda rows: rows.stop - rows.start)
+        x = np.nan_to_num(residual[longest, j])
+        window = np.hanning(len(x))
+        amplitude = 2.0 * np.abs(np.fft.rfft(x * window)) / max(window.sum(), 1e-300)
+        frequency = np.fft.rfftfreq(len(x), 1.0 / signals.row_rate)
+        line = Layer.of(BlockKind.LINE, Role.BEFORE, frequency[1:], amplitude[1:])
+        unit = robot.force_unit(j, robot.transmission.measured)
+        panels.append(Panel(name, "frequency (Hz)", f"amplitude ({unit})", (line,)))
+    which = f" of the {data} data" if data else ""
+    caption = f"Residual{which}, longest run, filtered like the rows. A peak at one frequency is a resonance, or something that turns."
+    return Figure("spectrum", "Spectrum of the residual", caption, tuple(panels), columns=2)
+
+
+def residual_figures(estimate: EstimateRecord, signals: Signals, residual: Array, data: str = "") -> tuple[Figure, ...]:
+    """The residual (M, n) on `signals` in every view: with the torque over time, against motion, over frequency."""
+    robot = estimate.model.robot
+    measured = np.where(np.isfinite(residual), signals.tau, np.nan)
+    return (
+        measured_figure(robot, signals, measured, residual, data),
+        axes_figure(robot, signals, residual, data),
+        spectrum_figure(robot, signals, residual, data),
+    )
 
 
 def dots_figure(robot: Robot, errors: Mapping[str, TorqueError], roles: Sequence[Role], title: str, caption: str) -> Figure:

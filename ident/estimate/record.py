@@ -11,9 +11,10 @@ import numpy as np
 from .._utils.short_repr import ShortRepr
 from ..errors import unknown_name
 from ..problem.information import Information
-from ..problem.problem import Problem
+from ..problem.problem import Problem, error_on
 from ..regressor.base_parameters.reduction import BaseReduction
 from ..robots.parameters import Parameter
+from ..signals.known_band import within_known_band
 from ..statistics.noise import NoiseModel
 from ..statistics.torque_error import TorqueError
 from .status import Status
@@ -108,8 +109,9 @@ class EstimateRecord(ShortRepr):
         return self.problem_on(signals).residual(self._structural_values)
 
     def torque_error(self, signals: Signals) -> TorqueError:
-        """Torque error on prepared signals."""
-        return TorqueError.of(self.residual(signals), signals.tau)
+        """Torque error on prepared signals; on raw differences of positions, within the band where the motion is known."""
+        judged = within_known_band(signals)
+        return error_on(judged, self.residual(judged), raw=judged is not signals)
 
     def problem_on(self, signals: Signals) -> Problem:
         """The estimate's model on prepared signals, as it was fitted: without rows near reversals of joints that stick."""

@@ -14,11 +14,12 @@ from ..effects.base import make_effect
 from ..errors import ConfigurationError
 from ..model import Model
 from ..problem.information import Form, Information
+from ..problem.integrated import ENERGY
 from ..regressor.base_parameters.reduction import BaseReduction
 from ..robots.robot import Robot
 from ..robots.transmission import Side, Transmission
 from ..statistics.noise import NoiseModel
-from ..statistics.torque_error import TorqueError
+from ..statistics.torque_error import JudgedOn, TorqueError
 from .io import CHECKSUM, SCHEMA, checksum
 from .record import EstimateRecord
 from .status import Status, StatusCode
@@ -68,6 +69,8 @@ def _restored(kind: type[_E], data: Field) -> _E:
         raise data["covariance"].fault("a covariance, whose diagonal is not negative")
     heldout = data["torque_error"]["heldout"]
     reference = state["reference"]
+    # Rows of a fit: one a joint, or one for the whole robot (energy form).
+    rows = 1 if "form" in data["trace"] and data["trace"]["form"].value == ENERGY else n
     return kind(
         method=data["method"].text(),
         model=model,
@@ -76,11 +79,11 @@ def _restored(kind: type[_E], data: Field) -> _E:
         covariance=covariance,
         status=Status(StatusCode(data["status"]["code"].one_of(StatusCode)), state["status_details"].texts()),
         fit_error=_error(data["torque_error"]["fit"], state["rows"]["fit"], n),
-        noise=_noise(state["noise"], n),
-        weights=_weights(state["weights"], n),
+        noise=_noise(state["noise"], rows),
+        weights=_weights(state["weights"], rows),
         condition=data["condition"].number(absent=True),
         samples=data["samples"].whole(),
-        information=_information(state["information"], n) if "information" in state else None,
+        information=_information(state["information"], rows) if "information" in state else None,
         reference=None if reference.value is None else reference.numbers(k),
         dropped=data["not_determined"].texts(),
         sticking=_joints(data["sticking_joints"], model),
@@ -138,6 +141,8 @@ def _error(data: Field, rows: Field, n: int) -> TorqueError:
         data["relative"].numbers(n, absent=True),
         data["relative_all"].number(absent=True),
         np.array([r.whole() for r in rows.items(n)]),
+        JudgedOn(data["judged"].one_of(JudgedOn)) if "judged" in data else JudgedOn.ROWS,
+        data["band_hz"].number(absent=True) if "band_hz" in data and data["band_hz"].value is not None else None,
     )
 
 

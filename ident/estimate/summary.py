@@ -22,8 +22,9 @@ def estimate_summary(estimate: EstimateRecord, correlations: int = 5) -> str:
     names, std, values = estimate.names, estimate.std, estimate.values
     width = max((len(n) for n in names), default=4)
     unit_width = max((len(p.unit) for p in estimate.parameters), default=4)
+    count = f"{len(values)} parameters from {estimate.samples} rows"
     lines = [
-        f"{estimate.method}: {len(values)} parameters from {estimate.samples} rows; condition {estimate.condition:.3g}{_reduced(estimate)}",
+        f"{estimate.method}{_form(estimate)}: {count}; condition {estimate.condition:.3g}{_reduced(estimate)}",
         wrapped(estimate.status.text),
         *_sticking(estimate.sticking),
         "",
@@ -72,6 +73,12 @@ def _insignificant(estimate: EstimateRecord) -> list[str]:
     return [*lines, wrapped(advice)]
 
 
+def _form(estimate: EstimateRecord) -> str:
+    """The form of the equations, where it is not that of torque."""
+    form = estimate.trace.get("form")
+    return f", {form} form" if form else ""
+
+
 def _share(relative: float) -> str:
     return f"{100 * relative:.0f} %" if relative < 10 else "> 1000 %"
 
@@ -91,7 +98,7 @@ def error_table(estimate: EstimateRecord, errors: dict[str, TorqueError]) -> str
     rms = {label: [f"({r:.3g})" if np.isfinite(r) else "" for r in error.rms] for label, error in errors.items()}
     columns = [max(len(j), 8, *(len(cells[i]) for cells in rms.values())) for i, j in enumerate(joints)]
     head = " ".join(f"{j:>{w}}" for j, w in zip(joints, columns, strict=True))
-    lines = [f"torque error on the {side} side, relative % (rms)", f"{'':<{width}} {head}      all"]
+    lines = [f"torque error on the {side} side, relative % (rms), {_about(errors)}", f"{'':<{width}} {head}      all"]
     for label, error in errors.items():
         relative = [f"{100 * r:.2f}" if np.isfinite(r) else "-" for r in (*error.relative, error.relative_all)]
         cells = " ".join(f"{r:>{w}}" for r, w in zip(relative, (*columns, 8), strict=True))
@@ -99,6 +106,16 @@ def error_table(estimate: EstimateRecord, errors: dict[str, TorqueError]) -> str
         cells = " ".join(f"{r:>{w}}" for r, w in zip(rms[label], columns, strict=True))
         lines.append(f"{'':<{width}} {cells}".rstrip())
     return "\n".join(lines)
+
+
+def _about(errors: dict[str, TorqueError]) -> str:
+    """What the errors are of: once where that is one thing."""
+    kinds: dict[str, list[str]] = {}
+    for label, error in errors.items():
+        kinds.setdefault(error.about, []).append(label.strip())
+    if len(kinds) == 1:
+        return next(iter(kinds))
+    return "; ".join(f"{', '.join(labels)} {about}" for about, labels in kinds.items())
 
 
 def _strongest(correlation: Array, names: tuple[str, ...], count: int) -> list[str]:
@@ -112,4 +129,4 @@ def _sticking(joints: tuple[str, ...]) -> list[str]:
     if not joints:
         return []
     names = ", ".join(joints)
-    return [f"rows near reversals of {names} are left out: they scatter at least twice as much as the others, as of a joint that sticks."]
+    return [f"rows near reversals of {names} are left out: they scatter at least twice as much as the others, which is a sign of stiction."]

@@ -135,7 +135,7 @@ def per_joint(value: Sequence[float] | float, n: int, what: str, *, positive: bo
     fits = given.shape in ((), (n,)) and bool(np.all(np.isfinite(given) & ((given > 0) if positive else (given >= 0))))
     if not fits:
         allowed = "all positive" if positive else "none negative"
-        raise ConfigurationError(f"{what} must hold one number for all joints, or {n}, one a joint, {allowed}, not {given.tolist()}.")
+        raise ConfigurationError(f"{what} must hold one number for all joints, or {n}, one per joint, {allowed}, not {given.tolist()}.")
     return np.broadcast_to(given, n).copy()
 
 

@@ -15,6 +15,7 @@ from ..problem.linear_solution import LinearSolution, Score, coloured_covariance
 from ..problem.problem import Problem
 from ..regressor.base_parameters.reduction import BaseReduction
 from ..statistics.noise import NoiseModel, fit_noise
+from ..statistics.torque_error import JudgedOn, TorqueError
 
 Array = np.ndarray
 #: Relative torque error of a joint that moves, from which its parameters are not to be relied on.
@@ -58,7 +59,9 @@ def finish(
     dropped = tuple(names[i] for i in range(base.count) if i not in kept)
     error = problem.torque_error(full, residual)
     status = _status(code, details, dropped, solution, covariance, noise, problem, reduced)
-    poor = _explained(problem, error.relative if unexplained is None else unexplained)
+    # What was fitted judges the status; what is shown may be judged elsewhere.
+    own = error if error.judged == JudgedOn.ROWS else TorqueError.of(residual, problem.tau)
+    poor = _explained(problem, own.relative if unexplained is None else unexplained)
     # Whatever else is wrong: that next to nothing is explained is never left unsaid. Standard deviations are of the residual: where it is
     # what the model lacks, they do not tell what the motion excites, and predictions are no use either.
     code = poor.code if status.code == StatusCode.POORLY_EXCITED and poor.details else status.code

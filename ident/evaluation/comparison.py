@@ -15,6 +15,8 @@ from ..drawing.shown import Shown
 from ..errors import ConfigurationError
 from ..estimate.pictures import dots_figure, error_frame, error_section
 from ..estimate.summary import error_table
+from ..problem.problem import error_on
+from ..signals.known_band import within_known_band
 from ..statistics.torque_error import TorqueError, number
 
 if TYPE_CHECKING:
@@ -135,7 +137,8 @@ def compare(before: Estimate, after: Estimate, signals: Signals, *, before_signa
     before, after : Estimate
         Two estimates of the same robot.
     signals : Signals
-        Data held out from both; the errors are over the rows that both use.
+        Data held out from both; the errors are over the rows that both use. Raw differences of positions are judged within the band
+        where the motion is known, so that the better model has the smaller error.
     before_signals : Signals, optional
         The same logs as the earlier estimate's robot sees them, where its transmission is another one.
 
@@ -167,12 +170,15 @@ def compare(before: Estimate, after: Estimate, signals: Signals, *, before_signa
     own = signals if before_signals is None else before_signals
     if own.tau.shape != signals.tau.shape:
         raise ConfigurationError("the two estimates' signals have different rows; prepare both from the same logs in the same way.")
+    judged = within_known_band(signals)
+    raw = judged is not signals
+    own, signals = (within_known_band(own, judged.report.cutoff_hz) if raw else own), judged
     residuals = [before.residual(own), after.residual(signals)]
     # Joints that stick lose rows, and each estimate says for itself which do: only common rows compare like with like.
     common = np.isfinite(residuals[0]) & np.isfinite(residuals[1])
     first, second = (np.where(common, r, np.nan) for r in residuals)
     floor = np.where(after.fit_error.rows > 0, after.fit_error.rms, before.fit_error.rms)
-    errors = TorqueError.of(first, own.tau), TorqueError.of(second, signals.tau)
+    errors = error_on(own, first, raw=raw), error_on(signals, second, raw=raw)
     return Comparison(before, after, *errors, floor, tuple(shifts), _gain_std(first, second, floor, signals.row_runs))
 
 

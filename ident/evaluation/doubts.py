@@ -36,6 +36,8 @@ _LISTED = 6
 def doubts(estimate: Estimate) -> tuple[str, ...]:
     """Sentences for an estimate's warnings; none where nothing is to be said."""
     every = all_turned(estimate)
+    if estimate.information is not None and estimate.information.n != estimate.model.robot.n:  # one row for the whole robot (energy)
+        return tuple(said for said in (every or _impossible(estimate), _apart(estimate)) if said)
     wrong = (every,) if every else (_impossible(estimate), _cause(estimate))
     return tuple(said for said in (*wrong, _few(estimate), _apart(estimate)) if said)
 
@@ -87,8 +89,8 @@ def _impossible(estimate: Estimate) -> str:
         return ""
     listed = ", ".join(found[:_LISTED]) + (f" and {len(found) - _LISTED} more" if len(found) > _LISTED else "")
     return (
-        f"{listed}: no such thing has that sign, and noise does not explain it. A torque recorded with the opposite sign does that, a wrong"
-        " side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
+        f"{listed}: a physically impossible sign, and noise does not explain it. A torque recorded with the opposite sign does that, a"
+        " wrong side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,8 @@ from ..errors import ConfigurationError, DataError
 from ..estimate.pictures import error_frame, error_section, torque_figure
 from ..estimate.summary import error_table
 from ..problem.linear_solution import solve_triangle
-from ..problem.problem import Problem
+from ..problem.problem import Problem, error_on
+from ..signals.known_band import within_known_band
 from ..simulation.replay import replay
 from ..statistics.torque_error import TorqueError
 
@@ -112,7 +113,7 @@ def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) ->
     estimate : Estimate
         What predicts.
     signals : Signals
-        Data that the fit did not see.
+        Data that the fit did not see. Raw differences of positions are judged within the band where the motion is known.
     simulate : bool
         Simulate windows from the measured state under the measured torque. Where that cannot be done (a joint without torque), a note
         says so.
@@ -131,9 +132,12 @@ def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) ->
     >>> bool(validation.error.relative_all < 0.01)
     True
     """
+    raw, signals = signals, within_known_band(signals)
     residual = estimate.residual(signals)
+    error = error_on(signals, residual, raw=raw is not signals)
     by_run = {
-        name: TorqueError.of(residual[rows], signals.tau[rows]) for name, rows in _named_runs(signals.run_names, signals.row_runs).items()
+        name: TorqueError.of(residual[rows], signals.tau[rows], error.judged, error.band_hz)
+        for name, rows in _named_runs(signals.run_names, signals.row_runs).items()
     }
     replayed: Replay | None = None
     notes: tuple[str, ...] = ()
@@ -142,10 +146,14 @@ def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) ->
             replayed = replay(estimate.model, estimate.all_values, signals)
         except DataError as refused:
             notes = (f"the motion was not replayed: {refused}",)
-    error = TorqueError.of(residual, signals.tau)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = error.rms / estimate.fit_error.rms
-    return Validation(estimate, error, by_run, nominal_error(estimate, signals), replayed, share, notes, signals)
+    return Validation(estimate, error, by_run, _like(nominal_error(estimate, signals), error), replayed, share, notes, signals)
+
+
+def _like(error: TorqueError | None, other: TorqueError) -> TorqueError | None:
+    """An error on the same signals as another one."""
+    return None if error is None else replace(error, judged=other.judged)
 
 
 def _named_runs(names: tuple[str, ...], rows: tuple[slice, ...]) -> dict[str, slice]:
@@ -193,5 +201,4 @@ def nominal_error(estimate: Estimate, signals: Signals) -> TorqueError | None:
     if values is None:
         return None
 
-    residual = Problem(estimate.model, signals.without_turning(estimate.sticking), reference=estimate.all_values).residual(values)
-    return TorqueError.of(residual, signals.tau)
+    return Problem(estimate.model, signals.without_turning(estimate.sticking), reference=estimate.all_values).torque_error(values)

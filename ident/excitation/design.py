@@ -123,7 +123,7 @@ def tell_apart(model: Model, first: Effect, second: Effect) -> tuple[Model, DOpt
 
     Raises UnsupportedError where no motion can tell one of them from the rest of the model, ConfigurationError for two of one kind."""
     if first.name == second.name:
-        raise ConfigurationError(f"excitation: {first.name!r} is to be told apart from itself; name two effects.")
+        raise ConfigurationError(f"excitation: {first.name!r} is to be distinguished from itself; name two effects.")
     both = model
     for effect in (first, second):
         if all(own.name != effect.name for own in model.effects):

@@ -79,7 +79,7 @@ class Limits:
             if array.ndim == 0:
                 return np.full(n, float(array))
             if array.shape != (n,):
-                raise ConfigurationError(f"limits: {name} must be one number or {n}, one a joint, not shape {array.shape}.")
+                raise ConfigurationError(f"limits: {name} must be one number or {n}, one per joint, not shape {array.shape}.")
             return array
 
         speed = given("velocity", velocity, speed)

@@ -24,5 +24,7 @@ def sample_noise(estimate: Estimate, rate: float) -> Array | None:
         return None
     blind = [name for name, v in zip(estimate.model.robot.joint_names, noise.variance, strict=True) if not v > 0]
     if blind:
-        raise ConfigurationError(f"the fit has no noise of {', '.join(blind)} (no row of it was fitted); give --noise, one value a joint.")
+        raise ConfigurationError(
+            f"the fit has no noise of {', '.join(blind)} (no row of it was fitted); give --noise, one value per joint."
+        )
     return np.asarray(np.sqrt(noise.variance * noise.correlation_time * rate / rows_hz))

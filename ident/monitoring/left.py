@@ -98,7 +98,7 @@ def noises(stage: Stage, found: tuple[Found, ...]) -> tuple[Drift, ...]:
     left = {x.joint: x for x in leftovers(stage, found)}
     out = []
     for j in over[np.argsort(-ratio[over])]:
-        size = f"{names[j]}: what is left is {ratio[j]:.2g} times as large as on the fit's own logs (rms)"
+        size = f"{names[j]}: the residual is {ratio[j]:.2g} times as large as on the fit's own logs (rms)"
         follows = left[int(j)].signature if int(j) in left else _in_time(frame, int(j))
         out.append(Drift(names[j], follows, f"{size}, and follows {follows}" if int(j) in left else f"{size}, {follows}"))
     return tuple(out)

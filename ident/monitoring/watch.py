@@ -11,8 +11,7 @@ import numpy as np
 from ..diagnosis.result import Imitator
 from ..effects.places import on, place_of
 from ..errors import ConfigurationError, DataError
-from ..problem.problem import Problem
-from ..statistics.torque_error import TorqueError
+from ..problem.problem import Problem, error_on
 from .candidates import own_changes
 from .frame import KnownFrame, noise_of
 from .left import LEAST_SHARE, crowds, drifts, noises, trust, unknown
@@ -209,8 +208,8 @@ class _Watch:
             unexplained,
             self.estimate,
             self.whole,
-            TorqueError.of(residual, self.whole.tau),
-            TorqueError.of(residual - torque, self.whole.tau),
+            error_on(self.whole, residual, raw=False),
+            error_on(self.whole, residual - torque, raw=False),
             residual,
             residual - torque,
             tuple(f"{e.name}{on(place_of(e))}" for e in self.nuisance),

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..estimate.status import StatusCode
 from ..problem.problem import Problem
-from ..statistics.torque_error import TorqueError
+from ..statistics.torque_error import JudgedOn, TorqueError
 from .bounds import Bounds, Prior, reference_prior
 from .judgement import Subject, subject_of
 from .payload import PayloadEstimate, payload_from_logs
@@ -113,6 +113,7 @@ def with_repair(estimate: Estimate, found: Repair) -> Estimate:
     error = estimate.fit_error
     if (information := estimate.information) is not None and information.k == len(found.values):
         error = TorqueError.from_squares(information.residual_squares(found.values), information.torque_squares(), information.counts)
+        error = replace(error, band_hz=estimate.fit_error.band_hz if estimate.fit_error.judged == JudgedOn.ROWS else None)
     return replace(
         estimate,
         method=f"{estimate.method}, repaired ({found.method.value})",

@@ -57,7 +57,7 @@ class Possible:
             lines.append(f"proven lower bound {self.lower_bound:.4g} kg m^2")
         if self.margin_std is not None:
             side = "inside" if self.margin_std >= 0 else "outside"
-            lines.append(f"{abs(self.margin_std):.3g} standard deviations {side} the border of possible sets")
+            lines.append(f"distance to the feasibility boundary: {abs(self.margin_std):.3g} standard deviations, {side}")
         return "\n".join([*lines, *self.notes])
 
     def to_dict(self) -> dict[str, Any]:

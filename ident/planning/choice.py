@@ -6,7 +6,7 @@ apart otherwise. Because only ranks are asked, it holds for prismatic joints, br
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -97,7 +97,15 @@ class Chooser:
             test = self._designed(draft, known)
             if test is not None:
                 found.append(test)
-        return [replace(test, log=f"{number:02d}_{test.name}.csv.gz") for number, test in enumerate(found, start=1)], known.rank
+        return _numbered(found), known.rank
+
+    def named_tests(self, accelerated: Sequence[tuple[Sequence[str], str]]) -> tuple[list[PlannedTest], int]:
+        """Static and constant-velocity tests, then the accelerated ones that are named (joints that move, joint that is read), in order."""
+        known, at = Knowledge(self.sampler.base.count), self.robot.joint_index
+        slow = [draft for draft in candidates(self.robot.n) if draft.kind != MotionKind.ACCELERATED]
+        quick = [Draft(MotionKind.ACCELERATED, tuple(at(j) for j in moving), at(row), Side.JOINT) for moving, row in accelerated]
+        made = [self._designed(draft, known) for draft in (*slow, *quick)]
+        return _numbered([test for test in made if test is not None]), known.rank
 
     def _safe_tests(self, known: Knowledge) -> list[PlannedTest]:
         """The tests that motors on joints of their own would need, with what each would reveal then; none for such a robot itself."""
@@ -219,3 +227,8 @@ class Chooser:
                 at = Coordinates(q, dq, np.zeros_like(q))
             found.append(self.sampler.read(draft.kind, at, draft.row, draft.side))
         return np.concatenate(found)
+
+
+def _numbered(tests: Sequence[PlannedTest]) -> list[PlannedTest]:
+    """The tests with the names of their logs."""
+    return [replace(test, log=f"{number:02d}_{test.name}.csv.gz") for number, test in enumerate(tests, start=1)]

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..excitation.limits import Limits
 from ..friction import Coulomb, RotorInertia, Viscous
+from ..robots.library.published import published_plan
 from ..robots.robot import Robot
 from .choice import Chooser, Separation
 from .logs import TrackingMode, simulate_logs
@@ -52,6 +53,7 @@ def make_plan(
     limits: Limits | None = None,
     postures: int = 3,
     separation: Separation | str = Separation.COUPLED,
+    published: str | None = None,
     seed: int = 0,
 ) -> Plan:
     """The step-by-step plan of a model: tests of one or two joints at a time, from the tip to the base.
@@ -68,7 +70,9 @@ def make_plan(
     postures : int
         Least number of postures at which the other joints are frozen.
     separation : Separation or str
-        Whether friction of coupled joints is determined together or joint by joint.
+        How rotor and link inertia are told apart: by coupled gears where they can (fewest tests), or safely.
+    published : str, optional
+        A published plan of a built-in robot by its name, such as "yoshida1995" for the PUMA 560, instead of a search.
     seed : int
         Of the choice of postures.
 
@@ -98,7 +102,11 @@ def make_plan(
     limits = limits or Limits.of(robot)
     if postures < 2:
         raise ConfigurationError(f"plan: at least 2 postures are needed to tell gravity and inertia of the frozen joints, not {postures}.")
-    tests, rank = Chooser(model, limits, postures, seed).tests(Separation(separation))
+    chooser = Chooser(model, limits, postures, seed)
+    if published is None:
+        tests, rank = chooser.tests(Separation(separation))
+    else:
+        tests, rank = chooser.named_tests(published_plan(str(robot.source.get("robot", robot.name)), published).accelerated)
     notes = []
     if rank < model.base.count:
         revealed = {name for test in tests for name in test.reveals}

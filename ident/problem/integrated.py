@@ -220,10 +220,11 @@ class EnergyProblem(IntegratedProblem):
         return (self._means(parts.power, w) + self._means(parts.energy, slope))[:, None, :]
 
 
-FORMULATIONS: dict[str, type[Problem]] = {"torque": Problem, "momentum": MomentumProblem, "energy": EnergyProblem}
+TORQUE, ENERGY = "torque", "energy"
+FORMULATIONS: dict[str, type[Problem]] = {TORQUE: Problem, "momentum": MomentumProblem, ENERGY: EnergyProblem}
 
 
-def formulate(model: Model, signals: Signals, formulation: str = "torque", **options: Any) -> Problem:
+def formulate(model: Model, signals: Signals, formulation: str = TORQUE, **options: Any) -> Problem:
     """A problem in one of the forms: "torque" (needs acceleration), "momentum" or "energy" (`window_s`)."""
     if formulation not in FORMULATIONS:
         raise unknown_name("formulation", formulation, FORMULATIONS)

@@ -18,10 +18,11 @@ from ..errors import ConfigurationError, DataError
 from ..model import Model
 from ..regressor.rigid import information
 from ..robots.transmission import Side
+from ..signals.known_band import within_known_band
 from ..signals.rows import KeptRows, Rows
 from ..signals.signals import Signals
 from ..statistics.noise import row_shape
-from ..statistics.torque_error import TorqueError
+from ..statistics.torque_error import JudgedOn, TorqueError
 from .check import check_problem
 from .columns import PackedColumns, RowColumns
 from .information import Accumulation, Form, Information
@@ -258,8 +259,17 @@ class Problem(ShortRepr):
         return self.signals.filtered(signal)
 
     def torque_error(self, values: Array, residual: Array | None = None) -> TorqueError:
-        """Error of the torque itself for base values (b,); `residual` if it is known."""
-        return TorqueError.of(self.residual(values) if residual is None else residual, self.tau)
+        """Error of the torque itself for base values (b,); `residual` if it is known.
+
+        Where accelerations are raw differences it is judged within the band where the motion is known: against raw rows a right model
+        looks worse than a wrong one."""
+        judged = within_known_band(self.signals)
+        if judged is self.signals and residual is None:
+            residual = self.residual(values)
+        elif judged is not self.signals:
+            residual = replace(self, signals=judged).residual(values)
+        assert residual is not None
+        return error_on(judged, residual, raw=judged is not self.signals)
 
     def with_reference(self, values: Array) -> Problem:
         """The same problem with the load predicted from all parameters' values (k,)."""
@@ -268,3 +278,8 @@ class Problem(ShortRepr):
     def check(self) -> ProblemCheck:
         """Rank, condition, base parameters and excitation, before anything is estimated."""
         return check_problem(self.model.robot, self.base, self.information)
+
+
+def error_on(judged: Signals, residual: Array, *, raw: bool) -> TorqueError:
+    """Torque error of a residual (M, n) on signals; `raw`: they stand for raw ones, within the band where the motion is known."""
+    return TorqueError.of(residual, judged.tau, JudgedOn.KNOWN_BAND if raw else JudgedOn.ROWS, judged.report.row_cutoff_hz)

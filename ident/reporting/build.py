@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from math import isfinite
 from pathlib import Path
 
 from .._utils.files import write_atomic
+from ..auditing import Audit
 from ..diagnosis import Diagnosis
-from ..drawing.document import Report, read_report
+from ..drawing.document import Report, percent, read_report
 from ..drawing.figures import draw, require_matplotlib
 from ..drawing.html import to_html
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError, UnsupportedError
 from ..estimate.estimate import Estimate
+from ..estimate.pictures import correlation_figure, parameters_section, residual_figures, values_figure
+from ..evaluation import Comparison, Validation
+from ..excitation import Excitation
 from ..monitoring import Monitoring
+from ..physical import Judgement
 from .diagnosis import diagnosis_report
 from .estimate import estimate_report
 from .monitoring import monitoring_report
+from .robot import path_figure, robot_sections
 
 __all__ = ["Report", "read_report", "report"]
 
@@ -85,8 +92,40 @@ def report_of(result: object) -> Report:
 
 
 def _shown(result: Shown) -> Report:
-    """Whatever a result shows of itself: its sections, and its picture where it has one."""
+    """Whatever a result shows of itself: its sections, its picture where it has one, and what only a report has room for."""
     sections = list(result.sections())
-    with suppress(ConfigurationError, UnsupportedError):
-        sections.append(result.figure())
-    return Report(type(result).__name__, "ok", sections[0].title, tuple(sections))
+    if isinstance(result, Validation) and result.signals is not None:
+        estimate, signals = result.estimate, result.signals
+        sections += [*residual_figures(estimate, signals, estimate.residual(signals), "held-out"), *robot_sections(estimate)]
+        sections += [parameters_section(estimate), values_figure(estimate), correlation_figure(estimate)]
+    else:
+        with suppress(ConfigurationError, UnsupportedError):
+            sections.append(result.figure())
+    if isinstance(result, Excitation):
+        sections.append(path_figure(result.model.robot, result.trajectory))
+    return Report(*headline(result), sections[0].title, tuple(sections))
+
+
+def headline(result: Shown) -> tuple[str, str]:
+    """The answer in one line, and the word that decides its colour: ok, ambiguous or unexplained."""
+    match result:
+        case Validation():
+            return f"Torque error on held-out data: {percent(result.error.relative_all)} %", "ok"
+        case Comparison():
+            spread = f" ± {percent(result.gain_std, 1)}" if isfinite(result.gain_std) else ""
+            return (
+                f"Squared error, weighted by noise, falls by {percent(result.gain, 1)}{spread} %",
+                "ok" if result.gain > 0 else "ambiguous",
+            )
+        case Judgement() if not result.possible.possible:
+            return "Not physically possible: the inertia matrix is not positive definite everywhere", "unexplained"
+        case Judgement() if result.consistent is not None and not result.consistent.consistent:
+            return "Physically possible, but no real bodies have these parameters", "ambiguous"
+        case Judgement():
+            return "Physically possible" + ("" if result.consistent is None else " and consistent"), "ok"
+        case Audit():
+            return str(result).splitlines()[0], "ok" if result.ok else "unexplained"
+        case Excitation():
+            return f"Designed motion of {result.trajectory.duration:g} s, {len(result.names)} base parameters", "ok"
+        case _:
+            return type(result).__name__, "ok"

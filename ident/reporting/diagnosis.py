@@ -99,7 +99,7 @@ def _errors(d: Diagnosis) -> Table:
     head = ("joint", "unit", "rms before", "rms after", "noise floor", "after / floor", "relative before %", "relative after %")
     note = (
         f"Torque error on the {robot.transmission.measured.value} side, {data_of(d)} data."
-        " Noise floor: what is left when everything that any candidate can take up is taken up; it is of rows away from reversals, and"
+        " Noise floor: the residual when everything that any candidate can take up is taken up; it is of rows away from reversals, and"
         " so is the error that is divided by it."
     )
     return Table(f"Torque error before and after, {data_of(d)} data", head, tuple(rows), note, left=2)
@@ -146,8 +146,8 @@ def _imitators(d: Diagnosis) -> list[Section]:
     ]
     if not rows:
         return []
-    words = "Rivals refitted in the finding's place: what their parameters would be there, and how much of what it explains they take up."
-    return [Table("Imitators", ("finding", "in its place", "with", "takes up", "probability"), tuple(rows), words, left=3)]
+    words = "Refitted in the finding's place: what their parameters would be there, and how much of what it explains they take up."
+    return [Table("Competing models", ("finding", "in its place", "with", "takes up", "probability"), tuple(rows), words, left=3)]
 
 
 def _advice(d: Diagnosis) -> list[Section]:

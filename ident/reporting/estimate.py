@@ -5,19 +5,23 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..drawing.document import Report, Section, Text, joined
-from ..estimate.pictures import estimate_sections, torque_figure, values_figure
+from ..estimate.pictures import correlation_figure, estimate_sections, residual_figures, values_figure
+from .robot import robot_sections
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
 
 
 def estimate_report(estimate: Estimate) -> Report:
-    """Status, errors, parameters, their intervals, measured and predicted torque where the signals are at hand, and warnings."""
+    """Status, errors, parameters with intervals and correlations, the residual in every view where the signals are at hand, the robot's
+    links, and warnings."""
     robot = estimate.model.robot
     sections: list[Section] = [*estimate_sections(estimate)]
-    sections.append(values_figure(estimate))
+    sections += [values_figure(estimate), correlation_figure(estimate)]
     if estimate.problem is not None:
-        sections.append(torque_figure(estimate, estimate.problem.signals, "fitted"))
+        signals = estimate.problem.signals
+        sections += residual_figures(estimate, signals, estimate.residual(signals), "fitted")
+    sections += robot_sections(estimate)
     if estimate.dropped:
         sections.append(Text("Not determined by the data", (joined(estimate.dropped),)))
     if estimate.warnings:

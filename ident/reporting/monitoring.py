@@ -8,6 +8,7 @@ import numpy as np
 
 from ..drawing.document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from ..effects.places import on, place_of
+from ..estimate.pictures import residual_figures
 from ..monitoring.result import said
 from ..signals.timeline import Timeline
 
@@ -21,6 +22,7 @@ def monitoring_report(found: Monitoring) -> Report:
     """What changed, by how much; errors per joint; the residual over time."""
     robot = found.estimate.model.robot
     sections: list[Section] = [*_changes(found), *_left(found), _errors(found), _over_time(found)]
+    sections += residual_figures(found.estimate, found.signals, found.residual, "new")
     if found.known:
         sections.append(Text("Not in the model, but no change", tuple(f"{name}: in the logs of the fit, too." for name in found.known)))
     rows = tuple((f"log {k}", f"{i['path']} (SHA-256 {str(i['sha256'])[:12]}…)") for k, i in enumerate(found.signals.inputs, 1))
@@ -52,7 +54,7 @@ def _changes(found: Monitoring) -> list[Section]:
     )
     sections: list[Section] = [Table("What changed", names, tuple(rows), note, left=3)]
     if competing:
-        words = "Rivals that account for the same."
+        words = "Models that account for the same."
         sections.append(Table("Competing models", ("change", "could also be", "probability"), tuple(competing), words, left=2))
     return sections
 

@@ -56,7 +56,7 @@ def _signs(value: Any) -> tuple[float, ...]:
     """1 or -1, or a list of such."""
     entries = value if isinstance(value, list | tuple) else [value]
     if not entries or any(isinstance(x, bool) or x not in (1, -1) for x in entries):
-        raise Unfit("1 or -1, or a list of them, one a joint")
+        raise Unfit("1 or -1, or a list of them, one per joint")
     return tuple(float(x) for x in entries)
 
 

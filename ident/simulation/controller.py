@@ -32,7 +32,7 @@ def _gains(name: str, values: object, n: int) -> Array:
     if array.ndim == 0:
         array = np.full(n, float(array))
     if array.shape != (n,) or not np.all(np.isfinite(array)) or np.any(array < 0):
-        raise ConfigurationError(f"controller: {name} must be one number, or {n} (one a joint), finite and not negative.")
+        raise ConfigurationError(f"controller: {name} must be one number, or {n} (one per joint), finite and not negative.")
     return array
 
 

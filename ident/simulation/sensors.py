@@ -55,7 +55,7 @@ def _each(name: str, value: object, n: int) -> Array:
     if array.ndim == 0:
         return np.full(n, float(array))
     if array.shape != (n,):
-        raise ConfigurationError(f"sensors: {name} must be one number or {n}, one a joint, not shape {array.shape}.")
+        raise ConfigurationError(f"sensors: {name} must be one number or {n}, one per joint, not shape {array.shape}.")
     return array
 
 

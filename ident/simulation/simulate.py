@@ -145,7 +145,7 @@ def simulate_batch(
             raise ConfigurationError("a torque-driven simulation needs start = (q, dq).")
         given = np.asarray(torque, float)
         if given.ndim != 3 or given.shape[2] != n:
-            raise ConfigurationError(f"torque must have {n} columns, one a joint of {plant.robot.name!r}, not shape {given.shape}.")
+            raise ConfigurationError(f"torque must have {n} columns, one per joint of {plant.robot.name!r}, not shape {given.shape}.")
         if duration is not None:
             given = given[: round(duration * control_rate) + 1]
         command: Command = GivenTorque(given, plant.robot.transmission.measured)

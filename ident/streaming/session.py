@@ -14,6 +14,7 @@ from ..effects.base import Need
 from ..errors import DataError, IdentError, UnsupportedError
 from ..estimators.base import Capability, estimator_types
 from ..logs.files import content_file
+from ..problem.integrated import TORQUE
 from ..problem.problem import Problem
 from ..study.session import HELD_SHARE, Session, like
 from .audit import audit_stored
@@ -53,6 +54,8 @@ def why_not(study: Study) -> str:
     for path in (*study.fit_files(), *study.validation_files()):
         if not is_streamable(path):
             return f"log {path} is a MAT file, which is read whole"
+    if study.form != TORQUE:
+        return f"the {study.form} form is made of whole logs"
     name = study.make_estimator().name
     kinds = estimator_types()
     if Capability.STREAMING not in kinds[name].capabilities:

@@ -9,6 +9,7 @@ from typing import Any
 from .._utils.json_schema import NUMBER, TEXT, TEXTS, first_sentence, of_fields, of_kind, of_table
 from ..effects.base import effect_types
 from ..estimators import estimator_types
+from ..problem.integrated import FORMULATIONS
 from ..robots.tables import DriveTable, RobotTable
 from ..signals.preparation import Preparation
 from .study import DEFAULT_METHOD, DEFAULT_PREPARATION
@@ -43,7 +44,7 @@ def study_schema() -> dict[str, Any]:
                     {"fit": TEXTS, "validate": TEXTS, "missing": {"enum": ["refuse", "gap"]}, "rate_hz": NUMBER, "recorders": TEXTS}
                 ),
                 "signals": _strategies(preparations, DEFAULT_PREPARATION),
-                "estimator": _strategies(estimator_types(), DEFAULT_METHOD),
+                "estimator": _strategies(estimator_types(), DEFAULT_METHOD, {"form": {"enum": [*FORMULATIONS]}}),
                 "columns": {
                     "type": "object",
                     "additionalProperties": {"anyOf": [TEXT, of_table({"column": TEXT, "unit": TEXT, "scale": NUMBER, "offset": NUMBER})]},
@@ -68,7 +69,10 @@ def _effects() -> dict[str, Any]:
     return {"anyOf": [one, {"type": "array", "items": one}]}
 
 
-def _strategies(kinds: Mapping[str, type], usual: str) -> dict[str, Any]:
-    """A table for one of several methods, each with its own options; without a method, the usual one's."""
-    tables = [of_table({"method": {"const": name}, **of_fields(kind)}, ["method"], first_sentence(kind)) for name, kind in kinds.items()]
-    return {"anyOf": [of_table(of_fields(kinds[usual]), description=first_sentence(kinds[usual])), *tables]}
+def _strategies(kinds: Mapping[str, type], usual: str, also: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """A table for one of several methods, each with its own options and those of `also`; without a method, the usual one's."""
+    more = dict(also or {})
+    tables = [
+        of_table({"method": {"const": name}, **more, **of_fields(kind)}, ["method"], first_sentence(kind)) for name, kind in kinds.items()
+    ]
+    return {"anyOf": [of_table({**more, **of_fields(kinds[usual])}, description=first_sentence(kinds[usual])), *tables]}

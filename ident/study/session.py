@@ -14,7 +14,9 @@ from ..estimators import make_estimator
 from ..evaluation.doubts import all_turned, counted_twice, doubts, fitted_as_well, require_rows
 from ..evaluation.validation import validate
 from ..logs.reading import read_logs
+from ..problem.integrated import TORQUE, formulate
 from ..problem.problem import Problem
+from ..signals.known_band import unjudged
 from ..signals.preparation import make_preparation
 
 if TYPE_CHECKING:
@@ -111,16 +113,20 @@ class Session:
 
     @cached_property
     def problem(self) -> Problem:
-        """The declared model on the fitted signals."""
-        return Problem(self.model, self.fit_signals, progress=self.progress)
+        """The declared model on the fitted signals, in the form that the study asks for."""
+        return replace(formulate(self.model, self.fit_signals, self.study.form), progress=self.progress)
 
     @cached_property
     def estimate(self) -> Estimate:
         """The estimate that the study asks for, with its error on held-out data and its inputs.
 
         Where no validation log is given and the part held out is too short to be used, a warning stands for that error."""
-        found = self.study.make_estimator().solve(self.problem)
+        estimator = self.study.make_estimator()
+        self.study.require_form(estimator)
+        found = estimator.solve(self.problem)
         require_rows(found)
+        if self.study.form != TORQUE:
+            found = replace(found, trace={**found.trace, "form": self.study.form})
         found = replace(found, inputs=self.inputs, signals_config=self.fit_signals.report.to_dict())
         said = [f"left out: {reason}" for reason in self.skipped]
         try:
@@ -129,6 +135,8 @@ class Session:
             if not self.held_by_split:
                 raise
             said.append(f"no error on data held out. {str(error)[0].upper()}{str(error)[1:]}")
+        if spoilt := unjudged(self.fit_signals):
+            said.append(spoilt)
         if again := fitted_as_well(*self.inputs_apart):
             said.append(again)
         said += self.repeated
@@ -138,7 +146,8 @@ class Session:
     def turned(self) -> str:
         """What to say first of all where every torque has the opposite sign; "" where they have not, or where it cannot be told."""
         try:
-            return all_turned(make_estimator(DEFAULT_METHOD).solve(self.problem))
+            torque = self.problem if self.study.form == TORQUE else Problem(self.model, self.fit_signals)
+            return all_turned(make_estimator(DEFAULT_METHOD).solve(torque))
         except DataError:
             return ""
 

@@ -14,9 +14,10 @@ from .._utils.plugins import load_modules
 from .._utils.toml import Unfit, anything, check_options, check_table, load_toml, number, table_of, text, texts, to_toml
 from ..drives.law import DriveLaw
 from ..effects.declared import declared_effects, effect_entry
-from ..errors import ConfigurationError, DataError
-from ..estimators import estimator_types, make_estimator
+from ..errors import ConfigurationError, DataError, UnsupportedError, unknown_name
+from ..estimators import Capability, estimator_types, make_estimator
 from ..logs.recorders import add_recorders
+from ..problem.integrated import FORMULATIONS, TORQUE
 from ..robots.description import Description
 from ..robots.tables import DriveTable, RobotTable, read_drive, read_loop
 from ..signals.preparation import Preparation, make_preparation
@@ -53,13 +54,18 @@ class Strategy:
     method: str | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    def without(self, option: str) -> Strategy:
+        """The same strategy without one of its options."""
+        return Strategy(self.method, {k: v for k, v in self.options.items() if k != option})
+
 
 @dataclass(frozen=True)
 class Study:
     """What is identified, from what, and how. Read it with `read_study`, or make it with `Study.from_flags`.
 
     `path`: the file it came from. `plugins`: modules of the user's own, loaded with the study. `description`: the robot, its drive
-    and its loops. `columns`: canonical log column → column of the file.
+    and its loops. `form` of the equations that are fitted: torque, momentum or energy. `columns`: canonical log column → column of the
+    file.
 
     Examples
     --------
@@ -76,6 +82,11 @@ class Study:
     estimator: Strategy = field(default_factory=Strategy)
     columns: Mapping[str, Any] = field(default_factory=dict)
     plugins: tuple[str, ...] = ()
+    form: str = TORQUE
+
+    def __post_init__(self) -> None:
+        if self.form not in FORMULATIONS:
+            raise unknown_name("form", str(self.form), FORMULATIONS)
 
     @classmethod
     def from_flags(
@@ -102,6 +113,7 @@ class Study:
         validate: Iterable[str | Path] = (),
         method: str | None = None,
         effects: Iterable[str] | None = None,
+        form: str | None = None,
     ) -> Study:
         """The same study with some things replaced; what is not given stays.
 
@@ -123,6 +135,7 @@ class Study:
             description=replace(self.description, robot=table, drive=gearing),
             logs=replace(self.logs, fit=fit or self.logs.fit, validate=held or self.logs.validate),
             estimator=self.estimator if method is None else Strategy(method),
+            form=self.form if form is None else form,
         )
 
     def reading(self) -> dict[str, Any]:
@@ -158,12 +171,19 @@ class Study:
         name = self.estimator.method or DEFAULT_METHOD
         kind = estimator_types().get(name)
         if kind is not None:
-            check_options(kind, self.estimator.options, "[estimator]", {"method"})
+            check_options(kind, self.estimator.options, "[estimator]", {"method", "form"})
         options = dict(self.estimator.options)
         for key in options.keys() & (frozenset() if kind is None or self.path is None else kind.files):
             if isinstance(options[key], str) and self.path is not None:
                 options[key] = _from_folder(self.path.parent, options[key])
         return make_estimator(name, **options)
+
+    def require_form(self, estimator: Estimator) -> None:
+        """Raise UnsupportedError where a method cannot take equations of the study's form."""
+        if self.form == TORQUE or _takes_any_form(type(estimator)):
+            return
+        able = ", ".join(name for name, kind in estimator_types().items() if _takes_any_form(kind))
+        raise UnsupportedError(f"method {estimator.name!r} takes no {self.form} form; methods that do: {able}.")
 
     def make_preparation(self) -> Preparation:
         """The strategy that turns logs into signals, as `[signals]` asks for; zero-phase filtering if it names none."""
@@ -211,7 +231,7 @@ class Study:
                 "recorders": [_relative(p, folder) for p in self.logs.recorders] or None,
             },
             "signals": {"method": self.signals.method, **self.signals.options},
-            "estimator": {"method": self.estimator.method, **self.estimator.options},
+            "estimator": {"method": self.estimator.method, "form": None if self.form == TORQUE else self.form, **self.estimator.options},
             "columns": dict(self.columns),
         }
         if robot.urdf is not None:
@@ -219,6 +239,11 @@ class Study:
         if drive.effects is not None:
             tables["drive"]["effects"] = [e["name"] if len(e) == 1 else e for e in drive.effects]
         return to_toml(tables)
+
+
+def _takes_any_form(kind: type[Estimator]) -> bool:
+    """Whether a method works from information alone, whatever the rows are of."""
+    return Capability.STREAMING in kind.capabilities and Capability.NOISY_REGRESSOR not in kind.capabilities
 
 
 def read_study(path: str | Path) -> Study:
@@ -259,6 +284,7 @@ def read_study(path: str | Path) -> Study:
     for file in logs.get("recorders", ()):
         add_recorders(path.parent / file)
     strategies = {table: _strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
+    form = strategies["estimator"].options.get("form", TORQUE)
     try:
         columns = table_of(_column_entry, _COLUMN_ENTRIES)(data.get("columns", {}))
     except Unfit as expected:
@@ -276,9 +302,10 @@ def read_study(path: str | Path) -> Study:
             rate_hz=rate_hz,
         ),
         strategies["signals"],
-        strategies["estimator"],
+        strategies["estimator"].without("form"),
         columns,
         tuple(plugins),
+        form,
     )
 
 

@@ -55,7 +55,7 @@ def test_a_ros_trajectory_beside_the_table(ident: Ident, arm: Arm, tmp_path: Pat
         (("--workspace", "0", "0.1", "0", "0.1", "0", "0.1"), "wall at"),
         (("--workspace", "1", "0", "0", "1", "0", "1"), "lower and an upper bound"),
         (("--limit-share", "1.5"), "at most 1"),
-        (("--max-velocity", "1", "2"), "one a joint"),
+        (("--max-velocity", "1", "2"), "one per joint"),
     ],
 )
 def test_no_safe_motion_ends_with_a_reason(ident: Ident, arm: Arm, tmp_path: Path, flags: tuple[str, ...], needle: str) -> None:

@@ -35,6 +35,18 @@ def test_the_plan_is_written_for_people_and_programs(planned: Path) -> None:
         assert (planned / "logs" / test["log"]).is_file()
 
 
+def test_the_plan_is_the_safe_one_unless_another_is_named(ident) -> None:
+    counts = {}
+    for flags in ((), ("--separation", "coupled"), ("--published", "yoshida1995")):
+        ran = ident("plan", "--robot", "puma560", *flags, "--postures", "2", "--json", "--quiet")
+        assert ran.code == 0, ran.err
+        counts[flags] = [t["name"] for t in ran.json["tests"] if t["kind"] == "accelerated"]
+    assert [len(tests) for tests in counts.values()] == [15, 13, 13]
+    assert set(counts["--published", "yoshida1995"]) == set(counts["--separation", "coupled"])
+    other = ident("plan", "--robot", "scara", "--published", "yoshida1995")
+    assert (other.code, "published plan" in other.err) == (2, True)
+
+
 def test_fit_reads_the_logs_through_the_manifest(ident, planned: Path) -> None:
     ran = ident("fit", "--robot", "scara", "--plan", planned / "logs" / "plan.toml", "--json", "--quiet")
     assert ran.code == 0, ran.err

@@ -208,7 +208,7 @@ def test_merged_information_is_that_of_the_whole() -> None:
 def test_one_number_stands_for_all_joints(name: str, key: str) -> None:
     one, each = (make_estimator(name, **{key: value}).solve(problem(noisy(1))) for value in (0.05, (0.05,) * MODEL.robot.n))
     assert np.array_equal(one.values, each.values)
-    with pytest.raises(ConfigurationError, match=rf"{key} must hold one number for all joints, or {MODEL.robot.n}, one a joint, .*not"):
+    with pytest.raises(ConfigurationError, match=rf"{key} must hold one number for all joints, or {MODEL.robot.n}, one per joint, .*not"):
         make_estimator(name, **{key: (0.05, 0.05)}).solve(problem(noisy(1)))
 
 

@@ -1,4 +1,4 @@
-"""Every file, test, function and command that docs/dissertation.md names exists."""
+"""Every file, test, function and command that docs/dissertation.md and docs/theory/base_parameters.md name exists."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from ident.cli import build_parser
 from ident.estimators import estimator_types
 
 ROOT = Path(__file__).parents[2]
-NAMED = sorted(set(re.findall(r"`([^`]+)`", (ROOT / "docs/dissertation.md").read_text(encoding="utf-8"))))
+PAGES = ("docs/dissertation.md", "docs/theory/base_parameters.md")
+NAMED = sorted({name for page in PAGES for name in re.findall(r"`([^`]+)`", (ROOT / page).read_text(encoding="utf-8"))})
 
 
 def missing(named: str) -> str:
@@ -80,6 +81,14 @@ def test_a_reference_exists(named: str) -> None:
 )
 def test_what_does_not_exist_is_found_missing(wrong: str) -> None:
     assert missing(wrong)
+
+
+def test_every_theorem_and_lemma_names_its_test() -> None:
+    text = (ROOT / "docs/theory/base_parameters.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (?!theorem|lemma|equation|robot|-)(.*) \|$", text, re.MULTILINE)
+    held = [row for row in rows if "::test_" in row]
+    assert len(held) >= 18
+    assert all("::test_" in row or "multiplications" in row or re.search(r": \d+ and \d+", row) for row in rows)
 
 
 def test_every_row_says_where_or_that_it_is_not_here() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from ident.diagnosis.verdict import Verdict
-from ident.effects.base import effect_names
+from ident.effects.base import effect_types
 from ident.estimate.status import StatusCode
 from ident.estimators import estimator_types
 
@@ -111,7 +111,8 @@ def test_the_gallery_is_made_from_the_classes() -> None:
     assert shares(page) == pytest.approx(shares(made), abs=1.0)
     usual = {"rigid_body", "rotor_inertia", "viscous", "coulomb"}
     entries = headings("gallery.md", "##")
-    assert set(entries) | usual >= {name for name in effect_names() if not name.startswith("smooth")}
+    causes = {name for name, kind in effect_types().items() if kind.cause and not name.startswith("smooth")}
+    assert set(entries) | usual >= causes
     assert {p.stem for p in (ROOT / "docs/gallery").iterdir()} == set(entries)
 
 

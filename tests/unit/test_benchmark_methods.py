@@ -17,7 +17,8 @@ def test_short_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     results = json.loads((out / "methods.json").read_text())
     for name in results["figures"]:
         assert (out / name).read_bytes().startswith(b"\x89PNG")
-    assert {"figure_3_6_1.png", "figure_3_6_2.png", "figure_3_6_3.png", "figure_3_6_4.png", "recursion.png"} <= set(results["figures"])
+        assert name in (out / "report.html").read_text(encoding="utf-8")
+    assert {"figure_3_6_1.png", "figure_3_6_2.png", "figure_3_6_3.png", "figure_3_6_4.png", "motion_error.png"} <= set(results["figures"])
     quick = results["quick"]["methods"]
     error = {key: float(np.median(one["torque_error"])) for key, one in quick.items() if one["seeds"]}
     # Raw second differences spoil least squares; instruments made of the model's own motion do not mind them.
@@ -25,12 +26,19 @@ def test_short_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert error["wls"] < 0.05 * error["ls_raw"]
     assert all(r["bias"] <= 0.2 * r["bias_least_squares"] for r in results["requirements"])
     for recursion in results["recursion"].values():
-        assert recursion["difference"] < 1e-9
-        np.testing.assert_allclose(recursion["end"], recursion["batch"], rtol=1e-10)
+        assert recursion["difference"] < 1e-8
+        np.testing.assert_allclose(recursion["end"], recursion["batch"], rtol=1e-8)
     assert all(d["beats"] and d["holds"] for d in results["excitation"])
     said = capsys.readouterr().out
-    assert "verdict on the dissertation's ranking" in said
-    assert len(results["verdict"]) >= 6
+    assert "the source's claims" in said
+    claims = results["claims"]
+    assert {c["topic"] for c in claims} == {"precision", "labour", "computing", "data"}
+    assert {c["verdict"] for c in claims} <= {"holds", "does not hold", "not comparable"}
+    for claim in claims:
+        assert claim["claim"] in said
+        assert claim["measured"] in said
+    # Over so few samples nothing is said of 40,000 points.
+    assert {c["verdict"] for c in claims if c["topic"] == "data"} == {"not comparable"}
 
 
 @pytest.mark.slow

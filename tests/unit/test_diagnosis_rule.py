@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
 from ident.diagnosis import Verdict
 from ident.diagnosis.data.band import Band
+from ident.diagnosis.held_out import contradicted
 from ident.diagnosis.inference.scores import z_of
 from ident.diagnosis.scoring.whitening import density
+from ident.effects.motion import Motion
 
 Array = np.ndarray
 
@@ -88,3 +91,45 @@ def test_a_saved_estimate_without_signals_is_refused() -> None:
     estimate = ident.fit(train, "puma560", held=0)
     with pytest.raises(ident.ConfigurationError, match="signals"):
         ident.diagnose(replace(estimate, problem=None))
+
+
+def test_what_has_no_name_is_described_by_what_it_follows_and_names_nothing(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
+    robot, drive = arm
+    size = 1.5 * float(drive["Fc"][0])
+
+    def bundle(motion: Motion, t: Array) -> Array:
+        """Dry friction of the first motor that grows with where the second joint stands, behind its gear of 50."""
+        out = np.zeros_like(motion.motor.dq)
+        out[:, 0] = 50.0 * size * motion.joint.q[:, 1] * np.tanh(motion.motor.dq[:, 0] / 0.2)
+        return out
+
+    (case,) = simulated(robot, drive, [], [109], seconds=24.0, rate=250.0, law=bundle)
+    found = diagnosed(case)
+    assert found.verdict is Verdict.UNEXPLAINED, str(found)
+    assert found.description is not None
+    law = found.description.laws[0]
+    assert (law.effect.joints, law.effect.by, law.effect.turned) == ((robot.joint_names[0],), robot.joint_names[1], "direction")
+    assert found.description.confirmed
+    errors = found.description.comparison
+    assert errors.error_after.relative[0] < 0.3 * errors.error_before.relative[0]
+    slope = np.polyfit(law.x, law.y, 1)[0]
+    assert abs(abs(slope) - size) < 0.15 * size
+    assert all(f.confidence < 0.5 for f in found.findings)
+
+
+@pytest.mark.parametrize("order", [7.37, 8.0])
+def test_the_order_of_a_wheel_between_motor_and_joint_is_found(arm: tuple[ident.Robot, dict[str, Array]], order: float) -> None:
+    robot, drive = arm
+    effect = ident.make_effect("cogging", joints=[robot.joint_names[1]], label="+", angle="joint", order=order)
+    size = 0.6 * float(drive["Fc"][1])
+    (case,) = cases(arm, [(effect, np.array([size, 0.3 * size]))], [110])
+    found = diagnosed(case)
+    assert [(f.name, f.joints) for f in found.findings] == [("cogging", effect.joints)], str(found)
+    assert abs(found.findings[0].effect.order - order) < (0.01 * order if order != 8.0 else 1e-12)
+
+
+def test_a_finding_that_data_held_out_contradict_is_said() -> None:
+    better, worse = SimpleNamespace(gain=0.4, gain_std=0.1), SimpleNamespace(gain=-0.5, gain_std=0.1)
+    doubtful = SimpleNamespace(gain=-0.5, gain_std=0.4)
+    named = SimpleNamespace(effect=ident.make_effect("offset"), joints=("joint1",))
+    assert [len(contradicted((named,), (c,))) for c in (better, worse, doubtful)] == [0, 1, 0]

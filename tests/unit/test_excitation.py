@@ -167,7 +167,7 @@ def test_two_effects_are_told_apart_better() -> None:
     same, measure = tell_apart(declared, Coulomb(), Stribeck())
     assert same is declared, "both are in the model"
     assert {"Fc_j1", "Fc_j2", "Fs_j2"} <= set(measure.parameters)
-    with pytest.raises(ConfigurationError, match="apart from itself"):
+    with pytest.raises(ConfigurationError, match="distinguished from itself"):
         tell_apart(model, Coulomb(), Coulomb())
     with pytest.raises(UnsupportedError, match="rotor_inertia"):
         tell_apart(vertical.rigid_body(), RotorInertia(), Offset())

@@ -52,6 +52,18 @@ def test_uncoupled_motors_need_fifteen(puma: Plan) -> None:
     assert min(t.strength for t in safe.of_kind(MotionKind.ACCELERATED)) > 3 * weakest
 
 
+def test_the_published_plan_has_the_tests_of_the_source_in_its_order() -> None:
+    plan = make_plan(load_robot("puma560"), published="yoshida1995")
+    assert (plan.rank, len(plan.base)) == (52, 52)
+    swings = [("".join(j[-1] for j in t.moving), t.row[-1]) for t in plan.of_kind(MotionKind.ACCELERATED)]
+    assert swings == [
+        ("6", "6"), ("5", "5"), ("56", "6"), ("4", "4"), ("45", "5"), ("3", "3"), ("34", "4"), ("23", "3"), ("2", "2"), ("13", "3"),
+        ("12", "2"), ("14", "4"), ("1", "1"),
+    ]  # fmt: skip
+    with pytest.raises(ConfigurationError, match="published plan"):
+        make_plan(load_robot("scara"), published="yoshida1995")
+
+
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.integers(0, 1000), st.integers(2, 5))
 def test_any_chain_is_determined(seed: int, n: int) -> None:

@@ -55,7 +55,7 @@ def lost(signals: Signals) -> tuple[Unexplained, ...]:
         if moving > _MOVING and float(np.ptp(signals.q[:, j])) > _SPAN * max(report.noise, 1e-12):
             said = (
                 f"{joint}: it moves, but {rows[j]} of {len(signals.valid)} rows can be used: so restlessly that the sense of its speed"
-                " cannot be told (it shakes, jumps or knocks). Nothing is said about this joint"
+                " is not known (it shakes, jumps or takes impacts). Nothing is said about this joint"
             )
             found.append(Unexplained(joint, "rows that had to be left out", said, 0.0))
     return tuple(found)

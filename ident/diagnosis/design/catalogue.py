@@ -128,5 +128,5 @@ def _rows(fit: Fit, effect: Effect, motions: Sequence[Motion]) -> dict[int, list
 def _effects(fit: Fit) -> Iterator[tuple[Effect, tuple[str, ...]]]:
     motions = fit.motions(instrument=True)
     for name, kind in effect_types().items():
-        if name != "rigid_body":
+        if kind.cause and name != "rigid_body":
             yield from places(kind, fit.declared, motions)

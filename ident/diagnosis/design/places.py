@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import IdentError
+from ...robots.transmission import Side
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 _POINTS, _TOGETHER = 7, 4
 #: Whole orders (cycles a turn) that machines have: poles, teeth, lobes, and their multiples.
 _ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 18, 20, 24, 30, 36, 48)
+#: Orders that differ by this share of a period over the travel are scored; of them at most so many.
+_APART, _MOST_ORDERS = 0.75, 100
 #: Samples that a period of an order needs, at a speed below which the joint is for this share of the time.
 _SAMPLES, _SLOW_SHARE = 10.0, 0.2
 #: Effects whose evidence lies above any band in which the reference drives the motion: they are said to be unseen, never named.
@@ -91,15 +94,29 @@ def is_order(effect: Effect) -> bool:
 
 
 def _orders(effect: Effect, model: Model, motions: Sequence[Motion], bounds: tuple[float, float]) -> Iterator[float]:
-    """Orders worth scoring: whole ones within the bounds that the samples resolve; on a slide, whole numbers of periods over its travel."""
+    """Orders worth scoring, within the bounds that the samples resolve: whole ones, and those of wheels between motor and joint, which may
+    have any, as near to each other as the travel tells them apart."""
     j = effect.at(model.robot)[0]
     side = getattr(effect, "angle", effect.side)
     q = np.concatenate([m.on(side).q[:, j] for m in motions])
     slow = max(float(np.quantile(np.abs(m.on(side).dq[:, j]), _SLOW_SHARE)) for m in motions)
     unit = 1.0 if model.robot.position_unit(j, side) == "rad" else 2.0 * np.pi / max(float(np.ptp(q)), 1e-9)
-    for order in _ORDERS:
-        if bounds[0] <= order * unit <= bounds[1] and order * unit * slow * _SAMPLES <= 2.0 * np.pi * motions[0].rate:
-            yield order * unit
+    between = np.zeros(0)
+    if (apart := order_spacing(effect, model, motions)) is not None:
+        between = np.arange(bounds[0], _ORDERS[-1] + apart, max(apart, _ORDERS[-1] / _MOST_ORDERS))
+        between = between[np.abs(between[:, None] - np.array(_ORDERS)).min(axis=1) > apart / 2.0]
+    for order in sorted([unit * x for x in _ORDERS] + between.tolist()):
+        if bounds[0] <= order <= bounds[1] and order * slow * _SAMPLES <= 2.0 * np.pi * motions[0].rate:
+            yield order
+
+
+def order_spacing(effect: Effect, model: Model, motions: Sequence[Motion]) -> float | None:
+    """How far apart orders of a turning joint must be for its travel to tell them apart; None where orders are whole (of the motor's
+    angle), or cycles over the travel (of a slide)."""
+    j, side = effect.at(model.robot)[0], getattr(effect, "angle", effect.side)
+    if side != Side.JOINT or model.robot.position_unit(j, side) != "rad":
+        return None
+    return _APART * 2.0 * np.pi / max(float(np.ptp(np.concatenate([m.on(side).q[:, j] for m in motions]))), 1e-9)
 
 
 def joints_of(place: Effect) -> tuple[str, ...]:

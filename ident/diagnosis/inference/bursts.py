@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 _WINDOW = 0.5
 _USED = 0.9
+#: Windows (half of one apart) on either side of the loudest that belong to its event.
+_NEAR = 3
 _BINS = 5
 #: Quantile of the energies from which on they are the tail.
 _TAIL = 0.8
@@ -34,15 +36,17 @@ def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
     n = frame.residual.shape[1]
     for m in range(n):
         energies, paces = [], []
+        places: list[Array] = []
         for run, a, b in zip(fit.runs, frame.edges[:-1], frame.edges[1:], strict=True):
             width = max(int(_WINDOW * run.band.row_rate), 1)
             speed = np.abs(run.instrument.motor.dq[:, [m]])
             paces.append(_windows(np.clip(run.band.rows(speed)[run.band.inner, 0], 0.0, None), width))
             used = np.clip(run.band.rows(run.use[:, [m]])[run.band.inner, 0], 0.0, 1.0)
             energy, share = (_windows(x, width) for x in (frame.residual[a:b, m] ** 2, used / width))
-            good = (share > _USED) & ~_at_a_moment(fit, run.instrument.clock, run.band.time, width)
+            good = (share > _USED) & ~_at_a_moment(fit, m, run.instrument.clock, run.band.time, width)
             paces[-1] = paces[-1][good]
             energies.append(energy[good] / share[good])
+            places.append(np.flatnonzero(good) + (places[-1][-1] + _NEAR + 1 if places and len(places[-1]) else 0))
         e = _at_like_speed(np.concatenate(energies), np.concatenate(paces))
         if len(e) < 12 or not np.median(e) > 0:
             continue
@@ -50,7 +54,7 @@ def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
         shape = max((middle / max((high - low) / 2.0, 1e-300)) ** 2, 1.5)
         scale = middle / gamma.ppf(0.5, shape)
         p = min(float(gamma.sf(e.max() / scale / (1.0 + MATERIAL) ** 2, shape)) * len(e) * n, 1.0)
-        p = max(p, min(_by_its_own_tail(e) * n, 1.0))
+        p = max(p, min(_by_its_own_tail(e, np.concatenate(places)) * n, 1.0))
         if float(np.mean(e[e >= np.quantile(e, 1.0 - _OFTEN)])) > LOUD**2 * float(np.median(e)):
             p = 0.0  # no tail of one noise: it is quiet, and often it is not
         if p < LEVEL and (found is None or p < found[1]):
@@ -58,19 +62,20 @@ def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
     return found
 
 
-def _by_its_own_tail(energy: Array) -> float:
+def _by_its_own_tail(energy: Array, place: Array) -> float:
     """Probability of the largest energy if it belongs to the tail that the others show: logarithms beyond a quantile, exponential.
 
-    The tail's slope is known from the others alone, half of which are independent: the law of the next one is Lomax's."""
-    size = np.sort(np.log(np.maximum(energy, 1e-300)))
+    `place`: of each window in time; those about the largest are the same event. The tail's slope is known from the others alone, half of
+    which are independent, because they overlap: the law of the next one is Lomax's."""
+    size = np.log(np.maximum(energy, 1e-300))
+    top = int(np.argmax(size))
     base = float(np.quantile(size, _TAIL))
-    beyond = size[size > base] - base
-    # Neighbouring windows overlap, so that a burst is in two or three of them.
-    others = beyond[:-3]
+    others = size[(size > base) & (np.abs(place - place[top]) > _NEAR)] - base
     if len(others) < 5:
         return 1.0
     independent = len(others) / 2.0
-    return min(len(beyond) * float((1.0 + beyond[-1] / max(float(others.sum()) / 2.0, 1e-12)) ** -independent), 1.0)
+    law = (1.0 + (size[top] - base) / max(float(others.sum()) / 2.0, 1e-12)) ** -independent
+    return min(float(np.sum(size > base)) * float(law), 1.0)
 
 
 def _windows(x: Array, width: int) -> Array:
@@ -78,10 +83,12 @@ def _windows(x: Array, width: int) -> Array:
     return np.asarray((sums[width:] - sums[:-width])[:: max(width // 2, 1)])
 
 
-def _at_a_moment(fit: Fit, clock: Array, time: Array, width: int) -> Array:
-    """Windows in which an effect of the model begins: how it begins no law says."""
+def _at_a_moment(fit: Fit, m: int, clock: Array, time: Array, width: int) -> Array:
+    """Windows in which an effect of the model begins to act on motor m: how it begins no law says."""
     inside = np.zeros(len(time), bool)
-    for effect in fit.model.effects:
+    for effect in fit.effects:
+        if not any(rows[:, m].any() for rows in fit.rows(effect)[1]):
+            continue
         for p in effect.shape():
             if p.unit == "s" and p.name.startswith("t_"):
                 inside |= np.abs(clock[0] + time - float(getattr(effect, p.name))) <= _WINDOW

@@ -48,10 +48,11 @@ class AcceptedEffect:
     competing: tuple[Member, ...] = ()
 
 
-def drop_unnecessary(state: EffectSearch, say: Callable[[str], None]) -> None:
-    """Drop what the others make unnecessary, at the noise of the whole model: one that lacks an effect would hide it in its own."""
-    while len(state.accepted) > 1:
-        tops = [float(state.without(i).z.max(initial=0.0)) for i in range(len(state.accepted))]
+def drop_unnecessary(state: EffectSearch, say: Callable[[str], None], spared: int = 0) -> None:
+    """Drop what the others make unnecessary, at the noise of the whole model: one that lacks an effect would hide it in its own. The last
+    `spared` ones stay."""
+    while len(state.accepted) > max(spared, 1):
+        tops = [float(state.without(i).z.max(initial=0.0)) for i in range(len(state.accepted) - spared)]
         least = int(np.argmin(tops))
         if tops[least] > state.critical:
             return

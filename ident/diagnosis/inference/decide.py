@@ -4,7 +4,7 @@ models that nothing is left beside."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,9 +14,11 @@ from ..thresholds import MOST
 from .bursts import burst
 from .candidates import Kind, best
 from .confidence_set import AcceptedEffect, accepted_effect, competing, drop_unnecessary
+from .described import describing
 from .search import EffectSearch
 
 if TYPE_CHECKING:
+    from ...effects.base import Effect
     from ..scoring.fit import Fit, Solved
     from .scores import Scores
 
@@ -39,7 +41,8 @@ class Left:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What was decided. `critical`: what the largest score must exceed; `left`: what does so beside the accepted effects, largest first."""
+    """What was decided. `critical`: what the largest score must exceed; `left`: what does so beside the accepted effects, largest first;
+    `laws`: smooth functions that describe it."""
 
     verdict: str
     named: tuple[AcceptedEffect, ...]
@@ -49,6 +52,7 @@ class Decision:
     frame: Solved
     scores: Scores
     trail: tuple[str, ...] = ()
+    laws: tuple[Effect, ...] = ()
 
 
 def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None) -> Decision:
@@ -71,8 +75,30 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
     tell(0.85)
     _swap(state, say)
     _withdraw(state, say)
+    tell(0.9)
+    left = _left(state)
+    laws = _described(state, say)
     tell(0.95)
-    return _decision(state, tuple(trail))
+    # What is described is told as it was seen before.
+    return replace(_decision(state, left if laws else _left(state), tuple(trail)), laws=laws)
+
+
+def _described(state: EffectSearch, say: Callable[[str], None]) -> tuple[Effect, ...]:
+    """Smooth functions of what the leftover follows. What they make unnecessary among the accepted was accepted in their place: it goes."""
+    joints = [
+        g.joints[0] for k in np.flatnonzero(state.scores.z > state.critical).tolist() if len((g := state.scores.group(k)).joints) == 1
+    ]
+    laws = describing(state.fit, state.frame, tuple(dict.fromkeys(joints)), say) if joints else ()
+    if not laws or not state.accepted:
+        return laws
+    named = list(state.accepted)
+    state.accepted += [(law, law.joints or ()) for law in laws]
+    state.solve()
+    drop_unnecessary(state, say, spared=len(laws))
+    kept = [x for x in named if x in state.accepted]
+    state.accepted = kept
+    state.solve()
+    return laws
 
 
 def _forward(state: EffectSearch, say: Callable[[str], None], tell: Callable[[float], None]) -> None:
@@ -112,13 +138,13 @@ def _swap(state: EffectSearch, say: Callable[[str], None]) -> None:
 def _withdraw(state: EffectSearch, say: Callable[[str], None]) -> None:
     """Take back what beside the others has values that it cannot have: it stood for something else."""
     while (i := state.impossible()) is not None:
-        say(f"withdrawn: {state.accepted[i][0].name}, whose values no such effect can have")
+        say(f"retracted: {state.accepted[i][0].name}, whose values no such effect can have")
         del state.accepted[i]
         state.solve()
 
 
-def _decision(state: EffectSearch, trail: tuple[str, ...]) -> Decision:
-    """The verdict, by definition: something left, nothing accepted, more than one model in the set, or one."""
+def _left(state: EffectSearch) -> list[Left]:
+    """What is left beside the accepted effects, largest first; bursts where nothing else is."""
     scores = state.scores
     own = {(e.name, j) for e, j in state.accepted}
     left = [
@@ -126,8 +152,13 @@ def _decision(state: EffectSearch, trail: tuple[str, ...]) -> Decision:
         for k in np.argsort(-scores.z)[:40].tolist()
         if scores.z[k] > state.critical and (g := scores.group(k)).kind not in own
     ]
-    if (found := burst(state.fit, state.frame)) is not None and not left:
+    if not left and (found := burst(state.fit, state.frame)) is not None:
         left.append(Left("bursts", (state.fit.robot.joint_names[found[0]],), state.critical, False))
+    return left
+
+
+def _decision(state: EffectSearch, left: list[Left], trail: tuple[str, ...]) -> Decision:
+    """The verdict, by definition: something left, nothing accepted, more than one model in the set, or one."""
     named = tuple(accepted_effect(state, i) for i in range(len(state.accepted)))
     if left:
         verdict = "unexplained"
@@ -135,7 +166,7 @@ def _decision(state: EffectSearch, trail: tuple[str, ...]) -> Decision:
         verdict = "clean"
     else:
         verdict = "ambiguous" if any(not m.renamed for x in named for m in x.competing) else "explained"
-    return Decision(verdict, named, tuple(left), state.critical, state.fit, state.frame, scores, trail)
+    return Decision(verdict, named, tuple(left), state.critical, state.fit, state.frame, state.scores, trail)
 
 
 def _told(state: EffectSearch) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..design.catalogue import Catalogue
-from ..design.places import is_order, search_range
+from ..design.places import is_order, order_spacing, search_range
 from .scores import Scores
 
 if TYPE_CHECKING:
@@ -21,12 +21,18 @@ Array = np.ndarray
 _WHOLE, _EACH, _FINE = 25, 7, 9
 #: Rounds over the whole range, and around a shape found before; each looks at a quarter of the last.
 _ROUNDS, _NEAR_ROUNDS = 2, 5
+#: Rounds around an order, each at a third of the last.
+_ORDER_ROUNDS = 4
+#: z of what a whole order may leave beside a better one: about the critical value of the whole catalogue.
+_SEEN = 5.0
 #: Share of the range that is looked at around a shape that was found before.
 _NEAR = 0.06
 
 
 def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False) -> Effect:
     """An effect at the shape that scores best beside a frame; `near`: only around the one it has."""
+    if is_order(effect) and not on_a_slide(effect, fit):
+        return _order(effect, joints, fit, frame)
     free = _free(effect, fit)
     if not free:
         return effect
@@ -46,6 +52,24 @@ def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *,
     return effect
 
 
+def _order(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved) -> Effect:
+    """An effect at the order that scores best near its own; at a whole one, unless what that leaves would be seen.
+
+    A wheel between motor and joint may have any order; the motor's and the joint's own are whole."""
+    (p,) = effect.shape()
+    apart = order_spacing(effect, fit.declared, fit.motions(instrument=True))
+    if apart is None:
+        return effect
+    best, reach = float(getattr(effect, p.name)), 0.6 * apart
+    for _ in range(_ORDER_ROUNDS):
+        values = np.clip(np.linspace(best - reach, best + reach, _FINE), p.lower, p.upper).tolist()
+        z = scored([effect.with_shape(**{p.name: v}) for v in values], joints, fit, frame)
+        best, reach = values[int(np.argmax(z))], 0.3 * reach
+    whole = float(max(round(best), 1))
+    z = scored([effect.with_shape(**{p.name: v}) for v in (whole, best)], joints, fit, frame)
+    return effect.with_shape(**{p.name: whole if z[1] ** 2 - z[0] ** 2 <= _SEEN**2 else best})
+
+
 def scored(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solved) -> Array:
     """z of each effect of a list beside a frame."""
     scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, joints) for e in effects]))
@@ -56,9 +80,8 @@ def scored(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solv
 
 
 def _free(effect: Effect, fit: Fit) -> tuple[ShapeParameter, ...]:
-    """Shapes that may be anything between their bounds: no orders of what turns (they are whole), no delay taken as a slope."""
-    slope = effect.response(fit.robot) is not None and any(getattr(effect, p.name) == 0.0 for p in effect.shape())
-    if slope or (is_order(effect) and not on_a_slide(effect, fit)):
+    """Shapes that may be anything between their bounds: no delay taken as a slope."""
+    if effect.response(fit.robot) is not None and any(getattr(effect, p.name) == 0.0 for p in effect.shape()):
         return ()
     return tuple(p for p in effect.shape() if p.points != 1)
 

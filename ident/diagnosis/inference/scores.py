@@ -55,7 +55,7 @@ class Scores:
     """Scores of a frame. K groups that the model does not absorb (`kept`), with c whitened directions in all.
 
     `blocks` (c, B): score of each block of time; `gram` (c, c): their covariance; `starts` (K,), `degrees` (K,): directions of each group;
-    `map` (c, columns): from raw columns."""
+    `parts`: groups that act on one motor, motor by motor, then those that act on several."""
 
     groups: list[Group]
     kept: list[int]
@@ -65,6 +65,7 @@ class Scores:
     degrees: Array = field(repr=False)
     raw_scores: Array = field(repr=False)
     raw_gram: Array = field(repr=False)
+    parts: list[Array] = field(repr=False)
 
     @classmethod
     def of(cls, fit: Fit, frame: Solved, catalogue: Catalogue) -> Scores:
@@ -89,13 +90,14 @@ class Scores:
         T = CZ @ A
         G = G - T - T.T + A.T @ (frame.gram @ A)
         S = S - (model @ A).T
-        return cls._orthonormal(catalogue.groups, raw, G, S)
+        return cls._orthonormal(catalogue, raw, G, S)
 
     @classmethod
-    def _orthonormal(cls, groups: list[Group], raw: Array, G: Array, S: Array) -> Scores:
+    def _orthonormal(cls, catalogue: Catalogue, raw: Array, G: Array, S: Array) -> Scores:
         """Orthonormal directions inside each group; what the model absorbs is dropped."""
         import scipy.sparse as sparse
 
+        groups = catalogue.groups
         kept, starts, degrees, entries, rows, columns = [], [], [], [], [], []
         total = 0
         for k, g in enumerate(groups):
@@ -118,7 +120,9 @@ class Scores:
                 columns += ix.tolist()
             total += len(B)
         Q = sparse.csr_matrix((entries, (rows, columns)), shape=(total, len(raw)))
-        return cls(groups, kept, Q @ S, np.asarray(Q @ (Q @ G).T), np.array(starts, int), np.array(degrees, int), S.sum(axis=1), G)
+        gram = np.asarray(Q @ (Q @ G).T)
+        parts = _by_motor(catalogue, kept)
+        return cls(groups, kept, Q @ S, gram, np.array(starts, int), np.array(degrees, int), S.sum(axis=1), G, parts)
 
     @cached_property
     def named(self) -> Array:
@@ -181,6 +185,17 @@ class Scores:
                 along = np.einsum("kab,ka->kb", U, r)
                 squares[k] = np.where(w > 1e-3, along**2 / np.maximum(w, 1e-3), 0.0).sum(axis=1)
         return z_of(squares, self.degrees), np.minimum.reduceat(energy, self.starts)
+
+
+def _by_motor(catalogue: Catalogue, kept: list[int]) -> list[Array]:
+    """Places (among the kept groups) of those that act on one motor, motor by motor, and of those that act on several."""
+    acts = np.zeros((len(catalogue.places), catalogue.count), bool)
+    for m, ids in enumerate(catalogue.places):
+        acts[m, ids] = True
+    of_group = [acts[:, catalogue.groups[k].columns].any(axis=1) for k in kept]
+    alone = np.array([int(np.argmax(x)) if x.sum() == 1 else -1 for x in of_group], int)
+    found = [np.flatnonzero(alone == m) for m in range(-1, len(catalogue.places))]
+    return [x for x in found if len(x)]
 
 
 def _cuts(fit: Fit, frame: Solved) -> Array:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..design.places import is_order
 from ..thresholds import BOUND, MATERIAL
-from .refinement import on_a_slide, refined
+from .refinement import refined
 from .scores import Scores
 from .significance import parametric
 
@@ -67,7 +66,7 @@ class EffectSearch:
         """Shapes of all accepted effects anew, each beside the others, at the noise of the whole model."""
         changed = False
         for i, (effect, joints) in enumerate(list(self.accepted)):
-            if not effect.shape() or (is_order(effect) and not on_a_slide(effect, self.fit)):
+            if not effect.shape():
                 continue
             fit = self.fit_without(i)
             better = refined(effect, joints, fit, fit.behind(self.frame.gains), near=len(self.accepted) == 1)

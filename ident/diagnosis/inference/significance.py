@@ -21,12 +21,22 @@ _EULER = 0.5772156649
 
 def parametric(scores: Scores) -> float:
     """Quantile of the maximum for normal scores of this covariance, each taken as the scores are: without the stretch that speaks for it
-    most. Gumbel's law by moments of the draws."""
-    c = len(scores.gram)
-    L = np.linalg.cholesky((scores.gram + scores.gram.T) / 2.0 + 1e-5 * np.eye(c))
-    normal = np.random.default_rng(1).normal(size=(c, _PARTS * _DRAWS)) / np.sqrt(_PARTS)
-    parts = (L @ normal).reshape(c, _PARTS, _DRAWS)
-    return _quantile(z_of(least_squares_left(parts, scores.starts), scores.degrees).max(axis=0))
+    most. Gumbel's law by moments of the draws.
+
+    Groups of one motor are drawn together, and apart from those of others: their noise is another one. What correlation the model's own
+    columns make between them is left out, which can only raise the maximum (Slepian's lemma)."""
+    rng = np.random.default_rng(1)
+    largest = np.zeros(_DRAWS)
+    for groups in scores.parts:
+        ix = np.concatenate([scores.slice_of(k) for k in groups.tolist()])
+        degrees = scores.degrees[groups]
+        own = scores.gram[np.ix_(ix, ix)]
+        L = np.linalg.cholesky((own + own.T) / 2.0 + 1e-5 * np.eye(len(ix))).astype(np.float32)
+        normal = rng.normal(size=(len(ix), _PARTS * _DRAWS)).astype(np.float32) / np.float32(np.sqrt(_PARTS))
+        parts = (L @ normal).reshape(len(ix), _PARTS, _DRAWS)
+        starts = np.cumsum(np.concatenate([[0], degrees[:-1]]))
+        largest = np.maximum(largest, z_of(least_squares_left(parts, starts).astype(float), degrees).max(axis=0))
+    return _quantile(largest)
 
 
 def by_blocks(scores: Scores, residual_blocks: Array | None = None) -> float:

@@ -48,7 +48,7 @@ class Leftover:
     def text(self, joint_name: str) -> str:
         """For people."""
         return (
-            f"{joint_name}: what is left follows {self.signature}: {self.rms:.2g} times the noise (rms),"
+            f"{joint_name}: the residual follows {self.signature}: {self.rms:.2g} times the noise (rms),"
             f" held-out gain {self.evidence:.0f} ± {self.standard_error:.0f}"
         )
 

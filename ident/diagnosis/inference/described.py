@@ -1,0 +1,91 @@
+"""A leftover as smooth functions of what it follows: which quantity, and how fine a function, by the rule that decides on effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...effects.base import Need, make_effect
+from ..design.catalogue import Catalogue
+from ..thresholds import MATERIAL
+from .scores import Scores
+from .significance import parametric
+
+if TYPE_CHECKING:
+    from ...effects.base import Effect
+    from ...effects.motion import Motion
+    from ..scoring.fit import Fit, Solved
+
+Array = np.ndarray
+#: Intervals of a described function that are tried, coarse to fine; laws that are added up at most.
+_INTERVALS = (2, 4, 7, 12)
+_LAWS = 2
+
+
+def describing(fit: Fit, frame: Solved, joints: tuple[str, ...], say: Callable[[str], None]) -> tuple[Effect, ...]:
+    """Smooth functions on some joints beside a fit's effects; none where nothing left there follows a logged quantity."""
+    named = fit.effects
+    found: tuple[Effect, ...] = ()
+    for _ in range(_LAWS):
+        best = _best(fit, frame, joints, found)
+        if best is None:
+            break
+        found = (*found, best)
+        fit = fit.with_effects((*named, *found))
+        frame = fit.solved(2)
+        say(f"described: {best.name} on {', '.join(best.joints or ())}")
+    return found
+
+
+def _best(fit: Fit, frame: Solved, joints: tuple[str, ...], taken: tuple[Effect, ...]) -> Effect | None:
+    """The function that accounts best for what is left on some joints: quantity first, then how fine."""
+    taken_kinds = {_kind(e) for e in taken}
+    coarse = [e for e in _candidates(fit, joints, _INTERVALS[1]) if _kind(e) not in taken_kinds]
+    if not coarse:
+        return None
+    scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, e.joints or ()) for e in coarse]))
+    if not len(scores.kept):
+        return None
+    share = fit.share
+    critical = parametric(scores) + MATERIAL * float(np.sqrt(frame.rows * share[share > 0].mean()))
+    k = int(np.argmax(scores.z))
+    if scores.z[k] <= critical:
+        return None
+    chosen = scores.group(k).effect
+    finer = [e for count in _INTERVALS for e in _candidates(fit, joints, count) if _kind(e) == _kind(chosen)]
+    fits = [fit.with_effects((*fit.effects, e)) for e in finer]
+    frames = [f.solved(1) for f in fits]
+    gains = [np.max([x.gains[i] for x in frames], axis=0) for i in range(len(fit.runs))]
+    # Schwarz's criterion: what a parameter must gain grows with the logarithm of the rows.
+    each = np.log(max(frame.rows, 2))
+    cost = [f.energy(x, gains) + each * len(e.parameters(fit.robot)) for f, x, e in zip(fits, frames, finer, strict=True)]
+    return finer[int(np.argmin(cost))]
+
+
+def _kind(effect: Effect | None) -> tuple[object, ...]:
+    return (effect.name, effect.joints, getattr(effect, "by", ""), getattr(effect, "turned", "")) if effect is not None else ()
+
+
+def _candidates(fit: Fit, joints: tuple[str, ...], intervals: int) -> Iterator[Effect]:
+    """Functions of every quantity that the joints' torque could follow, with knots over its usual range."""
+    robot, motions = fit.robot, fit.motions(instrument=True)
+    for joint in joints:
+        for name in ("described_position", "described_speed", "described_load", "described_time"):
+            others = [""] if name in ("described_load", "described_time") else ["", *(j for j in robot.joint_names if j != joint)]
+            for by in others:
+                for turned in ("one", "direction"):
+                    effect = make_effect(name, joints=[joint], by=by, turned=turned, label="~" + (by or "") + turned[0])
+                    if Need.LOAD in effect.needs and motions[0].load is None:
+                        continue
+                    x = _quantity(effect, motions, robot)
+                    low, high = np.quantile(x, [0.002, 0.998])
+                    if high > low:
+                        knots = np.linspace(low, high, intervals + 1)
+                        yield make_effect(name, joints=[joint], by=by, turned=turned, label=effect.label, knots=tuple(knots.tolist()))
+
+
+def _quantity(effect: Effect, motions: list[Motion], robot) -> Array:  # type: ignore[no-untyped-def]
+    by = getattr(effect, "by", "") or (effect.joints or ("",))[0]
+    return np.concatenate([effect.quantity(m, robot, robot.joint_index(by)) for m in motions])  # type: ignore[attr-defined]
