@@ -62,9 +62,7 @@ def cases(short: bool) -> list[Case]:
     ):
         law = {"kp": kp, "kd": kd, "links": "identify", "command": "ramp", "by_log": {"*chirp*": {"velocity_command": "derivative"}}}
         step = {f"kbot_{number}_step": 0.004}
-        found.append(
-            Case(f"K-Bot {number}", "kbot_robstride/kbot_right_leg.urdf", (f"kbot_{number}_chirp",), step, law, single, joints=(joint,))
-        )
+        found.append(Case(f"K-Bot {number}", "kbot_robstride/kbot_right_leg.urdf", (f"kbot_{number}_chirp",), step, law, joints=(joint,)))
     if short:
         return found
     duty = {f"*kp{k}_*": {"kp": _XL330 * k} for k in (100, 200, 400, 800)}
