@@ -102,7 +102,7 @@ class DriveDiagnosis:
 
 _MEANS = {
     Verdict.CLEAN: "nothing beyond the declared model and law is supported",
-    Verdict.EXPLAINED: "what is missing or not as declared accounts for what is left",
+    Verdict.EXPLAINED: "what is missing or not as declared accounts for the residual",
     Verdict.AMBIGUOUS: "something is missing, and more than one thing accounts for it equally well",
     Verdict.UNEXPLAINED: "something is left that no candidate accounts for",
 }
