@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio
 import scipy
 
-TOPICS = ("real", "actuators", "methods", "diagnosis", "performance", "physical")
+TOPICS = ("real", "actuators", "methods", "diagnosis", "performance", "physical", "excitation")
 
 
 def main() -> int:

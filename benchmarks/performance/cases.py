@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 
 import ident
+from ident.friction import Coulomb, RotorInertia, Viscous
+from ident.physical.judgement import Subject
+from ident.physical.structure import InertiaStructure
 from ident.regressor import numpy_dynamics, rigid
+from ident.robots import nominal_values
 from ident.robots.tree import RigidBodyTree
 
 Array = np.ndarray
@@ -97,6 +103,38 @@ def chain(joints: int) -> pin.Model:
         parent = model.addJoint(parent, pin.JointModelRZ(), pin.SE3(turn, np.array([0.1, 0.0, 0.2])), f"joint{j + 1}")
         model.inertias[parent] = pin.Inertia(1.0, rng.normal(size=3) * 0.1, np.eye(3) * 0.05)
     return model
+
+
+def serial_arm(joints: int) -> ident.Robot:
+    """The robot of a serial arm of revolute joints with bodies of unlike size, with limits of 2.5 rad."""
+    rng = np.random.default_rng(joints)
+    parts = ['<robot name="arm"><link name="base"/>']
+    for j in range(1, joints + 1):
+        mass = float(np.exp(rng.uniform(-1, 1)) * (1 - 0.02 * j))
+        com = " ".join(f"{x:.4f}" for x in rng.uniform(-0.1, 0.1, 3))
+        inertia = mass * np.array([0.05, 0.08, 0.06]) * np.exp(rng.uniform(-0.5, 0.5, 3))
+        moments = " ".join(f'{name}="{x:.5f}"' for name, x in zip(("ixx", "iyy", "izz"), inertia, strict=True))
+        parts.append(
+            f'<link name="link{j}"><inertial><origin xyz="{com}"/><mass value="{mass:.4f}"/>'
+            f'<inertia {moments} ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+        parent, turn = ("base" if j == 1 else f"link{j - 1}"), np.pi / 2 * (j % 2)
+        parts.append(
+            f'<joint name="joint{j}" type="revolute"><parent link="{parent}"/><child link="link{j}"/><origin xyz="0.1 0 0.2"'
+            f' rpy="{turn:.10f} 0 0"/><axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" effort="100" velocity="5"/></joint>'
+        )
+    with tempfile.TemporaryDirectory(prefix="ident-benchmark-") as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text("\n".join([*parts, "</robot>"]))
+        return ident.Robot.from_urdf(path)
+
+
+def noisy_subject(joints: int) -> Subject:
+    """A serial arm's base parameters with rotor inertia and friction, each of a standard deviation of some percent."""
+    model = serial_arm(joints).rigid_body() + RotorInertia() + Viscous() + Coulomb()
+    values = model.base.base_values(nominal_values(model))
+    covariance = np.diag((0.03 * np.abs(values) + 1e-3) ** 2)
+    return Subject("nominal", InertiaStructure.from_model(model, model.base), values, covariance)
 
 
 def humanoid() -> pin.Model | None:

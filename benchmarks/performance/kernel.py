@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -13,7 +14,7 @@ from .cases import Case, chain, humanoid, puma
 from .figaroh_chain import microseconds as figaroh
 from .limits import information_limit
 from .table import Row
-from .timing import Work, best, native, together
+from .timing import TURNS, Work, best, native, together
 
 
 def information_rows(samples: int, folder: Any) -> list[Row]:
@@ -118,7 +119,6 @@ def humanoid_row(samples: int) -> list[Row]:
             "loop": Work(case.loop("regressor", few), few),
             "lstsq": Work(lambda: case.lstsq(few), few),
         },
-        rounds=4,
     )
     others = (
         ("Pinocchio's loop of the regressor alone", found["loop"], None),
@@ -130,9 +130,25 @@ def humanoid_row(samples: int) -> list[Row]:
     return [Row(work, found["gram"], "µs", 2.0 * limit.value, others, why, f"limit {limit.value:.3g} µs; QR-grade {found['qr']:.3g} µs")]
 
 
-def _both(case: Case, samples: int, threads: int = 1, rounds: int = 4) -> dict[str, float]:
+def arm_rows(counts: Sequence[int], samples: int = 8192) -> list[Row]:
+    """Information of serial arms as long as humanoids have joints, with viscous and Coulomb friction, against the limit of their own
+    structure."""
+    found = []
+    for joints in counts:
+        case = Case(chain(joints), samples, drives=2 * joints)
+        limit = information_limit(case, samples)
+        gram = together({"": Work(lambda case=case: case.information("gram"), samples)}, budget=3.0)[""]  # type: ignore[misc]
+        work = f"arm of {joints} joints, {len(case.columns)} columns, Gram, {samples} samples"
+        found.append(
+            Row(work, gram, "µs", 2.0 * limit.value, why=limit.why(gram, "µs"), note=f"limit of its own structure {limit.value:.3g} µs")
+        )
+    return found
+
+
+def _both(case: Case, samples: int, threads: int = 1, rounds: int = TURNS) -> dict[str, float]:
+    clock = time.perf_counter if threads > 1 else time.thread_time
     works = {
-        f"{key}_us": Work(lambda form=form: case.information(form, samples, threads), samples, threads > 1)  # type: ignore[misc]
+        f"{key}_us": Work(lambda form=form: case.information(form, samples, threads), samples, clock)  # type: ignore[misc]
         for key, form in (("gram", "gram"), ("qr", "triangle"))
     }
     return together(works, rounds, budget=3.0)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import cProfile
 import pstats
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,7 +54,19 @@ def profiled(work: Callable[[], Any], most: int = 5) -> str:
     """Where a work spends its time: the functions with the largest own time, from a profile of one run of it."""
     profile = cProfile.Profile()
     profile.runcall(work)
-    stats: Any = pstats.Stats(profile)
+    return _largest(pstats.Stats(profile), most)
+
+
+def profiled_process(arguments: list[str], most: int = 5) -> str:
+    """The same of `ident` with these arguments, in a process of its own."""
+    with tempfile.TemporaryDirectory(prefix="ident-benchmark-") as name:
+        kept = Path(name) / "profile"
+        run = [sys.executable, "-m", "cProfile", "-o", str(kept), "-m", "ident", *arguments]
+        subprocess.run(run, check=True, capture_output=True)
+        return _largest(pstats.Stats(str(kept)), most)
+
+
+def _largest(stats: Any, most: int) -> str:
     own = {name: row[2] for name, row in stats.stats.items()}
     total = sum(own.values())
     largest = sorted(own.items(), key=lambda item: -item[1])[:most]

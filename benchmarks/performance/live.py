@@ -16,12 +16,15 @@ from .make_large_log import Puma
 from .table import Row
 from .timing import Work, together
 
+Array = np.ndarray
+
 #: Samples that are taken in turn.
 _SAMPLES = 2000
 
 
-def live_rows(calls: int) -> list[Row]:
-    """A live sample into the recursion (jitter over so many calls), feedforward and forward dynamics of one state of the PUMA."""
+def live_rows(calls: int) -> tuple[list[Row], list[dict[str, Any]]]:
+    """A live sample into the recursion (jitter over so many calls), feedforward and forward dynamics of one state of the PUMA; and the
+    histogram of the time of single calls."""
     puma = Puma(1)
     q, dq, ddq, tau = puma.motion(np.arange(_SAMPLES) / 200.0)
     live = RecursiveLeastSquares(noise_std=tuple(puma.noise)).start(puma.model).live()
@@ -48,12 +51,13 @@ def live_rows(calls: int) -> list[Row]:
     several = fixed.torque(q, dq, ddq)
     batch = together({"": Work(lambda: fixed.torque(q, dq, ddq), _SAMPLES)})[""]
     gap = float(np.abs(several - np.array([fixed.torque(*state) for state in zip(q, dq, ddq, strict=True)])).max())
+    times = call_times(live, (q, dq, ddq, tau), calls)
     call = Limit((("an empty call of Python", found["nothing"]),))
     rotated = Limit((("the compiled rows and rotations alone", found["rows"]),))
-    return [
+    rows = [
         Row(
             "live sample into the recursion, 6 x 52, PUMA", found["add"], "µs", 60.0, why=rotated.why(found["add"], "µs"),
-            note=f"its state out: {found['state']:.0f} µs; of {calls} calls by the clock {jitter(live, (q, dq, ddq, tau), calls)}",
+            note=f"its state out: {found['state']:.0f} µs; of {calls} calls by the clock {quantiles(times)}",
         ),
         Row(
             "feedforward of one state, friction and rotors included", found["feedforward"], "µs", 2 * found["rnea"],
@@ -65,10 +69,11 @@ def live_rows(calls: int) -> list[Row]:
             (("pin.aba called from Python", found["aba"], None),), call.why(found["forward"], "µs"),
         ),
     ]  # fmt: skip
+    return rows, histogram(times)
 
 
-def jitter(live: Any, arrays: tuple[Any, ...], calls: int) -> str:
-    """Quantiles of the time of single calls."""
+def call_times(live: Any, arrays: tuple[Any, ...], calls: int) -> Array:
+    """Seconds by the clock of single calls of `live.add`."""
     states = [tuple(x[i] for x in arrays) for i in range(_SAMPLES)]
     times = np.empty(calls)
     clock = time.perf_counter
@@ -77,6 +82,23 @@ def jitter(live: Any, arrays: tuple[Any, ...], calls: int) -> str:
         start = clock()
         live.add(*state)
         times[k] = clock() - start
+    return times
+
+
+def quantiles(times: Array) -> str:
+    """Quantiles of the time of single calls."""
     shares = (0.5, 0.9, 0.99, 0.999, 1.0)
     parts = [f"{share:.5g} within {value * 1e6:.3g} µs" for share, value in zip(shares, np.quantile(times, shares), strict=True)]
     return ", ".join(parts)
+
+
+def histogram(times: Array) -> list[dict[str, Any]]:
+    """How many calls took how long: bins that grow by half, the first and the last as wide as needed."""
+    us = times * 1e6
+    edges = np.median(us) * 1.5 ** np.arange(-1, 18)
+    counts, _ = np.histogram(np.clip(us, edges[0], edges[-1]), edges)
+    last = int(np.flatnonzero(counts)[-1])
+    return [
+        {"from us": float(edges[k]), "to us": float(edges[k + 1]), "calls": int(counts[k]), "share": float(counts[k] / len(us))}
+        for k in range(last + 1)
+    ]

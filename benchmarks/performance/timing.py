@@ -1,9 +1,10 @@
-"""Times that stand a busy machine: works in turn, the best of many rounds, and what the machine itself can do."""
+"""Times that stand a busy machine: works in turn, the median of their turns, and what the machine itself can do."""
 
 from __future__ import annotations
 
 import os
 import platform
+import resource
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,50 +18,73 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Work:
-    """Something to be timed, `count` units of it; `wall`: by the clock on the wall (several threads, other processes), not by the
-    processor time of this thread."""
+    """Something to be timed, `count` units of it, by a `clock` in seconds: the processor time of this thread, unless it is told otherwise
+    (several threads, other processes)."""
 
     call: Callable[[], Any]
     count: int
-    wall: bool = False
+    clock: Callable[[], float] = time.thread_time
 
 
-def together(works: Mapping[str, Work], rounds: int = 5, budget: float = 6.0) -> dict[str, float]:
-    """Microseconds per unit of each work, the best of rounds in which every work has its turn: a ratio is of one state of the machine.
+def children_clock() -> float:
+    """Processor time of the processes that this one has started and waited for, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
-    A work that takes longer than its share of `budget` (s) has fewer turns, two at least."""
+
+#: Turns of each work, at least.
+TURNS = 5
+
+
+def together(works: Mapping[str, Work], rounds: int = TURNS, budget: float = 6.0) -> dict[str, float]:
+    """Microseconds per unit of each work: the median of its turns, of each of which the best of some repeats counts. Every work has its
+    turn in every round, so that a ratio is of one state of the machine.
+
+    There are `rounds` turns, and as many more as `budget` (s) allows up to three times as many."""
+    return {name: float(np.median(turns)) for name, turns in in_turn(works, rounds, budget).items()}
+
+
+def in_turn(works: Mapping[str, Work], rounds: int, budget: float) -> dict[str, list[float]]:
+    """Microseconds per unit of each work in each of its turns."""
     for work in works.values():
         work.call()  # caches and plans
-    times: dict[str, list[float]] = {name: [] for name in works}
-    spent = dict.fromkeys(works, 0.0)
-    for turn in range(max(rounds, 2)):
+    shortest = dict.fromkeys(works, 0.0)
+    found: dict[str, list[float]] = {name: [] for name in works}
+    begin = time.perf_counter()
+    for turn in range(3 * rounds):
+        if turn >= rounds and time.perf_counter() - begin > budget:
+            break
         for name, work in works.items():
-            if turn >= 2 and spent[name] > budget / len(works):
-                continue
-            begin = time.perf_counter()
-            for _ in range(_repeats(times[name])):
-                clock = time.perf_counter if work.wall else time.thread_time
-                start = clock()
+            times = []
+            for _ in range(_repeats(shortest[name])):
+                start = work.clock()
                 work.call()
-                times[name].append(clock() - start)
-            spent[name] += time.perf_counter() - begin
-    return {name: min(t) / works[name].count * 1e6 for name, t in times.items()}
+                times.append(work.clock() - start)
+            shortest[name] = min(times)
+            found[name].append(min(times) / work.count * 1e6)
+    return found
 
 
-def _repeats(times: list[float]) -> int:
+def _repeats(seconds: float) -> int:
     """Short works have several runs a turn: some 30 ms."""
-    return 1 if not times else max(1, min(20, int(0.03 / max(min(times), 1e-6))))
+    return 1 if not seconds else max(1, min(20, int(0.03 / max(seconds, 1e-6))))
 
 
-def best(call: Callable[[], Any], count: int, *, wall: bool = False, rounds: int = 5, budget: float = 2.0) -> float:
+def best(call: Callable[[], Any], count: int, *, rounds: int = TURNS, budget: float = 2.0) -> float:
     """Microseconds per unit of one work."""
-    return together({"": Work(call, count, wall)}, rounds, budget)[""]
+    return together({"": Work(call, count)}, rounds, budget)[""]
+
+
+def dgemm() -> Work:
+    """A multiplication of matrices; its unit is 1e6 operations."""
+    size = 500
+    A = np.random.default_rng(0).normal(size=(size, size))
+    return Work(lambda: A @ A, 2 * size**3 // 1_000_000)
 
 
 def multiplications() -> float:
     """Multiplications and additions of one thread in dgemm, 1e9/s: what this machine gives to dense algebra."""
-    A = np.random.default_rng(0).normal(size=(512, 512))
-    return 2 * 512**3 / (best(lambda: A @ A, 1, budget=1.0) * 1e-6) * 1e-9
+    return 1e3 / together({"": dgemm()}, budget=1.0)[""]
 
 
 def bandwidth() -> float:
@@ -79,17 +103,25 @@ def native() -> Any:
     return module
 
 
+def processor() -> dict[str, str]:
+    """What the system says of the processor: vendor, family, model and name, where it does."""
+    found = dict.fromkeys(("vendor_id", "cpu family", "model", "model name"), "")
+    found["model name"] = platform.processor()
+    if Path("/proc/cpuinfo").exists():
+        for line in Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() in found:
+                found[name.strip()] = value.strip()
+    return found
+
+
 def machine() -> dict[str, Any]:
     """What was measured on."""
     import pinocchio
 
-    cpu = platform.processor()
-    if Path("/proc/cpuinfo").exists():
-        lines = [line.split(":", 1)[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
-        cpu = lines[0] if lines else cpu
     module = native()
     return {
-        "processor": cpu,
+        "processor": processor()["model name"],
         "cores": os.cpu_count(),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "kernel": module.instruction_sets()[-1] if module else "numpy",

@@ -213,7 +213,9 @@ template <class Use> static bool over_tiles(const Tree& t, const Plan& plan, con
 static void information(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory, double* const* factors) {
     const bool finite = over_tiles(t, plan, x, lo, hi, memory, [&](int r, Lanes* tile, int stride, int64_t, int count) {
         const int used = (count + LANES - 1) / LANES;
-        (plan.gram ? add_gram : add_triangle)(tile, stride, used, (int)plan.row[r].width, (int)plan.row[r].padded, factors[r]);
+        const int width = (int)plan.row[r].width, padded = (int)plan.row[r].padded;
+        if (plan.split) add_mixed(tile, stride, used, width, padded, (int)plan.split[r], factors[r]);
+        else (plan.gram ? add_gram : add_triangle)(tile, stride, used, width, padded, factors[r]);
     });
     if (!finite) factors[0][0] = NAN;
 }

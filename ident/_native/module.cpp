@@ -183,7 +183,7 @@ PyObject* make_plan(PyObject* const* a) {
     plan->extras_kept.assign(extra, extra + total_extras);
     plan->extras = (int)integer(a[5]);
     plan->dense = integer(a[6]) != 0;
-    plan->rows = (int)count, plan->widest = (int)widest, plan->gram = false, plan->taps = nullptr, plan->bodies = tree->nb;
+    plan->rows = (int)count, plan->widest = (int)widest, plan->gram = false, plan->split = nullptr, plan->taps = nullptr, plan->bodies = tree->nb;
     step = plan->steps_kept.data(), extra = plan->extras_kept.data();
     for (int64_t r = 0; r < count; ++r, row += 4) {
         plan->rows_kept.push_back({row[0], row[1], row[2], row[3], step, extra});
@@ -280,14 +280,17 @@ PyObject* row_columns(PyObject* const* a) {
 // information(tree, plan, gram, n, threads, taps or None, factor, q, dq, ddq, tau, valid or None, weight or None, extra or None, out):
 // n samples, whose rows number n, or with taps as many as have full support. `out` holds the factors of all rows one after the other,
 // each padded x padded, and is added to.
-PyObject* information(PyObject* const* a) {
+PyObject* accumulate(PyObject* const* a, PyObject* split) {
     const Tree& t = *unwrap<OwnedTree>(a[0], "tree");
     Samples samples(t, *unwrap<OwnedPlan>(a[1], "plan"), integer(a[3]), a + 5);
     Plan& plan = samples.plan;
     const Arrays& x = samples.x;
     const int64_t threads = integer(a[4]);
-    plan.gram = integer(a[2]) != 0;
-    Buffer out;
+    Buffer out, splits;
+    plan.split = (const int64_t*)splits.take(split, 8 * (int64_t)plan.rows, 0, "split");
+    plan.gram = plan.split || integer(a[2]) != 0;
+    for (int r = 0; plan.split && r < plan.rows; ++r)
+        require(plan.split[r] >= 0 && plan.split[r] < plan.row[r].width, "information: a split is out of range");
     int64_t size = 0;
     for (int r = 0; r < plan.rows; ++r) size += plan.row[r].padded * plan.row[r].padded;
     double* into = out.room(a[14], size, "out");
@@ -310,6 +313,9 @@ PyObject* information(PyObject* const* a) {
     for (size_t i = 1; i < places.size(); ++i) active->merge(plan, scratch.get(), places[0].data(), places[i].data());
     Py_RETURN_NONE;
 }
+PyObject* information(PyObject* const* a) { return accumulate(a, Py_None); }
+// split_information(… as information, split: int64 (R), columns of each row that are instruments).
+PyObject* split_information(PyObject* const* a) { return accumulate(a, a[15]); }
 
 // simulate(tree, lanes, periods, substeps, every, h, linear, ends, fresh, complete, threads, (inertia, offset, direction, level, zero),
 // (entries, ratios, touches), (kp, kd, limit), (forward, desired q, desired dq), (q, dq, modes), (q, dq, ddq, friction, modes, torque) to keep):
@@ -491,7 +497,7 @@ template <PyObject* (*function)(PyObject* const*), int count> PyObject* call(PyO
 }
 
 #define METHOD(name, count) {#name, (PyCFunction)(void (*)())call<name, count>, METH_FASTCALL, nullptr}
-PyMethodDef methods[] = {METHOD(make_tree, 4),    METHOD(make_plan, 7),        METHOD(compute, 13), METHOD(information, 15),   METHOD(row_columns, 11),
+PyMethodDef methods[] = {METHOD(make_tree, 4),    METHOD(make_plan, 7),        METHOD(compute, 13), METHOD(information, 15), METHOD(split_information, 16),   METHOD(row_columns, 11),
                          METHOD(simulate, 17),    METHOD(filter_rows, 6),      METHOD(drive, 10),   METHOD(instruction_sets, 0), METHOD(use, 1),
                          {nullptr, nullptr, 0, nullptr}};
 PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", "Compiled rigid-body kernels.", -1, methods, nullptr, nullptr, nullptr, nullptr};

@@ -97,6 +97,14 @@ template <class Block> static inline void by_columns(int first, int width, Block
     }
 }
 
+// Rows of a block of products: with four columns, as many sums as there are registers for beside their factors (32 with AVX-512 and NEON,
+// 16 else).
+#if LANES == 8 || defined(__aarch64__)
+constexpr int GRAM_ROWS = 4;
+#else
+constexpr int GRAM_ROWS = 2;
+#endif
+
 template <int R> struct GramBlocks {
     const Lanes* tile;
     int stride, used, padded, row;
@@ -113,10 +121,18 @@ template <int R> struct GramBlocks {
 
 // Gram matrix of a tile, added to the upper triangle of G (leading dimension `padded`).
 static void add_gram(Lanes* tile, int stride, int used, int width, int padded, double* G) {
-    constexpr int R = LANES == 8 ? 4 : 2;
+    constexpr int R = GRAM_ROWS;
     int r = 0;
     for (; r + R <= width; r += R) by_columns(r, width, GramBlocks<R>{tile, stride, used, padded, r, G});
     for (; r < width; ++r) by_columns(r, width, GramBlocks<1>{tile, stride, used, padded, r, G});
+}
+
+// Products of the tile's first `split` columns with the others alone, added to their block of G.
+static void add_mixed(Lanes* tile, int stride, int used, int width, int padded, int split, double* G) {
+    constexpr int R = GRAM_ROWS;
+    int r = 0;
+    for (; r + R <= split; r += R) by_columns(split, width, GramBlocks<R>{tile, stride, used, padded, r, G});
+    for (; r < split; ++r) by_columns(split, width, GramBlocks<1>{tile, stride, used, padded, r, G});
 }
 
 // Householder triangularisation of [R; tile], R upper triangular (leading dimension `padded`), by panels of four columns in compact

@@ -64,6 +64,7 @@ struct Plan {
     int rows, widest, extras;   // widest: greatest padded width; extras: columns of `extra`
     bool dense;                 // extra is (N, rows, extras), not (N, extras)
     bool gram;
+    const int64_t* split;       // of a Gram matrix: how many columns of each row are instruments, whose products with the others are wanted
     const double* taps;         // of the filter of the rows, or null
     int tap_count, factor;      // factor: samples a row
     Row* row;

@@ -56,14 +56,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     room.add_argument(
         "--workspace", nargs=6, type=float, metavar=("X", "X", "Y", "Y", "Z", "Z"), help="walls within which all that moves stays, m"
     )
+    room.add_argument("--workspace-mesh", metavar="FILE", help="the same as a closed convex mesh (STL, OBJ, PLY, DAE; base frame)")
+    room.add_argument("--obstacle", nargs="+", action="extend", default=[], metavar="FILE", help="meshes to keep clear of (base frame)")
+    room.add_argument("--mesh-scale", type=positive, default=1.0, metavar="S", help="metres per unit of those meshes (default: 1)")
     room.add_argument("--clearance", type=not_negative, default=0.02, metavar="M", help="distance that is kept, m (default: %(default)s)")
     room.add_argument("--link-radius", type=positive, metavar="M", help="radius of links without a shape (default: up to 0.05)")
     room.add_argument("--no-collision-check", action="store_true", help="do not look at collisions at all")
     limits = parser.add_argument_group("limits, joint side: one value, or one per joint; by default shares of the robot's own")
     limits.add_argument("--limit-share", type=positive, default=0.9, metavar="S", help="share of its own limits (default: %(default)s)")
     limits.add_argument("--position-share", type=positive, metavar="S", help="share of the position range, about its middle")
-    for name, unit in (("velocity", "rad/s, m/s"), ("acceleration", "rad/s^2, m/s^2"), ("torque", "N m, N")):
+    kinds = (("velocity", "rad/s, m/s"), ("acceleration", "rad/s^2, m/s^2"), ("jerk", "rad/s^3, m/s^3"), ("torque", "N m, N"))
+    for name, unit in kinds:
         limits.add_argument(f"--max-{name}", type=positive, nargs="+", metavar="X", help=f"largest {name}, {unit}")
+    place = parser.add_argument_group("postures, joint side, one number per joint (rad, m)")
+    place.add_argument("--start-posture", nargs="+", type=float, metavar="Q", help="where the motion starts and ends (default: the best)")
+    place.add_argument("--from-posture", nargs="+", type=float, metavar="Q", help="where the robot stands: a slow approach is put before")
+    parser.add_argument("--view", metavar="FILE", help="write the swept motion as a page to turn and to play (HTML; also in --out)")
     parser.add_argument("--ros", metavar="FILE", help="write the motion as a ROS 2 JointTrajectory (YAML), too")
     parser.add_argument("--starts", type=whole, default=3, help="independent searches (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed (default: %(default)s)")
@@ -83,8 +91,9 @@ def run(args: argparse.Namespace) -> int:
             f"{args.seconds:g} s at {args.rate:g} Hz are {int(args.seconds * args.rate)} samples: fewer equations than the"
             f" {model.base.count} base parameters; give a longer trajectory (--seconds)."
         )
-    if args.ros and Path(args.ros).exists() and not args.force:
-        raise ConfigurationError(f"{args.ros} exists; nothing was designed. Choose another --ros, or add --force.")
+    for flag, file in (("--ros", args.ros), ("--view", args.view)):
+        if file and Path(file).exists() and not args.force:
+            raise ConfigurationError(f"{file} exists; nothing was designed. Choose another {flag}, or add --force.")
     noise = args.noise[0] if args.noise and len(args.noise) == 1 else args.noise
     if noise is None and estimate is not None:
         noise = sample_noise(estimate, args.rate)
@@ -96,6 +105,8 @@ def run(args: argparse.Namespace) -> int:
         measure=measure,
         limits=_limits(args, model.robot),
         surroundings=_surroundings(args),
+        posture=args.start_posture,
+        present=args.from_posture,
         rate=args.rate,
         starts=args.starts,
         seed=args.seed,
@@ -106,11 +117,16 @@ def run(args: argparse.Namespace) -> int:
         found.to_csv(target if folder is None or args.trajectory is not None else folder / _TRAJECTORY, force=args.force)
         if args.ros:
             found.to_ros(args.ros, force=args.force)
+        if args.view:
+            found.to_view(args.view, force=args.force)
         data = {"trajectory": str(target), **found.to_dict()}
         if folder is not None:
             _keep_report(found, folder, args, out)
-        out.result(result("ident.excitation/1", data, inputs=inputs_of(args, model.robot)), "excitation")
-    out.say(f"wrote {target}" + (f" and {args.ros}" if args.ros else ""))
+            found.to_view(folder / "swept.html", force=args.force)
+        out.result(
+            result("ident.excitation/1", data, inputs=inputs_of(args, model.robot, *args.obstacle, args.workspace_mesh)), "excitation"
+        )
+    out.say("wrote " + ", ".join(str(file) for file in (target, args.ros, args.view) if file))
     return 0
 
 
@@ -130,13 +146,14 @@ def _surroundings(args: argparse.Namespace) -> Surroundings | None:
     except ValueError:
         raise ConfigurationError(f"--ground must be a height in m or none, not {args.ground!r}.") from None
     room: dict[str, Any] = {"ground": ground, "clearance": args.clearance, "link_radius": args.link_radius}
+    room |= {"obstacles": args.obstacle, "workspace": args.workspace_mesh, "mesh_scale": args.mesh_scale}
     return Surroundings(**room) if args.workspace is None else Surroundings.within(args.workspace, **room)
 
 
 def _limits(args: argparse.Namespace, robot: Robot) -> Limits:
     if args.limit_share > 1 or (args.position_share or 0) > 1:
         raise ConfigurationError("--limit-share and --position-share are shares of the robot's own limits: at most 1.")
-    given = {name: getattr(args, f"max_{name}") for name in ("velocity", "acceleration", "torque")}
+    given = {name: getattr(args, f"max_{name}") for name in ("velocity", "acceleration", "torque", "jerk")}
     values = {name: x[0] if x is not None and len(x) == 1 else x for name, x in given.items()}
     ends = {}
     if args.position_share is not None:

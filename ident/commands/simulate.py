@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from ..robots.library.nominal import nominal_values
 from ..robots.reach import reach
 from ..robots.transmission import Side
 from ..robots.urdf import some
+from ..simulation.exceeded import exceeded_limits, exceeded_lines
 from ..simulation.sensors import Quantisation, Sensors, TorqueNoise, TorqueWindow
 from ..simulation.simulate import Plant, simulate
 from ..simulation.trajectory import FourierTrajectory
@@ -102,11 +103,14 @@ def run(args: argparse.Namespace) -> int:
         progress=out.progress("simulating"),
     )  # fmt: skip
     data = {"log": str(target), "samples": len(made.t), "rate": args.rate, "joints": list(model.robot.joint_names), "seed": args.seed}
-    data["parameters"] = _named(model, values)
+    beyond = exceeded_limits(made)
+    data["parameters"], data["exceeds"] = _named(model, values), [asdict(limit) for limit in beyond]
     with out.together() as folder:
         made.to_csv(target if folder is None or args.log is not None else folder / _LOG, force=args.force)
         out.result(result("ident.simulation/1", data, inputs=inputs_of(args, model.robot, args.trajectory)), "simulation")
     out.say(f"wrote {target}: {len(made.t)} samples at {args.rate:g} Hz of {model.robot.name} ({', '.join(model.robot.joint_names)})")
+    for line in exceeded_lines(beyond, model.robot):
+        out.say(f"  {line}: a robot could not do this")
     return 0
 
 

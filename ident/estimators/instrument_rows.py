@@ -75,7 +75,7 @@ class InstrumentRows:
                     one.reset(joint.width)
             valid = rows.valid & self.usable[rows.place]
             lines = tuple(
-                one(joint.line(rows, other.columns, self.values, j), valid[:, j])
+                one.whitened(joint.line(rows, other.columns, self.values, j, one.room(len(valid))), valid[:, j])
                 for j, (one, joint) in enumerate(zip(filters, joints, strict=True))
             )
             yield WhiteRows(lines, tuple(joint.columns for joint in joints), valid, rows.place, run)
@@ -135,14 +135,15 @@ class _JointColumns:
         width = -(-(2 * len(columns) + 2) // _LANES) * _LANES
         return cls(every, _stretch(places), _stretch(places[mine]), columns, width)
 
-    def line(self, rows: PackedRows, instruments: PackedColumns, values: Array, j: int) -> Array:
-        """Instruments, columns, error and torque (m, width) of joint j; rows that are not valid may hold anything."""
-        size = len(self.columns)
-        out = np.zeros((len(rows.tau), self.width))
-        out[:, :size] = instruments.values[:, self.estimated]
-        out[:, size : 2 * size] = rows.columns.values[:, self.estimated]
-        out[:, 2 * size + 1] = rows.tau[:, j]
-        np.subtract(rows.tau[:, j], rows.columns.values[:, self.places] @ values[self.every], out=out[:, 2 * size])
+    def line(self, rows: PackedRows, instruments: PackedColumns, values: Array, j: int, out: Array) -> Array:
+        """`out` (p + m, width), with instruments, columns, error and torque of joint j in its last m rows; rows that are not valid may hold
+        anything."""
+        size, here = len(self.columns), out[len(out) - len(rows.tau) :]
+        here[:, :size] = instruments.values[:, self.estimated]
+        here[:, size : 2 * size] = rows.columns.values[:, self.estimated]
+        here[:, 2 * size + 1] = rows.tau[:, j]
+        here[:, 2 * size + 2 :] = 0.0
+        np.subtract(rows.tau[:, j], rows.columns.values[:, self.places] @ values[self.every], out=here[:, 2 * size])
         return out
 
 
@@ -171,15 +172,22 @@ class _Whitener:
         """Begin a run of rows of this width."""
         self.past, self.age = np.zeros((self.order, width)), 0
 
-    def __call__(self, x: Array, valid: Array) -> Array:
-        """Whitened rows (m, c) of x (m, c) that follow the last ones; zero where `valid` (m,) is false."""
-        m, p = len(x), self.order
-        line = np.concatenate([self.past, x])
+    def room(self, count: int) -> Array:
+        """The last rows (p, c), and room for as many more."""
+        line = np.empty((self.order + count, self.past.shape[1]))
+        line[: self.order] = self.past
+        return line
+
+    def whitened(self, line: Array, valid: Array) -> Array:
+        """Whitened rows (m, c) of `room` filled with m rows that follow the last ones; zero where `valid` (m,) is false."""
+        m, p = len(valid), self.order
         whole = bool(valid.all())
         if not whole:
             line[p:][~valid] = 0.0
         self.past = line[len(line) - p :].copy()
         out = kernel().series.average(self.full, line)
+        if whole and self.age >= p:
+            return out
         place = np.arange(m)
         # Rows since the last gap, before each row; those of the blocks before count on.
         gap = np.maximum.accumulate(np.where(valid, -1 - self.age, place))
@@ -188,8 +196,11 @@ class _Whitener:
         if not whole:
             out[~valid] = 0.0
         young = np.flatnonzero(valid & (age < p))
-        for stretch in np.split(young, np.flatnonzero(np.diff(young) != 1) + 1) if len(young) else ():
-            first, last, seen = int(stretch[0]), int(stretch[-1]) + 1, int(age[stretch[0]])
+        if not len(young):
+            return out
+        ends = np.flatnonzero(np.diff(young) != 1)
+        for first, last in zip(young[np.append(0, ends + 1)].tolist(), (young[np.append(ends, -1)] + 1).tolist(), strict=True):
+            seen = int(age[first])
             np.matmul(
                 self.triangle[seen : seen + last - first, : seen + last - first], line[p + first - seen : p + last], out=out[first:last]
             )

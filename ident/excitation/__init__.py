@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .approach import NoWay
+from .clearance import Clearance
 from .design import excite, random_excitation, tell_apart
 from .families import BSplineFamily, Family, FourierFamily
 from .limits import Limits
@@ -13,6 +15,7 @@ from .surroundings import Safety, Surroundings
 __all__ = [
     "BSplineFamily",
     "Both",
+    "Clearance",
     "ConditionNumber",
     "DOptimality",
     "Excitation",
@@ -20,6 +23,7 @@ __all__ = [
     "FourierFamily",
     "Limits",
     "Measure",
+    "NoWay",
     "Safety",
     "Surroundings",
     "condition_number",

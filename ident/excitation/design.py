@@ -11,6 +11,9 @@ import numpy as np
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, UnsupportedError
 from ..robots.library.nominal import nominal_values
+from ..simulation.trajectory import Chained, Trajectory
+from .approach import NoWay, approach, require_clear
+from .certificate import certify, nearest
 from .clearance import Clearance
 from .families import BSplineFamily, Family, FourierFamily
 from .information import MotionInformation
@@ -25,6 +28,7 @@ from .surroundings import Safety, Surroundings
 if TYPE_CHECKING:
     from ..effects.base import Effect
     from ..model import Model
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 _LOG = logging.getLogger(__name__)
@@ -59,6 +63,8 @@ def excite(
     family: Family = _FAMILY,
     measure: Measure = _MEASURE,
     surroundings: Surroundings | None = None,
+    posture: Sequence[float] | None = None,
+    present: Sequence[float] | None = None,
     rate: float = 200.0,
     starts: int = 3,
     iterations: int = 60,
@@ -71,8 +77,10 @@ def excite(
     and for effects that need the model's prediction; by default the nominal ones, if there are any. `noise`: std of the torque,
     one value or (n,), measured side; by default one hundredth of the rms torque of random motion. `starts`: independent
     searches, of which the best is taken; `iterations` of each per level of the limits' barrier. `surroundings`: what the motion keeps
-    clear of, the robot itself among it, at every moment; None: collisions are not looked at, and the result says so. Raises
-    ConfigurationError for limits or surroundings within which the robot cannot move, with what is in the way.
+    clear of, the robot itself among it, at every moment; None: collisions are not looked at, and the result says so. `posture` (n,): where
+    the motion starts and ends, None: wherever is best; `present` (n,): where the robot stands, from which a slow and clear approach
+    is put before the motion. Raises ConfigurationError for limits, surroundings or postures with which the robot cannot move, with
+    what is in the way.
 
     Examples
     --------
@@ -82,7 +90,8 @@ def excite(
     >>> sorted(found.shares) != []
     True
     """
-    search, noise_std = _prepared(model, limits, values, noise, family, measure, surroundings)
+    search, noise_std = _prepared(model, limits, values, noise, family, measure, surroundings, posture)
+    here = None if present is None else _present(present, model.robot, search.clearance)
     rng = np.random.default_rng(seed)
     found: list[TrajectoryCandidate] = []
     for start in range(max(1, starts)):
@@ -96,8 +105,59 @@ def excite(
             f"excitation: no motion of {max(1, starts)} searches keeps clear at every moment and still moves; allow more room (ground,"
             " workspace, clearance), more time, or more searches."
         )
-    best = min(found, key=lambda c: c.value)
-    return _result(search, best, noise_std, rate, tuple(c.value for c in found))
+    best, way = _reached(search, sorted(found, key=lambda c: c.value), here, seed)
+    return _result(search, best, noise_std, rate, tuple(c.value for c in found), way)
+
+
+def _reached(
+    search: TrajectorySearch, found: list[TrajectoryCandidate], present: Array | None, seed: int
+) -> tuple[TrajectoryCandidate, Trajectory | None]:
+    """The best candidate to whose start there is a way from the present posture, and the way."""
+    if present is None:
+        return found[0], None
+    refused: list[NoWay] = []
+    for candidate in found:
+        start = search.family.build(candidate.offset, candidate.coefficients).sample(np.zeros(1)).q[0]
+        try:
+            return candidate, approach(present, start, search.limits, search.clearance, search.information, seed)
+        except NoWay as error:
+            refused.append(error)
+    raise refused[0]
+
+
+def _present(posture: Sequence[float], robot: Robot, clearance: Clearance | None) -> Array:
+    """Where the robot stands, (n,), within the range of its own joints, and clear. Raises ConfigurationError where it is not."""
+    q = _posture("the present posture", posture, robot)
+    for joint, at in zip(robot.joints, q.tolist(), strict=True):
+        if not joint.lower - 1e-6 <= at <= joint.upper + 1e-6:
+            raise ConfigurationError(
+                f"excitation: in the present posture joint {joint.name} is at {at:g}, outside its range from {joint.lower:g} to"
+                f" {joint.upper:g}; give joint-side positions in rad (m), in the order {', '.join(robot.joint_names)}."
+            )
+    if clearance is not None:
+        require_clear(q, "the present posture", clearance, 0.0, "Move the robot free by hand, or give a smaller --clearance.")
+    return q
+
+
+def _posture(what: str, posture: Sequence[float], robot: Robot) -> Array:
+    q = np.asarray(posture, float)
+    if q.shape != (robot.n,) or not np.isfinite(q).all():
+        raise ConfigurationError(f"excitation: {what} must be {robot.n} numbers, one a joint ({', '.join(robot.joint_names)}).")
+    return q
+
+
+def _start(posture: Sequence[float], limits: Limits, robot: Robot, clearance: Clearance | None) -> Array:
+    """Where a motion is to start, (n,): with room within the limits, and clear. Raises ConfigurationError where it is not."""
+    q = _posture("the start posture", posture, robot)
+    for j, name in enumerate(robot.joint_names):
+        if not limits.lower[j] < q[j] < limits.upper[j]:
+            raise ConfigurationError(
+                f"excitation: the start posture has joint {name} at {q[j]:g}, outside the limits from {limits.lower[j]:g} to"
+                f" {limits.upper[j]:g}; give another posture, or a larger --position-share."
+            )
+    if clearance is not None:
+        require_clear(q, "the start posture", clearance, 1.0, "Give another posture, or a smaller --clearance.")
+    return q
 
 
 def random_excitation(
@@ -146,6 +206,7 @@ def _prepared(
     family: Family,
     measure: Measure,
     surroundings: Surroundings | None = None,
+    posture: Sequence[float] | None = None,
 ) -> tuple[TrajectorySearch, Array]:
     robot = model.robot
     limits = limits or Limits.of(robot)
@@ -163,7 +224,8 @@ def _prepared(
         if not np.all(std > 0):
             raise ConfigurationError("excitation: the noise must be positive on every joint.")
     clearance = None if surroundings is None else Clearance(robot, surroundings, limits)
-    return TrajectorySearch(MotionInformation(model, values, std), limits, family, measure, clearance), std
+    start = None if posture is None else _start(posture, limits, robot, clearance)
+    return TrajectorySearch(MotionInformation(model, values, std), limits, family, measure, clearance, start), std
 
 
 def _usual_noise(model: Model, values: Array | None, limits: Limits) -> Array:
@@ -182,28 +244,49 @@ def _usual_noise(model: Model, values: Array | None, limits: Limits) -> Array:
     return 0.01 * np.maximum(rms, 1e-3 * rms.max(initial=1e-12))
 
 
-def _result(search: TrajectorySearch, best: TrajectoryCandidate, noise: Array, rate: float, values: tuple[float, ...]) -> Excitation:
+def _result(
+    search: TrajectorySearch,
+    best: TrajectoryCandidate,
+    noise: Array,
+    rate: float,
+    values: tuple[float, ...],
+    way: Trajectory | None = None,
+) -> Excitation:
     info, limits = search.information, search.limits
     trajectory = search.family.build(best.offset, best.coefficients)
     t = np.arange(round(trajectory.duration * rate) + 1) / rate
     joint = trajectory.sample(t)
-    columns = info.columns(info.motion(t, joint))
-    torque = info.joint_torque(columns) if search.limited_torque else None
-    kinds = ("position", "velocity", "acceleration", "torque")
-    used = np.abs(limits.shares(joint, torque)).max(axis=(1, 2))
-    shares = {kind: float(share) for kind, share in zip(kinds, used, strict=False)}
-    margins = margins_of(info.model.robot, joint, torque)
+    matrix = info.matrix(info.columns(info.motion(t, joint)))
+    whole = trajectory if way is None else Chained((way, trajectory))
+    often = np.linspace(0.0, whole.duration, int(np.ceil(whole.duration * max(rate, 1000.0))) + 1)
+    moved = whole.sample(often)
+    torque = None if info.values is None else info.torque(often, moved)
+    jerk = search.family.jerk(t) @ best.coefficients
+    used = np.abs(limits.shares(joint, jerk if search.limited_jerk else None)).max(axis=(1, 2))
+    shares = {kind: float(share) for kind, share in zip(limits.kinds, used, strict=True)}
+    if torque is not None and search.limited_torque:
+        shares["torque"] = float(np.abs(torque / limits.torque).max())
     return Excitation(
-        info.model, trajectory, limits, rate, noise, info.matrix(columns), best.value, values, shares, margins, _safety(search, best)
-    )
+        info.model, trajectory, limits, rate, noise, matrix, best.value, values, shares,
+        margins_of(info.model.robot, moved, np.abs(jerk).max(axis=0), torque), _safety(search, whole, way is not None), way,
+        _predicted(info), None if search.clearance is None else search.clearance.surroundings,
+    )  # fmt: skip
 
 
-def _safety(search: TrajectorySearch, best: TrajectoryCandidate) -> Safety | None:
+def _predicted(info: MotionInformation) -> tuple[str, ...]:
+    """The effects whose values predict the torque."""
+    if info.values is None:
+        return ()
+    return tuple(e.name for e, part in zip(info.model.effects, info.model.slices, strict=True) if np.any(info.values[part]))
+
+
+def _safety(search: TrajectorySearch, whole: Trajectory, approached: bool) -> Safety | None:
     """How clear the motion keeps, if that was asked for."""
-    clearance, certificate = search.clearance, search.certificate(best)
-    if clearance is None or certificate is None:
+    clearance = search.clearance
+    if clearance is None:
         return None
+    proof = certify(clearance, whole, search.limits)
     return Safety(
-        clearance.surroundings.clearance, certificate.nearest[:12], certificate.whole, clearance.touching, clearance.unchecked,
-        clearance.bodies.invented, clearance.bodies.radius, clearance.notes,
+        clearance.surroundings.clearance, nearest(clearance, whole)[:12], proof.whole, clearance.touching, clearance.unchecked,
+        clearance.bodies.invented, clearance.bodies.radius, clearance.notes, approached,
     )  # fmt: skip

@@ -7,7 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..simulation.trajectory import BSplineTrajectory, FourierTrajectory, Trajectory, bspline_basis, fourier_basis
+from ..simulation.trajectory import (
+    BSplineTrajectory,
+    FourierTrajectory,
+    Trajectory,
+    bspline_basis,
+    bspline_jerk,
+    fourier_basis,
+    fourier_jerk,
+)
 
 Array = np.ndarray
 
@@ -30,6 +38,10 @@ class Family(ABC):
     @abstractmethod
     def basis(self, t: Array) -> tuple[Array, Array, Array]:
         """Position, velocity, acceleration (N, C) per unit coefficient."""
+
+    @abstractmethod
+    def jerk(self, t: Array) -> Array:
+        """Third derivative (N, C) per unit coefficient."""
 
     @abstractmethod
     def random(self, n: int, rng: np.random.Generator) -> Array:
@@ -58,6 +70,9 @@ class FourierFamily(Family):
     def basis(self, t: Array) -> tuple[Array, Array, Array]:
         return fourier_basis(t, self.harmonics, 1.0 / self.duration, 1)
 
+    def jerk(self, t: Array) -> Array:
+        return fourier_jerk(t, self.harmonics, 1.0 / self.duration, 1)
+
     def random(self, n: int, rng: np.random.Generator) -> Array:
         return rng.normal(size=(self.size, n))
 
@@ -83,8 +98,48 @@ class BSplineFamily(Family):
     def basis(self, t: Array) -> tuple[Array, Array, Array]:
         return bspline_basis(t, self.points, self.duration)
 
+    def jerk(self, t: Array) -> Array:
+        return bspline_jerk(t, self.points, self.duration)
+
     def random(self, n: int, rng: np.random.Generator) -> Array:
         return rng.normal(size=(self.points, n))
 
     def build(self, offset: Array, coefficients: Array) -> Trajectory:
         return BSplineTrajectory(offset + coefficients, self.duration)
+
+
+class AnchoredFamily(Family):
+    """The motions of a family that start and end at one posture: q = posture + basis @ coefficients, zero at both ends."""
+
+    def __init__(self, inner: Family, posture: Array) -> None:
+        self.inner, self.posture, self.duration = inner, np.asarray(posture, float), inner.duration
+        (first, last), _, _ = inner.basis(np.array([0.0, inner.duration]))
+        self._first = first
+        # Coefficients that end where they start.
+        gap = last - first
+        kept = np.eye(inner.size)
+        if np.abs(gap).max() > 1e-9 * max(1.0, float(np.abs(first).max())):
+            kept = np.linalg.svd(gap[None])[2][1:].T
+        self._kept = kept
+
+    @property
+    def size(self) -> int:
+        return self._kept.shape[1]
+
+    @property
+    def highest_hz(self) -> float:
+        return self.inner.highest_hz
+
+    def basis(self, t: Array) -> tuple[Array, Array, Array]:
+        q, dq, ddq = self.inner.basis(t)
+        return (q - self._first) @ self._kept, dq @ self._kept, ddq @ self._kept
+
+    def jerk(self, t: Array) -> Array:
+        return self.inner.jerk(t) @ self._kept
+
+    def random(self, n: int, rng: np.random.Generator) -> Array:
+        return rng.normal(size=(self.size, n))
+
+    def build(self, offset: Array, coefficients: Array) -> Trajectory:
+        own = self._kept @ coefficients
+        return self.inner.build(offset - self._first @ own, own)

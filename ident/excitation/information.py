@@ -55,6 +55,23 @@ class MotionInformation:
         assert self.values is not None
         return (columns @ self.values) @ self._to_joint.T
 
+    def torque(self, t: Array, joint: Coordinates) -> Array:
+        """Torque (N, n) on the joint side that the values predict along a motion sampled at uniform times t (N,)."""
+        assert self.values is not None
+        return self.model.torque(self.motion(t, joint), self.values) @ self._to_joint.T
+
+    def torque_at_reversals(self, t: Array, joint: Coordinates) -> Array:
+        """The same (K, n) beside the velocity reversals between samples, with friction in either direction: there it jumps."""
+        assert self.values is not None
+        sign = np.sign(joint.dq)
+        before = np.flatnonzero((sign[1:] != sign[:-1]).any(axis=1))
+        rows, other = np.concatenate([before, before + 1]), np.concatenate([before + 1, before])
+        if not len(rows):
+            return np.zeros((0, self.model.robot.n))
+        there = Coordinates(joint.q[rows], joint.dq[rows], joint.ddq[rows])
+        turned = self.motion(t[: len(rows)], Coordinates(joint.q[rows], joint.dq[other], joint.ddq[rows]))
+        return self.model.torque(self._complete(turned.moved(self.model.robot, there)), self.values) @ self._to_joint.T
+
     def pull(self, motion: Motion, columns: Array, dA: Array, d_torque: Array | None) -> Coordinates:
         """Derivatives (N, n) with respect to q, dq, ddq of a scalar whose derivatives are dA (b, b) with respect to the
         information and `d_torque` (N, n) with respect to the joint-side torque.

@@ -1,4 +1,4 @@
-"""What a trajectory may do: positions, velocities, accelerations and torque."""
+"""What a trajectory may do: positions, velocities, accelerations, jerks and torque."""
 
 from __future__ import annotations
 
@@ -24,18 +24,22 @@ _RISE = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Joint-side limits, (n,) each: positions from `lower` to `upper`, ± `velocity`, ± `acceleration`, ± `torque` (inf: none)."""
+    """Joint-side limits, (n,) each: positions from `lower` to `upper`, ± `velocity`, ± `acceleration`, ± `torque` (inf: none), ± `jerk`
+    (rad/s^3, m/s^3; inf, the default: none)."""
 
     lower: Array
     upper: Array
     velocity: Array
     acceleration: Array
     torque: Array
+    jerk: Array = np.inf  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        for name in ("lower", "upper", "velocity", "acceleration", "torque"):
+        for name in ("lower", "upper", "velocity", "acceleration", "torque", "jerk"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), float).reshape(-1))
-        for name in ("velocity", "acceleration", "torque"):
+        if self.jerk.shape == (1,):
+            object.__setattr__(self, "jerk", np.full(self.lower.shape, self.jerk[0]))
+        for name in ("velocity", "acceleration", "torque", "jerk"):
             bad = np.flatnonzero(~(getattr(self, name) > 0))
             if len(bad):
                 raise ConfigurationError(f"limits: {name} of joint {bad[0] + 1} must be positive, not {getattr(self, name)[bad[0]]:g}.")
@@ -54,6 +58,7 @@ class Limits:
         velocity: Sequence[float] | float | None = None,
         acceleration: Sequence[float] | float | None = None,
         torque: Sequence[float] | float | None = None,
+        jerk: Sequence[float] | float | None = None,
         lower: Sequence[float] | None = None,
         upper: Sequence[float] | None = None,
         share: float = 0.9,
@@ -61,7 +66,8 @@ class Limits:
         """The `share` of what the robot's description allows; what is given here holds in full.
 
         Where the description has no range, half a turn either way (0.5 m) is taken; no speed: 1.5 rad/s (0.3 m/s);
-        accelerations, which URDFs do not have: the speed is reached in 0.3 s. Torque is the effort limit, if there is one."""
+        accelerations, which URDFs do not have: the speed is reached in 0.3 s. Torque is the effort limit, if there is one; jerk is not
+        limited unless it is given."""
         n = robot.n
         prismatic = np.array([j.prismatic for j in robot.joints])
         low, high = reach(robot.joints, _HALF_TURN, _STROKE)
@@ -89,6 +95,7 @@ class Limits:
             speed,
             given("acceleration", acceleration, speed / _RISE),
             given("torque", torque, effort),
+            given("jerk", jerk, np.full(n, np.inf)),
         )
 
     @property
@@ -100,14 +107,19 @@ class Limits:
         """Middle of the positions (n,)."""
         return 0.5 * (self.lower + self.upper)
 
-    def shares(self, motion: Coordinates, torque: Array | None = None) -> Array:
-        """Each quantity over its limit, (3 or 4, N, n) for position (about the middle), velocity, acceleration, torque; beyond
-        ±1 is not allowed."""
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What is limited of the motion itself, in the order of `shares`."""
+        return ("position", "velocity", "acceleration", *(("jerk",) if np.isfinite(self.jerk).any() else ()))
+
+    def shares(self, motion: Coordinates, jerk: Array | None = None) -> Array:
+        """Each quantity over its limit, (3 or 4, N, n) for position (about the middle), velocity, acceleration and, where it is given
+        (N, n), jerk; beyond ±1 is not allowed."""
         parts = [
             (motion.q - self.middle) / (0.5 * (self.upper - self.lower)),
             motion.dq / self.velocity,
             motion.ddq / self.acceleration,
         ]
-        if torque is not None:
-            parts.append(torque / self.torque)
+        if jerk is not None:
+            parts.append(jerk / self.jerk)
         return np.stack(parts)

@@ -17,16 +17,18 @@ from ..drawing.document import Figure, Section, Table, Text, plain
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError
 from ..simulation.result import write_log_csv
-from ..simulation.trajectory import Trajectory
+from ..simulation.trajectory import Chained, Trajectory
 from .limits import Limits
 from .margins import Margin, margin_lines, margins_section
 from .objective import chosen_parameters, condition_number
 from .pictures import excitation_figure
-from .surroundings import Safety
+from .surroundings import Safety, Surroundings
+from .view import swept_figure, swept_page
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..effects.motion import Coordinates
     from ..model import Model
 
 Array = np.ndarray
@@ -39,7 +41,8 @@ class Excitation(Shown, ShortRepr):
     `information` (b, b): on the base parameters `names`, for one pass sampled at `rate` Hz with white torque noise of std `noise`
     (n,) on the measured side; `value`: the cost function, and of each start in `values`; `shares`: largest share
     of each kind of limit that is used; `margins`: what each joint leaves of the robot's own limits; `safety`: how clear the motion keeps,
-    None where collisions were not looked at."""
+    None where collisions were not looked at; `approach`: the way from the present posture, if one was given; `torque_of`: the effects
+    whose values predict the torque; `surroundings`: what was to be kept clear of."""
 
     model: Model = field(repr=False)
     trajectory: Trajectory
@@ -52,6 +55,14 @@ class Excitation(Shown, ShortRepr):
     shares: Mapping[str, float]
     margins: tuple[Margin, ...] = ()
     safety: Safety | None = None
+    approach: Trajectory | None = None
+    torque_of: tuple[str, ...] = ()
+    surroundings: Surroundings | None = None
+
+    @property
+    def whole(self) -> Trajectory:
+        """What is run: the approach, if there is one, then the trajectory."""
+        return self.trajectory if self.approach is None else Chained((self.approach, self.trajectory))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,12 +100,19 @@ class Excitation(Shown, ShortRepr):
         """Position and speed of each joint between their limits; see `plot`."""
         return excitation_figure(self.model.robot, self.trajectory, self.limits)
 
+    def swept(self) -> Figure:
+        """The robot in many postures of the whole motion, from the side, the front and above. Raises ConfigurationError without a URDF."""
+        return swept_figure(self.model.robot, self.whole, self.surroundings)
+
+    def to_view(self, path: str | Path, *, force: bool = False) -> Path:
+        """Write a page that shows the robot along the whole motion in three dimensions: to turn, and to play."""
+        return write_atomic(Path(path), swept_page(self.model.robot, self.whole, self.surroundings), force=force)
+
     def to_frame(self) -> pd.DataFrame:
-        """The trajectory at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
+        """The motion, approach included, at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
         import pandas as pd
 
-        t = np.arange(round(self.trajectory.duration * self.rate) + 1) / self.rate
-        motion = self.trajectory.sample(t)
+        t, motion = self._sampled()
         parts = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}
         return pd.DataFrame({"t": t} | {f"{key}{j + 1}": own for key, values in parts.items() for j, own in enumerate(values.T)})
 
@@ -109,22 +127,28 @@ class Excitation(Shown, ShortRepr):
         safe = ("NOT checked: collisions of any kind, the ground among them",) if self.safety is None else tuple(self.safety.lines())
         head = ("parameter", "base-parameter expression", "expected std", "unit")
         title = f"Excitation of {self.trajectory.duration:g} s"
-        return Text(title, used), Text("Clearance", safe), margins_section(self.margins), Table("Accuracy to expect", head, rows, left=2)
+        used += tuple(self._torque_lines())
+        parts = Text(title, used), Text("Clearance", safe), margins_section(self.margins)
+        swept = (self.swept(),) if "urdf_text" in self.model.robot.source else ()
+        return *parts, Table("Accuracy to expect", head, rows, left=2), *swept
+
+    def _sampled(self) -> tuple[Array, Coordinates]:
+        """Times (N,) at `rate` and the whole motion there; its last sample is at rest at its end."""
+        whole = self.whole
+        t = np.arange(int(np.ceil(whole.duration * self.rate - 1e-9)) + 1) / self.rate
+        return t, whole.sample(t)
 
     def to_csv(self, path: str | Path, *, force: bool = False) -> Path:
-        """Write the trajectory at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
-        count = round(self.trajectory.duration * self.rate) + 1
-        t = np.arange(count) / self.rate
-        motion = self.trajectory.sample(t)
+        """Write the motion, approach included, at `rate`: `t`, `q1` …, `dq1` …, `ddq1` …, joint side, SI."""
+        t, motion = self._sampled()
         return write_log_csv(path, t, {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}, force=force)
 
     def to_ros(self, path: str | Path, *, force: bool = False) -> Path:
-        """Write the trajectory at `rate` as a ROS 2 `trajectory_msgs/msg/JointTrajectory` in YAML, for `ros2 topic pub` or an action."""
+        """Write the motion, approach included, at `rate` as a ROS 2 `trajectory_msgs/msg/JointTrajectory` in YAML, for `ros2 topic pub` or
+        an action."""
         names = ", ".join(json.dumps(name) for name in self.model.robot.joint_names)
         lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", f"joint_names: [{names}]", "points:"]
-        count = round(self.trajectory.duration * self.rate) + 1
-        t = np.arange(count) / self.rate
-        motion = self.trajectory.sample(t)
+        t, motion = self._sampled()
         for i, at in enumerate(t):
             nanoseconds = round(float(at) * 1e9)
             for mark, key, values in (("-", "positions", motion.q), (" ", "velocities", motion.dq), (" ", "accelerations", motion.ddq)):
@@ -155,8 +179,18 @@ class Excitation(Shown, ShortRepr):
             "margins": [m.to_dict() for m in self.margins],
             "safety": None if self.safety is None else self.safety.to_dict(),
             "start": self.trajectory.sample(np.zeros(1)).q[0].tolist(),
+            "approach_s": 0.0 if self.approach is None else self.approach.duration,
+            "torque_predicted_by": list(self.torque_of),
             "parameters": rows,
         }
+
+    def _torque_lines(self) -> list[str]:
+        """What the torque is predicted from, and what is missing in it."""
+        absent = [e.name for e in self.model.effects if e.name not in self.torque_of]
+        if not self.torque_of:
+            return ["NOT checked: torque; no parameter values are known (a saved fit, --fit, has them)"]
+        more = f"; NOT in it, no value is known: {', '.join(absent)} (a saved fit, --fit, has them)" if absent else ""
+        return [f"torque as predicted from: {', '.join(self.torque_of)}{more}"]
 
     def __str__(self) -> str:
         base, std = self.model.base, self.expected_std()
@@ -168,6 +202,8 @@ class Excitation(Shown, ShortRepr):
         for i, (name, text) in enumerate(zip(base.names, base.expressions, strict=True)):
             lines.append(f"  {name:<{width}}  ± {std[i]:9.3g} {base.parameters[base.independent[i]].unit:<8} {text}")
         start = ", ".join(f"{x:.3f}" for x in self.trajectory.sample(np.zeros(1)).q[0])
-        lines += [*margin_lines(self.margins), f"starts and ends at rest at ({start})"]
+        lines += [*margin_lines(self.margins), *self._torque_lines(), f"starts and ends at rest at ({start})"]
+        if self.approach is not None:
+            lines.append(f"before it, an approach of {self.approach.duration:.1f} s from the present posture")
         lines += ["NOT checked: collisions of any kind, the ground among them"] if self.safety is None else self.safety.lines()
         return "\n".join(lines)

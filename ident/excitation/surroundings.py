@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from ..errors import ConfigurationError
+from .obstacles import walls_of
 
 Array = np.ndarray
 #: What messages call the plane below.
@@ -21,8 +23,9 @@ class Surroundings:
 
     `ground`: height (m, in the base frame) below which nothing that moves may reach, None: no ground; by default, "base", that of the
     base frame, unless links are below it in every posture: then it cannot be the ground, which is said. `box`: ((x, x), (y, y), (z, z))
-    m, within which all that moves must stay, None: no walls; `clearance`: m, kept from everything; `link_radius`: m, of links whose shape
-    is not known.
+    m, within which all that moves must stay, None: no walls; `workspace`: file of a closed convex mesh, the same; `obstacles`: files of
+    meshes, each connected part of which is taken as its convex hull; meshes are in the base frame, in metres after `mesh_scale`.
+    `clearance`: m, kept from everything; `link_radius`: m, of links whose shape is not known.
 
     Examples
     --------
@@ -35,8 +38,14 @@ class Surroundings:
     box: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None = None
     clearance: float = 0.02
     link_radius: float | None = None
+    obstacles: Sequence[str | Path] = ()
+    workspace: str | Path | None = None
+    mesh_scale: float = 1.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        if not self.mesh_scale > 0:
+            raise ConfigurationError(f"surroundings: the scale of meshes must be positive, not {self.mesh_scale!r}.")
         if not (np.isfinite(self.clearance) and self.clearance >= 0):
             raise ConfigurationError(f"surroundings: the clearance must be 0 m or more, not {self.clearance!r}.")
         if self.link_radius is not None and not self.link_radius > 0:
@@ -63,6 +72,9 @@ class Surroundings:
         for i, bounds in enumerate(self.box or ()):
             for sign, bound in zip((-1.0, 1.0), bounds, strict=True):
                 out.append((f"the wall at {'xyz'[i]} = {bound:g} m", sign * np.eye(3)[i], sign * bound))
+        if self.workspace is not None:
+            name = Path(self.workspace).name
+            out += [(f"the wall of {name}", direction, limit) for direction, limit in walls_of(self.workspace, self.mesh_scale)]
         return tuple(out)
 
 
@@ -72,7 +84,8 @@ class Safety:
 
     `nearest`: what comes nearest to what, how near (m) and when (s), the nearest first; `certified`: the clearance holds between samples
     too, by a bound on the speed of every point; `touching`: pairs that never are as far apart as the clearance, which are only kept from
-    touching; `unchecked`: pairs whose shapes overlap nearly always, which are not checked; `invented`: links that stand as capsules."""
+    touching; `unchecked`: pairs whose shapes overlap nearly always, which are not checked; `invented`: links that stand as capsules;
+    `approached`: the way from the present posture is part of what was checked."""
 
     clearance: float
     nearest: tuple[tuple[str, float, float], ...]
@@ -82,6 +95,7 @@ class Safety:
     invented: tuple[str, ...] = ()
     radius: float = 0.0
     notes: tuple[str, ...] = ()
+    approached: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -114,7 +128,7 @@ class Safety:
             )
         out += [f"note: {note}" for note in self.notes]
         out.append(
-            "NOT checked: cables, tools and loads that the URDF does not have, other objects, the way to the first posture, and how far the"
-            " robot strays from the motion"
+            "NOT checked: cables, tools and loads that the URDF does not have, objects that were not given,"
+            f"{'' if self.approached else ' the way to the first posture,'} and how far the robot strays from the motion"
         )
         return out

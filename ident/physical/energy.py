@@ -16,7 +16,14 @@ Array = np.ndarray
 
 
 def _cross(a: Array, b: Array) -> Array:
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    """a x b, components along the second axis from the end."""
+    out = np.empty(np.broadcast(a, b).shape)
+    a0, a1, a2 = a[..., 0, :], a[..., 1, :], a[..., 2, :]
+    b0, b1, b2 = b[..., 0, :], b[..., 1, :], b[..., 2, :]
+    out[..., 0, :] = a1 * b2 - a2 * b1
+    out[..., 1, :] = a2 * b0 - a0 * b2
+    out[..., 2, :] = a0 * b1 - a1 * b0
+    return out
 
 
 def skew(u: Array) -> Array:
@@ -25,54 +32,59 @@ def skew(u: Array) -> Array:
 
 
 class Velocities:
-    """Poses (R (3, 3, N), p (3, N)) and velocities (l, w (3, N)) of every body in its own frame, for q (N, nq) and dq (N, nv)."""
+    """Poses (R (nb, 3, 3, N), p (nb, 3, N)) and velocities (l, w (nb, 3, N)) of every body in its own frame, for q (N, nq) and dq
+    (N, nv)."""
 
     def __init__(self, tree: RigidBodyTree, q: Array, dq: Array) -> None:
         self.tree, self.N = tree, len(q)
-        self.R: list[Array] = []
-        self.p: list[Array] = []
-        self.l: list[Array] = []
-        self.w: list[Array] = []
-        zero = np.zeros((3, self.N))
-        for i in range(tree.nb):
-            R0, p0, u = tree.rotation[i], tree.translation[i], tree.axis[i]
+        nb, N, free = tree.nb, len(q), int(tree.floating)
+        self.R, self.p, self.l, self.w = np.empty((nb, 3, 3, N)), np.empty((nb, 3, N)), np.empty((nb, 3, N)), np.empty((nb, 3, N))
+        if free:
+            # The free-flyer's own velocity is given in its own frame; its pose never enters the kinetic energy.
+            self.R[0], self.p[0], self.l[0], self.w[0] = np.eye(3)[:, :, None], np.zeros((3, N)), dq[:, :3].T, dq[:, 3:6].T
+        x, rate = q[:, 7 * free :].T[:, None], dq[:, 6 * free :].T[:, None]
+        R0, p0, axis = tree.rotation[free:], tree.translation[free:], tree.axis[free:]
+        along = R0 @ (axis[:, :, None] * axis[:, None])
+        across = R0 @ np.array([skew(u) for u in axis]).reshape(-1, 3, 3)
+        turning = ~tree.prismatic[free:]
+        self.R[free:] = R0[..., None]
+        self.R[free:][turning] = (
+            along[turning, ..., None]
+            + (R0 - along)[turning, ..., None] * np.cos(x[turning, None])
+            + across[turning, ..., None] * np.sin(x[turning, None])
+        )
+        self.p[free:] = p0[..., None]
+        self.p[free:][~turning] += (R0 @ axis[..., None])[~turning] * x[~turning]
+        push = axis[..., None] * rate
+        zero = np.zeros((3, N))
+        for i in range(free, nb):
             up = int(tree.parent[i])
-            if tree.floating and i == 0:
-                # The free-flyer's own velocity is given in its own frame; its pose never enters the kinetic energy.
-                self.R.append(np.repeat(np.eye(3)[:, :, None], self.N, 2))
-                self.p.append(zero)
-                self.l.append(dq[:, :3].T)
-                self.w.append(dq[:, 3:6].T)
-                continue
-            x, rate = q[:, i + 6 * tree.floating], dq[:, i + 5 * tree.floating]
-            if tree.prismatic[i]:
-                R = np.repeat(R0[:, :, None], self.N, 2)
-                p = p0[:, None] + (R0 @ u)[:, None] * x
-            else:
-                along = R0 @ np.outer(u, u)
-                R = along[:, :, None] + (R0 - along)[:, :, None] * np.cos(x) + (R0 @ skew(u))[:, :, None] * np.sin(x)
-                p = np.repeat(p0[:, None], self.N, 1)
             lp, wp = (zero, zero) if up < 0 else (self.l[up], self.w[up])
-            linear = (R * (lp + _cross(wp, p))[:, None]).sum(0)
-            angular = (R * wp[:, None]).sum(0)
-            push = u[:, None] * rate
-            self.R.append(R)
-            self.p.append(p)
-            self.l.append(linear + push if tree.prismatic[i] else linear)
-            self.w.append(angular if tree.prismatic[i] else angular + push)
+            self.l[i] = _turned(self.R[i], lp + _cross(wp, self.p[i]))
+            self.w[i] = _turned(self.R[i], wp)
+            (self.l if tree.prismatic[i] else self.w)[i] += push[i - free]
+
+
+def _turned(R: Array, vectors: Array) -> Array:
+    """R' v of (3, 3, N) and (3, N)."""
+    return R[0] * vectors[0] + R[1] * vectors[1] + R[2] * vectors[2]
+
+
+def _turned_back(R: Array, vectors: Array) -> Array:
+    """R v of (3, 3, N) and (3, N)."""
+    return R[:, 0] * vectors[0] + R[:, 1] * vectors[1] + R[:, 2] * vectors[2]
 
 
 def energy_rows(tree: RigidBodyTree, q: Array, dq: Array) -> Array:
     """2T per unit inertial parameter: (N, 10 nb), for q (N, nq) and dq (N, nv)."""
     state = Velocities(tree, q, dq)
-    out = np.empty((state.N, 10 * tree.nb))
-    for i, (linear, w) in enumerate(zip(state.l, state.w, strict=True)):
-        block = out[:, 10 * i : 10 * i + 10].T
-        block[0] = (linear * linear).sum(0)
-        block[1:4] = 2.0 * _cross(linear, w)
-        for row, (x, y) in zip(range(4, 10), ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), strict=True):
-            block[row] = (1.0 if x == y else 2.0) * w[x] * w[y]
-    return out
+    linear, w = state.l, state.w
+    block = np.empty((tree.nb, 10, state.N))
+    block[:, 0] = (linear * linear).sum(axis=1)
+    block[:, 1:4] = 2.0 * _cross(linear, w)
+    for row, (x, y) in zip(range(4, 10), ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), strict=True):
+        block[:, row] = (1.0 if x == y else 2.0) * w[:, x] * w[:, y]
+    return np.ascontiguousarray(block.reshape(10 * tree.nb, state.N).T)
 
 
 def energy_gradient(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array) -> Array:
@@ -80,23 +92,19 @@ def energy_gradient(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array) ->
 
     with V_i the body's velocity, S_i the joint's axis and h_i the momentum of the subtree, all in body i's frame."""
     state = Velocities(tree, q, dq)
-    force, moment = [], []
-    for i, (linear, w) in enumerate(zip(state.l, state.w, strict=True)):
-        m, h = inertia[10 * i], inertia[10 * i + 1 : 10 * i + 4, None]
-        xx, xy, yy, xz, yz, zz = inertia[10 * i + 4 : 10 * i + 10]
-        matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        force.append(m * linear + _cross(w, h))
-        moment.append(_cross(h, linear) + matrix @ w)
+    own = inertia.reshape(tree.nb, 10)
+    h = own[:, 1:4, None]
+    matrix = own[:, [[4, 5, 7], [5, 6, 8], [7, 8, 9]]]
+    force = own[:, :1, None] * state.l + _cross(state.w, h)
+    moment = _cross(h, state.l) + np.matmul(matrix, state.w)
     first = int(tree.floating)
-    out = np.zeros((state.N, tree.nb - first))
     for i in reversed(range(first, tree.nb)):
-        u = tree.axis[i][:, None]
-        turn = (force[i] * _cross(u, state.w[i])).sum(0) if tree.prismatic[i] else (
-            (force[i] * _cross(u, state.l[i])).sum(0) + (moment[i] * _cross(u, state.w[i])).sum(0)
-        )  # fmt: skip
-        out[:, i - first] = -2.0 * turn
         if (up := int(tree.parent[i])) >= 0:
-            carried = (state.R[i] * force[i][None]).sum(1)
-            force[up] = force[up] + carried
-            moment[up] = moment[up] + (state.R[i] * moment[i][None]).sum(1) + _cross(state.p[i], carried)
-    return out
+            carried = _turned_back(state.R[i], force[i])
+            force[up] += carried
+            moment[up] += _turned_back(state.R[i], moment[i]) + _cross(state.p[i], carried)
+    u = tree.axis[first:, :, None]
+    fixed = tree.prismatic[first:, None]
+    by_force = (force[first:] * _cross(u, np.where(fixed[:, None], state.w[first:], state.l[first:]))).sum(axis=1)
+    by_moment = np.where(fixed, 0.0, (moment[first:] * _cross(u, state.w[first:])).sum(axis=1))
+    return np.asarray(-2.0 * (by_force + by_moment)).T

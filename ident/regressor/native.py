@@ -107,21 +107,27 @@ def information(
     threads: int | None = None,
     taps: Array | None = None,
     factor: int = 1,
+    split: int | None = None,
 ) -> Array:
     """Triangular factors or Gram matrices (R, k+1, k+1) of [columns torque], one per row; see `rigid.information`.
 
-    Holds NaN where an array is not finite."""
+    With `split` the products of the first so many columns with the others alone, zero elsewhere. Holds NaN where an array is not
+    finite."""
     own = compiled(tree)
     plan = own.plan(tree, rows, columns, extra, pattern)
     size, taken, upper, lower = plan.unpacking
     flat = np.zeros(size)
     beside = extra if extra.shape[-1] else None
     count = thread_count(threads)
-    _kernel.information(own.handle, plan.handle, int(gram), len(q), count, taps, factor, q, dq, ddq, tau, valid, weight, beside, flat)
+    given = plan.handle, int(gram), len(q), count, taps, factor, q, dq, ddq, tau, valid, weight, beside, flat
+    if split is None:
+        _kernel.information(own.handle, *given)
+    else:
+        _kernel.split_information(own.handle, *given, plan.instruments(split))
     out = np.zeros((len(rows), len(columns) + 1, len(columns) + 1))
     found = flat[taken]
     np.put(out, upper, found)
-    if gram:
+    if gram and split is None:
         np.put(out, lower, found)
     return out
 

@@ -84,6 +84,10 @@ class RowPlan:
     live: tuple[Array, ...]
     padded: tuple[int, ...]
 
+    def instruments(self, split: int) -> bytes:
+        """How many columns of each row are among the first `split` of the k chosen: int64 (R,)."""
+        return np.array([np.searchsorted(live, split) for live in self.live], np.int64).tobytes()
+
     @cached_property
     def unpacking(self) -> tuple[int, Array, Array, Array]:
         """Numbers that the kernel gives; places among them of the upper triangles, and where those go in (R, k+1, k+1), and mirrored."""

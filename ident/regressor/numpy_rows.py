@@ -31,10 +31,12 @@ def information(
     threads: int | None = None,
     taps: Array | None = None,
     factor: int = 1,
+    split: int | None = None,
 ) -> Array:
     """Triangular factors or Gram matrices (R, k+1, k+1) of [columns torque], one per row; see `rigid.information`.
 
-    Holds NaN where an array is not finite."""
+    With `split` the products of the first so many columns with the others alone, zero elsewhere. Holds NaN where an array is not
+    finite."""
     out = np.zeros((len(rows), len(columns) + 1, len(columns) + 1))
     if not all(np.isfinite(array).all() for array in ((q, dq, ddq) if extra.ndim == 3 else (q, dq, ddq, extra))):
         out[:1, 0, 0] = np.nan
@@ -46,7 +48,11 @@ def information(
         block = np.where(used[:, :, None], block * size[:, :, None], 0.0)
         for r in range(len(rows)):
             with np.errstate(over="ignore", invalid="ignore"):  # the caller sees infinity in the result
-                out[r] = out[r] + block[:, r].T @ block[:, r] if gram else _triangle(np.concatenate([out[r], block[:, r]]))
+                own = block[:, r]
+                if split is not None:
+                    out[r, :split, split:] += own[:, :split].T @ own[:, split:]
+                else:
+                    out[r] = out[r] + own.T @ own if gram else _triangle(np.concatenate([out[r], own]))
     return out
 
 

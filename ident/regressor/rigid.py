@@ -133,6 +133,7 @@ def information(
     taps: Any = None,
     factor: int = 1,
     form: Literal["triangle", "gram"] = "triangle",
+    split: int | None = None,
     threads: int | None = None,
 ) -> tuple[Array, Array]:
     """What least squares needs of N samples, for each of R rows: `(factors (R, k+1, k+1), counts (R,))`.
@@ -141,6 +142,9 @@ def information(
     form="triangle", the upper triangular R_r with R_r'R_r = the sum of [Phi_r tau_r]'[Phi_r tau_r], by Householder reflections
     (error as of the data, condition not squared); with form="gram" that sum itself (about half the time; scale the columns
     before solving). The regressor of all samples is never in memory.
+
+    `split` (form="gram"): the first `split` of the k columns are instruments Z, and only their products Z' [Phi tau] with the other
+    columns are formed, half as much work: they stand at [:split, split:] of each (k+1, k+1), which is zero elsewhere.
 
     `taps` (T,): rows are filtered and decimated along time before anything else, on the spot: row m is the sum of taps[i] times
     the columns of sample m factor + i, for the M = (N - T) // factor + 1 rows with full support; without taps M = N.
@@ -163,10 +167,12 @@ def information(
             raise ConfigurationError(f"{name}: expected shape {shape}, samples by rows, but it is {array.shape}.")
     if form not in ("triangle", "gram"):
         raise ConfigurationError(f"form={form!r}: must be 'triangle' or 'gram'.")
+    if split is not None and (form != "gram" or not 0 <= split <= len(work.columns)):
+        raise ConfigurationError(f"split={split}: must be from 0 to the {len(work.columns)} columns, with form='gram'.")
     counts = np.full(len(work.rows), work.count) if valid is None else valid.sum(axis=0)
     w = work
     factors = kernel().rows.information(
-        tree, w.q, w.dq, w.ddq, tau, w.rows, w.columns, w.extra, w.pattern, valid, weight, form == "gram", threads, w.taps, w.factor
+        tree, w.q, w.dq, w.ddq, tau, w.rows, w.columns, w.extra, w.pattern, valid, weight, form == "gram", threads, w.taps, w.factor, split
     )
     if not np.isfinite(factors.sum()):  # the kernel looks at every number on its way; who is to blame is only asked now
         used = np.ones(shape, bool) if valid is None else valid
@@ -288,8 +294,9 @@ def _no_bodies() -> RigidBodyTree:
 def paired(tree: RigidBodyTree) -> RigidBodyTree:
     """Two copies of a fixed-base tree side by side, which move independently: positions (N, 2 nq) are those of one, then the other.
 
-    With `rows = [T T]` the columns of a row are those of two motions, [Z Phi], so that `information` with form="gram" gives all
-    products of instruments Z with the regressor Phi and the torque in one pass. Raises UnsupportedError for a free-flyer."""
+    With `rows = [T T]` the columns of a row are those of two motions, [Z Phi], so that `information` with form="gram" gives all products
+    of instruments Z with the regressor Phi and the torque in one pass (with `split`, those alone). Raises UnsupportedError for a
+    free-flyer."""
     if tree.floating:
         raise UnsupportedError("a floating-base tree cannot be paired; pair the tree of its fixed-base robot.")
     parent = np.asarray(tree.parent)

@@ -81,23 +81,6 @@ class Bodies:
         labels = tuple(_label(shape.name) for shape in shapes.geometryObjects)
         return cls(model, shapes, labels, invented, float(radius), tuple(notes))
 
-    @property
-    def reach(self) -> Array:
-        """Bound (n_tree,) on the speed (m/s) of any point of a shape per unit rate of each joint, wherever the others stand.
-
-        Joints that slide are taken to be within 1 m of their zero."""
-        model, shapes = self.model, self.shapes
-        out = np.zeros(model.njoints)
-        for shape in shapes.geometryObjects:
-            shape.geometry.computeLocalAABB()
-            far = np.linalg.norm(shape.placement.act(np.array(shape.geometry.aabb_center))) + shape.geometry.aabb_radius
-            out[shape.parentJoint] = max(out[shape.parentJoint], far)
-        slides = ["P" in model.joints[j].shortname() for j in range(model.njoints)]
-        for j in range(model.njoints - 1, 0, -1):
-            parent, way = model.parents[j], float(np.linalg.norm(model.jointPlacements[j].translation))
-            out[parent] = max(out[parent], way + out[j] + (1.0 if slides[j] else 0.0))
-        return np.where(slides[1:], 1.0, out[1:])
-
 
 def _label(name: str) -> str:
     """The link of a shape: Pinocchio appends a number."""

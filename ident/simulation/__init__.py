@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from .exceeded import ExceededLimit, exceeded_limits
 from .result import Simulation
 from .simulate import Plant, simulate, simulate_batch
 
-__all__ = ["Plant", "Simulation", "simulate", "simulate_batch"]
+__all__ = ["ExceededLimit", "Plant", "Simulation", "exceeded_limits", "simulate", "simulate_batch"]

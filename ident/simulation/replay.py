@@ -16,6 +16,7 @@ from ..effects.force import Simulated
 from ..errors import ConfigurationError, DataError
 from ..model import Model
 from ..problem.problem import Problem
+from .compiled_replay import compiled_windows
 from .dynamics import Input, PlantDynamics, State
 from .integrator import advance, begin
 from .plant import Plant
@@ -146,7 +147,7 @@ def replay(
     dynamics = Plant(forward, own).dynamics()
     measured, rate = signals.q[rows], signals.dq[rows]
     period = stride / signals.rate
-    simulated, simulated_rate, correction = _integrate(dynamics, clock, measured, rate, torque[rows], period, observer_hz, most)
+    simulated, simulated_rate, correction = _simulated(dynamics, clock, measured, rate, torque[rows], period, observer_hz, most)
     diverged = ~np.isfinite(simulated).all(axis=(0, 2))
     return Replay(
         model.robot,
@@ -216,18 +217,46 @@ def _without(signals: Signals, torque: Array) -> str:
     return f" ({', '.join(lacking)}: none at all)" if lacking else ""
 
 
-def _integrate(
+def _simulated(
     dynamics: PlantDynamics, t: Array, q: Array, dq: Array, torque: Array, period: float, observer_hz: float, most: int | None
 ) -> tuple[Array, Array, Array]:
-    """Positions and velocities (K, B, n) of all windows together; windows that diverge drop out and are NaN from there on."""
+    """Positions, velocities and the observer's torque (K, B, n) of all windows; NaN from where a window has diverged.
+
+    By compiled code as far as it knows the plant, unless an observer is asked for, or evaluations are to be counted."""
+    reach = 10.0 * (1.0 + np.abs(dq).max())
+    substeps = max(1, int(np.ceil(period / _STEP - 1e-9)))
+    if observer_hz > 0 or most is not None:
+        return _integrate(dynamics, t, q, dq, torque, period, substeps, reach, observer_hz, most)
+    simulated, rate, left = compiled_windows(dynamics, t, (q[0], dq[0]), torque, period, substeps)
+    lost = ~(np.abs(rate).max(axis=2, initial=0.0) < reach)
+    lost[0] = False
+    lost = np.logical_or.accumulate(lost, axis=0)
+    simulated[lost], rate[lost] = np.nan, np.nan
+    if len(left):
+        own = q[:, left], dq[:, left], torque[:, left]
+        simulated[:, left], rate[:, left], _ = _integrate(dynamics, t[left], *own, period, substeps, reach, 0.0, None)
+    return simulated, rate, np.zeros(q.shape)
+
+
+def _integrate(
+    dynamics: PlantDynamics,
+    t: Array,
+    q: Array,
+    dq: Array,
+    torque: Array,
+    period: float,
+    substeps: int,
+    reach: float,
+    observer_hz: float,
+    most: int | None,
+) -> tuple[Array, Array, Array]:
+    """The same by the general integrator, all windows together; one in which a speed gets beyond `reach` drops out."""
     n, (count, lanes) = dynamics.n, q.shape[:2]
     simulated, rate, correction = np.full(q.shape, np.nan), np.full(q.shape, np.nan), np.zeros(q.shape)
     live = np.arange(lanes)
     state = dynamics.start(t, q[0], dq[0])
-    reach = 10.0 * (1.0 + np.abs(dq).max())
     modes: Array | None = None
     guess: Array | None = None
-    substeps = max(1, int(np.ceil(period / _STEP - 1e-9)))
     h = period / substeps
     with np.errstate(all="ignore"):
         for k in range(count):

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -102,12 +103,25 @@ def fourier_basis(t: Array, harmonics: int, base_hz: float, periods: int) -> tup
     return out[0], out[1], out[2]
 
 
-def _end_polynomial(t: Array, T: float, kind: int) -> tuple[Array, Array, Array]:
-    """Fifth-order polynomial, zero at both ends, with unit velocity (kind 0) or unit acceleration (kind 1) at both ends."""
+def fourier_jerk(t: Array, harmonics: int, base_hz: float, periods: int) -> Array:
+    """Third derivative (N, 2H) that belongs to `fourier_basis`."""
+    w = 2.0 * np.pi * base_hz * np.arange(1, harmonics + 1)
+    angle = np.outer(t, w)
+    series = np.concatenate([-(w**2) * np.cos(angle), -(w**2) * np.sin(angle)], axis=1)
+    T = 1.0 / base_hz
+    inside = t - T * np.minimum(np.floor(t / T), periods - 1)
+    velocity, acceleration = (_end_polynomial(inside, T, k)[3] for k in range(2))
+    none = np.zeros(harmonics)
+    return series - np.outer(velocity, np.concatenate([np.ones(harmonics), none])) - np.outer(acceleration, np.concatenate([none, w]))
+
+
+def _end_polynomial(t: Array, T: float, kind: int) -> tuple[Array, Array, Array, Array]:
+    """Fifth-order polynomial, zero at both ends, with unit velocity (kind 0) or unit acceleration (kind 1) at both ends, and its
+    three derivatives."""
     s = t / T
     c = _quintic(0.0, 0.0, T, T, 0.0, 0.0) if kind == 0 else _quintic(0.0, 0.0, 0.0, 0.0, T**2, T**2)
     p = np.polynomial.polynomial.Polynomial(c)
-    return p(s), p.deriv()(s) / T, p.deriv(2)(s) / T**2
+    return p(s), p.deriv()(s) / T, p.deriv(2)(s) / T**2, p.deriv(3)(s) / T**3
 
 
 def _quintic(p0: float, p1: float, v0: float, v1: float, a0: float, a1: float) -> Array:
@@ -148,6 +162,17 @@ class BSplineTrajectory(Trajectory):
 
 def bspline_basis(t: Array, count: int, seconds: float) -> tuple[Array, Array, Array]:
     """Position, velocity and acceleration (N, C) per unit control point of `BSplineTrajectory`."""
+    spline = _bspline(count, seconds)
+    return spline(t), spline.derivative(1)(t), spline.derivative(2)(t)
+
+
+def bspline_jerk(t: Array, count: int, seconds: float) -> Array:
+    """Third derivative (N, C) that belongs to `bspline_basis`."""
+    return _bspline(count, seconds).derivative(3)(t)
+
+
+def _bspline(count: int, seconds: float) -> Any:
+    """The splines (C of them) of unit control points."""
     from scipy.interpolate import BSpline
 
     degree, held = 5, 2
@@ -158,8 +183,7 @@ def bspline_basis(t: Array, count: int, seconds: float) -> tuple[Array, Array, A
     full = np.zeros((total, count))
     rows = np.clip(np.arange(total) - held, 0, count - 1)
     full[np.arange(total), rows] = 1.0
-    spline = BSpline(knots, full, degree)
-    return spline(t), spline.derivative(1)(t), spline.derivative(2)(t)
+    return BSpline(knots, full, degree)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -114,9 +115,10 @@ def _parquet_pieces(path: Path, plan: ColumnPlan, start: PieceOfFile) -> Iterato
         group += 1
     row = before
     try:
-        for batch in file.iter_batches(
-            _PARQUET_PIECE, row_groups=range(group, file.num_row_groups), columns=list(stored.values()), use_threads=False
-        ):
+        # One group at a time: a reader of several keeps in memory what it has read of all of them.
+        asked = {"columns": list(stored.values()), "use_threads": False}
+        batches = (file.iter_batches(_PARQUET_PIECE, row_groups=[g], **asked) for g in range(group, file.num_row_groups))
+        for batch in itertools.chain.from_iterable(batches):
             skip = min(max(0, start.rows - row), batch.num_rows)
             table = pa.Table.from_batches([batch.slice(skip)])
             row += batch.num_rows

@@ -387,6 +387,34 @@ def test_simulate_says_what_it_has_no_value_for(ident, tmp_path):
     assert "no value is known for offset of double_pendulum: simulated as zero" in made.err
 
 
+def test_simulate_says_which_limits_it_exceeds(ident, tmp_path):
+    """A chain of many links whose drives are too weak to hold it: by the log itself, on standard output and in the result."""
+    link = (
+        '<inertial><origin xyz="0.1 0 0.1"/><mass value="1"/><inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/></inertial>'
+    )
+    count = 8
+    links = "".join(f'<link name="l{i}">{link}</link>' for i in range(1, count + 1))
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/><origin xyz="0.1 0 0.2" rpy="1.5708 0 0"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1.5" upper="1.5" velocity="2" effort="20"/></joint>'
+        for i in range(1, count + 1)
+    )
+    (tmp_path / "chain.urdf").write_text(f'<robot name="chain"><link name="l0"/>{links}{joints}</robot>')
+    log = tmp_path / "chain.csv"
+    ran = ident("simulate", "--urdf", tmp_path / "chain.urdf", "--seconds", "3", "--noise", "0", "--log", log, "--json", "--quiet")
+    assert ran.code == 0, ran.err
+    table = np.genfromtxt(log, delimiter=",", names=True)
+    largest = {f"j{j}": np.abs(table[f"tau{j}"]).max() for j in range(1, count + 1)}
+    said = {e["joint"]: e for e in ran.json["exceeds"] if e["kind"] == "effort"}
+    assert {j for j, x in largest.items() if x > 22} <= set(said) <= {j for j, x in largest.items() if x > 18}
+    assert said
+    assert all(e["limit"] == 20 for e in said.values())
+    assert "exceeds the effort limits of chain" in ran.err
+    ran = ident("simulate", "--robot", "scara", "--seconds", "3", "--log", tmp_path / "s.csv", "--json", "--quiet")
+    assert ran.json["exceeds"] == []
+    assert "exceeds" not in ran.err
+
+
 def test_simulated_torque_is_recorded_as_it_acts(ident, tmp_path):
     """Torque that a controller holds for a period acts half a period late; a record of what it asked for would look early."""
     from ident.effects.base import make_effect

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
-from benchmarks.performance import estimation, kernel, live, startup, timing
+from benchmarks.performance import estimation, kernel, live, ratios, reading, startup, timing
 from benchmarks.performance.cases import puma
 from benchmarks.performance.limits import Limit, information_limit, products, profiled
 from benchmarks.performance.table import Row
@@ -37,6 +39,14 @@ def test_recursion_equals_filterpy() -> None:
     assert row.measured > 0
     gap = float(row.note.split(" samples to ")[1].split(" std")[0])
     assert gap < 0.1  # 900 samples leave filterpy's prior a part of a standard deviation
+
+
+def test_formats_are_read_beside_their_libraries() -> None:
+    pytest.importorskip("rosbags")
+    pytest.importorskip("pyarrow")
+    rows = reading.reading_rows(300)
+    assert [row.work.split(" of ")[0] for row in rows] == ["Parquet", "Parquet with lists", "MCAP", "ROS 2 bag (SQLite)"]
+    assert all(row.measured > 0 and row.others[0][1] > 0 for row in rows)
 
 
 def test_what_is_compared_is_the_same_problem() -> None:
@@ -72,7 +82,69 @@ def test_operations_are_counted_row_by_row() -> None:
 
 
 def test_live_calls_and_start_up_have_rows() -> None:
-    rows = live.live_rows(200)
+    rows, jitter = live.live_rows(200)
+    assert sum(row["calls"] for row in jitter) == 200
+    assert sum(row["share"] for row in jitter) == pytest.approx(1.0)
     assert [row.unit for row in rows] == ["µs"] * 3
     assert all(row.measured > 0 for row in rows)
     assert "numpy" in startup.slowest_imports(["-c", "import numpy"])
+
+
+def test_an_arm_is_measured_against_its_own_limit() -> None:
+    (row,) = kernel.arm_rows([2], 64)
+    assert row.target is not None
+    assert row.measured > 0
+
+
+class _Told:
+    """Work of which each call takes what it is told, by a clock of its own."""
+
+    def __init__(self, *seconds: float) -> None:
+        self.seconds, self.now = [seconds[0], *seconds], 0.0  # the first call only fills caches
+
+    def call(self) -> None:
+        self.now += self.seconds.pop(0) if len(self.seconds) > 1 else self.seconds[0]
+
+    def work(self) -> timing.Work:
+        return timing.Work(self.call, 1, lambda: self.now)
+
+
+def group(ours: _Told, theirs: _Told) -> ratios.Group:
+    return ratios.Group({"ours": ours.work(), "theirs": theirs.work()}, {"ours / theirs": ("ours", "theirs")})
+
+
+def test_the_median_of_the_turns_counts() -> None:
+    found = timing.together({"": _Told(3.0, 1.0, 9.0, 2.0, 9.0).work()}, rounds=5, budget=0.0)
+    assert found[""] == pytest.approx(3e6)
+
+
+def test_a_ratio_is_one_of_least_times() -> None:
+    ours = _Told(8.0, 4.0, 6.0, 9.0, 9.0)
+    assert group(ours, _Told(2.0)).measured() == {"ours / theirs": pytest.approx(2.0)}
+
+
+def test_what_is_slow_once_is_measured_again_and_what_stays_slow_is_a_regression() -> None:
+    wanted = {"ours / theirs": 2.0}
+    once = _Told(*[9.0] * 5, *[4.0] * 6)
+    assert ratios.compared([group(once, _Told(2.0))], wanted)["ours / theirs"] == pytest.approx(2.0)
+    always = ratios.compared([group(_Told(5.2), _Told(2.0))], wanted)["ours / theirs"]
+    assert ratios.beyond(always, 2.0)
+    assert not ratios.beyond(2.4, 2.0)
+    assert not ratios.beyond(1e9, None)
+
+
+@pytest.mark.parametrize(("known", "status"), [("mine", 1), ("another", 0), ("", 0)])
+def test_a_regression_fails_on_the_machine_that_was_recorded_alone(known: str, status: int, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(ratios, "GROUPS", (lambda: group(_Told(6.0), _Told(2.0)),))
+    record = tmp_path / "ratios.json"
+    if known:
+        key = ratios.machine_key() if known == "mine" else "another, avx512"
+        record.write_text(json.dumps({key: {"recorded": "2026-01-01", "ratios": {"ours / theirs": 2.0}}}))
+    assert ratios.check(record) == status
+    assert ("more than 25% worse" in capsys.readouterr().out) == bool(status)
+
+
+def test_every_recorded_ratio_is_still_measured() -> None:
+    names = {name for make in ratios.GROUPS for name in make().pairs}
+    assert all(set(machine["ratios"]) == names for machine in ratios.recorded().values())
+    assert ratios.recorded()

@@ -96,7 +96,7 @@ def test_gradient_is_that_of_the_function() -> None:
     """Against central differences, on a smooth model: measure, barrier of all limits, torque included."""
     robot = load_robot("puma560")
     model = robot.rigid_body() + RotorInertia() + Viscous()
-    limits = Limits.of(robot, torque=[90.0, 150.0, 80.0, 12.0, 12.0, 12.0])
+    limits = Limits.of(robot, torque=[90.0, 150.0, 80.0, 12.0, 12.0, 12.0], jerk=40.0)
     info = MotionInformation(model, nominal_values(model), np.array([0.1, 0.2, 0.1, 0.01, 0.01, 0.01]))
     rng = np.random.default_rng(0)
     for family in (FourierFamily(6.0, 3), BSplineFamily(6.0, 9)):

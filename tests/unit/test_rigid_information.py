@@ -201,6 +201,16 @@ def test_two_motions_at_once(kernel):
     motion = [np.concatenate(pair, axis=1) for pair in ((p, q), (dp, dq), (ddp, ddq))]
     found, _ = rigid.information(rigid.paired(tree), *motion, tau, rows=np.tile(np.eye(5), 2), form="gram")
     assert error(found, normal(np.concatenate([Z, Y, tau[:, :, None]], axis=2))) < 1e-12
+    given = {"rows": np.tile(np.eye(5), 2), "form": "gram"}
+    mixed, _ = rigid.information(rigid.paired(tree), *motion, tau, **given, split=Z.shape[2])
+    part = np.zeros(found.shape)
+    part[:, : Z.shape[2], Z.shape[2] :] = found[:, : Z.shape[2], Z.shape[2] :]
+    assert np.array_equal(mixed, part) or kernel == "numpy"
+    assert error(mixed + found - part, found) < 1e-12
+    threads, _ = rigid.information(rigid.paired(tree), *motion, tau, **given, split=Z.shape[2], threads=2)
+    assert error(threads + found - part, found) < 1e-12
+    with pytest.raises(ConfigurationError, match="split=3"):
+        rigid.information(rigid.paired(tree), *motion, tau, rows=given["rows"], split=3)
     with pytest.raises(UnsupportedError):
         rigid.paired(tree_of(random_model(rng, 2, True)))
 

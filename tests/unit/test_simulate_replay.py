@@ -87,6 +87,31 @@ def test_a_joint_without_torque_and_unusable_windows_are_said(arm_run) -> None:
         replay(model, values[:-1], signals)
 
 
+def test_compiled_windows_equal_those_of_the_general_integrator(arm_run) -> None:
+    """Reversals of dry friction included. The general integrator is taken where evaluations are counted."""
+    model, values, run = arm_run
+    signals = _signals(model, run)
+    compiled = replay(model, values, signals, window=0.4, windows=6)
+    general = replay(model, values, signals, window=0.4, windows=6, most=10**9)
+    assert np.all(np.ptp(np.sign(compiled.simulated_rate), axis=0).max(axis=0) == 2)  # speeds of every joint change their sign
+    assert compiled.simulated == pytest.approx(general.simulated, rel=0, abs=1e-12)
+    assert compiled.simulated_rate == pytest.approx(general.simulated_rate, rel=0, abs=1e-11)
+
+
+def test_a_window_that_runs_away_leaves_the_others_alone(arm_run) -> None:
+    model, values, run = arm_run
+    signals = _signals(model, run)
+    torque = signals.torque.copy()
+    first = replay(model, values, signals, window=0.4, windows=3)
+    torque[: round(0.4 * signals.rate)] *= 1e6
+    hit = replay(model, values, replace(signals, torque=torque), window=0.4, windows=3)
+    assert hit.diverged.tolist() == [True, False, False]
+    assert np.isnan(hit.simulated[-1, 0]).all()
+    assert hit.simulated[:, 1:] == pytest.approx(first.simulated[:, 1:], rel=0, abs=1e-12)
+    general = replay(model, values, replace(signals, torque=torque), window=0.4, windows=3, most=10**9)
+    assert np.array_equal(np.isnan(hit.simulated), np.isnan(general.simulated))
+
+
 def test_a_model_that_runs_away_is_reported_not_raised(arm_run) -> None:
     model, values, run = arm_run
     signals = _signals(model, run)

@@ -1,0 +1,1 @@
+"""Designed motions, checked by another program path: clear of everything, within the limits, and nearly as good as without them."""
