@@ -16,24 +16,32 @@ import numpy as np
 
 import ident
 from ident._utils.json import jsonable
-from ident.drives import DriveFit, DriveLaw, fit_drives
+from ident.drives import DriveFit, DriveLaw, DriveLog, fit_drives
+from ident.drives.folds import HeldOut, best, held_out
+from ident.drives.plant import DrivePlant
+from ident.drives.starts import starts
 
 DRIVE = ("rotor_inertia", "viscous", "coulomb", "offset")
 LOADED = (*DRIVE, "load_dependent_friction")
+SPRUNG = (*LOADED, "linear_spring")
+#: Friction that follows the drive's torque: with its square, and with more of it at low speed (the speed as published for this servo).
+GEAR = {"gear_loss": "identify", "gear_loss_square": "identify"}
+SLOW = {**GEAR, "gear_loss_slow": "identify", "slow_speed": 0.78}
 #: Share of full voltage per rad and unit of the XL330's firmware gain.
 _XL330 = 4096 / (2 * np.pi) / (256 * 885)
 
 
 @dataclass(frozen=True)
 class Case:
-    """One fit. `held`: what it is reported on, each with the target and where that comes from; None: the last `part` of the log."""
+    """One fit. `held`: what it is reported on, each with the target; `part`: the last share of the log, which is held out.
+    `options`: effects and constants of the law beside each other, chosen by the error on halves of the training logs in turn."""
 
     name: str
     urdf: str
     fit: tuple[str, ...]
     held: Mapping[str, float]
     law: Mapping[str, Any]
-    effects: tuple[str, ...] = DRIVE
+    options: tuple[tuple[tuple[str, ...], Mapping[str, Any]], ...] = ((DRIVE, {}),)
     joints: tuple[str, ...] | None = None
     part: float = 0.0
     kind: str = "pd_position"
@@ -58,16 +66,26 @@ def cases(short: bool) -> list[Case]:
     if short:
         return found
     duty = {f"*kp{k}_*": {"kp": _XL330 * k} for k in (100, 200, 400, 800)}
+    servo = ((LOADED, {}), (DRIVE, GEAR), (DRIVE, SLOW), (LOADED, GEAR))
     every = sorted(f.name.removesuffix(".csv.gz") for f in (data() / "xl330_pendulum").glob("*.csv.gz"))
     for held in ("kp100_sin_sin", "kp200_up_and_down", "kp400_lift_and_drop", "kp400_sin_time_square", "kp800_up_and_down"):
         rest = tuple(name for name in every if name != f"xl330_{held}")
         name = f"XL330 without {held}"
         urdf = "xl330_pendulum/xl330_pendulum.urdf"
-        found.append(Case(name, urdf, rest, {f"xl330_{held}": 0.060}, {"by_log": duty}, LOADED, kind="pwm"))
+        found.append(Case(name, urdf, rest, {f"xl330_{held}": 0.060}, {"by_log": duty}, servo, kind="pwm"))
     z1 = {"kp": [80.0, 120.0, 120.0, 80.0, 80.0, 80.0, 80.0], "kd": 2.5}
     found.append(Case("Z1 last third", "z1_iit/z1.urdf", ("z1_traj0",), {"z1_traj0 (last part)": 0.0150}, z1, part=1 / 3))
     april = {"go2_april_traj4": 0.0023, "go2_march_traj0": 0.0095}
-    found.append(Case("Go2 one April log", "go2_iit/go2.urdf", ("go2_april_traj1",), april, {"by_log": gains}))
+    found.append(
+        Case(
+            "Go2 one April log",
+            "go2_iit/go2.urdf",
+            ("go2_april_traj1",),
+            april,
+            {"by_log": gains},
+            ((DRIVE, {}), (LOADED, {}), (SPRUNG, {})),
+        )
+    )
     return found
 
 
@@ -77,20 +95,30 @@ def data() -> Path:
     return (Path(named) if named else Path(__file__).resolve().parents[3] / "shared/data") / "actuators"
 
 
-def fitted(case: Case) -> DriveFit:
-    """Fit one case, with its error on each held-out log."""
+def fitted(case: Case) -> tuple[DriveFit, int]:
+    """Fit one case, with its error on each held-out log, and which of its options was chosen."""
     folder = data() / Path(case.urdf).parent
     robot = ident.Robot.from_urdf(data() / case.urdf, joints=case.joints)
-    model = robot.rigid_body()
-    for name in case.effects:
-        model = model + ident.make_effect(name)
-    law = DriveLaw.of(robot, case.kind, **case.law)
     logs = _logs(folder, case.fit, robot)
     if case.part:
         train, held = logs.split(by="fraction", held=case.part)
     else:
         train, held = logs, _logs(folder, tuple(case.held), robot)
-    return fit_drives(train, model, law, held=held)
+    pairs = [(_model(robot, effects), DriveLaw.of(robot, case.kind, **{**case.law, **more})) for effects, more in case.options]
+    chosen = 0 if len(pairs) == 1 else best([_crossed(train, *pair) for pair in pairs])
+    return fit_drives(train, *pairs[chosen], held=held), chosen
+
+
+def _model(robot: ident.Robot, effects: Sequence[str]) -> ident.Model:
+    model = robot.rigid_body()
+    for name in effects:
+        model = model + ident.make_effect(name)
+    return model
+
+
+def _crossed(logs: ident.LogSet, model: ident.Model, law: DriveLaw) -> HeldOut:
+    plant = DrivePlant(model, law, tuple(DriveLog.of(log, model.robot, law) for log in logs))
+    return held_out(plant, *starts(plant))
 
 
 def _logs(folder: Path, names: Sequence[str], robot: ident.Robot) -> ident.LogSet:
@@ -103,17 +131,17 @@ def main(short: bool, folder: Path) -> int:
         print(f"not run: no logs in {data()}; set IDENT_DATA")
         return 0
     rows = []
-    print(f"{'fit':<34}{'held out':<30}{'fit rad':>9}{'held rad':>10}{'target':>8}{'s':>6}  delay ms (95 %)")
+    print(f"{'fit':<34}{'held out':<30}{'fit rad':>9}{'held rad':>10}{'target':>8}{'s':>6}  delay ms (95 %)  option")
     for case in cases(short):
         begin = time.perf_counter()
-        fit = fitted(case)
+        fit, chosen = fitted(case)
         spent = time.perf_counter() - begin
         (delay,) = [f"{1e3 * v:.1f} ({1e3 * a:.1f} … {1e3 * b:.1f})" for v, a, b in fit.delay_interval().values()]
         for name, target in case.held.items():
             held = _rms(fit.heldout_logs[name])
             met = "met" if held <= target else "not met"
             left = f"{case.name:<34}{name:<30}{_rms(fit.fit_rms):>9.4f}{held:>10.4f}{target:>8.4f}{spent:>6.0f}"
-            print(f"{left}  {delay}  {met}", flush=True)
+            print(f"{left}  {delay}  {met}  {chosen}", flush=True)
             rows.append({"case": case.name, "held": name, "rms": held, "target": target, "fit": fit.to_dict()})
         (folder / f"actuators_{case.name.replace(' ', '_').replace('->', 'to')}.txt").write_text(fit.summary() + "\n")
     (folder / "actuators.json").write_text(json.dumps(jsonable(rows), indent=1))

@@ -62,6 +62,7 @@ struct DriveStep {
     double h;
     const double *inertia, *bias;                          // (lanes, n, n), (lanes, n)
     const double *armature, *viscous, *dry, *load_share, *excess, *fall, *offset, *kp, *kd, *limit, *back_emf;
+    const double *spring, *loss, *loss_square, *loss_slow, *slow;  // dry friction grows with the drive's own torque
     const double *target, *strength;                       // strength: null where it is 1
     double *q, *dq, *before, *friction, *load;             // state
     double *ahead_q, *ahead_dq, *out;
@@ -104,12 +105,16 @@ struct DriveStep {
                 damping = strength[e] * damping + (strength[e] > 0 ? back_emf[e] : 0.0) + viscous[e];
                 pull *= strength[e];
             } else damping += back_emf[e] + viscous[e];
+            const double motor = std::fabs(pull - (damping - viscous[e]) * dq[e]);
+            pull -= spring[e] * q[e], damping += half * spring[e];
             double momentum = armature[e] * dq[e];
             for (int64_t j = 0; j < m; ++j) A[i * m + j] = H[i * n + j], momentum += H[i * n + j] * dq[at + j];
             A[i * m + i] += armature[e] + half * damping;
             pulled[i] = momentum + half * (pull - offset[e] - bias[e]);
-            const double slow = excess[e] != 0.0 ? excess[e] * std::exp(-(dq[e] / fall[e]) * (dq[e] / fall[e])) : 0.0;
-            level[i] = dry[e] + load_share[e] * std::fabs(load[e]) + slow;
+            const double low = excess[e] != 0.0 ? excess[e] * std::exp(-(dq[e] / fall[e]) * (dq[e] / fall[e])) : 0.0;
+            double share = loss[e] + loss_square[e] * motor;
+            if (loss_slow[e] != 0.0) share += loss_slow[e] * std::exp(-(dq[e] / slow[e]) * (dq[e] / slow[e]));
+            level[i] = dry[e] + load_share[e] * std::fabs(load[e]) + low + share * motor;
         }
         invert(m, A, R);
         double* f = friction + at;
@@ -163,7 +168,60 @@ struct DriveStep {
     }
 };
 
-// drive_step(H, bias, constants (11, lanes, n), target, strength or None, state (5, lanes, n), ahead (2, lanes, n), out,
+// Where the constants (16, lanes, n) stand, in their order.
+void place(DriveStep& d, const double* c, int64_t size) {
+    const double** const parts[] = {&d.armature, &d.viscous, &d.dry,      &d.load_share, &d.excess, &d.fall,        &d.offset,    &d.kp,
+                                    &d.kd,       &d.limit,   &d.back_emf, &d.spring,     &d.loss,   &d.loss_square, &d.loss_slow, &d.slow};
+    for (const double** part : parts) *part = c, c += size;
+}
+
+// drive_single(H (lanes, n, n), sine, cosine, stiffness, twist (lanes), constants (16, lanes, n), target (K, lanes, n), strength or None,
+//              state (5, lanes, n), out (K, lanes, n), lanes, n, K, h, beyond): one joint from beginning to end, its link's bias torque
+//              sine sin q + cosine cos q. n is 1, or 2 where motor and link hang together by a spring of that stiffness and damping.
+PyObject* call_drive_single(PyObject*, PyObject* args) {
+    PyObject* given[10];
+    Py_ssize_t lanes, n, count;
+    double h, beyond;
+    if (!PyArg_ParseTuple(args, "OOOOOOOOOOnnndd", given, given + 1, given + 2, given + 3, given + 4, given + 5, given + 6, given + 7,
+                          given + 8, given + 9, &lanes, &n, &count, &h, &beyond))
+        return nullptr;
+    if (lanes < 0 || count < 0 || n < 1 || n > 2) {
+        PyErr_SetString(PyExc_ValueError, "drive_single: sizes are none of one joint");
+        return nullptr;
+    }
+    Buffer buffers[10];
+    const int64_t size = (int64_t)lanes * n;
+    DriveStep d{};
+    d.lanes = lanes, d.n = d.block = n, d.sweeps = 2, d.h = h;
+    const double *c, *of_link[4], *wanted, *share = nullptr;
+    double *s, *to;
+    bool good = (d.inertia = buffers[0].take(given[0], size * n, 0)) != nullptr;
+    for (int i = 0; good && i < 4; ++i) good = (of_link[i] = buffers[1 + i].take(given[1 + i], lanes, 0)) != nullptr;
+    if (!good || !(c = buffers[5].take(given[5], 16 * size, 0)) || !(wanted = buffers[6].take(given[6], count * size, 0)) ||
+        (given[7] != Py_None && !(share = buffers[7].take(given[7], count * size, 0))) ||
+        !(s = buffers[8].take(given[8], 5 * size, PyBUF_WRITABLE)) || !(to = buffers[9].take(given[9], count * size, PyBUF_WRITABLE)))
+        return nullptr;
+    place(d, c, size);
+    d.q = s, d.dq = s + size, d.before = s + 2 * size, d.friction = s + 3 * size, d.load = s + 4 * size;
+    std::vector<double> memory((size_t)(2 * n * n + 3 * n)), ahead((size_t)(3 * size));
+    double* bias = ahead.data() + 2 * size;
+    d.ahead_q = ahead.data(), d.ahead_dq = d.ahead_q + size, d.bias = bias;
+    for (int64_t i = 0; i < size; ++i) d.ahead_q[i] = d.q[i] + 0.5 * h * d.dq[i], d.ahead_dq[i] = d.dq[i];
+    for (Py_ssize_t k = 0; k < count; ++k) {
+        for (int64_t i = 0; i < lanes; ++i) {
+            const double *q = d.ahead_q + i * n, *dq = d.ahead_dq + i * n, link = q[n - 1];
+            bias[i * n + n - 1] = of_link[0][i] * std::sin(link) + of_link[1][i] * std::cos(link);
+            if (n == 1) continue;
+            const double spring = of_link[2][i] * (q[0] - q[1]) + of_link[3][i] * (dq[0] - dq[1]);
+            bias[i * n] = spring, bias[i * n + 1] -= spring;
+        }
+        d.target = wanted + k * size, d.strength = share ? share + k * size : nullptr, d.out = to + k * size;
+        d.run(beyond, memory);
+    }
+    Py_RETURN_NONE;
+}
+
+// drive_step(H, bias, constants (16, lanes, n), target, strength or None, state (5, lanes, n), ahead (2, lanes, n), out,
 //            lanes, n, block, sweeps, h, beyond)
 PyObject* call_drive_step(PyObject*, PyObject* args) {
     PyObject *inertia, *bias, *constants, *target, *strength, *state, *ahead, *out;
@@ -183,14 +241,12 @@ PyObject* call_drive_step(PyObject*, PyObject* args) {
     const double* c;
     double *s, *next;
     if (!(d.inertia = buffers[0].take(inertia, size * n, 0)) || !(d.bias = buffers[1].take(bias, size, 0)) ||
-        !(c = buffers[2].take(constants, 11 * size, 0)) || !(d.target = buffers[3].take(target, size, 0)) ||
+        !(c = buffers[2].take(constants, 16 * size, 0)) || !(d.target = buffers[3].take(target, size, 0)) ||
         (strength != Py_None && !(d.strength = buffers[4].take(strength, size, 0))) ||
         !(s = buffers[5].take(state, 5 * size, PyBUF_WRITABLE)) || !(next = buffers[6].take(ahead, 2 * size, PyBUF_WRITABLE)) ||
         !(d.out = buffers[7].take(out, size, PyBUF_WRITABLE)))
         return nullptr;
-    const double** const known[] = {&d.armature, &d.viscous, &d.dry, &d.load_share, &d.excess, &d.fall,
-                                    &d.offset,   &d.kp,      &d.kd,  &d.limit,      &d.back_emf};
-    for (const double** part : known) *part = c, c += size;
+    place(d, c, size);
     double** const moved[] = {&d.q, &d.dq, &d.before, &d.friction, &d.load};
     for (double** part : moved) *part = s, s += size;
     d.ahead_q = next, d.ahead_dq = next + size;
@@ -201,6 +257,7 @@ PyObject* call_drive_step(PyObject*, PyObject* args) {
 
 PyMethodDef methods[] = {{"springs", call_springs, METH_VARARGS, "See recursions.cpp."},
                          {"drive_step", call_drive_step, METH_VARARGS, "See recursions.cpp."},
+                         {"drive_single", call_drive_single, METH_VARARGS, "See recursions.cpp."},
                          {nullptr, nullptr, 0, nullptr}};
 PyModuleDef module = {PyModuleDef_HEAD_INIT, "_recursions", nullptr, -1, methods, nullptr, nullptr, nullptr, nullptr};
 

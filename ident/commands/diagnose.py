@@ -18,6 +18,7 @@ from ..problem.integrated import TORQUE
 from ..reporting import report
 from ..reporting.diagnosis import diagnosis_report
 from ..study.session import HELD_SHARE, Session
+from .commanded import asks_for_simulation, diagnose_under_law
 from .common import Output, add_output_arguments, add_study_arguments, positive, study_from
 
 if TYPE_CHECKING:
@@ -36,10 +37,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
+    study = study_from(args)
+    if asks_for_simulation(study):
+        if args.next is not None:
+            raise ConfigurationError("--next plans for logs with torque; under a drive law the findings say what to do. Leave it out.")
+        return diagnose_under_law(study, args, out)
     folder_of_next = None if args.next is None else Path(args.next)
     if folder_of_next is not None and folder_of_next.exists() and not args.force:
         raise ConfigurationError(f"{folder_of_next} exists; nothing was diagnosed. Choose another --next, or add --force.")
-    session = Session(study_from(args), out.progress("fitting"))
+    session = Session(study, out.progress("fitting"))
     for finding in session.audit.warnings:
         out.say(wrapped(f"audit: {finding}"))
     diagnosis = diagnosis_of(session, out, verbose=args.verbose)

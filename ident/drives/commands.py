@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,10 @@ Array = np.ndarray
 _COLUMN = re.compile(r"^(?P<what>q_cmd|dq_cmd|tau_ff|torque_enable|supply)_?(?P<joint>[0-9]+)$", re.IGNORECASE)
 #: Samples at the start of a log from which its initial speed is taken where none was logged.
 _FIRST = 6
+#: Standard deviations from which on a first speed is one.
+_SURE = 4.0
+#: Steps of an encoder that a joint moves from one sample to the next but one where a repeated reading is none of a joint at rest.
+_FEW = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +33,7 @@ class DriveLog:
     """One log as a drive law sees it. N samples, n joints, SI, joint side.
 
     `t` (N,) s from the first sample; `q` (N, n); `q_cmd`, `dq_cmd`, `tau_ff` (N, n): commands; `enabled` (N, n): share of the torque
-    that is switched on; `supply` (N, n) V, None where the law needs none; `start` (n,): speed at the first sample."""
+    that is switched on; `supply` (N, n) V, None where the law needs none; `origin`, `start` (n,): first position and speed."""
 
     name: str
     t: Array
@@ -38,7 +43,20 @@ class DriveLog:
     tau_ff: Array
     enabled: Array
     supply: Array | None
+    origin: Array
     start: Array
+
+    @cached_property
+    def fresh(self) -> Array:
+        """(N, n): readings that are no repeat of the one before. Equal to it, while the joint moved by more than a few steps of its
+        encoder from the sample before to the sample behind: nothing was read anew."""
+        change = np.diff(self.q, axis=0)
+        out = np.ones(self.q.shape, bool)
+        moved = np.abs(self.q[2:] - self.q[:-2])
+        for j, steps in enumerate(np.abs(change).T):
+            least = float(np.min(steps[steps > 0], initial=np.inf))
+            out[1:-1, j] = ~((steps[:-1] == 0) & (moved[:, j] > _FEW * least))
+        return out
 
     @classmethod
     def of(cls, log: Log, robot: Robot, law: DriveLaw) -> DriveLog:
@@ -68,8 +86,10 @@ class DriveLog:
             speed = np.gradient(q_cmd, t, axis=0)
         enabled = got.get("torque_enable", np.ones_like(none))
         rate = log.velocity(robot.transmission)
-        first = _slope(t, q[good]) if rate is None or not np.isfinite(rate[good][0]).all() else rate[good][0]
-        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, got.get("supply"), first)
+        origin, first = _first_state(t, q[good])
+        if rate is not None and np.isfinite(rate[good][0]).all():
+            first = np.where(first == 0.0, 0.0, rate[good][0])
+        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, got.get("supply"), origin, first)
 
     @property
     def period(self) -> float:
@@ -116,8 +136,31 @@ def _held(values: Array) -> Array:
     return out
 
 
-def _slope(t: Array, q: Array) -> Array:
-    """Speed (n,) at the first samples, by a straight line."""
+def _first_state(t: Array, q: Array) -> tuple[Array, Array]:
+    """Position and speed (n,) at the first sample. A joint at rest: the mean of its readings there, and no speed, because a simulation
+    that starts where noise has put it stays there until friction is overcome. One that moves: its first reading, and a straight line."""
+    origin, speed = q[0].copy(), np.zeros(q.shape[1])
     few = min(_FIRST, len(t))
-    time = t[:few] - t[:few].mean()
-    return time @ q[:few] / max(float(time @ time), 1e-300)
+    for j, values in enumerate(q.T):
+        slope, doubt = _line(t[:few], values[:few])
+        if abs(slope) > _SURE * doubt:
+            speed[j] = slope
+            continue
+        count = few
+        while 2 * count <= len(t):
+            slope, doubt = _line(t[: 2 * count], values[: 2 * count])
+            near = abs(float(np.mean(values[count : 2 * count]) - np.mean(values[:count])))
+            if abs(slope) > _SURE * doubt or near > 2.0 * float(np.std(values[:few])) + 1e-12:
+                break
+            count *= 2
+        origin[j] = float(np.mean(values[:count]))
+    return origin, speed
+
+
+def _line(t: Array, values: Array) -> tuple[float, float]:
+    """Slope of a straight line, and its standard deviation."""
+    time = t - t.mean()
+    size = max(float(time @ time), 1e-300)
+    slope = float(time @ values) / size
+    left = values - values.mean() - slope * time
+    return slope, float(np.sqrt(left @ left / max(len(t) - 2, 1) / size))

@@ -11,7 +11,7 @@ from .commands import DriveLog
 from .determined import determination
 from .plant import DrivePlant
 from .result import DriveFit
-from .search import fitted
+from .search import Fitted, fitted
 from .starts import starts
 from .uncertainty import Precision
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from ..logs.log import LogSet
     from ..model import Model
     from .law import DriveLaw
+
+Array = np.ndarray
 
 
 def fit_drives(
@@ -61,23 +63,26 @@ def fit_drives(
     robot = model.robot
     plant = DrivePlant(model, law, tuple(DriveLog.of(log, robot, law) for log in logs))
     at, sizes = starts(plant)
-    found = fitted(plant, at, sizes, progress=progress)
+    fit = result_of(plant, fitted(plant, at, sizes, progress=progress), sizes, logs.inputs)
+    return fit if held is None else fit.with_heldout(held)
+
+
+def result_of(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[str, str], ...] = ()) -> DriveFit:
+    """What a search found, with covariance and what is determined. `sizes` (p,): usual sizes of the unknowns."""
     precision = Precision.of(found, np.maximum(np.abs(found.values), sizes))
     period = max(log.period for log in plant.logs)
     decided = determination(plant.unknowns, found.values, precision, period)
-    everything = np.arange(len(found.values))
-    covariance = precision.covariance(everything) * np.outer(precision.scale, precision.scale)
-    fit = DriveFit(
-        model=model,
-        law=law,
-        unknowns=plant.unknowns,
-        values=found.values,
-        covariance=covariance,
-        determination=decided,
-        fit_rms=found.rms,
-        period=period,
-        samples=len(found.residual),
-        settled=found.settled,
-        inputs=logs.inputs,
+    covariance = precision.covariance(np.arange(len(found.values))) * np.outer(precision.scale, precision.scale)
+    return DriveFit(
+        plant.model,
+        plant.law,
+        plant.unknowns,
+        found.values,
+        covariance,
+        decided,
+        found.rms,
+        period,
+        len(found.residual),
+        found.settled,
+        inputs,
     )
-    return fit if held is None else fit.with_heldout(held)

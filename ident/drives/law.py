@@ -20,11 +20,19 @@ Array = np.ndarray
 #: What stands for a constant that is to be identified.
 IDENTIFY = "identify"
 #: The constants of a law, with what they are where nothing is said: a number, or to be identified.
-_DEFAULTS: dict[str, dict[str, float | str | None]] = {
-    "pd_position": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0},
-    "pd_velocity": {"kp": 0.0, "kd": None, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0},
-    "pwm": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": 1.0, "torque_scale": IDENTIFY, "back_emf": IDENTIFY},
+_GEAR: dict[str, float | str | None] = {
+    "gear_loss": 0.0,
+    "gear_loss_square": 0.0,
+    "gear_loss_slow": 0.0,
+    "slow_speed": 1.0,
+    "joint_stiffness": np.inf,
+    "joint_damping": 0.0,
 }
+_DEFAULTS: dict[str, dict[str, float | str | None]] = {
+    "pd_position": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0, **_GEAR},
+    "pd_velocity": {"kp": 0.0, "kd": None, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0, **_GEAR},
+    "pwm": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": 1.0, "torque_scale": IDENTIFY, "back_emf": IDENTIFY, **_GEAR},
+}  # fmt: skip
 #: Laws whose logs hold a torque or a current.
 MEASURED = ("torque", "current")
 _LATER = ("pid_position", "voltage")
@@ -56,7 +64,9 @@ class DriveLaw:
         the supply voltage times `torque_scale` (torque constant over resistance), kp in 1/rad.
     constants : mapping
         "kp" (N m/rad), "kd" (N m s/rad), "delay_s" (s), "effort_limit" (N m), "torque_scale" (1; pwm: N m/V), "back_emf" (N m s/rad) →
-        (n,), NaN where the constant is to be identified.
+        (n,), NaN where the constant is to be identified. What a gear loses of the drive's torque τ, as dry friction: `gear_loss` |τ|,
+        `gear_loss_square` τ², `gear_loss_slow` |τ| exp(−(dq/`slow_speed`)²); 0 by default. `joint_stiffness` (N m/rad),
+        `joint_damping`: a spring between motor and link, the encoder on the motor; none by default.
     shared : frozenset of str
         Constants to be identified as one number for all joints.
     command, velocity_command
@@ -115,7 +125,7 @@ class DriveLaw:
         """The law that a study's `[drive]` declares; None where its logs hold torque or current."""
         if table.law is None or table.law in MEASURED:
             return None
-        keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "command", "velocity_command")
+        keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", *_GEAR, "command", "velocity_command")
         given = {key: getattr(table, key) for key in keys}
         return cls.of(robot, table.law, links=table.links or "known", by_log=table.by_log, **given)
 

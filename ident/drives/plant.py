@@ -12,11 +12,11 @@ import numpy as np
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
 from ..friction.speed import Stribeck
-from ..regressor import rigid
-from ..simulation.rigid import RigidDynamics, require_fixed_base
+from ..simulation.rigid import require_fixed_base
 from .commands import DriveLog
 from .law import CommandForm, DriveLaw
-from .simulate import LaneDrives, simulated
+from .links import ElasticLinks, FreeLinks, KnownLinks
+from .simulate import LaneDrives, LinkTerms, simulated
 from .unknowns import Unknown, unknowns
 
 if TYPE_CHECKING:
@@ -24,30 +24,12 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
-#: Seconds of a step at most.
-STEP = 1e-3
+#: Seconds of a step at most; of a single joint, which is simulated in no time: where it comes to rest depends on the step.
+STEP, _SINGLE = 1e-3, 5e-4
 #: Numbers that a block of lanes may hold at a time.
 _AT_ONCE = 40_000_000
-_DRIVE = ("armature", "viscous", "dry", "load", "excess", "offset")
-
-
-class _FreeLinks:
-    """Links with a set of parameters (B, 10 nb) in each lane."""
-
-    def __init__(self, robot: Robot, parameters: Array) -> None:
-        self.robot, self.parameters = robot, parameters
-
-    def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        lanes, n = q.shape
-        ddq = np.concatenate([np.zeros((1, 1, n)), np.eye(n)[:, None]]) * np.ones((1, lanes, 1))
-        rates = np.concatenate([dq[None], np.zeros((n, lanes, n))])
-        still = rigid.regressor(self.robot.tree, q, np.zeros_like(q), np.zeros_like(q))
-        columns = rigid.regressor(self.robot.tree, np.tile(q, (n + 1, 1)), rates.reshape(-1, n), ddq.reshape(-1, n)).reshape(
-            n + 1, lanes, n, -1
-        )
-        torque = np.einsum("xbnk,bk->xbn", columns, self.parameters)
-        gravity = np.einsum("bnk,bk->bn", still, self.parameters)
-        return np.moveaxis(torque[1:] - gravity, 0, 2), torque[0]
+_DRIVE = ("armature", "viscous", "dry", "load", "excess", "offset", "spring")
+_GEAR = {"loss": "gear_loss", "loss_square": "gear_loss_square", "loss_slow": "gear_loss_slow", "slow": "slow_speed"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +40,18 @@ class _Lanes:
     strength: Array | None
     drive: dict[str, Array]
     inertial: Array | None
+    stiffness: Array
+    twist: Array
 
 
 @dataclass(frozen=True, eq=False)
 class DrivePlant:
-    """A model under a drive law, and the logs to be simulated."""
+    """A model under a drive law, and the logs to be simulated. `step`: seconds of a step at most, 0: the usual one."""
 
     model: Model
     law: DriveLaw
     logs: tuple[DriveLog, ...]
-    step: float = STEP
+    step: float = 0.0
 
     def __post_init__(self) -> None:
         require_fixed_base(self.robot)
@@ -77,6 +61,11 @@ class DrivePlant:
     @property
     def robot(self) -> Robot:
         return self.model.robot
+
+    @property
+    def longest(self) -> float:
+        """Seconds of a step at most."""
+        return self.step or (_SINGLE if self.robot.n == 1 else STEP)
 
     @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -122,8 +111,8 @@ class DrivePlant:
         """Seconds of a step: a whole number of them in a sample, where the logs agree on one."""
         periods = [log.period for log in self.logs]
         if max(periods) - min(periods) > 0.01 * min(periods):
-            return self.step
-        return periods[0] / max(1, int(np.ceil(periods[0] / self.step - 1e-6)))
+            return self.longest
+        return periods[0] / max(1, int(np.ceil(periods[0] / self.longest - 1e-6)))
 
     def _together(self, sets: Array, h: float, counts: list[int]) -> list[Array]:
         """All logs with all sets as lanes of one simulation."""
@@ -133,11 +122,19 @@ class DrivePlant:
         if any(lane.strength is not None for lane in lanes):
             strength = np.concatenate([np.ones_like(x.target) if x.strength is None else x.strength for x in lanes], axis=1)
         free = [lane.inertial for lane in lanes if lane.inertial is not None]
-        links = _FreeLinks(self.robot, np.concatenate(free)) if free else RigidDynamics(self.robot, self.nominal)
-        q = np.concatenate([np.tile(log.q[0], (len(sets), 1)) for log in self.logs])
+        links: LinkTerms = FreeLinks(self.robot, np.concatenate(free)) if free else KnownLinks(self.robot, self.nominal)
+        q = np.concatenate([np.tile(log.origin, (len(sets), 1)) for log in self.logs])
         dq = np.concatenate([np.tile(log.start, (len(sets), 1)) for log in self.logs])
         target = np.concatenate([lane.target for lane in lanes], axis=1)
-        fine = simulated(links, drives, target, strength, q, dq, h, self.groups)
+        groups = self.groups
+        elastic = np.flatnonzero(np.isfinite(np.concatenate([lane.stiffness for lane in lanes])).any(axis=0))
+        if len(elastic):
+            stiffness, twist = (np.concatenate([getattr(lane, key) for lane in lanes]) for key in ("stiffness", "twist"))
+            sprung = ElasticLinks(links, self.robot.n, elastic, stiffness[:, elastic], twist[:, elastic])
+            drives, target, links = sprung.drives(drives), sprung.widened(target), sprung
+            strength = None if strength is None else sprung.widened(strength)
+            q, dq, groups = sprung.resting(q), sprung.widened(dq, elastic), sprung.groups
+        fine = simulated(links, drives, target, strength, q, dq, h, groups)[..., : self.robot.n]
         return [_at(fine[:, i * len(sets) : (i + 1) * len(sets)], log.t / h) for i, log in enumerate(self.logs)]
 
     def _lanes(self, log: DriveLog, sets: Array, h: float, count: int) -> _Lanes:
@@ -156,9 +153,16 @@ class DrivePlant:
         for effect in self.model.effects:
             if isinstance(effect, Stribeck):
                 fall[:, effect.at(self.robot)] = effect.v_s
-        kept = {key: constants[key] for key in ("kp", "kd", "back_emf")}
+        kept = {key: constants[key] for key in ("kp", "kd", "back_emf")} | {key: constants[name] for key, name in _GEAR.items()}
         whole = {**drive, **kept, "fall": fall, "limit": constants["effort_limit"]}
-        return _Lanes(target, self._strength(log, constants["torque_scale"], h, count), whole, inertial)
+        return _Lanes(
+            target,
+            self._strength(log, constants["torque_scale"], h, count),
+            whole,
+            inertial,
+            constants["joint_stiffness"],
+            constants["joint_damping"],
+        )
 
     def _strength(self, log: DriveLog, scale: Array, h: float, count: int) -> Array | None:
         """Factor (K, B, n) of the drives' torque; None where it is always 1."""

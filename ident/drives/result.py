@@ -103,8 +103,8 @@ class DriveFit(ShortRepr):
         return out
 
     def drive(self) -> dict[str, Array]:
-        """Effects of the drives, "armature", "viscous", "dry", "offset", "load", "excess" → (n,), zero where the model has none."""
-        out = {key: np.zeros(self.model.robot.n) for key in ("armature", "viscous", "dry", "offset", "load", "excess")}
+        """Effects of the drives, "armature", "viscous", "dry", "offset", "load", "excess", "spring" → (n,); zero where none."""
+        out = {key: np.zeros(self.model.robot.n) for key in ("armature", "viscous", "dry", "offset", "load", "excess", "spring")}
         for unknown, value in zip(self.unknowns, self.values, strict=True):
             if unknown.place in out:
                 out[unknown.place][unknown.joint] += value

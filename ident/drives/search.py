@@ -24,7 +24,9 @@ _FOLLOWED = 3
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Values (p,) with the residual (N, n) in rad, its derivatives (N, n, p), weights (n,), and whether the search settled."""
+    """Values (p,) with the residual (N, n) in rad, its derivatives (N, n, p), weights (N, n), and whether the search settled.
+
+    A reading that does not count has weight 0."""
 
     values: Array
     residual: Array
@@ -35,17 +37,27 @@ class Fitted:
 
     @property
     def rms(self) -> Array:
-        """Position error (n,)."""
+        """Position error (n,), over all readings."""
         return np.sqrt(np.mean(self.residual**2, axis=0))
 
+    @property
+    def cost(self) -> float:
+        """Sum of weighted squares."""
+        return float(np.sum(np.square(self.residual * self.weights)))
 
-def fitted(plant: DrivePlant, starts: Array, sizes: Array, *, steps: int = 40, progress: Callable[[float], None] | None = None) -> Fitted:
+
+def fitted(
+    plant: DrivePlant, starts: Array, sizes: Array, *, counted: Array | None = None, steps: int = 40,
+    progress: Callable[[float], None] | None = None,
+) -> Fitted:  # fmt: skip
     """From starts (S, p): the better ones are followed coarsely, the best to the end, then again with weights from its own residual.
 
-    `sizes` (p,): what is a usual size of each unknown."""
+    `sizes` (p,): what is a usual size of each unknown. `counted` (N, n): which readings count; by default those that are no repeat."""
     measured = np.concatenate([log.q for log in plant.logs])
+    fresh = np.concatenate([log.fresh for log in plant.logs]) if counted is None else counted
+    counts = np.maximum(fresh.sum(axis=0), 1)
     spread = np.maximum(np.std(measured, axis=0), 1e-6)
-    search = _SimulatedSearch(plant, measured, sizes, 1.0 / spread)
+    search = _SimulatedSearch(plant, measured, sizes, fresh / spread)
     coarse = search.coarse()
     costs = coarse.costs(starts)
     order = [i for i in np.argsort(costs)[:_FOLLOWED] if np.isfinite(costs[i])]
@@ -58,13 +70,28 @@ def fitted(plant: DrivePlant, starts: Array, sizes: Array, *, steps: int = 40, p
         progress(0.4)
     values, _, _, _ = search.run(best[0], steps)
     residual = search.residual(values)
-    rms = np.sqrt(np.mean(residual**2, axis=0))
-    search = replace(search, weights=1.0 / np.maximum(rms, 1e-3 * spread))
+    rms = np.sqrt(np.sum(np.square(residual * fresh), axis=0) / counts)
+    search = replace(search, weights=fresh / np.maximum(rms, 1e-3 * spread))
     values, _, settled, used = search.run(values, steps)
     if progress is not None:
         progress(1.0)
     residual, slopes = search.linear(values, central=True)
     return Fitted(values, residual, slopes, search.weights, settled, used)
+
+
+def refitted(plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, steps: int = 15) -> Fitted:
+    """From near values (p,) on, with weights (N, n) that stay: costs of several models are then of one kind."""
+    measured = np.concatenate([log.q for log in plant.logs])
+    search = _SimulatedSearch(plant, measured, sizes, weights)
+    values, _, settled, used = search.run(values, steps)
+    residual, slopes = search.linear(values, central=True)
+    return Fitted(values, residual, slopes, weights, settled, used)
+
+
+def sensitivities(plant: DrivePlant, values: Array, sizes: Array) -> tuple[Array, Array]:
+    """Simulated less measured positions (N, n) at values (p,), and their derivatives (N, n, p)."""
+    measured = np.concatenate([log.q for log in plant.logs])
+    return _SimulatedSearch(plant, measured, sizes, np.ones_like(measured)).linear(values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +104,7 @@ class _SimulatedSearch:
     def coarse(self) -> _SimulatedSearch:
         """The same in larger steps of time, where the samples leave room for them."""
         period = min(log.period for log in self.plant.logs)
-        return replace(self, plant=replace(self.plant, step=max(self.plant.step, min(0.5 * period, 2.5e-3))))
+        return replace(self, plant=replace(self.plant, step=max(self.plant.longest, min(0.5 * period, 2.5e-3))))
 
     @property
     def lower(self) -> Array:
@@ -130,7 +157,14 @@ class _SimulatedSearch:
                 direction[[i, viscous]] = 1.0, -1.0
                 out.append((i, direction * max(values[i], self.sizes[i])))
         scale = "torque_scale" if self.plant.law.kind == "pwm" else "kp"
-        apart = {"delay_s", "load", *({"kp", "kd", "effort_limit"} if scale == "torque_scale" else {"torque_scale"})}
+        apart = {
+            "delay_s",
+            "load",
+            "gear_loss",
+            "gear_loss_slow",
+            "slow_speed",
+            *({"kp", "kd", "effort_limit"} if scale == "torque_scale" else {"torque_scale"}),
+        }
         branches = self.plant.branches
         for branch in np.unique(branches):
             own = [i for i, u in enumerate(unknown) if u.place not in apart and (u.joint < 0 or branches[u.joint] == branch)]
@@ -138,6 +172,8 @@ class _SimulatedSearch:
             if pivots:
                 direction = np.zeros(len(values))
                 direction[own] = values[own]
+                # A share of the torque squared is the smaller the larger all torque is.
+                direction[[i for i in own if unknown[i].place == "gear_loss_square"]] *= -1.0
                 out.append((pivots[-1], direction))
         return out
 
@@ -163,7 +199,7 @@ class _SimulatedSearch:
             return values, cost, False, 0
         for step in range(steps):
             residual, slopes = self.linear(values)
-            J = (slopes * self.weights[None, :, None]).reshape(-1, len(values))
+            J = (slopes * self.weights[..., None]).reshape(-1, len(values))
             r = (residual * self.weights).reshape(-1)
             tried = damping * _TRIED
             sets = np.stack([self._moved(values, J, r, factor) for factor in tried])

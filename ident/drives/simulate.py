@@ -25,15 +25,30 @@ _BEYOND = 1e4
 
 
 class LinkTerms(Protocol):
-    """Inertia matrix (B, n, n) and bias torque (B, n) of the links at states (B, n), of a set of parameters per lane."""
+    """Links in each lane. Those that have `single()` as well give a `SingleLink` where there is but one. `terms`: inertia matrix
+    (B, n, n) and bias torque (B, n) of the links at states (B, n), of a set of parameters per lane."""
 
     def terms(self, q: Array, dq: Array) -> tuple[Array, Array]: ...
 
 
 @dataclass(frozen=True, eq=False)
+class SingleLink:
+    """The only link: inertia, and bias torque as factors of sine and cosine of its position; stiffness and damping of the spring between
+    motor and link, if there is one. Numbers, or one per lane (B,)."""
+
+    inertia: Array
+    sine: Array
+    cosine: Array
+    stiffness: Array | float = 0.0
+    twist: Array | float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class LaneDrives:
     """Drive and friction of B lanes, each (B, n): `armature`, `viscous`, `dry` (level of dry friction), `load` (its growth with the
-    load), `excess` (more at low speed) and `fall` (the speed at which that is gone), `offset`; `kp`, `kd`, `limit`, `back_emf`."""
+    load), `excess` (more at low speed) and `fall` (the speed at which that is gone), `offset`; `kp`, `kd`, `limit`, `back_emf`; `spring`;
+    growth of dry friction with the drive's torque: `loss`, `loss_square` (with its square), `loss_slow` (more at low speed), `slow` (that
+    speed)."""
 
     armature: Array
     viscous: Array
@@ -46,11 +61,16 @@ class LaneDrives:
     kd: Array
     limit: Array
     back_emf: Array
+    spring: Array
+    loss: Array
+    loss_square: Array
+    loss_slow: Array
+    slow: Array
 
     @property
     def loaded(self) -> bool:
         """Whether dry friction is anything but constant."""
-        return bool(np.any(self.load) or np.any(self.excess))
+        return any(bool(np.any(x)) for x in (self.load, self.excess, self.loss, self.loss_square, self.loss_slow))
 
 
 def simulated(
@@ -64,13 +84,29 @@ def simulated(
     out[0] = q
     step = getattr(_recursions, "drive_step", None)
     with np.errstate(all="ignore"):
-        if step is None:
+        single = getattr(links, "single", lambda: None)()
+        if step is not None and single is not None:
+            _single(out, single, drives, target, strength, dq, h)
+        elif step is None:
             _plain(out, links, drives, target, strength, dq, h, groups)
         else:
             _compiled(out, step, links, drives, target, strength, dq, h, len(groups))
     lost = np.cumsum(~np.isfinite(out).all(axis=2), axis=0) > 0
     out[lost] = np.nan
     return out
+
+
+def _single(out: Array, link: SingleLink, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float) -> None:
+    """Positions of one joint (with a spring: of motor and link) from out[0] on, all steps in C++."""
+    lanes, n = dq.shape
+    H = np.zeros((lanes, n, n))
+    H[:, n - 1, n - 1] = link.inertia
+    parts = (np.ascontiguousarray(np.broadcast_to(x, lanes), float) for x in (link.sine, link.cosine, link.stiffness, link.twist))
+    constants = np.stack([getattr(drives, part.name) for part in fields(drives)])
+    state = np.zeros((5, lanes, n))
+    state[:3] = out[0], dq, dq
+    target, strength = np.ascontiguousarray(target), None if strength is None else np.ascontiguousarray(strength)
+    _recursions.drive_single(H, *parts, constants, target, strength, state, out[1:], lanes, n, len(target), h, _BEYOND)
 
 
 def _compiled(
@@ -105,6 +141,8 @@ def _plain(
         M = H.copy()
         M[:, diagonal, diagonal] += drives.armature
         pull, damping = _drive(drives, target[k], None if strength is None else strength[k], q, dq, half, limited)
+        motor = np.abs(pull - (damping - drives.viscous) * dq)
+        pull, damping = pull - drives.spring * q, damping + half * drives.spring
         A = M.copy()
         A[:, diagonal, diagonal] += half * damping
         inverse = 1.0 / A if n == 1 else np.linalg.inv(A)
@@ -112,6 +150,7 @@ def _plain(
         free = 2.0 * _times(inverse, momentum) - dq
         if loaded:
             level = drives.dry + drives.load * np.abs(load) + drives.excess * np.exp(-np.square(dq / drives.fall))
+            level = level + motor * (drives.loss + drives.loss_square * motor + drives.loss_slow * np.exp(-np.square(dq / drives.slow)))
         f, after = _rubbed(free, h * inverse, f, level, groups)
         if loaded:
             load = _times(H, (after - dq) / h) + c

@@ -16,11 +16,13 @@ _FRICTION = (0.02, 0.2)
 _DELAYS = (0.3, 1.5)
 #: Inertia of an actuator whose links are unknown or next to nothing, kg m².
 _BARE = 0.005
+#: Resonance (Hz) of a link on a spring of unknown stiffness.
+_SPRING_HZ = 12.0
 
 
 def starts(plant: DrivePlant) -> tuple[Array, Array]:
     """Starts (S, p) and usual sizes (p,) of the unknowns."""
-    inertia = _inertia(plant)
+    inertia = moved_inertia(plant)
     unknown_gain = any(plant.law.unknown(key) for key in ("kp", "torque_scale"))
     loops = _LOOPS_HZ if unknown_gain else (5.0,)
     delayed = plant.law.unknown("delay_s")
@@ -29,7 +31,7 @@ def starts(plant: DrivePlant) -> tuple[Array, Array]:
     return np.array(found), np.maximum(sizes, 1e-9)
 
 
-def _inertia(plant: DrivePlant) -> Array:
+def moved_inertia(plant: DrivePlant) -> Array:
     """What each joint moves (n,), kg m²."""
     if not plant.law.links_known and plant.robot.nominal is None:
         return np.full(plant.robot.n, 4 * _BARE)
@@ -42,6 +44,7 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
     logs = plant.logs
     error = np.sqrt(np.mean(np.concatenate([(log.q_cmd - log.q) for log in logs]) ** 2, axis=0)) + 1e-6
     rate = np.sqrt(np.mean(np.concatenate([np.gradient(log.q, log.t, axis=0) for log in logs]) ** 2, axis=0)) + 1e-6
+    spread = np.std(np.concatenate([log.q for log in logs]), axis=0)
     volts = np.mean([log.supply.mean(axis=0) for log in logs if log.supply is not None] or [np.ones(plant.robot.n)], axis=0)
     gains = np.array([plant.law.for_log(log.name).constants["kp"] for log in logs])
     known = np.where(np.isnan(gains).all(axis=0), np.nan, np.nan_to_num(gains).sum(axis=0) / np.maximum(1, np.isfinite(gains).sum(axis=0)))
@@ -50,7 +53,10 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
     torque = stiff * error
     guess = {
         "armature": 0.3 * inertia, "viscous": friction * torque / rate, "dry": friction * torque, "offset": 1e-3 * torque,
-        "load": np.full(plant.robot.n, 0.05), "excess": 0.3 * friction * torque, "kp": stiff, "kd": 0.3 * 2 * inertia * 2 * np.pi * hz,
+        "load": np.full(plant.robot.n, 0.05), "spring": 0.05 * torque / np.maximum(spread, 1e-3), "gear_loss": np.full(plant.robot.n, 0.1),
+        "gear_loss_square": 0.05 / np.maximum(torque, 1e-3), "gear_loss_slow": np.full(plant.robot.n, 0.03), "slow_speed": 0.3 * rate,
+        "joint_stiffness": inertia * (2 * np.pi * _SPRING_HZ) ** 2, "joint_damping": 0.02 * inertia * 2 * np.pi * _SPRING_HZ,
+        "excess": 0.3 * friction * torque, "kp": stiff, "kd": 0.3 * 2 * inertia * 2 * np.pi * hz,
         "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)), "effort_limit": 0.9 * np.maximum(torque, 1e-3) * 3,
         "torque_scale": stiff / np.where(np.isnan(known), 1.0, known) / volts, "back_emf": friction * torque / rate,
     }  # fmt: skip

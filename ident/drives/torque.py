@@ -32,6 +32,13 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
             f"log {log.name}: the drive law does not give a torque, because {', '.join(unknown)} is to be identified."
             " Fit by simulation (`ident fit` without --method), and put the values into [drive]."
         )
+    if any(np.any(law.constants[key]) for key in ("gear_loss", "gear_loss_square", "gear_loss_slow")):
+        raise ConfigurationError(
+            f"log {log.name}: with gear_loss, friction follows the drive's torque, which is known in simulation only."
+            " Fit by simulation (`ident fit` without --method)."
+        )
+    if np.isfinite(law.constants["joint_stiffness"]).any():
+        raise ConfigurationError(f"log {log.name}: with joint_stiffness, the torque on the link is known in simulation only.")
     if log.q is None or not np.isfinite(log.q).all():
         raise DataError(f"log {log.name}: positions are missing; the drive law gives no torque without them.")
     seen = DriveLog.of(log, robot, law)

@@ -27,12 +27,12 @@ class Precision:
     @classmethod
     def of(cls, fit: Fitted, scale: Array) -> Precision:
         """From a fit's derivatives and residual; the residual's memory is counted (Newey and West, 1987)."""
-        J = fit.slopes * fit.weights[None, :, None] * scale
+        J = fit.slopes * fit.weights[..., None] * scale
         r = fit.residual * fit.weights
         flat = J.reshape(-1, J.shape[2])
         score = np.einsum("tj,tjp->tp", r, J)
-        count = r.size
-        lags = memory(fit.residual)
+        count = int(np.count_nonzero(fit.weights))
+        lags = memory(r)
         S = score.T @ score
         for lag in range(1, lags + 1):
             product = score[lag:].T @ score[:-lag]

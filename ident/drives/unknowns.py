@@ -9,6 +9,7 @@ import numpy as np
 
 from ..effects.offset import Offset
 from ..effects.rigid_body import RigidBody
+from ..effects.springs import LinearSpring
 from ..errors import ConfigurationError, UnsupportedError
 from ..friction.drive import Coulomb, RotorInertia, Viscous
 from ..friction.load import LoadDependentFriction
@@ -23,11 +24,14 @@ Array = np.ndarray
 #: Effects that a simulated drive can have, with what they are there.
 _PLACES: dict[type[Effect], str] = {
     RotorInertia: "armature", Viscous: "viscous", Coulomb: "dry", Offset: "offset", LoadDependentFriction: "load", Stribeck: "excess",
+    LinearSpring: "spring",
 }  # fmt: skip
 #: Constants of a law: symbol and unit.
 CONSTANTS = {
     "kp": ("kp", "N m/rad"), "kd": ("kd", "N m s/rad"), "delay_s": ("delay", "s"), "effort_limit": ("effort_limit", "N m"),
-    "torque_scale": ("s", "1"), "back_emf": ("ke", "N m s/rad"),
+    "torque_scale": ("s", "1"), "back_emf": ("ke", "N m s/rad"), "gear_loss": ("Fm", "1"), "gear_loss_square": ("Fmm", "1/(N m)"),
+    "gear_loss_slow": ("Fms", "1"), "slow_speed": ("v_m", "rad/s"), "joint_stiffness": ("k", "N m/rad"),
+    "joint_damping": ("d", "N m s/rad"),
 }  # fmt: skip
 
 
@@ -88,7 +92,11 @@ def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
             raise UnsupportedError(
                 f"effect {effect.name!r} is not simulated under a drive law; known: {', '.join(sorted(e.name for e in _PLACES))}."
             )
-        place |= {part.start + i: (kind, j) for i, j in enumerate(effect.at(robot))}
+        at = effect.at(robot)
+        place |= {part.start + i: (kind if i < len(at) else "offset", at[i % len(at)]) for i in range(part.stop - part.start)}
+    # A spring's rest position is an offset over again where one is declared.
+    offsets = [(where, i) for i, where in place.items() if where[0] == "offset"]
+    doubled = {i for where, i in offsets if i != next(k for other, k in offsets if other == where)}
     expressions: dict[int, str] = {}
     if law.links_known:
         kept = [i for i in range(len(model.parameters)) if not links.start <= i < links.stop]
@@ -98,5 +106,6 @@ def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
     return [
         Unknown(p.name, p.unit, *place[i], -np.inf if place[i][0] == "link" else p.lower, i, expressions.get(i, p.name), p.effect)
         for i in kept
+        if i not in doubled
         for p in (model.parameters[i],)
     ]

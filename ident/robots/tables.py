@@ -96,6 +96,13 @@ class RobotTable:
         return cls(**values)
 
 
+#: Constants of a law from command to torque.
+_CONSTANTS = (
+    "kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "gear_loss", "gear_loss_square", "gear_loss_slow", "slow_speed",
+    "joint_stiffness", "joint_damping",
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class DriveTable:
     """`[drive]`: the transmission as data, and the declared effects. None: not given.
@@ -123,6 +130,12 @@ class DriveTable:
     effort_limit: Any = None
     torque_scale: Any = None
     back_emf: Any = None
+    gear_loss: Any = None
+    gear_loss_square: Any = None
+    gear_loss_slow: Any = None
+    slow_speed: Any = None
+    joint_stiffness: Any = None
+    joint_damping: Any = None
     command: str | None = None
     velocity_command: str | None = None
     links: str | None = None
@@ -130,7 +143,7 @@ class DriveTable:
 
     #: Keys that a log may have for itself, under `by_log`.
     OF_A_LOG: ClassVar[Mapping[str, Kind]] = {
-        **dict.fromkeys(("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf"), constants),
+        **dict.fromkeys(_CONSTANTS, constants),
         "command": one_of("staircase", "ramp"),
         "velocity_command": one_of("logged", "zero", "derivative"),
     }

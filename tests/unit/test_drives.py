@@ -208,7 +208,8 @@ def test_the_compiled_step_does_what_the_plain_one_does(monkeypatch, loaded):
     drives = simulate.LaneDrives(
         armature=some(0.02), viscous=some(0.1), dry=some(0.3), load=some(0.1) if loaded else nothing,
         excess=some(0.2) if loaded else nothing, fall=some(0.5), offset=some(0.1), kp=some(20.0), kd=some(0.5), limit=some(6.0),
-        back_emf=some(0.05),
+        back_emf=some(0.05), spring=some(0.5), loss=some(0.1) if loaded else nothing, loss_square=some(0.02) if loaded else nothing,
+        loss_slow=some(0.1) if loaded else nothing, slow=some(0.5),
     )  # fmt: skip
     time = 0.002 * np.arange(steps)[:, None, None]
     target = drives.kp * np.sin(6.0 * time + rng.uniform(0.0, 6.0, (lanes, n)))

@@ -1,0 +1,113 @@
+"""What can be missing of joints under a drive law: effects of the model, and constants of the law that are not as declared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...drives.law import DriveLaw
+from ...drives.plant import DrivePlant
+from ...drives.starts import starts
+from ...drives.unknowns import CONSTANTS
+from ...effects.base import make_effect
+
+Array = np.ndarray
+#: Effects of the model, with what their first parameter is in the simulation.
+_EFFECTS = {
+    "rotor_inertia": "armature", "viscous": "viscous", "coulomb": "dry", "offset": "offset", "load_dependent_friction": "load",
+    "stribeck": "excess", "linear_spring": "spring",
+}  # fmt: skip
+#: Names of what is found where a constant of the law is not as declared.
+_CONSTANTS = {"kp": "kp", "kd": "kd", "delay_s": "delay", "gear_loss": "gear_loss", "joint_stiffness": "joint_elasticity"}
+#: Stribeck velocities that are looked at, as shares of a joint's usual speed.
+_SLOW = (0.1, 0.4)
+#: Resonances (Hz) of links on springs that are looked at.
+_SPRINGS_HZ = (4.0, 7.0, 12.0, 20.0)
+#: Damping of such a spring as a share of the critical.
+_DAMPED = 0.02
+#: What may be smaller than declared.
+_EITHER_WAY = ("offset", "kp", "kd", "delay_s")
+
+
+@dataclass(frozen=True)
+class DriveCandidate:
+    """One thing that may be missing: `name` of the effect, its `place` in the simulation, further configuration (`v_s`, `hz`)."""
+
+    name: str
+    place: str
+    settings: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def either_way(self) -> bool:
+        """Whether it may be smaller than declared, too."""
+        return self.place in _EITHER_WAY
+
+    def added_to(self, plant: DrivePlant, joints: Sequence[int]) -> DrivePlant:
+        """The plant with it on these joints, to be identified."""
+        law, model = plant.law, plant.model
+        if self.place in law.constants:
+            constants = {key: values.copy() for key, values in law.constants.items()}
+            constants[self.place][list(joints)] = np.nan
+            if self.place == "joint_stiffness":
+                constants["joint_damping"][list(joints)] = np.nan
+            shared = law.shared | ({"delay_s"} if self.place == "delay_s" else set())
+            return replace(plant, law=replace(law, constants=constants, shared=shared))
+        names = tuple(plant.robot.joint_names[j] for j in joints)
+        settings = {"v_s": self.settings["v_s"]} if "v_s" in self.settings else {}
+        return replace(plant, model=model + make_effect(self.name, joints=names, **settings))
+
+    def declared(self, law: DriveLaw, joint: int) -> float:
+        """Its value where nothing is missing."""
+        return float(law.constants[self.place][joint]) if self.place in law.constants else 0.0
+
+
+def candidates(plant: DrivePlant) -> Iterator[DriveCandidate]:
+    """Those that the declared model and law leave room for."""
+    law = plant.law
+    declared = {effect.name for effect in plant.model.effects}
+    for name, place in _EFFECTS.items():
+        if name in declared or (name == "offset" and "linear_spring" in declared):
+            continue
+        if name != "stribeck":
+            yield DriveCandidate(name, place)
+            continue
+        speed = np.sqrt(np.mean(np.concatenate([np.gradient(log.q, log.t, axis=0) for log in plant.logs]) ** 2))
+        yield from (DriveCandidate(name, place, {"v_s": share * float(speed)}) for share in _SLOW)
+    by_log = {key for table in law.by_log.values() for key in table["constants"]}
+    moved = any(np.any(log.dq_cmd) for log in plant.logs)
+    for place, name in _CONSTANTS.items():
+        if place in by_log or np.isnan(law.constants[place]).any():
+            continue
+        if (place == "kd" and not moved) or (place == "kp" and (law.kind == "pd_velocity" or not law.links_known)):
+            continue
+        if place != "joint_stiffness":
+            yield DriveCandidate(name, place)
+        elif not np.isfinite(law.constants[place]).any() and "rotor_inertia" in declared:
+            yield from (DriveCandidate(name, place, {"hz": hz}) for hz in _SPRINGS_HZ)
+
+
+def values_in(wider: DrivePlant, plant: DrivePlant, values: Array, candidate: DriveCandidate, inertia: Array) -> tuple[Array, Array, Array]:
+    """Values and sizes (p,) of the wider plant's unknowns where nothing is missing, and which of them are the candidate's own (p,).
+
+    `inertia` (n,): what each joint moves, kg m²."""
+    known = {(u.place, u.joint): float(v) for u, v in zip(plant.unknowns, values, strict=True)}
+    _, sizes = starts(wider)
+    at, own = np.zeros(len(wider.unknowns)), np.zeros(len(wider.unknowns), bool)
+    for i, unknown in enumerate(wider.unknowns):
+        key = (unknown.place, unknown.joint)
+        if key in known:
+            at[i] = known[key]
+            continue
+        own[i] = True
+        if unknown.place in ("joint_stiffness", "joint_damping"):
+            at[i] = _spring(unknown.place, float(inertia[unknown.joint]), candidate.settings["hz"])
+        elif unknown.place in CONSTANTS:
+            at[i] = candidate.declared(plant.law, max(unknown.joint, 0))
+    return at, np.maximum(sizes, 1e-3 * np.abs(at)), own
+
+
+def _spring(place: str, inertia: float, hz: float) -> float:
+    stiffness = inertia * (2.0 * np.pi * hz) ** 2
+    return stiffness if place == "joint_stiffness" else 2.0 * _DAMPED * inertia * 2.0 * np.pi * hz

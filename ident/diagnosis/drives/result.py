@@ -1,0 +1,117 @@
+"""What a diagnosis of logs without torque finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..._utils.json import jsonable, result
+from ..._utils.text import wrapped
+from ...drives.result import DriveFit
+from ..verdict import Verdict
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class DriveRival:
+    """Something else that explains as much as a finding, with its probability."""
+
+    effect: str
+    joints: tuple[str, ...]
+    confidence: float
+
+
+@dataclass(frozen=True)
+class DriveFinding:
+    """One thing that is missing, or not as declared. `values`: (name, value, standard deviation, unit); `declared`: the number that the
+    law gave, None for what it did not have; `gain`: share of the squared error that it takes off readings for which it was not adjusted."""
+
+    effect: str
+    joints: tuple[str, ...]
+    values: tuple[tuple[str, float, float, str], ...]
+    declared: float | None
+    gain: float
+    confidence: float
+    rivals: tuple[DriveRival, ...]
+
+    def text(self) -> str:
+        """One paragraph for people."""
+        numbers = ", ".join(f"{name} {value:.4g} ± {std:.2g} {unit}" for name, value, std, unit in self.values)
+        told = f"{self.effect} on {', '.join(self.joints)}: {numbers}"
+        if self.declared is not None:
+            told += f" (declared: {self.declared:.4g})"
+        told += f"; takes {self.gain:.0%} off the squared error of readings held out"
+        if self.rivals:
+            told += "; as well explained by " + ", ".join(f"{r.effect} ({r.confidence:.0%})" for r in self.rivals)
+        return told
+
+
+@dataclass(frozen=True, eq=False)
+class DriveDiagnosis:
+    """Verdict, findings, the fit as declared and with the findings; `left`: share of the last residual that its own past foretells."""
+
+    verdict: Verdict
+    findings: tuple[DriveFinding, ...]
+    left: float
+    before: DriveFit
+    after: DriveFit
+
+    def summary(self) -> str:
+        """Verdict, findings, error before and after."""
+        lines = [f"{self.verdict}: " + _MEANS[self.verdict]]
+        lines += [wrapped(f"- {finding.text()}") for finding in self.findings]
+        if self.verdict == Verdict.UNEXPLAINED:
+            lines.append(
+                wrapped(f"left: {self.left:.0%} of the squared error follows from the samples before, and no candidate explains it")
+            )
+        pairs = [("fit", self.before.fit_rms, self.after.fit_rms)]
+        if self.before.heldout_rms is not None and self.after.heldout_rms is not None:
+            pairs.append(("held out", self.before.heldout_rms, self.after.heldout_rms))
+        lines += [f"error of simulated position, {what}: {_rms(a):.3g} before, {_rms(b):.3g} after (rms, rad or m)" for what, a, b in pairs]
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `ident diagnose --json` prints it; `before` and `after` hold errors of simulated position instead of torque."""
+        findings = [
+            {
+                "effect": f.effect,
+                "joints": list(f.joints),
+                "parameters": [{"name": n, "value": v, "std": s, "unit": u} for n, v, s, u in f.values],
+                "declared": f.declared,
+                "heldout_gain": f.gain,
+                "confidence": f.confidence,
+                "imitators": [{"effect": r.effect, "joints": list(r.joints), "confidence": r.confidence} for r in f.rivals],
+            }
+            for f in self.findings
+        ]
+        body = {
+            "verdict": str(self.verdict),
+            "findings": findings,
+            "unexplained": [] if self.verdict != Verdict.UNEXPLAINED else [{"signature": "follows from the past", "share": self.left}],
+            "before": _errors(self.before),
+            "after": _errors(self.after),
+        }
+        return result("ident.drive_diagnosis/1", jsonable(body), inputs=self.before.inputs)
+
+
+_MEANS = {
+    Verdict.CLEAN: "nothing beyond the declared model and law is supported",
+    Verdict.EXPLAINED: "what is missing or not as declared accounts for the residual",
+    Verdict.AMBIGUOUS: "something is missing, and more than one thing accounts for it equally well",
+    Verdict.UNEXPLAINED: "something is left that no candidate accounts for",
+}
+
+
+def _rms(by_joint: Array) -> float:
+    return float(np.sqrt(np.mean(by_joint**2)))
+
+
+def _errors(fit: DriveFit) -> dict[str, Any]:
+    held = [] if fit.heldout_rms is None else fit.heldout_rms.tolist()
+    return {"replay": {"fit": {"rms": fit.fit_rms}, "heldout": {"rms": held}}}

@@ -1,0 +1,152 @@
+"""Which candidates are worth a fit: by what one step of each, at the fitted values, takes off the residual."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...drives.folds import turns
+from ...drives.plant import DrivePlant
+from ...drives.search import Fitted, sensitivities
+from ...drives.uncertainty import memory
+from .candidates import DriveCandidate, candidates, values_in
+
+Array = np.ndarray
+#: Standard deviations from which on a candidate is worth a fit, or the share of the squared error of readings held out that it takes off:
+#: where a constant is far off, what one step leaves is no noise, and its size in standard deviations says little. What takes less off than
+#: the last is none.
+SIGNIFICANT, _GAIN, _LEAST = 4.5, 0.02, 0.01
+#: Share of a direction that the fitted unknowns must leave over, for it to be one of its own.
+_OWN = 1e-4
+#: Lags at which a residual is looked at, the share of it that its past may foretell, and how improbable that must be by chance.
+_LAGS, FORETOLD, _CHANCE = 20, 0.1, 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """A candidate on the `joints` on which it counts, with the step (j,) to its value, and what it takes off the squared residual of
+    readings for which it was not adjusted (share)."""
+
+    candidate: DriveCandidate
+    joints: tuple[int, ...]
+    step: Array
+    gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Base:
+    """Weighted residual (M,) and orthonormal directions (M, p) of the fitted unknowns, each turn's as well; M = N n."""
+
+    residual: Array
+    directions: Array
+    turn: Array
+    lags: int
+    n: int
+
+    def without(self, columns: Array) -> tuple[Array, Array]:
+        """Columns (M, k) without what the fitted unknowns take up, and the share that is left."""
+        left = columns - self.directions @ (self.directions.T @ columns)
+        size = np.sum(columns**2, axis=0)
+        return left, np.sum(left**2, axis=0) / np.maximum(size, 1e-300)
+
+    def significance(self, column: Array) -> tuple[float, float]:
+        """Step along a column (M,) that fits best, and its size in standard deviations; the residual's memory is counted."""
+        size = float(column @ column)
+        step = -float(column @ self.residual) / size
+        left = self.residual + step * column
+        score = np.sum((column * left).reshape(-1, self.n), axis=1)
+        spread = float(score @ score)
+        for lag in range(1, self.lags + 1):
+            spread += 2.0 * (1.0 - lag / (self.lags + 1)) * float(score[lag:] @ score[:-lag])
+        white = float(left @ left) / max(int(np.count_nonzero(left)), 1) * size
+        return step, step * size / max(spread, white) ** 0.5
+
+    def gain(self, J: Array, columns: Array) -> float:
+        """Share of the squared residual that the columns (M, k) take off readings that had no part in their adjustment."""
+        before = after = 0.0
+        for number in np.unique(self.turn):
+            held = self.turn == number
+            for whole in (False, True):
+                X = np.concatenate([J, columns], axis=1) if whole else J
+                change = np.linalg.lstsq(X[~held], -self.residual[~held], rcond=1e-9)[0]
+                error = float(np.sum((self.residual[held] + X[held] @ change) ** 2))
+                before, after = (before, after + error) if whole else (before + error, after)
+        return 1.0 - after / max(before, 1e-300)
+
+
+def screened(plant: DrivePlant, fit: Fitted, inertia: Array) -> list[Screened]:
+    """Candidates that count, those first that take most off.
+
+    Where the residual is no noise, declared gains and delay count in any case: one step from a gain that is far off may lead nowhere."""
+    doubted = ("kp", "kd", "delay_s") if structure(fit) > FORETOLD else ()
+    n = plant.robot.n
+    weights = fit.weights.reshape(-1)
+    J = (fit.slopes * fit.weights[..., None]).reshape(-1, fit.slopes.shape[2])
+    J = J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    directions, sizes, _ = np.linalg.svd(J, full_matrices=False)
+    weighted = fit.residual * fit.weights
+    base = _Base(
+        weighted.reshape(-1), directions[:, sizes > 1e-7 * sizes[0]], np.repeat(turns(plant), n), memory(weighted), n
+    )  # fmt: skip
+    found = []
+    for candidate in candidates(plant):
+        steps, columns = _columns(plant, fit.values, candidate, inertia)
+        columns, own = base.without(columns * weights[:, None])
+        kept, moves = [], []
+        for k in np.flatnonzero(own > _OWN):
+            step, size = base.significance(columns[:, k])
+            size = abs(size) if candidate.either_way else size
+            doubt = candidate.place in doubted
+            if doubt or size > SIGNIFICANT or (size > 0.0 and base.gain(J, columns[:, [k]]) > _GAIN):
+                kept.append(int(k))
+                moves.append(step)
+        if kept and ((gain := base.gain(J, columns[:, kept])) > _LEAST or candidate.place in doubted):
+            found.append(Screened(candidate, tuple(steps[k] for k in kept), np.array(moves), gain))
+    return _best_settings(found)
+
+
+def _columns(plant: DrivePlant, values: Array, candidate: DriveCandidate, inertia: Array) -> tuple[list[int], Array]:
+    """Joints, and what a step of the candidate on each changes (M, k). A spring: what it changes at that stiffness."""
+    every = range(plant.robot.n)
+    if candidate.place == "joint_stiffness":
+        out = []
+        (plain,) = np.concatenate(plant.positions(values), axis=1)
+        for j in every:
+            wider = candidate.added_to(plant, [j])
+            at, _, _ = values_in(wider, plant, values, candidate, inertia)
+            (sprung,) = np.concatenate(wider.positions(at), axis=1)
+            out.append(np.nan_to_num(sprung - plain).reshape(-1))
+        return list(every), np.stack(out, axis=1)
+    wider = candidate.added_to(plant, list(every))
+    at, sizes, own = values_in(wider, plant, values, candidate, inertia)
+    _, slopes = sensitivities(wider, at, sizes)
+    mine = [i for i in np.flatnonzero(own) if wider.unknowns[i].place == candidate.place]
+    return [max(wider.unknowns[i].joint, 0) for i in mine], slopes[..., mine].reshape(-1, len(mine))
+
+
+def _best_settings(found: list[Screened]) -> list[Screened]:
+    """Of each effect the setting that takes most off."""
+    out: list[Screened] = []
+    for one in sorted(found, key=lambda s: -s.gain):
+        if one.candidate.name not in {s.candidate.name for s in out}:
+            out.append(one)
+    return out
+
+
+def structure(fit: Fitted) -> float:
+    """Share of the residual's square that its own past foretells, of the joint of which it foretells most; 0 where it may be chance."""
+    worst = 0.0
+    for e, counted in zip(fit.residual.T, fit.weights.T > 0, strict=True):
+        r = np.where(counted, e, 0.0)
+        r = r - r.mean()
+        own = float(r @ r)
+        if own <= 0.0:
+            continue
+        correlation = np.array([float(r[k:] @ r[:-k]) / own for k in range(1, _LAGS + 1)])
+        if len(r) * float(correlation @ correlation) < _LAGS + _CHANCE:
+            continue
+        X = np.stack([r[_LAGS - k : len(r) - k] for k in range(1, _LAGS + 1)], axis=1)
+        left = r[_LAGS:] - X @ np.linalg.lstsq(X, r[_LAGS:], rcond=None)[0]
+        worst = max(worst, 1.0 - float(left @ left) / max(float(r[_LAGS:] @ r[_LAGS:]), 1e-300))
+    return worst

@@ -1,0 +1,64 @@
+"""Models of drives against each other: the error on readings that the fit did not count, simulated from the first sample on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .plant import DrivePlant
+from .search import Fitted, fitted
+
+Array = np.ndarray
+#: From so many logs on, they are held out whole, in so many turns at most; below, every other stretch of time in two turns.
+_LOGS, _TURNS = 4, 5
+#: Stretches of a log, and the seconds of one at least.
+_STRETCHES = 12
+_SECONDS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Squared error (N, n) of each reading, simulated with what was fitted to the others; NaN where a reading is a repeat."""
+
+    squares: Array
+    fits: tuple[Fitted, ...]
+
+    @property
+    def rms(self) -> Array:
+        """(n,) rad or m."""
+        return np.sqrt(np.nanmean(self.squares, axis=0))
+
+
+def turns(plant: DrivePlant) -> Array:
+    """(N,) number of the turn in which each reading is held out: stretches of each log, or logs where there are enough of them."""
+    if len(plant.logs) >= _LOGS:
+        return np.concatenate([np.full(len(log.t), i % _TURNS) for i, log in enumerate(plant.logs)])
+    parts = []
+    for log in plant.logs:
+        length = max(log.duration / _STRETCHES, _SECONDS)
+        parts.append((log.t / length).astype(int) % 2)
+    return np.concatenate(parts)
+
+
+def held_out(plant: DrivePlant, starts: Array, sizes: Array, *, steps: int = 40) -> HeldOut:
+    """Fit with a part of the readings held out, from starts (S, p), and look at it; each part in its turn."""
+    turn = turns(plant)
+    fresh = np.concatenate([log.fresh for log in plant.logs])
+    squares = np.full(fresh.shape, np.nan)
+    found = []
+    for number in range(int(turn.max()) + 1):
+        other = turn == number
+        fit = fitted(plant, starts, sizes, counted=fresh & ~other[:, None], steps=steps)
+        squares[other] = np.where(fresh[other], np.square(fit.residual[other]), np.nan)
+        found.append(fit)
+    return HeldOut(squares, tuple(found))
+
+
+def best(options: Sequence[HeldOut]) -> int:
+    """Which has the least error, every joint's in units of that of the first. The first wins where no other is better by 1 %."""
+    scale = np.nanmean(options[0].squares, axis=0)
+    errors = np.array([float(np.mean(np.nanmean(o.squares, axis=0) / scale)) for o in options])
+    least = int(np.argmin(errors))
+    return least if errors[least] < 0.99 * errors[0] else 0

@@ -1,0 +1,108 @@
+"""What a drive moves: links with known parameters, with a set of them in each lane, or behind a spring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..regressor import rigid
+from ..simulation.rigid import RigidDynamics
+from .simulate import LaneDrives, LinkTerms, SingleLink
+
+if TYPE_CHECKING:
+    from ..robots.robot import Robot
+
+Array = np.ndarray
+
+
+class FreeLinks:
+    """Links with a set of parameters (B, 10 nb) in each lane."""
+
+    def __init__(self, robot: Robot, parameters: Array) -> None:
+        self.robot, self.parameters = robot, parameters
+
+    def single(self) -> SingleLink | None:
+        return _single(self.terms, len(self.parameters)) if self.robot.n == 1 else None
+
+    def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        lanes, n = q.shape
+        ddq = np.concatenate([np.zeros((1, 1, n)), np.eye(n)[:, None]]) * np.ones((1, lanes, 1))
+        rates = np.concatenate([dq[None], np.zeros((n, lanes, n))])
+        still = rigid.regressor(self.robot.tree, q, np.zeros_like(q), np.zeros_like(q))
+        columns = rigid.regressor(self.robot.tree, np.tile(q, (n + 1, 1)), rates.reshape(-1, n), ddq.reshape(-1, n)).reshape(
+            n + 1, lanes, n, -1
+        )
+        torque = np.einsum("xbnk,bk->xbn", columns, self.parameters)
+        gravity = np.einsum("bnk,bk->bn", still, self.parameters)
+        return np.moveaxis(torque[1:] - gravity, 0, 2), torque[0]
+
+
+class KnownLinks:
+    """Links with one set of parameters."""
+
+    def __init__(self, robot: Robot, parameters: Array) -> None:
+        self.robot = robot
+        self.terms = RigidDynamics(robot, parameters).terms
+
+    def single(self) -> SingleLink | None:
+        return _single(self.terms, 1) if self.robot.n == 1 else None
+
+
+def _single(terms: Callable[[Array, Array], tuple[Array, Array]], lanes: int) -> SingleLink | None:
+    """Inertia, factors of sine and cosine (B,) of a single joint's links, None where they are not all (a slide on a slope)."""
+    at = [terms(np.full((lanes, 1), x), np.zeros((lanes, 1))) for x in (0.0, 0.5 * np.pi, 1.0)]
+    cosine, sine, between = (bias[:, 0] for _, bias in at)
+    if not np.allclose(between, np.sin(1.0) * sine + np.cos(1.0) * cosine, rtol=1e-9, atol=1e-12):
+        return None
+    return SingleLink(at[0][0][:, 0, 0], sine, cosine)
+
+
+class ElasticLinks:
+    """Links of n joints, some of them behind a spring: n motors (and joints without a spring), then the links of the elastic joints.
+
+    `elastic` (m,): their indices; `stiffness`, `twist` (B, m): N m/rad and N m s/rad in each lane. The encoder is the motor's."""
+
+    def __init__(self, links: LinkTerms, n: int, elastic: Array, stiffness: Array, twist: Array) -> None:
+        self.links, self.n, self.elastic, self.stiffness, self.twist = links, n, elastic, stiffness, twist
+        self.along = np.arange(n)
+        self.along[elastic] = n + np.arange(len(elastic))
+
+    @property
+    def groups(self) -> list[slice]:
+        return [slice(j, j + 1) for j in range(self.n + len(self.elastic))]
+
+    def single(self) -> SingleLink | None:
+        alone = getattr(self.links, "single", lambda: None)() if self.n == 1 else None
+        return None if alone is None else replace(alone, stiffness=self.stiffness[:, 0], twist=self.twist[:, 0])
+
+    def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        lanes, whole = q.shape
+        H, c = self.links.terms(q[:, self.along], dq[:, self.along])
+        inertia, bias = np.zeros((lanes, whole, whole)), np.zeros((lanes, whole))
+        inertia[np.ix_(np.arange(lanes), self.along, self.along)] = H
+        bias[:, self.along] = c
+        torque = self.stiffness * (q[:, self.elastic] - q[:, self.n :]) + self.twist * (dq[:, self.elastic] - dq[:, self.n :])
+        bias[:, self.elastic] += torque
+        bias[:, self.n :] -= torque
+        return inertia, bias
+
+    def resting(self, q: Array) -> Array:
+        """Positions (B, n + m) at rest: the links hang by their springs."""
+        _, c = self.links.terms(q, np.zeros_like(q))
+        return np.concatenate([q, q[:, self.elastic] - c[:, self.elastic] / np.maximum(self.stiffness, 1e-9)], axis=1)
+
+    def widened(self, values: Array, of: Array | None = None) -> Array:
+        """Values (..., n) with those of the links behind them: none, or those of the motors `of`."""
+        more = np.zeros((*values.shape[:-1], len(self.elastic))) if of is None else values[..., of]
+        return np.concatenate([values, more], axis=-1)
+
+    def drives(self, drives: LaneDrives) -> LaneDrives:
+        """The links have neither drive nor friction of their own."""
+        found = {part.name: self.widened(getattr(drives, part.name)) for part in fields(drives)}
+        for key in ("fall", "slow"):
+            found[key][:, self.n :] = 1.0
+        found["limit"][:, self.n :] = np.inf
+        return LaneDrives(**found)

@@ -1,0 +1,79 @@
+"""What a diagnosis names in logs without torque: servos of a simulation written beside the product, with something injected."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import ident
+from benchmarks.actuators.servos import URDF, recorded, servo
+from ident.cli import main
+from ident.diagnosis.drives import diagnose_drives
+from ident.drives import DriveLaw
+from ident.logs.log import LogSet
+
+EFFECTS = ("rotor_inertia", "viscous", "coulomb", "offset")
+CASES = ("clean", "clean", "joint_elasticity", "load_dependent_friction", "kp", "delay")
+
+
+@pytest.fixture(scope="module")
+def logs():
+    """One log of each case, with its servo."""
+    seeds = [0, 1, 2, 2, 2, 2]
+    servos = [servo(fault, seed) for fault, seed in zip(CASES, seeds, strict=True)]
+    t, q, sent = recorded(servos, seeds)
+    return [(one, t, q[:, [k]], sent[:, k]) for k, one in enumerate(servos)]
+
+
+def diagnosed(case, **declared):
+    one, t, q, sent = case
+    robot = ident.Robot.from_urdf(URDF)
+    model = robot.rigid_body()
+    for name in EFFECTS:
+        model = model + ident.make_effect(name)
+    log = ident.Log("run", t=t, q=q, extra={"q_cmd1": sent})
+    return diagnose_drives(LogSet((log,)), model, DriveLaw.of(robot, **{**one.declared, **declared}))
+
+
+@pytest.mark.parametrize("k", [0, 1])
+def test_nothing_is_found_where_nothing_is_missing(logs, k):
+    found = diagnosed(logs[k])
+    assert found.verdict == "clean"
+    assert not found.findings
+
+
+@pytest.mark.parametrize("k", range(2, len(CASES)), ids=CASES[2:])
+def test_what_was_injected_is_named_with_its_size(logs, k):
+    one = logs[k][0]
+    found = diagnosed(logs[k])
+    assert [f.effect for f in found.findings] == [CASES[k]]
+    name, value, std, _ = found.findings[0].values[-2 if CASES[k] == "joint_elasticity" else -1]
+    true = {"joint_elasticity": one.stiffness, "load_dependent_friction": one.load, "kp": one.kp, "delay": one.delay}[CASES[k]]
+    assert value == pytest.approx(true, rel=0.05), name
+    assert std < 0.1 * true
+    assert found.after.fit_rms[0] == pytest.approx(5e-4, rel=0.1)
+    assert found.before.fit_rms[0] > 1.1 * found.after.fit_rms[0]
+
+
+def test_a_gain_that_is_to_be_identified_is_not_doubted(logs):
+    found = diagnosed(logs[4], kp="identify")
+    assert not found.findings
+    assert found.before.value("kp_joint1") == pytest.approx(logs[4][0].kp, rel=0.03)
+
+
+def test_a_study_is_diagnosed_by_simulation(logs, tmp_path, capsys):
+    one, t, q, sent = logs[5]
+    rows = np.column_stack([t, q, sent])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="time_s,q1_rad,q_cmd1_rad", comments="", fmt="%.17g")
+    (tmp_path / "robot.urdf").write_text(URDF)
+    drive = f'[drive]\nlaw = "pd_position"\nkp = {one.kp}\nkd = {one.kd}\ndelay_s = {one.declared["delay_s"]}\n'
+    effects = f"effects = {json.dumps(EFFECTS)}\n"
+    (tmp_path / "study.toml").write_text(f'[robot]\nurdf = "robot.urdf"\n{drive}{effects}[logs]\nfit = ["log.csv"]\n')
+    assert main(["diagnose", str(tmp_path / "study.toml"), "--json", "--strict", "--out", str(tmp_path / "out")]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said["findings"][0]["effect"] == "delay"
+    assert said["findings"][0]["declared"] == pytest.approx(one.declared["delay_s"])
+    assert said["after"]["replay"]["heldout"]["rms"][0] < said["before"]["replay"]["heldout"]["rms"][0]
+    assert (tmp_path / "out" / "after.fit.json").exists()
