@@ -43,11 +43,11 @@ def presence(without: Estimate, whole: Estimate, data: Signals) -> tuple[float, 
 
 
 def contradicted(findings: Sequence[Finding]) -> tuple[Unexplained, ...]:
-    """Findings of which less than half is there on data held out, beyond chance."""
+    """Findings that are not there as predicted on data held out: all of it is ruled out, and less than half is what is seen."""
     found = []
     for f in findings:
         share, std = f.presence
-        if share + WORSE * std < _HALF:
+        if share < _HALF and share + WORSE * std < 1.0:
             said = (
                 f"{', '.join(f.joints) or 'the whole robot'}: of what {f.name} predicts on data held out, {share:.2f} ± {std:.2f} is there:"
                 " it stands for something else that the data fitted hold"

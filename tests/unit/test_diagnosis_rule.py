@@ -131,8 +131,8 @@ def test_a_finding_of_which_nothing_is_there_on_data_held_out_is_said() -> None:
     def finding(share: float, std: float) -> Finding:
         return Finding(ident.make_effect("offset"), ("joint1",), (), 0.0, 100.0, 0.99, (), presence=(share, std))
 
-    cases = [(0.97, 0.02), (0.02, 0.1), (0.02, 0.4), (-0.6, 0.3), (np.nan, np.nan)]
-    assert [len(contradicted([finding(*x)])) for x in cases] == [0, 1, 0, 1, 0]
+    cases = [(0.97, 0.02), (0.02, 0.1), (0.02, 0.6), (0.35, 0.11), (0.6, 0.01), (np.nan, np.nan)]
+    assert [len(contradicted([finding(*x)])) for x in cases] == [0, 1, 0, 1, 0, 0]
 
 
 def test_what_acts_is_there_once_and_what_does_not_is_not(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
