@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,28 @@ class Ran:
     @property
     def json(self) -> dict[str, Any]:
         """Standard output as one JSON object: fails if anything else is there."""
-        return json.loads(self.out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+        found = json.loads(self.out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+        require_published_form(found)
+        return found
+
+
+@cache
+def published_results() -> Any:
+    """The published schema of results as a validator; None where jsonschema is not installed."""
+    try:
+        import jsonschema
+    except ImportError:
+        return None
+    text = (Path(__file__).parents[1] / "docs/results.schema.json").read_text(encoding="utf-8")
+    return jsonschema.Draft202012Validator(json.loads(text))
+
+
+def require_published_form(result: dict[str, Any]) -> None:
+    """Fail where a result of ours has another form than docs/results.schema.json says."""
+    validator = published_results()
+    if validator is not None and str(result.get("schema", "")).startswith("ident."):
+        wrong = [f"{'/'.join(map(str, e.absolute_path))}: {e.message[:200]}" for e in validator.iter_errors(result)]
+        assert not wrong, f"{wrong}; if the form is meant to change: python docs/tools/make_schemas.py"
 
 
 @pytest.fixture

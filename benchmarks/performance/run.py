@@ -9,7 +9,7 @@ from typing import Any
 from ident.regressor import numpy_series
 from ident.regressor.kernel_choice import kernel as chosen_kernel
 
-from . import estimation, kernel, live, startup, streaming
+from . import estimation, kernel, live, reading, startup, streaming
 from .table import Row, show, show_rows
 from .timing import machine
 
@@ -38,6 +38,7 @@ def main(short: bool, folder: Path) -> int:
     add(estimation.instrument_rows(10_000 if short else 100_000))
     add(live.live_rows(10_000 if short else 100_000))
     add(startup.startup_rows())
+    add(reading.reading_rows(20_000 if short else 200_000))
     add([streaming.memory_row(100_000 if short else 1_000_000)])
     add(streaming.csv_rows([100_000] if short else [100_000, 1_000_000, 10_000_000], [1] if short else [1, 2]))
     tables: dict[str, list[dict[str, Any]]] = {}

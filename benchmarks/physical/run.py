@@ -30,7 +30,7 @@ def main(short: bool, folder: Path) -> int:
     report = {
         "battery": battery(20 if short else 1000),
         "timing": timing((6,) if short else (6, 30)),
-        "cones": cones(20 if short else 500),
+        "cones": cones(10 if short else 500),
         "table 2": table_2(),
         "real logs": [] if short else real_logs(),
     }

@@ -18,6 +18,7 @@ COMMANDS: dict[str, str] = {
     "plan": "plan a step-by-step identification: every test, what moves where, and what it reveals",
     "monitor": "compare new logs with a saved fit and say what changed",
     "export": "write a saved fit as URDF, MJCF or JSON, with physically consistent standard parameters",
+    "completion": "print a script that completes commands, flags and names in bash, zsh or fish",
     "study-schema": "print the JSON schema of study files, for editors that complete and check them",
     "report": "write the report of a kept result (folder of `ident diagnose --out`, saved fit) or of a study as one HTML file",
 }

@@ -33,6 +33,13 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
     parser.add_argument("study", nargs="?", help=what)
     parser.add_argument("--robot", help="built-in robot or example-robot-data robot, by name")
     parser.add_argument("--urdf", help="URDF file of the robot")
+    parser.add_argument(
+        "--lock",
+        nargs="+",
+        metavar="JOINT",
+        type=locked_joint,
+        help="joints that do not move, and are in no log (a hand's): JOINT, at zero, or JOINT=POSITION",
+    )
     parser.add_argument("--plugin", nargs="+", metavar="FILE", help="your own effects, estimators, readers: Python files (docs/extend.md)")
     parser.add_argument("--drive", help="TOML file with a [drive] table: ratio or K, measured, effects …")
     if logs:
@@ -100,6 +107,9 @@ def study_from(args: argparse.Namespace) -> Study:
         effects=getattr(args, "effects", None),
         form=getattr(args, "form", None),
     )
+    if lock := dict(getattr(args, "lock", None) or ()):
+        robot = replace(study.description.robot, locked={**(study.description.robot.locked or {}), **lock})
+        study = replace(study, description=replace(study.description, robot=robot))
     followed = getattr(args, "followed", None)
     if followed is not None:
         method, path = study.estimator.method or "sequential", os.path.abspath(followed)
@@ -122,6 +132,15 @@ def inputs_of(args: argparse.Namespace, robot: Robot, *more: str | None) -> list
     named = [fit] if fit else [args.study, urdf, args.drive]
     paths = [Path(path) for path in (*named, *more) if path]
     return [{"path": str(path), "sha256": sha256(path)} for path in dict.fromkeys(paths) if path.is_file()]
+
+
+def locked_joint(text: str) -> tuple[str, float]:
+    """JOINT, or JOINT=POSITION, for argparse."""
+    name, _, position = text.partition("=")
+    try:
+        return name, float(position or 0.0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{position!r} in {text!r} must be a position (rad, m)") from None
 
 
 def positive(text: str) -> float:

@@ -47,7 +47,7 @@ _NOT_JOINTS = {
     "euler", "quat", "tcp", "tool", "imu", "foot", "temp", "temperature", "temperatur", "ee", "cart", "base", "voltage", "mode", "id",
     "limit", "status",
 }  # fmt: skip
-_HANDS = {"hand", "gripper", "finger", "thumb", "knuckle", "grasp"}
+HANDS = {"hand", "gripper", "finger", "thumb", "knuckle", "grasp"}
 _DIMENSIONS = {"angle": "q", "rate": "dq", "acceleration": "ddq", "torque": "tau", "current": "i"}
 _QUANTITIES = frozenset.union(*map(frozenset, _WORDS.values()))
 #: Words beside which what is left of a name is a joint's.
@@ -97,7 +97,7 @@ class ChannelGroup:
 
     def arms(self) -> ChannelGroup:
         """Without the channels of hands, where the others are more."""
-        keep = [k for k, name in enumerate(self.joints) if not words_of(name) & _HANDS]
+        keep = [k for k, name in enumerate(self.joints) if not words_of(name) & HANDS]
         return self.only(keep) if 0 < len(keep) < len(self.columns) else self
 
     def __str__(self) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
-from .channels import ChannelGroup, bare_name, groups, known_scale, scalar_time_names, unit_suffix
+from .channels import HANDS, ChannelGroup, bare_name, groups, known_scale, scalar_time_names, unit_suffix, words_of
 from .recorders import EFFORTS, Recorder, recorder_of
 from .references import references
 from .units import expected_units, split_unit, unit_of
@@ -63,7 +63,7 @@ def recognised(
     positions = [g for g in fitting if g.quantity == "q" and not g.wanted and not g.estimated]
     if not positions:
         if wide:
-            raise _other_number(wide[0], len(joints or ()))
+            raise _other_number(wide[0], joints or ())
         return None
     table = read([c for g in fitting for c in g.columns])
     q = _best(positions, table)
@@ -110,10 +110,13 @@ def recognised(
     )
 
 
-def _other_number(positions: ChannelGroup, count: int) -> DataError:
-    there = len(positions.columns)
+def _other_number(positions: ChannelGroup, joints: Sequence[str]) -> DataError:
+    """Positions of another number of joints than the robot has; a hand's joints that would make up for it are named."""
+    count, there = len(joints), len(positions.columns)
+    hand = [name for name in joints if words_of(name) & HANDS]
+    likely = f", such as its hand: --lock {' '.join(hand)}" if count - there == len(hand) else ""
     remedy = (
-        "lock those that were not logged ([robot] locked, or joints for those to keep)"
+        f"lock those that were not logged{likely} ([robot] locked, or joints for those to keep)"
         if count > there
         else "map those of the robot's joints under [columns] of a study file, q1 = … first"
     )

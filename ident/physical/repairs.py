@@ -167,7 +167,7 @@ def repair(
         if solver_available():
             binding = binding_constraints(structure, Target.from_covariance(values, covariance, unseen), bounds=bounds, prior=prior)
     possible = judge_possible(structure, repaired, covariance=covariance, limits=limits, time_limit=min(time_limit, 20.0))
-    consistent = judge_consistent(structure, repaired) if solver_available() else None
+    consistent, unsolved = _consistency(structure, repaired, needed=standard is not None)
     if not possible.possible:
         raise SolverError(f"repair ({method.value}): the result does not pass its own judgement ({possible.text()}); try a larger margin.")
     if standard is not None and consistent is not None and not consistent.consistent:
@@ -182,8 +182,20 @@ def repair(
     }
     return Repair(
         method, repaired, standard, mahalanobis(root, repaired - values, unseen), changes, possible, consistent, binding, how,
-        time.perf_counter() - start, errors, notes,
+        time.perf_counter() - start, errors, notes + unsolved,
     )  # fmt: skip
+
+
+def _consistency(structure: InertiaStructure, values: Array, *, needed: bool) -> tuple[Consistent | None, tuple[str, ...]]:
+    """Whether a repaired set is consistent, with a note where its judgement fails and is not `needed`: only links are made consistent."""
+    if not solver_available():
+        return None, ()
+    try:
+        return judge_consistent(structure, values), ()
+    except SolverError as error:
+        if needed:
+            raise
+        return None, (f"whether it is consistent was not decided: {error}",)
 
 
 def consistent_fit(

@@ -69,7 +69,10 @@ def test_a_body_symmetric_about_the_axis_may_be_given_to_the_link_before(seed: i
         change[i] = -body(mass, moment, inertia)
         change[i - 1] = moved(mass, moment, inertia, turn, at)
         assert silent(robot, change.ravel())
-    for moment, inertia in ((np.array([1.0, 0, 0]), 0 * E), (0 * z, np.diag([0.0, 0, 1])), (0 * z, np.diag([1.0, -1, 0]))):
+    heard = [(0 * z, np.diag([0.0, 0, 1]))]
+    if abs(turn[2, 2]) < 0.999:  # between parallel axes the others may be hidden, which is another lemma
+        heard += [(np.array([1.0, 0, 0]), 0 * E), (0 * z, np.diag([1.0, -1, 0]))]
+    for moment, inertia in heard:
         change = np.zeros((count, 10))
         change[i] = -body(0.0, moment, inertia)
         change[i - 1] = moved(0.0, moment, inertia, turn, at)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.performance import estimation, kernel, live, startup, timing
+from benchmarks.performance import estimation, kernel, live, reading, startup, timing
 from benchmarks.performance.cases import puma
 from benchmarks.performance.limits import Limit, information_limit, products, profiled
 from benchmarks.performance.table import Row
@@ -37,6 +37,14 @@ def test_recursion_equals_filterpy() -> None:
     assert row.measured > 0
     gap = float(row.note.split(" samples to ")[1].split(" std")[0])
     assert gap < 0.1  # 900 samples leave filterpy's prior a part of a standard deviation
+
+
+def test_formats_are_read_beside_their_libraries() -> None:
+    pytest.importorskip("rosbags")
+    pytest.importorskip("pyarrow")
+    rows = reading.reading_rows(300)
+    assert [row.work.split(" of ")[0] for row in rows] == ["Parquet", "Parquet with lists", "MCAP", "ROS 2 bag (SQLite)"]
+    assert all(row.measured > 0 and row.others[0][1] > 0 for row in rows)
 
 
 def test_what_is_compared_is_the_same_problem() -> None:

@@ -15,6 +15,7 @@ from ident.physical import (
     InertiaStructure,
     Judgement,
     MinorOrder,
+    SolverError,
     Subject,
     TooManyRaysError,
     judge,
@@ -253,6 +254,7 @@ def test_steps_1_to_4(joints: int) -> None:
     assert after.possible
     assert after.certified
     assert any(t.outside for t in found.targets)
+    straight: list[float] = []
     for target in (t for t in found.targets if t.outside):
         size = np.linalg.norm(target.estimate)
         # Step 1: on the border of the cone over all positions, its difference from the estimate at right angles to it.
@@ -262,8 +264,12 @@ def test_steps_1_to_4(joints: int) -> None:
         assert target.border @ (target.border - target.estimate) == pytest.approx(0.0, abs=1e-8 * size**2)
         # Step 2: inside.
         assert target.cone.lowest(target.inner)[0] > 0
+        step, further = target.border - target.estimate, target.inner - target.border
+        straight.append(step @ further / np.linalg.norm(step) / np.linalg.norm(further))
         # Step 4: so is what was found.
         assert target.minor.polynomial(target.minor.coordinates(found.values)).both(fine)[0].min() > 0
+    # The last minor's line leads inside, so its inner point is on it.
+    assert straight[-1] == pytest.approx(1.0)
     # No possible set is nearer than the border.
     border = judge_possible(structure, values, covariance=np.diag(std**2)).margin_std
     assert border is not None
@@ -285,6 +291,22 @@ def test_repair_method_cone() -> None:
     covariance = np.diag((0.1 * values) ** 2)
     covariance[-1, -1] = 0.0
     assert repair(structure, values, covariance, "cone").values[-1] == values[-1]
+
+
+def test_a_repair_does_not_fail_for_want_of_another_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the solver gives up on what is only said beside, the repair stands, and says so; where links are asked for, not."""
+
+    def give_up(*_: object, **__: object) -> None:
+        raise SolverError("the solver stopped")
+
+    monkeypatch.setattr("ident.physical.repairs.judge_consistent", give_up)
+    structure, values = impossible(2)
+    found = repair(structure, values, None, "cone")
+    assert found.possible.possible
+    assert found.consistent is None
+    assert "was not decided: the solver stopped" in found.text()
+    with pytest.raises(SolverError):
+        repair(structure, values, None, "consistent")
 
 
 @pytest.mark.parametrize(("kind", "words"), [({"prismatic": 1.0}, "prismatic"), ({"floating": True, "prismatic": 0.0}, "floating base")])

@@ -147,6 +147,24 @@ def test_older_libfranka_writes_no_time_and_no_brackets(tmp_path: Path) -> None:
     assert log.n == 7
 
 
+def test_the_hand_that_no_log_holds_is_named_to_be_locked(tmp_path: Path) -> None:
+    from ident.cli import main
+
+    t, q, _, tau = motion()
+    names = ["time", *(f"state.q[{j}]" for j in range(n + 1)), *(f"state.tau_J[{j}]" for j in range(n + 1)), "tau_ext_hat_filtered[0]"]
+    table = np.column_stack([t, q, -1.0 + 0.1 * np.sin(3 * t), tau, np.cos(t), 0 * t])
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([",".join(names), *(",".join(f"{x:.9g}" for x in row) for row in table)]))
+    with pytest.raises(ident.DataError, match="--lock panda_finger_joint1"):
+        ident.read_logs(path, ident.load_robot("panda"))
+    study = tmp_path / "study.toml"
+    flags = ["--robot", "panda", "--lock", "panda_finger_joint1", "--log", str(path), "--write-study", str(study)]
+    assert main(["check", *flags]) == 0
+    assert "panda_finger_joint1 = 0.0" in study.read_text()
+    with pytest.raises(SystemExit):
+        main(["check", *flags[:2], "--lock", "panda_finger_joint1=far", "--log", str(path)])
+
+
 def _text(text: str) -> bytes:
     return struct.pack("<I", len(text.encode())) + text.encode()
 

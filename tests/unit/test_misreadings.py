@@ -21,20 +21,23 @@ RATE = 200.0
 
 
 @cache
-def recorded(name: str, noise: float = 0.01, stribeck: float = 0.0) -> tuple[Array, Array, Array]:
-    """Times, positions and torques of a built-in robot whose links are the URDF's, with friction; `stribeck`: more of it at low speed."""
+def recorded(
+    name: str, noise: float = 0.01, stribeck: float = 0.0, rotor: float = 0.0, seconds: float = 20.0
+) -> tuple[Array, Array, Array]:
+    """Times, positions and torques of a built-in robot whose links are the URDF's, with friction; `stribeck`: more of it at low speed;
+    `rotor`: inertia of the rotors."""
     robot = ident.load_robot(name)
     n, rng = robot.n, np.random.default_rng(4)
     scale = np.where([j.prismatic for j in robot.joints], 0.1, 0.4)
     order = np.arange(1, 5)[:, None]
     motion = FourierTrajectory(np.full(n, 0.3) * scale, *scale * rng.normal(size=(2, 4, n)) / order, 0.1)
-    t = np.arange(4000) / RATE
+    t = np.arange(round(seconds * RATE)) / RATE
     c = motion.sample(t)
     assert robot.nominal is not None
     model = robot.rigid_body() + ident.make_effect("viscous") + ident.make_effect("coulomb")
     size = np.sqrt(np.mean(model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, np.zeros(2 * n)]) ** 2, axis=0)) + 0.01
     tau = model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, 0.1 * size, 0.1 * size])
-    tau = tau + stribeck * size * np.sign(c.dq) * np.exp(-((c.dq / 0.3) ** 2))
+    tau = tau + rotor * c.ddq + stribeck * size * np.sign(c.dq) * np.exp(-((c.dq / 0.3) ** 2))
     return t, c.q, tau + noise * size * rng.standard_normal(tau.shape)
 
 
@@ -96,6 +99,12 @@ def test_friction_that_the_model_lacks_is_blamed_on_nothing() -> None:
     assert misreading(estimate) == ""
 
 
+def test_rotors_that_the_model_lacks_are_blamed_on_nothing() -> None:
+    estimate = fitted("ur5", *recorded("ur5", noise=0.003, rotor=0.8, seconds=8.0))
+    assert estimate.fit_error.relative.max() > 0.02
+    assert misreading(estimate) == ""
+
+
 def test_noise_is_blamed_on_nothing() -> None:
     assert misreading(fitted("ur5", *recorded("ur5", noise=0.2))) == ""
 
@@ -107,3 +116,18 @@ def test_the_zero_of_the_last_joint_shows_in_its_link_alone() -> None:
     assert factor_doubt(estimate) == ""
     assert "reads 0.5 rad too far" in zero_doubt(estimate)
     assert zero_doubt(fitted("puma560", t, q, tau)) == ""
+
+
+@pytest.mark.parametrize(("j", "samples"), [(2, 8), (4, -6)])
+def test_a_position_that_comes_late(j: int, samples: int) -> None:
+    t, q, tau = recorded("ur5")
+    rows = np.clip(np.arange(len(t)) - samples, 0, len(t) - 1)
+    late = q.copy()
+    late[:, j] = q[rows, j]
+    inner = slice(10, -10)
+    estimate = fitted("ur5", t[inner], late[inner], tau[inner])
+    said = misreading(estimate)
+    joint = estimate.model.robot.joint_names[j]
+    assert f"the position of {joint} seems to come about" in said
+    assert f"too {'late' if samples > 0 else 'early'}" in said
+    assert float(said.split("about ")[1].split()[0]) == pytest.approx(5 * abs(samples), rel=0.1)
