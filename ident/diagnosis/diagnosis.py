@@ -21,7 +21,7 @@ from .analysed import Instrument, analysed
 from .data.quality import jumps, lost
 from .described import LeftoverDescription, told
 from .detectability import undetectable
-from .held_out import contradicted, louder
+from .held_out import contradicted, louder, presence
 from .pictures import diagnosis_figure, diagnosis_frame, findings_section
 from .refits import estimator_of, fitted, fitted_without, plainly_named
 from .result import Finding, Hidden, Imitator, Unexplained
@@ -225,10 +225,12 @@ def diagnose(
     report = signals if held is None else held
     without = tuple(compare(fitted_without(i, decision, declared, estimator, signals), after, report) for i in range(len(decision.named)))
     verdict, unexplained = _verdict(decision, signals)
-    if held is not None and (worse := (*contradicted(decision.named, without), *louder(after, signals, held))):
+    shares = [presence(c.before, after, held) if held is not None else (np.nan, np.nan) for c in without]
+    findings = _findings(decision, declared.model.robot, without, shares, verdict)
+    if held is not None and (worse := (*contradicted(findings), *louder(after, signals, held))):
         verdict, unexplained = Verdict.UNEXPLAINED, (*unexplained, *worse)
+        findings = _findings(decision, declared.model.robot, without, shares, verdict)
     _LOG.info("verdict %s; %s", verdict.value, "; ".join(decision.trail[-3:]))
-    findings = _findings(decision, declared.model.robot, without, verdict)
     description = _described(decision.laws, after, report, estimator, signals)
     tell(1.0)
     said = [] if held is not None else ["no data were held out: errors before and after are of the data fitted."]
@@ -259,12 +261,14 @@ def _verdict(decision: Decision, signals: Signals) -> tuple[Verdict, tuple[Unexp
     return verdict, (*left, *plain, *blind)
 
 
-def _findings(decision: Decision, robot: Robot, without: tuple[Comparison, ...], verdict: Verdict) -> tuple[Finding, ...]:
+def _findings(
+    decision: Decision, robot: Robot, without: tuple[Comparison, ...], shares: list[tuple[float, float]], verdict: Verdict
+) -> tuple[Finding, ...]:
     """The accepted effects with values, gain on report data (`without`: the model without each against the whole), and confidence
     against competing models."""
     values = found_parameters(decision.fit, decision.frame)
     found = []
-    for x, c in zip(decision.named, without, strict=True):
+    for x, c, share in zip(decision.named, without, shares, strict=True):
         error, final = c.error_before.relative_all, c.error_after.relative_all
         gain = 1.0 - (final / error) ** 2 if error > 0 else 0.0
         weights = _weights(x)
@@ -272,7 +276,7 @@ def _findings(decision: Decision, robot: Robot, without: tuple[Comparison, ...],
         own = most / (1.0 + sum(weights))
         ranked = sorted(zip(x.competing, weights, strict=True), key=lambda pair: -pair[1])
         rivals = tuple(Imitator(m.effect.name, m.joints, own * w) for m, w in ranked)
-        finding = Finding(x.effect, x.joints, values[x.effect], float(gain), float(x.z**2), own, rivals)
+        finding = Finding(x.effect, x.joints, values[x.effect], float(gain), float(x.z**2), own, rivals, presence=share)
         found.append(replace(finding, advice=advice_for(finding, robot, verdict)))
     return tuple(found)
 

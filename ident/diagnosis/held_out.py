@@ -2,34 +2,57 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .result import Unexplained
-from .thresholds import LOUD, MATERIAL, STRETCH, WORSE
+from .thresholds import LOUD, STRETCH, WORSE
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
-    from ..evaluation.comparison import Comparison
     from ..signals.signals import Signals
-    from .inference.confidence_set import AcceptedEffect
+    from .result import Finding
 
 #: Rows of a joint below which its error on data held out says nothing.
 _ROWS = 50
+#: Blocks of time of each run over which standard errors are taken; share of an effect between what is there (1) and what is not (0).
+_BLOCKS = 20
+_HALF = 0.5
 
 
-def contradicted(named: tuple[AcceptedEffect, ...], without: tuple[Comparison, ...]) -> tuple[Unexplained, ...]:
-    """Findings that make the error on data held out larger, beyond chance. `without`: for each, the model without it against the whole."""
+def presence(without: Estimate, whole: Estimate, data: Signals) -> tuple[float, float]:
+    """Share of what an effect predicts on data that is there, with its standard error over blocks of time.
+
+    The two models' predictions differ by d. If the effect is what acts, the residual without it holds d once: its regression on d, rows
+    weighted by the noise, is 1. If the effect stood for something else, which is not there, it is 0. NaN where the two do not differ."""
+    rw, ra = without.residual(data), whole.residual(data)
+    weight = 1.0 / np.maximum(np.asarray(whole.fit_error.rms), 1e-300) ** 2
+    d, r = (np.where(np.isfinite(rw + ra), x, 0.0) for x in (rw - ra, rw))
+    weight = np.where(np.isfinite(weight), weight, 0.0)
+    edges = [np.linspace(run.start, run.stop, _BLOCKS + 1).astype(int) for run in data.row_runs]
+    parts = [slice(a, b) for e in edges for a, b in itertools.pairwise(e) if b > a]
+    along, own = (np.array([np.sum(weight * x[part] * d[part]) for part in parts]) for x in (r, d))
+    if not own.sum() > 0 or len(parts) < 3:
+        return float("nan"), float("nan")
+    share = float(along.sum() / own.sum())
+    left = (along.sum() - along) / np.maximum(own.sum() - own, 1e-300)
+    return share, float(np.sqrt((len(parts) - 1) * np.mean((left - left.mean()) ** 2)))
+
+
+def contradicted(findings: Sequence[Finding]) -> tuple[Unexplained, ...]:
+    """Findings that are not there as predicted on data held out: all of it is ruled out, and less than half is what is seen."""
     found = []
-    for x, c in zip(named, without, strict=True):
-        if c.gain < -MATERIAL and c.gain < -WORSE * c.gain_std:
-            where = ", ".join(x.joints) or "the whole robot"
+    for f in findings:
+        share, std = f.presence
+        if share < _HALF and share + WORSE * std < 1.0:
             said = (
-                f"{where}: with {x.effect.name} the squared error on data held out grows by {-100 * c.gain:.0f} ± {100 * c.gain_std:.0f} %:"
+                f"{', '.join(f.joints) or 'the whole robot'}: of what {f.name} predicts on data held out, {share:.2f} ± {std:.2f} is there:"
                 " it stands for something else that the data fitted hold"
             )
-            found.append(Unexplained(x.joints[0] if x.joints else "", "data held out", said, 0.0))
+            found.append(Unexplained(f.joints[0] if f.joints else "", "data held out", said, 0.0))
     return tuple(found)
 
 

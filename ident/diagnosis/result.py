@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..effects.places import motors_of, place_of, place_of_joints
+from ..statistics.torque_error import number
 
 if TYPE_CHECKING:
     from ..effects.base import Effect
@@ -68,7 +69,8 @@ class Imitator:
 @dataclass(frozen=True, eq=False)
 class Finding:
     """An effect that the model lacks. `heldout_gain`: share of the held-out loss that it removes; `evidence`: the same as twice a
-    log-likelihood; `confidence` that it is this effect, on these joints; `advice`: what to do next."""
+    log-likelihood; `confidence` that it is this effect, on these joints; `advice`: what to do next; `presence`: share of what it predicts
+    on data held out that is there, with its standard error (NaN: none were held out)."""
 
     effect: Effect
     joints: tuple[str, ...]
@@ -78,6 +80,7 @@ class Finding:
     confidence: float
     imitators: tuple[Imitator, ...]
     advice: str = ""
+    presence: tuple[float, float] = (float("nan"), float("nan"))
 
     @property
     def name(self) -> str:
@@ -108,6 +111,8 @@ class Finding:
             **({"configuration": self.configuration} if self.configuration else {}),
             "parameters": [p.to_dict() for p in self.parameters],
             "heldout_gain": self.heldout_gain,
+            "presence": number(self.presence[0]),
+            "presence_std": number(self.presence[1]),
             "evidence": self.evidence,
             "confidence": self.confidence,
             "imitators": [i.to_dict() for i in self.imitators],

@@ -97,6 +97,8 @@ def diagnosis_text(d: Told) -> str:
         if unlikely := sorted((m for m in f.imitators if not m.likely), key=lambda m: -m.share):
             named = "; ".join(f"{m.effect}{on(m.place)}{_with(m.values)} {100 * m.share:.0f} %" for m in unlikely)
             lines.append(f"     in its place would take up, of what it explains: {named}")
+        if np.isfinite(f.presence[1]):
+            lines.append(f"     of what it predicts on data held out, {f.presence[0]:.2f} ± {f.presence[1]:.2f} is there")
         lines.append(f"     {f.advice}")
     lines += [f"left: {u.evidence}" for u in d.unexplained]
     if d.description is not None:

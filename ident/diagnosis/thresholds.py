@@ -30,5 +30,5 @@ CONTAINED = 0.02
 LOUD = 3.0
 #: Effects that are accepted at most.
 MOST = 5
-#: Standard errors by which a finding must raise the error on data held out to be contradicted by them (one-sided, the family-wise level).
+#: Standard errors by which the whole of a finding must be missed on data held out for them to contradict it (one-sided, that level).
 WORSE = 2.33

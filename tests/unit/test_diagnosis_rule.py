@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +10,9 @@ from scipy.stats import chi2, norm
 
 import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
-from ident.diagnosis import Verdict
+from ident.diagnosis import Finding, Verdict
 from ident.diagnosis.data.band import Band
-from ident.diagnosis.held_out import contradicted
+from ident.diagnosis.held_out import contradicted, presence
 from ident.diagnosis.inference.scores import z_of
 from ident.diagnosis.scoring.whitening import density
 from ident.effects.motion import Motion
@@ -160,8 +159,24 @@ def test_the_order_of_a_wheel_between_motor_and_joint_is_found(arm: tuple[ident.
     assert abs(found.findings[0].effect.order - order) < (0.01 * order if order != 8.0 else 1e-12)
 
 
-def test_a_finding_that_data_held_out_contradict_is_said() -> None:
-    better, worse = SimpleNamespace(gain=0.4, gain_std=0.1), SimpleNamespace(gain=-0.5, gain_std=0.1)
-    doubtful = SimpleNamespace(gain=-0.5, gain_std=0.4)
-    named = SimpleNamespace(effect=ident.make_effect("offset"), joints=("joint1",))
-    assert [len(contradicted((named,), (c,))) for c in (better, worse, doubtful)] == [0, 1, 0]
+def test_a_finding_of_which_nothing_is_there_on_data_held_out_is_said() -> None:
+    def finding(share: float, std: float) -> Finding:
+        return Finding(ident.make_effect("offset"), ("joint1",), (), 0.0, 100.0, 0.99, (), presence=(share, std))
+
+    cases = [(0.97, 0.02), (0.02, 0.1), (0.02, 0.6), (0.35, 0.11), (0.6, 0.01), (np.nan, np.nan)]
+    assert [len(contradicted([finding(*x)])) for x in cases] == [0, 1, 0, 1, 0, 0]
+
+
+def test_what_acts_is_there_once_and_what_does_not_is_not(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
+    robot, drive = arm
+    effect = ident.make_effect("offset", joints=[robot.joint_names[1]], label="+")
+    (case,) = cases(arm, [(effect, np.array([0.8 * float(drive["Fc"][1])]))], [111])
+    held = ident.ZeroPhase()(case.held, robot)
+    model = case.model + effect
+    without, whole = (ident.fit(case.log, robot, model=m, held=0) for m in (case.model, model))
+    share, std = presence(without, whole, held)
+    assert abs(share - 1.0) < max(4.0 * std, 0.1)
+    # Data in which nothing of it is: what the effect adds taken off the torque.
+    tau = held.tau - (without.residual(held) - whole.residual(held))
+    share, std = presence(without, whole, replace(held, tau=tau))
+    assert abs(share) < max(4.0 * std, 0.1)
