@@ -142,7 +142,7 @@ def _present(posture: Sequence[float], robot: Robot, clearance: Clearance | None
 def _posture(what: str, posture: Sequence[float], robot: Robot) -> Array:
     q = np.asarray(posture, float)
     if q.shape != (robot.n,) or not np.isfinite(q).all():
-        raise ConfigurationError(f"excitation: {what} must be {robot.n} numbers, one a joint ({', '.join(robot.joint_names)}).")
+        raise ConfigurationError(f"excitation: {what} must be {robot.n} numbers, one for each joint ({', '.join(robot.joint_names)}).")
     return q
 
 
