@@ -31,6 +31,7 @@ def sources(folder: Path) -> None:
         page.write_text(with_links(at.read_text(encoding="utf-8"), at), encoding="utf-8")
     for name, path in ELSEWHERE.items():
         (folder / f"{name}.md").write_text(with_links((ROOT / path).read_text(encoding="utf-8"), ROOT / path), encoding="utf-8")
+    (folder / "reference").mkdir(parents=True, exist_ok=True)
     for name, text in reference_pages().items():
         (folder / "reference" / f"{name}.md").write_text(text, encoding="utf-8")
 

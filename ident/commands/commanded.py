@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from .._utils.json import result
 from .._utils.text import wrapped
-from ..diagnosis.drives import diagnose_drives
 from ..drives import DriveFit, DriveLog, fit_drives
 from ..drives.plant import DrivePlant
 from ..drives.seen import seen_in
@@ -41,9 +40,9 @@ def fit_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     robot = study.robot()
     law = study.drive_law(robot)
     assert law is not None
-    recorded = _read(study, robot, study.fit_files())
+    recorded = read_commanded(study, robot, study.fit_files())
     files = study.validation_files()
-    logs, held = (recorded, _read(study, robot, files)) if files else recorded.split(by="fraction", held=HELD_SHARE)
+    logs, held = (recorded, read_commanded(study, robot, files)) if files else recorded.split(by="fraction", held=HELD_SHARE)
     for note in (*robot.notes, *recorded.notes):
         out.say(wrapped(f"note: {note}"))
     fit = fit_drives(logs, study.model(robot), law, held=held, progress=out.progress("fitting"))
@@ -56,29 +55,6 @@ def fit_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     return 0 if fit.settled else 1
 
 
-def diagnose_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
-    """What the declared model and law lack, by simulation. Returns the exit code."""
-    robot = study.robot()
-    law = study.drive_law(robot)
-    assert law is not None
-    recorded = _read(study, robot, study.fit_files())
-    files = study.validation_files()
-    logs, held = (recorded, _read(study, robot, files)) if files else recorded.split(by="fraction", held=HELD_SHARE)
-    found = diagnose_drives(logs, study.model(robot), law, held=held, progress=out.progress("fitting"))
-    out.say(found.summary())
-    if not files:
-        out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
-    out.result(found.to_dict(), "diagnosis")
-    with out.together() as folder:
-        if folder is not None:
-            out.keep("diagnosis.txt", found.summary() + "\n")
-            found.before.save(folder / "before.fit.json")
-            found.after.save(folder / "after.fit.json")
-    if out.folder is not None:
-        out.note(f"saved {out.folder}: diagnosis.json, diagnosis.txt, before.fit.json, after.fit.json")
-    return 1 if args.strict and found.verdict != "clean" else 0
-
-
 def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     """What logs of commands hold, and what is to be identified from them. Returns the exit code."""
     if args.strict:
@@ -86,7 +62,7 @@ def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     robot = study.robot()
     law = study.drive_law(robot)
     assert law is not None
-    recorded = _read(study, robot, study.fit_files())
+    recorded = read_commanded(study, robot, study.fit_files())
     plant = DrivePlant(study.model(robot), law, tuple(DriveLog.of(log, robot, law) for log in recorded))
     out.say_wrapped(f"robot {robot.name}: {robot.n} joints in the order of the log: {', '.join(robot.joint_names)}")
     for note in (*robot.notes, *robot.doubts, *recorded.notes):
@@ -100,7 +76,7 @@ def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     return 0
 
 
-def _read(study: Study, robot: Robot, files: Iterable[Path]) -> LogSet:
+def read_commanded(study: Study, robot: Robot, files: Iterable[Path]) -> LogSet:
     return read_logs([*map(str, files)], robot, study.columns or None, **study.reading())
 
 

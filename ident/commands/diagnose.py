@@ -18,7 +18,8 @@ from ..problem.integrated import TORQUE
 from ..reporting import report
 from ..reporting.diagnosis import diagnosis_report
 from ..study.session import HELD_SHARE, Session
-from .commanded import asks_for_simulation, diagnose_under_law
+from .commanded import asks_for_simulation
+from .commanded_diagnosis import diagnose_under_law
 from .common import Output, add_output_arguments, add_study_arguments, positive, study_from
 
 if TYPE_CHECKING:

@@ -324,7 +324,10 @@ def test_out_keeps_the_file_that_was_made(ident, tmp_path, monkeypatch):
         assert made.json[key] == str(Path("new") / command / name)
         summary = {"simulate": "simulation.json", "excite": "excitation.json"}[command]
         kept = {p.name for p in (tmp_path / "new" / command).iterdir()}
-        assert kept - {"report.html"} == {name, summary}  # a report of the motion, where the drawing library is installed
+        assert kept - {"report.html", "swept.html"} == {
+            name,
+            summary,
+        }  # a report and a page of the motion, where the drawing library is installed
         assert not (tmp_path / name).exists()
         before = (tmp_path / "new" / command / name).read_bytes()
         again = ident(command, *robot, *short, *more, "--out", f"new/{command}")
@@ -336,7 +339,7 @@ def test_out_keeps_the_file_that_was_made(ident, tmp_path, monkeypatch):
         assert said.code == 0, said.err
         assert said.json[key] == f"{command}.csv"
         assert (tmp_path / f"{command}.csv").is_file()
-        assert {p.name for p in (tmp_path / "other" / command).iterdir()} - {"report.html"} == {summary}
+        assert {p.name for p in (tmp_path / "other" / command).iterdir()} - {"report.html", "swept.html"} == {summary}
         alone = ident(command, *robot, *short, *more)
         assert (alone.code, alone.json[key]) == (0, name)
 

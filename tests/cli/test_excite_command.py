@@ -78,7 +78,7 @@ def test_postures_jerk_obstacle_and_view(ident: Ident, arm: Arm, tmp_path: Path)
     ("flags", "needle"),
     [
         (("--start-posture", "9", "0", "0", "0"), "joint slide at 9, outside the limits"),
-        (("--start-posture", "0", "0"), "must be 4 numbers, one a joint"),
+        (("--start-posture", "0", "0"), "must be 4 numbers, one for each joint"),
         (("--from-posture", "0", "9", "0", "0"), "joint shoulder is at 9, outside its range"),
         (("--obstacle", "none.stl"), "there is no such file"),
         (("--ground", "5"), "the ground"),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...effects.base import Need
 from ..design.catalogue import Catalogue
 from ..thresholds import MOST
 from .bursts import burst
@@ -89,7 +90,9 @@ def _described(state: EffectSearch, say: Callable[[str], None]) -> tuple[Effect,
         g.joints[0] for k in np.flatnonzero(state.scores.z > state.critical).tolist() if len((g := state.scores.group(k)).joints) == 1
     ]
     laws = describing(state.fit, state.frame, tuple(dict.fromkeys(joints)), say) if joints else ()
-    if not laws or not state.accepted:
+    # A function of the joint's own motion can always do what an effect of that motion does: only another quantity speaks against a name.
+    foreign = [law for law in laws if getattr(law, "by", "") or Need.TIME in law.needs]
+    if not foreign or not state.accepted:
         return laws
     named = list(state.accepted)
     state.accepted += [(law, law.joints or ()) for law in laws]

@@ -1,0 +1,37 @@
+"""`ident diagnose` on logs of commands without torque: apart from the other commands on them, which need no diagnosis."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from ..diagnosis.drives import diagnose_drives
+from ..study.session import HELD_SHARE
+from .commanded import read_commanded
+from .common import Output
+
+if TYPE_CHECKING:
+    from ..study.study import Study
+
+
+def diagnose_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
+    """What the declared model and law lack, by simulation. Returns the exit code."""
+    robot = study.robot()
+    law = study.drive_law(robot)
+    assert law is not None
+    recorded = read_commanded(study, robot, study.fit_files())
+    files = study.validation_files()
+    logs, held = (recorded, read_commanded(study, robot, files)) if files else recorded.split(by="fraction", held=HELD_SHARE)
+    found = diagnose_drives(logs, study.model(robot), law, held=held, progress=out.progress("fitting"))
+    out.say(found.summary())
+    if not files:
+        out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
+    out.result(found.to_dict(), "diagnosis")
+    with out.together() as folder:
+        if folder is not None:
+            out.keep("diagnosis.txt", found.summary() + "\n")
+            found.before.save(folder / "before.fit.json")
+            found.after.save(folder / "after.fit.json")
+    if out.folder is not None:
+        out.note(f"saved {out.folder}: diagnosis.json, diagnosis.txt, before.fit.json, after.fit.json")
+    return 1 if args.strict and found.verdict != "clean" else 0
