@@ -20,6 +20,7 @@ from ..signals.resample import Clock, bridge
 from ..signals.uniform import Recording, UniformRun, uniform_runs
 from .columns import joint_names, positions, torque_of
 from .findings import AuditFinding, Severity
+from .torque import wild_samples
 
 Array = np.ndarray
 Add = Callable[..., None]
@@ -72,9 +73,13 @@ def _motion(log: Log, robot: Robot | None) -> _Motion | None:
     turning = [j for j in range(log.n) if robot is None or not robot.joints[j].prismatic]
     q = q.copy()
     q[:, turning] = unwrapped(q[:, turning])
-    torque, _ = torque_of(log, robot)
+    measured, _ = torque_of(log, robot)
+    torque = np.full(q.shape, np.nan) if measured is None else measured.copy()
+    # A wild sample has a finding of its own, and must not make its whole joint look unrelated.
+    for j in range(torque.shape[1]):
+        torque[wild_samples(torque[:, j]), j] = np.nan
     velocity = log.velocity(robot.transmission) if robot else log.dq
-    recording = Recording(log.name, log.t, q, np.full(q.shape, np.nan) if torque is None else torque, velocity, None, Clock.of(log.t), ())
+    recording = Recording(log.name, log.t, q, torque, velocity, None, Clock.of(log.t), ())
     try:
         uniform = uniform_runs([recording], None, None, 5.0)
     except IdentError:

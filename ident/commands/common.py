@@ -96,6 +96,9 @@ def study_from(args: argparse.Namespace) -> Study:
         )
     plugins = tuple(getattr(args, "plugin", None) or ())
     load_modules(plugins, Path.cwd(), "--plugin")
+    if args.study and Path(args.study).is_dir():
+        fit = f" a kept fit is given by --fit {args.study}," if hasattr(args, "fit") else ""
+        raise ConfigurationError(f"{args.study} is a folder, not a study file:{fit} logs by --log {args.study}.")
     study = read_study(Path(args.study)) if args.study else Study()
     study = replace(study, plugins=(*study.plugins, *plugins))
     study = study.with_flags(

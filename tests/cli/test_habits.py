@@ -57,6 +57,9 @@ def test_what_is_neither_is_refused(ident: Ident, more: tuple[str, ...]) -> None
 def test_a_folder_where_a_fit_is_expected(ident: Ident, arm: Arm, saved_fit: Path) -> None:
     assert ident("validate", "--fit", saved_fit.parent, "--validate", arm.test, "--no-replay").code == 0
     assert package.Estimate.load(saved_fit.parent).method == "wls"
+    instead = ident("validate", saved_fit.parent, "--validate", arm.test)
+    assert instead.code == 2
+    assert f"--fit {saved_fit.parent}" in instead.err
 
 
 def test_steps_go_to_the_log_named_ident(ident: Ident, arm: Arm, caplog: pytest.LogCaptureFixture) -> None:

@@ -400,3 +400,12 @@ def test_joints_held_still_on_purpose_are_no_warning(robot: Robot) -> None:
     # A joint that moves in no run is warned of, however many there are.
     again = audit(LogSet((runs[0], replace(runs[0], name="again"))), robot)
     assert {f.where for f in again.findings if f.severity == Severity.WARNING} == {"slide"}
+
+
+def test_a_wild_sample_of_torque_does_not_make_its_joint_look_unrelated(robot: Robot) -> None:
+    log = good(robot)
+    tau = log.tau["joint"].copy()
+    tau[3333, 1] = 1e6
+    audit = look(replace(log, tau={"joint": tau}), robot)
+    assert audit.of("torque_spike")
+    assert not audit.of("torque_unrelated")
