@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
+    from ..drives.law import DriveLaw
     from ..logs.log import LogSet
     from ..robots.robot import Robot
     from ..study.study import Study
@@ -37,17 +38,13 @@ def fit_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     """Fit, say what was found, keep it. Returns the exit code."""
     if args.max_error is not None:
         raise ConfigurationError("--max-error is a torque error, which a fit by simulation does not have; see its position error.")
-    robot = study.robot()
-    law = study.drive_law(robot)
-    assert law is not None
-    recorded = read_commanded(study, robot, study.fit_files())
-    files = study.validation_files()
-    logs, held = (recorded, read_commanded(study, robot, files)) if files else recorded.split(by="fraction", held=HELD_SHARE)
+    robot, law, recorded = read_commanded(study)
+    logs, held = split_commanded(study, robot, recorded)
     for note in (*robot.notes, *recorded.notes):
         out.say(wrapped(f"note: {note}"))
     fit = fit_drives(logs, study.model(robot), law, held=held, progress=out.progress("fitting"))
     out.say(fit.summary())
-    if not files:
+    if not study.validation_files():
         out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
     if out.json:
         out.result(fit.to_dict())
@@ -59,10 +56,7 @@ def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     """What logs of commands hold, and what is to be identified from them. Returns the exit code."""
     if args.strict:
         raise ConfigurationError("check --strict needs a torque, which logs of commands lack; `ident fit` says what they determine.")
-    robot = study.robot()
-    law = study.drive_law(robot)
-    assert law is not None
-    recorded = read_commanded(study, robot, study.fit_files())
+    robot, law, recorded = read_commanded(study)
     plant = DrivePlant(study.model(robot), law, tuple(DriveLog.of(log, robot, law) for log in recorded))
     out.say_wrapped(f"robot {robot.name}: {robot.n} joints in the order of the log: {', '.join(robot.joint_names)}")
     for note in (*robot.notes, *robot.doubts, *recorded.notes):
@@ -76,7 +70,21 @@ def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     return 0
 
 
-def read_commanded(study: Study, robot: Robot, files: Iterable[Path]) -> LogSet:
+def read_commanded(study: Study) -> tuple[Robot, DriveLaw, LogSet]:
+    """Robot, drive law and logs to fit of a study that declares a law from command to torque."""
+    robot = study.robot()
+    law = study.drive_law(robot)
+    assert law is not None
+    return robot, law, _read(study, robot, study.fit_files())
+
+
+def split_commanded(study: Study, robot: Robot, recorded: LogSet) -> tuple[LogSet, LogSet]:
+    """Logs to fit, and logs held out: those of the study, or else the last part of each."""
+    files = study.validation_files()
+    return (recorded, _read(study, robot, files)) if files else recorded.split(by="fraction", held=HELD_SHARE)
+
+
+def _read(study: Study, robot: Robot, files: Iterable[Path]) -> LogSet:
     return read_logs([*map(str, files)], robot, study.columns or None, **study.reading())
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..diagnosis.drives import diagnose_drives
 from ..study.session import HELD_SHARE
-from .commanded import read_commanded
+from .commanded import read_commanded, split_commanded
 from .common import Output
 
 if TYPE_CHECKING:
@@ -16,15 +16,11 @@ if TYPE_CHECKING:
 
 def diagnose_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     """What the declared model and law lack, by simulation. Returns the exit code."""
-    robot = study.robot()
-    law = study.drive_law(robot)
-    assert law is not None
-    recorded = read_commanded(study, robot, study.fit_files())
-    files = study.validation_files()
-    logs, held = (recorded, read_commanded(study, robot, files)) if files else recorded.split(by="fraction", held=HELD_SHARE)
+    robot, law, recorded = read_commanded(study)
+    logs, held = split_commanded(study, robot, recorded)
     found = diagnose_drives(logs, study.model(robot), law, held=held, progress=out.progress("fitting"))
     out.say(found.summary())
-    if not files:
+    if not study.validation_files():
         out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
     out.result(found.to_dict(), "diagnosis")
     with out.together() as folder:

@@ -1,4 +1,4 @@
-"""Advice: what to do about a finding, and which motion would tell it from its rivals."""
+"""Advice: what to do about a finding, and which motion would tell it from its competing models."""
 
 from __future__ import annotations
 
@@ -28,17 +28,19 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
     joint = finding.joints[0] if finding.joints else "every joint"
     title = finding.effect.title
     if finding.ambiguous:
-        rival = finding.imitators[0]
-        other = effect_types().get(rival.effect)
-        where = rival.joints[0] if rival.joints else "every joint"
-        if other is not None and other.axis == finding.effect.axis and rival.joints == finding.joints:
+        competing = finding.imitators[0]
+        other = effect_types().get(competing.effect)
+        where = competing.joints[0] if competing.joints else "every joint"
+        if other is not None and other.axis == finding.effect.axis and competing.joints == finding.joints:
             same = "No motion tells them apart as long as they act alike" if other.axis == Axis.VELOCITY else "They differ only in detail"
             motion = _MOTION[finding.effect.axis].format(joint=joint)
-            return f"{title} or {rival.effect}: {same}; {motion}, over a wider range than in this log, or take either: they predict alike."
+            return (
+                f"{title} or {competing.effect}: {same}; {motion}, over a wider range than in this log, or take either: they predict alike."
+            )
         ways = dict.fromkeys(
             [_MOTION[finding.effect.axis].format(joint=joint)] + ([_MOTION[other.axis].format(joint=where)] if other is not None else [])
         )
-        return f"{title} or {rival.effect}{on(rival.place)}: to tell them apart, {'; and '.join(ways)}."
+        return f"{title} or {competing.effect}{on(competing.place)}: to tell them apart, {'; and '.join(ways)}."
     if verdict in ("unexplained", "ambiguous") and finding.confidence < 0.5:
         return f"{title} explains a part only; take it as a hint, and look at the residual before acting on it."
     return f"Add {finding.name}{on(finding.place)} to the declared model ({title})."

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..effects.described import Described, Turned
 from ..statistics.torque_error import number
 from .thresholds import WORSE
 
 if TYPE_CHECKING:
-    from ..effects.base import Effect
     from ..estimate.estimate import Estimate
     from ..evaluation.comparison import Comparison
     from ..robots.robot import Robot
@@ -29,7 +29,7 @@ class Law:
     """A smooth function that describes a leftover: `effect` with `values`, its course `x`, `y` (N m or N) over the range seen, the
     `formula` of few terms that fits it ("" where none does)."""
 
-    effect: Effect
+    effect: Described
     joint: str
     follows: str
     unit: str
@@ -75,36 +75,25 @@ class LeftoverDescription:
         return "\n".join([*lines, f"     with it the error on data held out goes from {before:.2f} to {after:.2f} % ({said})"])
 
 
-def told(robot: Robot, laws: tuple[Effect, ...], values: Array) -> tuple[Law, ...]:
+def told(robot: Robot, laws: tuple[Described, ...], values: Array) -> tuple[Law, ...]:
     """Laws with their course; `values`: of the laws' parameters, in their order."""
     found, start = [], 0
-    for effect in laws:
-        width = len(effect.parameters(robot))
-        own = np.asarray(values[start : start + width])
-        start += width
-        knots = effect.knots  # type: ignore[attr-defined]
-        x = np.linspace(knots[0], knots[-1], 101)
-        y = effect.splines(x) @ own  # type: ignore[attr-defined]
-        y = y - y.mean() if effect.turned == "one" else y  # type: ignore[attr-defined]
-        joint = (effect.joints or ("",))[0]
-        what, unit = _words(effect, robot, joint)
-        found.append(Law(effect, joint, what, unit, own, x, y, formula(x, y, "x")))
+    for law in laws:
+        own = np.asarray(values[start : start + law.count])
+        start += law.count
+        x = np.linspace(law.knots[0], law.knots[-1], 101)
+        y = law.splines(x) @ own
+        y = y - y.mean() if law.turned == Turned.ONE else y
+        found.append(Law(law, (law.joints or ("",))[0], _words(law), law.unit(robot, robot.joint_index(law.followed)), own, x, y,
+                         formula(x, y, "x")))  # fmt: skip
     return tuple(found)
 
 
-def _words(effect: Effect, robot: Robot, joint: str) -> tuple[str, str]:
-    by = getattr(effect, "by", "") or joint
-    j = robot.joint_index(by)
-    whose = "its own" if by == joint else f"{by}'s"
-    length = "m" if robot.joints[j].prismatic else "rad"
-    what, unit = {
-        "described_position": (f"{whose} position", length),
-        "described_speed": (f"{whose} speed (motor)", f"{robot.position_unit(j, effect.side)}/s"),
-        "described_load": ("the load", robot.force_unit(j, effect.side)),
-        "described_time": ("time", "s"),
-    }[effect.name]
-    turned = " times the direction of its motion" if effect.turned == "direction" else ""  # type: ignore[attr-defined]
-    return what + turned, unit
+def _words(law: Described) -> str:
+    """What a law follows."""
+    whose = f"{law.by}'s " if law.by else "its own " if law.elsewhere else ""
+    turned = " times the direction of its motion" if law.turned == Turned.DIRECTION else ""
+    return f"{whose}{law.what}{turned}"
 
 
 def formula(x: Array, y: Array, symbol: str) -> str:

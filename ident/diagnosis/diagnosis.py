@@ -32,7 +32,7 @@ from .verdict import Verdict
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..effects.base import Effect
+    from ..effects.described import Described
     from ..estimate.estimate import Estimate
     from ..estimators import Estimator
     from ..model import Model
@@ -224,13 +224,12 @@ def diagnose(
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     report = signals if held is None else held
     without = tuple(compare(fitted_without(i, decision, declared, estimator, signals), after, report) for i in range(len(decision.named)))
-    verdict, unexplained = _verdict(decision, signals)
     shares = [presence(c.before, after, held) if held is not None else (np.nan, np.nan) for c in without]
-    findings = _findings(decision, declared.model.robot, without, shares, verdict)
-    if held is not None and (worse := (*contradicted(findings), *louder(after, signals, held))):
+    verdict, unexplained = _verdict(decision, signals)
+    if held is not None and (worse := (*contradicted(decision.named, shares), *louder(after, signals, held))):
         verdict, unexplained = Verdict.UNEXPLAINED, (*unexplained, *worse)
-        findings = _findings(decision, declared.model.robot, without, shares, verdict)
     _LOG.info("verdict %s; %s", verdict.value, "; ".join(decision.trail[-3:]))
+    findings = _findings(decision, declared.model.robot, without, shares, verdict)
     description = _described(decision.laws, after, report, estimator, signals)
     tell(1.0)
     said = [] if held is not None else ["no data were held out: errors before and after are of the data fitted."]
@@ -275,14 +274,14 @@ def _findings(
         most = _SURE if verdict != Verdict.UNEXPLAINED else _BESIDE
         own = most / (1.0 + sum(weights))
         ranked = sorted(zip(x.competing, weights, strict=True), key=lambda pair: -pair[1])
-        rivals = tuple(Imitator(m.effect.name, m.joints, own * w) for m, w in ranked)
-        finding = Finding(x.effect, x.joints, values[x.effect], float(gain), float(x.z**2), own, rivals, presence=share)
+        others = tuple(Imitator(m.effect.name, m.joints, own * w) for m, w in ranked)
+        finding = Finding(x.effect, x.joints, values[x.effect], float(gain), float(x.z**2), own, others, presence=share)
         found.append(replace(finding, advice=advice_for(finding, robot, verdict)))
     return tuple(found)
 
 
 def _described(
-    laws: tuple[Effect, ...], after: Estimate, report: Signals, estimator: Estimator, signals: Signals
+    laws: tuple[Described, ...], after: Estimate, report: Signals, estimator: Estimator, signals: Signals
 ) -> LeftoverDescription | None:
     """The laws that describe what is left, judged on report data; None where there are none."""
     if not laws:

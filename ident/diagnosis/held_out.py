@@ -14,7 +14,7 @@ from .thresholds import LOUD, STRETCH, WORSE
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
     from ..signals.signals import Signals
-    from .result import Finding
+    from .inference.confidence_set import AcceptedEffect
 
 #: Rows of a joint below which its error on data held out says nothing.
 _ROWS = 50
@@ -42,17 +42,17 @@ def presence(without: Estimate, whole: Estimate, data: Signals) -> tuple[float, 
     return share, float(np.sqrt((len(parts) - 1) * np.mean((left - left.mean()) ** 2)))
 
 
-def contradicted(findings: Sequence[Finding]) -> tuple[Unexplained, ...]:
-    """Findings that are not there as predicted on data held out: all of it is ruled out, and less than half is what is seen."""
+def contradicted(named: Sequence[AcceptedEffect], shares: Sequence[tuple[float, float]]) -> tuple[Unexplained, ...]:
+    """Accepted effects that are not there as predicted on data held out: the whole is ruled out, and less than half is seen."""
     found = []
-    for f in findings:
-        share, std = f.presence
+    for x, (share, std) in zip(named, shares, strict=True):
         if share < _HALF and share + WORSE * std < 1.0:
+            where = ", ".join(x.joints) or "the whole robot"
             said = (
-                f"{', '.join(f.joints) or 'the whole robot'}: of what {f.name} predicts on data held out, {share:.2f} ± {std:.2f} is there:"
+                f"{where}: of what {x.effect.name} predicts on data held out, {share:.2f} ± {std:.1g} is there:"
                 " it stands for something else that the data fitted hold"
             )
-            found.append(Unexplained(f.joints[0] if f.joints else "", "data held out", said, 0.0))
+            found.append(Unexplained(x.joints[0] if x.joints else "", "data held out", said, 0.0))
     return tuple(found)
 
 

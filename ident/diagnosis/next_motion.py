@@ -116,19 +116,20 @@ def next_motion(
 
 
 def separating(
-    model: Model, values: Array, noise: Array, own: Effect, rival: Effect, *, seconds: float, rate: float, limits: Limits | None = None,
+    model: Model, values: Array, noise: Array, own: Effect, competing: Effect, *, seconds: float, rate: float, limits: Limits | None = None,
     surroundings: Surroundings | None = None, starts: int = 2, iterations: int = 40, seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> NextMotion:  # fmt: skip
-    """The motion that tells an effect `own` of a model, with its values, from a `rival` that is not in it. `noise` (n,): std of a sample's
-    torque."""
+    """The motion that tells an effect `own` of a model, with its values, from a `competing` one that is not in it.
+
+    `noise` (n,): std of a sample's torque."""
     robot = model.robot
-    other = replace(rival, label=f"{rival.label}~")
+    other = replace(competing, label=f"{competing.label}~")
     both = model + other
     names = both.base.names
     theirs = [[p.name for p in e.parameters(robot) if p.name in names] for e in (own, other)]
     if not all(theirs):
-        raise UnsupportedError(f"no motion tells {own.name}{on(place_of(own, own.joints or ()))} from {rival.name}: they are the same.")
+        raise UnsupportedError(f"no motion tells {own.name}{on(place_of(own, own.joints or ()))} from {competing.name}: they are the same.")
     known = np.concatenate([values, np.zeros(len(other.parameters(robot)))])
     found = excite(
         both, limits=limits, values=known, noise=np.asarray(noise).tolist(), family=FourierFamily(seconds),
@@ -139,5 +140,5 @@ def separating(
     base = both.base
     theta = np.array([known[base.independent[i]] for i in at])
     distance = float(np.sqrt(theta @ np.linalg.solve(found.covariance[np.ix_(at, at)], theta)))
-    first, second = (f"{e.name}{on(place_of(e, e.joints or ()))}" for e in (own, rival))
+    first, second = (f"{e.name}{on(place_of(e, e.joints or ()))}" for e in (own, competing))
     return NextMotion(first, second, found, distance)

@@ -39,8 +39,10 @@ class FoundParameter:
 
 @dataclass(frozen=True)
 class Imitator:
-    """A rival of a finding and its probability; `motors`: joints whose motors a coupling ties in. `share`: how much of what the finding
-    explains it takes up in its place (NaN: not known), with the `values` (name, value, unit) of its linear parameters."""
+    """A competing model of a finding and its probability; `motors`: joints whose motors a coupling ties in.
+
+    `share`: how much of what the finding explains it takes up in its place (NaN: not known), with the `values` (name, value, unit) of its
+    linear parameters."""
 
     effect: str
     joints: tuple[str, ...]
@@ -99,7 +101,7 @@ class Finding:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether its rivals account for the same about as well."""
+        """Whether its competing models account for the same about as well."""
         return sum(i.confidence for i in self.imitators) >= AMBIGUOUS
 
     def to_dict(self) -> dict[str, Any]:

@@ -63,7 +63,7 @@ class Told(Protocol):
     def warnings(self) -> tuple[str, ...]: ...
 
 
-#: Values of a rival that are told in its line.
+#: Values of a competing model that are told in its line.
 _FEW = 3
 _SAID = {
     "clean": "nothing beyond the declared model is supported by the data",
@@ -82,7 +82,7 @@ def undecided(d: Told) -> str:
 
 
 def diagnosis_text(d: Told) -> str:
-    """Verdict, findings, imitators, what is left, before and after."""
+    """Verdict, findings, alternative explanations, what is left, before and after."""
     lines = [f"verdict: {d.verdict}: {_SAID.get(d.verdict) or undecided(d)}"]
     for i, f in enumerate(d.findings, 1):
         lines.append(f"{i}. {f.name}{on(f.place)}: {f.effect.title}; confidence {f.confidence:.2f}, evidence {f.evidence:.0f}")
@@ -98,7 +98,7 @@ def diagnosis_text(d: Told) -> str:
             named = "; ".join(f"{m.effect}{on(m.place)}{_with(m.values)} {100 * m.share:.0f} %" for m in unlikely)
             lines.append(f"     in its place would take up, of what it explains: {named}")
         if np.isfinite(f.presence[1]):
-            lines.append(f"     of what it predicts on data held out, {f.presence[0]:.2f} ± {f.presence[1]:.2f} is there")
+            lines.append(f"     of what it predicts on data held out, {f.presence[0]:.2f} ± {f.presence[1]:.1g} is there")
         lines.append(f"     {f.advice}")
     lines += [f"left: {u.evidence}" for u in d.unexplained]
     if d.description is not None:
@@ -118,7 +118,7 @@ def diagnosis_text(d: Told) -> str:
 
 
 def _with(values: Sequence[tuple[str, float, str]]) -> str:
-    """What a rival's parameters would be."""
+    """What a competing model's parameters would be."""
     return f" ({', '.join(f'{value:.3g} {unit}' for _, value, unit in values)})" if 0 < len(values) <= _FEW else ""
 
 

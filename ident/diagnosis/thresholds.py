@@ -32,3 +32,5 @@ LOUD = 3.0
 MOST = 5
 #: Standard errors by which the whole of a finding must be missed on data held out for them to contradict it (one-sided, that level).
 WORSE = 2.33
+#: z of what a whole order may leave beside a better one: the critical value of a usual catalogue (5.2 to 5.5), below which it is not seen.
+SEEN = 5.0

@@ -10,9 +10,10 @@ from scipy.stats import chi2, norm
 
 import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
-from ident.diagnosis import Finding, Verdict
+from ident.diagnosis import Verdict
 from ident.diagnosis.data.band import Band
 from ident.diagnosis.held_out import contradicted, presence
+from ident.diagnosis.inference.confidence_set import AcceptedEffect
 from ident.diagnosis.inference.scores import z_of
 from ident.diagnosis.scoring.whitening import density
 from ident.effects.motion import Motion
@@ -160,11 +161,9 @@ def test_the_order_of_a_wheel_between_motor_and_joint_is_found(arm: tuple[ident.
 
 
 def test_a_finding_of_which_nothing_is_there_on_data_held_out_is_said() -> None:
-    def finding(share: float, std: float) -> Finding:
-        return Finding(ident.make_effect("offset"), ("joint1",), (), 0.0, 100.0, 0.99, (), presence=(share, std))
-
+    offset = AcceptedEffect(ident.make_effect("offset"), ("joint1",), 10.0)
     cases = [(0.97, 0.02), (0.02, 0.1), (0.02, 0.6), (0.35, 0.11), (0.6, 0.01), (np.nan, np.nan)]
-    assert [len(contradicted([finding(*x)])) for x in cases] == [0, 1, 0, 1, 0, 0]
+    assert [len(contradicted([offset], [x])) for x in cases] == [0, 1, 0, 1, 0, 0]
 
 
 def test_what_acts_is_there_once_and_what_does_not_is_not(arm: tuple[ident.Robot, dict[str, Array]]) -> None:

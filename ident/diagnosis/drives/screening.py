@@ -19,7 +19,7 @@ Array = np.ndarray
 SIGNIFICANT, _GAIN, _LEAST = 4.5, 0.02, 0.01
 #: Share of a direction that the fitted unknowns must leave over, for it to be one of its own.
 _OWN = 1e-4
-#: Lags at which a residual is looked at, the share of it that its past may foretell, and how improbable that must be by chance.
+#: Lags at which a residual is looked at, the share of it that its past may predict, and how improbable that must be by chance.
 _LAGS, FORETOLD, _CHANCE = 20, 0.1, 60.0
 
 
@@ -135,7 +135,7 @@ def _best_settings(found: list[Screened]) -> list[Screened]:
 
 
 def structure(fit: Fitted) -> float:
-    """Share of the residual's square that its own past foretells, of the joint of which it foretells most; 0 where it may be chance."""
+    """Share of the residual's square that its own past predicts, of the joint of which it predicts most; 0 where it may be chance."""
     worst = 0.0
     for e, counted in zip(fit.residual.T, fit.weights.T > 0, strict=True):
         r = np.where(counted, e, 0.0)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.base import Need
 from ..design.catalogue import Catalogue
 from ..thresholds import MOST
 from .bursts import burst
@@ -19,7 +18,7 @@ from .described import describing
 from .search import EffectSearch
 
 if TYPE_CHECKING:
-    from ...effects.base import Effect
+    from ...effects.described import Described
     from ..scoring.fit import Fit, Solved
     from .scores import Scores
 
@@ -53,7 +52,7 @@ class Decision:
     frame: Solved
     scores: Scores
     trail: tuple[str, ...] = ()
-    laws: tuple[Effect, ...] = ()
+    laws: tuple[Described, ...] = ()
 
 
 def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None) -> Decision:
@@ -84,22 +83,20 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
     return replace(_decision(state, left if laws else _left(state), tuple(trail)), laws=laws)
 
 
-def _described(state: EffectSearch, say: Callable[[str], None]) -> tuple[Effect, ...]:
+def _described(state: EffectSearch, say: Callable[[str], None]) -> tuple[Described, ...]:
     """Smooth functions of what the leftover follows. What they make unnecessary among the accepted was accepted in their place: it goes."""
     joints = [
         g.joints[0] for k in np.flatnonzero(state.scores.z > state.critical).tolist() if len((g := state.scores.group(k)).joints) == 1
     ]
     laws = describing(state.fit, state.frame, tuple(dict.fromkeys(joints)), say) if joints else ()
     # A function of the joint's own motion can always do what an effect of that motion does: only another quantity speaks against a name.
-    foreign = [law for law in laws if getattr(law, "by", "") or Need.TIME in law.needs]
-    if not foreign or not state.accepted:
+    if not state.accepted or all(law.own_motion for law in laws):
         return laws
     named = list(state.accepted)
     state.accepted += [(law, law.joints or ()) for law in laws]
     state.solve()
     drop_unnecessary(state, say, spared=len(laws))
-    kept = [x for x in named if x in state.accepted]
-    state.accepted = kept
+    state.accepted = [x for x in named if x in state.accepted]
     state.solve()
     return laws
 

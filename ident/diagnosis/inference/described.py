@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.base import Need, make_effect
+from ...effects.base import Need
+from ...effects.described import DESCRIPTIONS, Described, Turned
 from ..design.catalogue import Catalogue
 from ..thresholds import MATERIAL
 from .scores import Scores
 from .significance import parametric
 
 if TYPE_CHECKING:
-    from ...effects.base import Effect
-    from ...effects.motion import Motion
     from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
@@ -24,10 +24,10 @@ _INTERVALS = (2, 4, 7, 12)
 _LAWS = 2
 
 
-def describing(fit: Fit, frame: Solved, joints: tuple[str, ...], say: Callable[[str], None]) -> tuple[Effect, ...]:
+def describing(fit: Fit, frame: Solved, joints: tuple[str, ...], say: Callable[[str], None]) -> tuple[Described, ...]:
     """Smooth functions on some joints beside a fit's effects; none where nothing left there follows a logged quantity."""
     named = fit.effects
-    found: tuple[Effect, ...] = ()
+    found: tuple[Described, ...] = ()
     for _ in range(_LAWS):
         best = _best(fit, frame, joints, found)
         if best is None:
@@ -39,7 +39,7 @@ def describing(fit: Fit, frame: Solved, joints: tuple[str, ...], say: Callable[[
     return found
 
 
-def _best(fit: Fit, frame: Solved, joints: tuple[str, ...], taken: tuple[Effect, ...]) -> Effect | None:
+def _best(fit: Fit, frame: Solved, joints: tuple[str, ...], taken: tuple[Described, ...]) -> Described | None:
     """The function that accounts best for what is left on some joints: quantity first, then how fine."""
     taken_kinds = {_kind(e) for e in taken}
     coarse = [e for e in _candidates(fit, joints, _INTERVALS[1]) if _kind(e) not in taken_kinds]
@@ -54,6 +54,7 @@ def _best(fit: Fit, frame: Solved, joints: tuple[str, ...], taken: tuple[Effect,
     if scores.z[k] <= critical:
         return None
     chosen = scores.group(k).effect
+    assert isinstance(chosen, Described)
     finer = [e for count in _INTERVALS for e in _candidates(fit, joints, count) if _kind(e) == _kind(chosen)]
     fits = [fit.with_effects((*fit.effects, e)) for e in finer]
     frames = [f.solved(1) for f in fits]
@@ -64,28 +65,22 @@ def _best(fit: Fit, frame: Solved, joints: tuple[str, ...], taken: tuple[Effect,
     return finer[int(np.argmin(cost))]
 
 
-def _kind(effect: Effect | None) -> tuple[object, ...]:
-    return (effect.name, effect.joints, getattr(effect, "by", ""), getattr(effect, "turned", "")) if effect is not None else ()
+def _kind(law: Described) -> tuple[object, ...]:
+    """What it follows and where, however fine."""
+    return law.name, law.joints, law.by, law.turned
 
 
-def _candidates(fit: Fit, joints: tuple[str, ...], intervals: int) -> Iterator[Effect]:
+def _candidates(fit: Fit, joints: tuple[str, ...], intervals: int) -> Iterator[Described]:
     """Functions of every quantity that the joints' torque could follow, with knots over its usual range."""
     robot, motions = fit.robot, fit.motions(instrument=True)
     for joint in joints:
-        for name in ("described_position", "described_speed", "described_load", "described_time"):
-            others = [""] if name in ("described_load", "described_time") else ["", *(j for j in robot.joint_names if j != joint)]
-            for by in others:
-                for turned in ("one", "direction"):
-                    effect = make_effect(name, joints=[joint], by=by, turned=turned, label="~" + (by or "") + turned[0])
-                    if Need.LOAD in effect.needs and motions[0].load is None:
-                        continue
-                    x = _quantity(effect, motions, robot)
+        for kind in DESCRIPTIONS:
+            if Need.LOAD in kind.needs and motions[0].load is None:
+                continue
+            for by in ("", *(j for j in robot.joint_names if kind.elsewhere and j != joint)):
+                for turned in Turned:
+                    law = kind(joints=(joint,), by=by, turned=turned, label=f"~{by}{turned[0]}")
+                    x = np.concatenate([law.quantity(m, robot, robot.joint_index(law.followed)) for m in motions])
                     low, high = np.quantile(x, [0.002, 0.998])
                     if high > low:
-                        knots = np.linspace(low, high, intervals + 1)
-                        yield make_effect(name, joints=[joint], by=by, turned=turned, label=effect.label, knots=tuple(knots.tolist()))
-
-
-def _quantity(effect: Effect, motions: list[Motion], robot) -> Array:  # type: ignore[no-untyped-def]
-    by = getattr(effect, "by", "") or (effect.joints or ("",))[0]
-    return np.concatenate([effect.quantity(m, robot, robot.joint_index(by)) for m in motions])  # type: ignore[attr-defined]
+                        yield replace(law, knots=tuple(np.linspace(low, high, intervals + 1).tolist()))

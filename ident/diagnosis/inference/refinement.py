@@ -9,7 +9,7 @@ import numpy as np
 
 from ..design.catalogue import Catalogue
 from ..design.places import is_order, order_spacing, search_range
-from ..thresholds import BOUND
+from ..thresholds import BOUND, SEEN
 from .scores import Scores
 
 if TYPE_CHECKING:
@@ -25,8 +25,6 @@ _WHOLE, _EACH, _FINE = 25, 7, 9
 _ROUNDS, _NEAR_ROUNDS = 2, 5
 #: Rounds around an order, each at a third of the last.
 _ORDER_ROUNDS = 4
-#: z of what a whole order may leave beside a better one: about the critical value of the whole catalogue.
-_SEEN = 5.0
 #: Share of the range that is looked at around a shape that was found before.
 _NEAR = 0.06
 
@@ -69,7 +67,7 @@ def _order(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved) -> 
         best, reach = values[int(np.argmax(z))], 0.3 * reach
     whole = float(max(round(best), 1))
     z = scored([effect.with_shape(**{p.name: v}) for v in (whole, best)], joints, fit, frame)
-    return effect.with_shape(**{p.name: whole if z[1] ** 2 - z[0] ** 2 <= _SEEN**2 else best})
+    return effect.with_shape(**{p.name: whole if z[1] ** 2 - z[0] ** 2 <= SEEN**2 else best})
 
 
 def scored(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solved) -> Array:

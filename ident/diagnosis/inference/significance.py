@@ -39,13 +39,6 @@ def parametric(scores: Scores) -> float:
     return _quantile(largest)
 
 
-def by_blocks(scores: Scores, residual_blocks: Array | None = None) -> float:
-    """The same by random signs of the blocks' own scores: colour and what is not stationary are in it."""
-    blocks = scores.blocks if residual_blocks is None else residual_blocks
-    signs = np.random.default_rng(2).choice([-1.0, 1.0], size=(blocks.shape[1], _DRAWS))
-    return _quantile(z_of(np.add.reduceat((blocks @ signs) ** 2, scores.starts, axis=0), scores.degrees).max(axis=0))
-
-
 def _quantile(largest: Array) -> float:
     spread = float(largest.std()) * np.sqrt(6.0) / np.pi
     return float(largest.mean() - _EULER * spread - spread * np.log(-np.log(1.0 - LEVEL)))
