@@ -188,9 +188,7 @@ def _with_torque(case: Case, joint: int, extra: Array) -> Case:
     return replace(case, log=ident.Log(case.log.name, t=case.log.t, q=case.log.q, tau={side: added}))
 
 
-def test_a_tone_that_no_motion_has_is_said_with_its_frequency(
-    arm: tuple[ident.Robot, dict[str, Array]], nothing_missing: list[Case]
-) -> None:
+def test_a_tone_is_said_with_its_frequency(arm: tuple[ident.Robot, dict[str, Array]], nothing_missing: list[Case]) -> None:
     case = nothing_missing[0]
     size = 0.3 * float(arm[1]["Fc"][1]) * 50.0
     found = diagnosed(_with_torque(case, 1, size * np.sin(2 * np.pi * 3.3 * case.log.t)))
