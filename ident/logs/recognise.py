@@ -5,6 +5,7 @@ which is measured, wanted or estimated too. Time has its unit from its own numbe
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -12,28 +13,31 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
-from .channels import HANDS, ChannelGroup, bare_name, groups, known_scale, scalar_time_names, unit_suffix, words_of
+from .channels import ChannelGroup, bare_name, groups, known_scale
+from .clocks import RecordedTime, rate_ratio, time_of
 from .recorders import EFFORTS, Recorder, recorder_of
 from .references import references
 from .units import expected_units, split_unit, unit_of
+from .words import HANDS, words_of
 
 Array = np.ndarray
 Reader = Callable[[Sequence[str]], Mapping[str, Array]]
-#: Positions beyond so many turns are no radians; a ratio this near to a unit's is that unit's.
+#: Positions beyond so many turns are no radians.
 _TURNS = 2.2
-_NEAR = 0.25
+#: Motors that turn so many times as fast as the joints have gears.
+_GEARED = 3.0
 #: Two encoders of a joint differ by less than this share of its range.
 _SAME = 0.05
 #: A turn of an encoder's counts, as usual.
 _WHOLE = 3.0
-_QUANTITIES = {"t": "t", "q": "q", "dq": "dq", "tau": "tau_joint", "i": "tau_current"}
+_QUANTITIES = {"t": "t", "q": "q", "dq": "dq", "tau": "tau_joint", "tau_m": "tau_motor", "i": "tau_current"}
 
 
 @dataclass(frozen=True)
 class RecordedChannels:
     """What a recording's columns are: `mapping` for `resolve_columns`, `reference` (key → column, factor, offset) of what was wanted, a
     `text` for people, and what was `ignored`. `recorder`: what wrote it, if that is known; `joints`: names, where they are told; `effort`:
-    what the torque is, in words; `wrapped`: positions may be those of one turn."""
+    what the torque is, in words; `untimed`: where there is no time, what is wrong with the columns that seem to be one."""
 
     mapping: Mapping[str, Any]
     reference: Mapping[str, tuple[str, float, float]]
@@ -44,6 +48,7 @@ class RecordedChannels:
     effort: str = ""
     notes: tuple[str, ...] = ()
     rate_hz: float | None = None
+    untimed: str = ""
 
 
 def recognised(
@@ -60,7 +65,10 @@ def recognised(
     if order:
         found = [replace(g, joints=order) if not g.named and len(g.columns) == len(order) else g for g in found]
     fitting, wide = _fitting(found, joints)
-    positions = [g for g in fitting if g.quantity == "q" and not g.wanted and not g.estimated]
+    positions = _positions(fitting)
+    if not positions and joints:  # names that are not the robot's are names all the same
+        fitting, _ = _fitting(groups(names, None, unit_of_column), joints)
+        positions = [g for g in _positions(fitting) if g.named and len(g.columns) == len(joints)]
     if not positions:
         if wide:
             raise _other_number(wide[0], joints or ())
@@ -69,24 +77,30 @@ def recognised(
     q = _best(positions, table)
     if not moves(table, q):
         return None
-    chosen = _companions(q, fitting, table)
-    if chosen is None:
+    found_beside = _companions(q, fitting, table, names)
+    if found_beside is None:
         return None  # torque of some joints only: which is which must be asked
+    chosen, beside = found_beside
     if recorder is not None and recorder.effort == "current" and "tau" in chosen:
         chosen["i"] = chosen.pop("tau")
     scale, offset, counted = _position_scale(q, table, recorder)
     mapping: dict[str, Any] = {}
     rate = _factor("dq", chosen["dq"], scale, counted, recorder) if "dq" in chosen else scale
+    said = f"positions from {q}{_in(scale, counted)}"
+    time = time_of(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
+    if "tau" in chosen and chosen["tau"].of_motors and not q.of_motors:
+        geared, about = _side_of_motors(chosen["tau"], [g for g in fitting if g.quantity == "dq" and g.of_motors], q, table, scale, time, read)
+        beside.append(about)
+        if geared:
+            chosen["tau_m"] = chosen.pop("tau")
     for quantity, g in chosen.items():
         factor, shift = (scale, offset) if quantity == "q" else (_factor(quantity, g, scale, counted, recorder), 0.0)
         for j, column in enumerate(g.columns):
             mapping[f"{quantity}{j + 1}"] = _entry(column, quantity, factor, shift)
-    said = f"positions from {q}{_in(scale, counted)}"
-    time = _time(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
-    if time is not None:
-        mapping["t"] = _entry(time[0], "t", time[1])
-        said = f"time from {time[0]!r}" + ("" if time[1] == 1.0 else f" (times {time[1]:g} s)") + f", {said}"
-    for quantity, word in (("dq", "velocities"), ("tau", "torque"), ("i", "current")):
+    if time.column:
+        mapping["t"] = _entry(time.column, "t", time.factor)
+        said = f"time from {time.column!r}" + ("" if time.factor == 1.0 else f" (times {time.factor:g} s)") + f", {said}"
+    for quantity, word in (("dq", "velocities"), ("tau", "torque"), ("tau_m", "motor torque"), ("i", "current")):
         if quantity in chosen:
             said += f", {word} from {chosen[quantity]}"
     wanted, order_notes = references(fitting, q, table, (scale, offset))
@@ -97,6 +111,7 @@ def recognised(
     used = {v if isinstance(v, str) else v["column"] for v in mapping.values()} | {c for c, *_ in wanted.values()}
     effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
     told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
+    beside += [*_put_in_order(order, joints), *order_notes, *_of_other_names(q, joints), *_others(q, positions, table)]
     return RecordedChannels(
         mapping,
         wanted,
@@ -105,9 +120,14 @@ def recognised(
         "" if recorder is None else recorder.name,
         told,
         effort,
-        (*(() if recorder is None or not recorder.say else (recorder.say,)), *_put_in_order(order, joints), *order_notes),
+        (*(() if recorder is None or not recorder.say else (recorder.say,)), *beside),
         None if recorder is None else recorder.rate_hz,
+        time.doubt,
     )
+
+
+def _positions(found: Sequence[ChannelGroup]) -> list[ChannelGroup]:
+    return [g for g in found if g.quantity == "q" and not g.wanted and not g.estimated]
 
 
 def _other_number(positions: ChannelGroup, joints: Sequence[str]) -> DataError:
@@ -182,19 +202,89 @@ def _moving(table: Mapping[str, Array], group: ChannelGroup) -> int:
     return sum(moves(table, group.only([k])) for k in range(len(group.columns)))
 
 
-def _companions(q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, Array]) -> dict[str, ChannelGroup] | None:
-    """Velocities, and torque or current, of the same joints; None where torque is there for some of them only."""
-    chosen = {"q": q}
+def _companions(
+    q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, Array], names: Sequence[str]
+) -> tuple[dict[str, ChannelGroup], list[str]] | None:
+    """Velocities, and torque or current, of the same joints, and what is said of such that are not taken; None where torque is there for
+    some joints only. A torque that is computed counts only where there is neither another nor a current."""
+    chosen, notes = {"q": q}, list[str]()
     n = len(q.columns)
     at_rest = all(np.ptp(table[c][np.isfinite(table[c])]) < 1e-3 for c in q.columns if np.isfinite(table[c]).any())
-    for quantity in ("dq", "tau", "i"):
+    for quantity in ("dq", "i", "tau"):
         plain = [g for g in found if g.quantity == quantity and not g.wanted and not g.estimated]
         same = [g for g in plain if len(g.columns) == n and (moves(table, g) or (quantity == "dq" and at_rest))]
         if quantity == "tau" and not same and any(moves(table, g) and len(g.columns) != n for g in plain):
             return None
-        if same and not (quantity == "i" and "tau" in chosen):
-            chosen[quantity] = max(same, key=lambda g: (len(g.words & q.words), g.measured, -len(g.stem)))
-    return chosen
+        notes += [f"{g} do not tell the joints that {q} tell, and are not used." for g in same if g.along(q, names) is None]
+        same = [g for one in same if (g := one.along(q, names)) is not None]
+        read = [g for g in same if not g.unread and not (quantity == "dq" and g.of_motors and not q.of_motors)]
+        notes += [_unread(g) for g in same if g.unread]
+        notes += [f"{g} are of the motors, and not used for the joints." for g in same if not g.unread and g not in read]
+        if quantity == "tau" and "i" in chosen and all(g.computed for g in read):
+            continue
+        if read:
+            chosen[quantity] = max(read, key=lambda g: (not g.computed, len(g.words & q.words), g.measured, -len(g.stem)))
+    if "tau" in chosen:
+        chosen.pop("i", None)
+        g = chosen["tau"]
+        if g.computed:
+            notes.append(f"{g} say that they are computed: parameters are those of what computed them, as far as it is right.")
+    elif "i" not in chosen:
+        asked = [g for g in found if g.quantity == "tau" and g.wanted and not g.estimated and len(g.columns) == n and moves(table, g)]
+        notes += [f"{g} are torques that were asked for, not measured: to use them, say so under [columns] ({_as_torque(g)})." for g in asked[:1]]
+    return chosen, notes
+
+
+def _side_of_motors(
+    g: ChannelGroup,
+    speeds: Sequence[ChannelGroup],
+    q: ChannelGroup,
+    table: Mapping[str, Array],
+    scale: float,
+    time: RecordedTime,
+    read: Reader,
+) -> tuple[bool, str]:
+    """Whether torques that are called the motors' are before the gears, as the speeds of the motors tell; and what to say of them."""
+    for dq in [dq for dq in speeds if dq.unit and len(dq.columns) == len(q.columns) and time.column]:
+        ratio = rate_ratio(time.factor * np.asarray(read([time.column])[time.column], float), table, q, dq, (scale, known_scale(dq.unit)))
+        if ratio is not None and ratio < 1 / _GEARED:
+            return True, f"{g} are torques before the gears: {dq} turn about {1 / ratio:.3g} times as fast as the joints ([drive] ratio)."
+    return False, f'{g} are called the motors\', but are taken as torques of the joints; if they are before the gears, say [drive] torque = "motor".'
+
+
+def _as_torque(g: ChannelGroup) -> str:
+    return f'tau1 = "{g.columns[0]}" …'
+
+
+def _unread(g: ChannelGroup) -> str:
+    """What is said of channels in a unit that nobody knows."""
+    key, si = {"dq": ("dq1", "rad/s"), "tau": ("tau1", "N m"), "i": ("i1", "A")}[g.quantity]
+    return (
+        f"{g} are in {g.unread!r}, which is no unit that is known, and are not used: say what one of it is in {si} under [columns] of a"
+        f' study file, {key} = {{ column = "{g.columns[0]}", scale = … }} ….'
+    )
+
+
+def _of_other_names(q: ChannelGroup, joints: Sequence[str] | None) -> list[str]:
+    """What is said of joints that the file names otherwise than the robot does."""
+    own = {bare_name(name) for name in joints or ()}
+    told = [name for name in q.joints if re.search("[A-Za-z]", bare_name(name))]
+    if not joints or not told or {bare_name(name) for name in q.joints} == own or all(re.search(r"\d", x) for x in told):
+        return []
+    return [f"its joints are named {', '.join(q.joints)}; the robot's, {', '.join(joints)}, are taken to come in that order."]
+
+
+def _others(q: ChannelGroup, positions: Sequence[ChannelGroup], table: Mapping[str, Array]) -> list[str]:
+    """What is said of other joints' positions (another arm's)."""
+    own = np.stack([table[c] for c in q.columns])
+    for g in positions:
+        if g is not q and len(g.columns) == len(q.columns) and not set(g.columns) & set(q.columns) and not g.computed and moves(table, g):
+            other = np.stack([table[c] for c in g.columns])
+            with np.errstate(invalid="ignore"):
+                apart = np.nanmax(np.abs(own - other), initial=0.0) > _SAME * np.nanmax(np.ptp(own, axis=1), initial=0.0)
+            if apart:
+                return [f"{g} hold positions too (of another arm?), and are not used; those of {q} are read: map others under [columns]."]
+    return []
 
 
 def moves(table: Mapping[str, Array], group: ChannelGroup) -> bool:
@@ -219,12 +309,17 @@ def _position_scale(q: ChannelGroup, table: Mapping[str, Array], recorder: Recor
             )
         turn = 2 * np.pi / recorder.counts
         return turn, -recorder.centre * turn, True
+    if q.unread:
+        raise DataError(
+            f"positions from {q} are in {q.unread!r}, which is no unit that is known. Say what one of it is in radians (metres) under"
+            f' [columns] of a study file: q1 = {{ column = "{q.columns[0]}", scale = … }} …'
+        )
     return (np.pi / 180 if reach > _TURNS * 2 * np.pi else 1.0), 0.0, False
 
 
 def _factor(quantity: str, g: ChannelGroup, scale: float, counted: bool, recorder: Recorder | None) -> float:
     """Factor to SI of velocities, torques and currents."""
-    if quantity in ("tau", "i"):
+    if quantity in ("tau", "tau_m", "i"):
         return known_scale(g.unit) if g.unit else recorder.effort_scale if recorder is not None else 1.0
     if g.unit:
         return known_scale(g.unit)
@@ -235,61 +330,3 @@ def _factor(quantity: str, g: ChannelGroup, scale: float, counted: bool, recorde
 
 def _in(scale: float, counted: bool) -> str:
     return " (counts)" if counted else " (in degrees)" if abs(scale - np.pi / 180) < 1e-12 else ""
-
-
-def _time(
-    names: Sequence[str],
-    read: Reader,
-    table: Mapping[str, Array],
-    q: ChannelGroup,
-    dq: ChannelGroup | None,
-    scales: tuple[float, float],
-    units: Mapping[str, str],
-) -> tuple[str, float] | None:
-    """The column of time and seconds in one unit of it: the sender's stamp before the recorder's, and one that rises."""
-    rising = []
-    for name in scalar_time_names(names):
-        try:
-            values = np.asarray(read([name])[name], float)
-        except DataError:
-            continue  # a time of day as text
-        step = np.diff(values[np.isfinite(values)])
-        if len(step) and np.mean(step >= 0) > 0.9 and np.any(step > 0):
-            rising.append(name)
-    for name in rising:
-        if unit := unit_suffix(units.get(name, "")):
-            return name, known_scale(unit)
-    ratios = {name: _rate_ratio(np.asarray(read([name])[name], float), table, q, dq, scales) for name in rising}
-    for name, ratio in ratios.items():
-        for factor in (1.0, 1e-3, 1e-6, 1e-9):
-            if ratio is not None and abs(np.log(ratio / factor)) < _NEAR:
-                return name, factor
-    return (rising[0], _seconds(rising[0], np.asarray(read(rising[:1])[rising[0]], float))) if rising else None
-
-
-def _seconds(name: str, t: Array) -> float:
-    """Seconds in one unit of a time that nothing else tells: by its size since 1970, or whole milliseconds."""
-    step = float(np.median(np.diff(t)[np.diff(t) > 0]))
-    size = float(np.nanmedian(np.abs(t)))
-    for bound, factor in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
-        if size > bound:
-            return factor
-    whole = bool(np.all(t == np.round(t)))
-    return 1e-3 if name.lower() == "ms" or (whole and 1.0 <= step <= 200.0) else 1.0
-
-
-def _rate_ratio(
-    t: Array, table: Mapping[str, Array], q: ChannelGroup, dq: ChannelGroup | None, scales: tuple[float, float]
-) -> float | None:
-    """How many times faster the logged velocities (SI) are than the positions (SI) in units of this time; None where nothing tells."""
-    if dq is None:
-        return None
-    ratios = []
-    for a, b in zip(q.columns, dq.columns, strict=True):
-        rate = np.gradient(np.asarray(table[a], float) * scales[0], np.maximum.accumulate(t) + 1e-12 * np.arange(len(t)))
-        logged = np.asarray(table[b], float) * scales[1]
-        big = np.abs(logged) > 0.3 * np.nanmax(np.abs(logged), initial=0.0)
-        if big.sum() > 10 and np.any(np.abs(rate[big]) > 0):
-            ratios.append(float(np.nanmedian(np.abs(rate[big]) / np.abs(logged[big]))))
-    middle = float(np.median(ratios)) if ratios else 0.0
-    return middle if middle > 0.0 else None

@@ -12,7 +12,7 @@ import numpy as np
 
 from .readers.frames import chosen_columns, frame_columns
 from .readers.header import Header
-from .readers.tables import read_columns, read_header, read_labels, stored_table
+from .readers.tables import first_values, read_columns, read_header, read_labels, stored_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,6 +35,13 @@ class TableSource:
     path: Path | None = None
     notes: tuple[str, ...] = ()
     whole: bool = False
+
+    def first(self, name: str) -> float:
+        """The first number of a column, NaN where there is none (or it is a moment, which knows its unit)."""
+        values = first_values(self.path, self.header, name) if self.path is not None and not self.whole else self.read([name], ())[name]
+        known = np.asarray(values)
+        known = known[np.isfinite(known)] if known.dtype.kind == "f" else known[:0]
+        return float(known[0]) if len(known) else np.nan
 
     @classmethod
     def of(cls, source: Path | pd.DataFrame) -> TableSource:

@@ -51,7 +51,7 @@ class TextParser:
     def _targets(self) -> tuple[dict[str, int], bytes] | None:
         """Width of each quantity's array, and the array and column to which each field of a line goes; None where one goes to several."""
         columns = self.plan.columns
-        if len({c.source for c in columns}) < len(columns) or len(self.header.delimiter) != 1:
+        if len({c.source for c in columns}) < len(columns) or len(self.header.delimiter) != 1 or len(self.plan.quantity("t")) > 1:
             return None
         widths = {q: 1 if q == "t" else self.plan.n for q in dict.fromkeys(c.quantity for c in columns)}
         place = np.full((len(self.header.names), 2), -1, np.int32)

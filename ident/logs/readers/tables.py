@@ -22,6 +22,8 @@ Array = np.ndarray
 #: The formats that come with the package.
 BUILT_IN = (arrays.NPZ, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, lists.ARROW, scope.SCOPE, bag.BAG)
 _PARQUET = (".parquet", ".pq")
+#: Rows that tell the size of a time.
+_FIRST = 5
 
 
 def read_header(path: Path) -> Header:
@@ -59,6 +61,19 @@ def read_labels(path: Path, header: Header, name: str) -> list[str]:
         own = dict(stored_names(parquet_file(path)))[name]
         return [str(x).strip() for x in parquet_table(path, [own]).column(0).to_pylist()]
     return [str(x).strip() for x in read_text_columns(path, header, [name])[name]]
+
+
+def first_values(path: Path, header: Header, name: str) -> Array:
+    """A column's numbers in the first rows of a text or a plain Parquet file; times and what is no number are none."""
+    if path.suffix.lower() in _PARQUET:
+        file = parquet_file(path)
+        own = dict(stored_names(file))[name]
+        batch = next(iter(file.iter_batches(_FIRST, columns=[own])), None)
+        values = np.asarray(batch.column(0)) if batch is not None else np.zeros(0)
+        return values.astype(float) if values.dtype.kind in "fiu" else np.zeros(0)
+    at = header.names.index(name)
+    fields = [row[at].strip().replace(header.decimal, ".") for _, row in islice(rows_of_text(path, header), _FIRST) if at < len(row)]
+    return np.array([float(x) for x in fields if is_number(x)])
 
 
 def recordings_in(path: Path) -> list[Path]:
