@@ -24,7 +24,7 @@ Array = np.ndarray
 class TableSource:
     """What messages call a table (`where`), its `name`, its `header`, how columns and labels are read, and the file that it is.
 
-    `read`: (names, optional) → columns as floats; `labels`: name → one text a row. `notes`: what its reader has to say; `whole`: it is
+    `read`: (names, optional) → columns as floats; `labels`: name → one text a row. `notes`: what its reader has to say, once it has read; `whole`: it is
     read as a whole, whatever is wanted of it."""
 
     where: str
@@ -33,7 +33,7 @@ class TableSource:
     read: Callable[[Sequence[str], Sequence[str]], dict[str, Array]]
     labels: Callable[[str], list[str]]
     path: Path | None = None
-    notes: tuple[str, ...] = ()
+    notes: Sequence[str] = ()
     whole: bool = False
 
     def first(self, name: str) -> float:
@@ -48,9 +48,10 @@ class TableSource:
         """A file's table, or one in memory. Raises DataError."""
         if isinstance(source, Path):
             header, stored = read_header(source), stored_table(source)
+            said = [] if stored is None else list(stored.notes)
 
             def read(names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
-                return read_columns(source, header, names, optional=optional)
+                return read_columns(source, header, names, optional=optional, said=said)
 
             return cls(
                 f"log {source}",
@@ -59,7 +60,7 @@ class TableSource:
                 read,
                 partial(read_labels, source, header),
                 source,
-                () if stored is None else stored.notes,
+                said,
                 stored is not None,
             )
         columns = frame_columns(source)

@@ -146,7 +146,7 @@ class Reading:
                 f"log {path}: a rate_hz in the place of a time is not counted in streaming; read it whole (--no-stream)."
             )
         header = read_header(path)
-        if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig":
+        if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig" or header.moments:
             raise UnsupportedError(f"log {path}: this dialect is read as a whole only; take --stream away, or write it with commas.")
         if not self.columns and joint_state_columns(header) is not None:
             raise UnsupportedError(f"log {path}: JointState messages with a name array cannot be streamed; read it whole (--no-stream).")

@@ -14,6 +14,7 @@ from ...errors import DataError
 from . import arrays, bag, hdf5, lists, mat, messages, scope  # the formats that are registered
 from .dialect import text_header
 from .header import MISSING, Header, check_file, is_number, numeric, seconds
+from .moments import seconds_of
 from .parquet import arrow_values, parquet_file, parquet_table, stored_names
 from .stored import Stored, format_of, split_inside
 from .text import read_text_columns, rows_of_text, text_columns
@@ -86,8 +87,10 @@ def recordings_in(path: Path) -> list[Path]:
     return [path / name for name in inside] or [path]
 
 
-def read_columns(path: Path, header: Header, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
-    """The named columns as float arrays (missing entries are NaN), and those of `optional` that are numbers.
+def read_columns(
+    path: Path, header: Header, names: Sequence[str], optional: Sequence[str] = (), said: list[str] | None = None
+) -> dict[str, Array]:
+    """The named columns as float arrays (missing entries are NaN), and those of `optional` that are numbers. `said`: as of `text_columns`.
 
     Raises DataError naming file, column and row."""
     if (stored := stored_table(path)) is not None:
@@ -105,12 +108,13 @@ def read_columns(path: Path, header: Header, names: Sequence[str], optional: Seq
     first = [fields for _, fields in islice(rows_of_text(path, header), 5)]
     place = {name: header.names.index(name) for name in optional}
     numbers = [n for n, i in place.items() if all(i < len(f) and _number_or_none(f[i], header) for f in first)]
-    if not numbers:
-        return text_columns(path, header, names)
-    try:
-        return text_columns(path, header, [*names, *numbers])
-    except DataError:
-        return text_columns(path, header, names)
+    texts = [n for n in (*names, *optional) if n in header.moments]
+    moments = {n: seconds_of(x, path, n) for n, x in read_text_columns(path, header, texts).items()} if texts else {}
+    names = [n for n in names if n not in moments]
+    if numbers:
+        with suppress(DataError):
+            return text_columns(path, header, [*names, *numbers], said) | moments
+    return (text_columns(path, header, names, said) if names or not moments else {}) | moments
 
 
 def _number_or_none(text: str, header: Header) -> bool:
