@@ -8,9 +8,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .readers.moments import MOMENT
 from .stamps import fraction_of
 from .units import as_suffix, bracketed, is_unit, split_unit, unit_of
-from .words import COMPUTED, ESTIMATED, HANDS, MOTOR, NOT_JOINTS, QUANTITIES, QUANTITY_WORDS, SAID, TAKEN, TIME, WANTED, quantity_of, words_of
+from .words import (
+    COMPUTED,
+    ESTIMATED,
+    HANDS,
+    MOTOR,
+    NOT_JOINTS,
+    QUANTITIES,
+    QUANTITY_WORDS,
+    SAID,
+    TAKEN,
+    TIME,
+    WANTED,
+    quantity_of,
+    words_of,
+)
 
 Array = np.ndarray
 _NUMBER = re.compile(r"\d+")
@@ -25,7 +40,8 @@ _BESIDE = {"joint", "axis", "motor", "link", "arm", "side", "raw", "left", "righ
 _LAST_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 #: What rows of units and labels write, beside the suffixes of our own.
 _WRITTEN = {
-    "°": "deg", "grad": "deg", "°/s": "deg_s", "deg/s": "deg_s", "rad/s": "rad_s", "grad/s": "deg_s", "u/min": "rpm", "1/min": "rpm", "µs": "us",
+    "°": "deg", "grad": "deg", "°/s": "deg_s", "deg/s": "deg_s", "rad/s": "rad_s", "grad/s": "deg_s", "u/min": "rpm", "1/min": "rpm",
+    "µs": "us",
 }  # fmt: skip
 
 
@@ -162,19 +178,21 @@ def _around_names(
     known = {bare_name(joint): joint for joint in joints or ()}
     for name in names:
         plain, unit = bracketed(name)
-        told = unit_suffix(unit) or unread_unit(unit)
-        plain = plain if told else name
+        unit = unit_suffix(unit) or unread_unit(unit)
+        plain = plain if unit else name
         parts = [part for part in re.split(r"[^A-Za-z0-9%]+", plain) if part]
         said = [part for part in parts if part.lower() in SAID]
         joint = "_".join(part for part in parts if part not in said)
         named = any(part.lower() in QUANTITIES for part in said) and re.search("[A-Za-z]", joint)
         if not named or (known and bare_name(joint) not in known) or (not known and words_of(joint) & (_AXES | TIME - {"t"})):
             continue
-        stem = " ".join(said).lower() + (f" [{told}]" if told else "")
+        stem = " ".join(said).lower() + (f" [{unit}]" if unit else "")
         _put(stems, stem, name, known.get(bare_name(joint), joint), joints)
     of_stem = {stem: {joint for *_, joint in members} for stem, members in stems.items()}
     placed = [
-        own for stem, own in of_stem.items() if words_of(stem) & QUANTITY_WORDS["q"] and len(own) > 1 and any(not re.search(r"\d", x) for x in own)
+        own
+        for stem, own in of_stem.items()
+        if words_of(stem) & QUANTITY_WORDS["q"] and len(own) > 1 and any(not re.search(r"\d", x) for x in own)
     ]
     # Without a robot, joints are those that have positions.
     told = {stem: members for stem, members in stems.items() if known or any(of_stem[stem] <= own for own in placed)}
@@ -246,8 +264,25 @@ def known_scale(unit: str) -> float:
 
 
 def scalar_time_names(names: Sequence[str], units: Mapping[str, str] | None = None) -> list[str]:
-    """Columns whose name, or unit, is one of time, the likeliest first: the sender's stamp before the recorder's, plain names before others."""
-    exact = ("t", "time", "timestamp", "timestamps", "tstamps", "zeit", "stamp", "secs", "sec", "seconds", "ms", "%time", "ipoc", "clock", "ts")
+    """Columns whose name, or unit, is one of time, the likeliest first: the sender's stamp before the recorder's, plain names before
+    others."""
+    exact = (
+        "t",
+        "time",
+        "timestamp",
+        "timestamps",
+        "tstamps",
+        "zeit",
+        "stamp",
+        "secs",
+        "sec",
+        "seconds",
+        "ms",
+        "%time",
+        "ipoc",
+        "clock",
+        "ts",
+    )
     lower = {n.lower(): n for n in names}
     found = [lower[k] for k in lower if re.search(r"stamp[./_](sec|secs)$|header[./]stamp$", k)] + [lower[k] for k in exact if k in lower]
     others = [n for n in names if words_of(n) & (TIME - {"t", "ms", "ts", "stamp"})]
@@ -256,5 +291,7 @@ def scalar_time_names(names: Sequence[str], units: Mapping[str, str] | None = No
 
 
 def _time_unit(name: str, units: Mapping[str, str]) -> bool:
+    if units.get(name) == MOMENT:
+        return True
     unit = unit_suffix(units.get(name, "")) or unit_suffix(bracketed(name)[1])
     return bool(unit) and unit_of(unit).dimension == "time"

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import DataError
 from .channels import ChannelGroup, known_scale, scalar_time_names, unit_suffix, unread_unit
+from .readers.moments import MOMENT
 from .stamps import fraction_beside, fraction_of, since_1970
 from .units import bracketed
 
@@ -38,12 +39,15 @@ def time_of(
 ) -> RecordedTime:
     """The sender's stamp before the recorder's, and one that rises. `scales`: of positions and velocities; `units`: of columns."""
     rising: dict[str, Array] = {}
-    doubts = []
-    for name in scalar_time_names(names, units):
+    doubts, paired = list[str](), set[str]()
+    for name in sorted(
+        scalar_time_names(names, units), key=lambda name: units.get(name) == MOMENT
+    ):  # a time of day where there is no other
         try:
             values = np.asarray(read([name])[name], float)
             if part := fraction_beside(name, names, read):
                 values = values + part[1] * np.asarray(read([part[0]])[part[0]], float)
+                paired.add(name)
             elif fraction_of(name, names) and np.mean(np.diff(values) > 0) < 0.5:
                 continue
         except DataError as error:
@@ -56,7 +60,11 @@ def time_of(
             doubts.append(f"column {name!r} does not rise from row to row.")
     if not rising:
         return RecordedTime(doubt=doubts[0] if doubts else "")
+    if units.get(next(iter(rising))) == MOMENT:
+        return RecordedTime(next(iter(rising)))
     for name in rising:
+        if name in paired:
+            return RecordedTime(name)
         if unit := unit_suffix(units.get(name, "")) or unit_suffix(bracketed(name)[1]):
             return RecordedTime(name, known_scale(unit))
     for name, values in rising.items():
@@ -80,9 +88,7 @@ def _seconds(name: str, t: Array) -> float:
     return 1e-3 if name.lower() == "ms" or (whole and 1.0 <= step <= 200.0) else 1.0
 
 
-def rate_ratio(
-    t: Array, table: Mapping[str, Array], q: ChannelGroup, dq: ChannelGroup | None, scales: tuple[float, float]
-) -> float | None:
+def rate_ratio(t: Array, table: Mapping[str, Array], q: ChannelGroup, dq: ChannelGroup | None, scales: tuple[float, float]) -> float | None:
     """How many times faster the logged velocities (SI) are than the positions (SI) in units of this time; None where nothing tells."""
     if dq is None:
         return None

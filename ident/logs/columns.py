@@ -54,7 +54,9 @@ class ColumnPlan:
             if not columns:
                 continue
             if quantity == "t" and len(columns) > 1:  # seconds, and a fraction of one
-                out["t"] = sum((c.scale * np.asarray(table[c.source], float) for c in columns[1:]), np.asarray(table[columns[0].source], float))
+                out["t"] = sum(
+                    (c.scale * np.asarray(table[c.source], float) for c in columns[1:]), np.asarray(table[columns[0].source], float)
+                )
                 continue
             rows = len(table[columns[0].source])
             array = np.full((rows, self.n), np.nan) if quantity != "t" else np.empty((rows, 1))

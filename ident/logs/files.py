@@ -11,8 +11,7 @@ from ..errors import DataError
 from .readers.stored import split_inside
 from .readers.tables import recordings_in
 from .readers.topics import is_bag
-from .readers.wording import DESIRED, MEASURED
-from .words import words_of
+from .words import DESIRED, MEASURED, words_of
 
 _SUFFIXES = {
     ".csv",

@@ -15,6 +15,7 @@ from .columns import ColumnPlan, resolve_columns
 from .long_tables import long_table
 from .names import KEYS, Column, JointNames, parse_name
 from .readers.header import Header
+from .readers.moments import MOMENT
 from .recognise import RecordedChannels, recognised
 from .recorders import recorder_of
 from .references import references
@@ -107,8 +108,8 @@ def _recognised(source: TableSource, joints: JointNames | None, counted: bool) -
     elif "t" not in mapping:
         usual = "500" if found.rate_hz is None else f"{found.rate_hz:g}"
         raise DataError(
-            f"{where}: recognised{f' as {found.recorder}' if found.recorder else ''} ({found.text}), but it holds no time{_because(found.untimed)}: how many"
-            f" samples a second are there? Say so: [logs] rate_hz = {usual} (--rate-hz {usual})"
+            f"{where}: recognised{f' as {found.recorder}' if found.recorder else ''} ({found.text}), but it holds no"
+            f" time{_because(found.untimed)}: how many samples a second are there? Say so: [logs] rate_hz = {usual} (--rate-hz {usual})"
             + (f"; {usual} is usual there." if found.rate_hz is not None else ".")
         )
     plan = resolve_columns((*names, COUNTED) if counted else names, joints, mapping, where=where)
@@ -125,11 +126,11 @@ def _told_units(header: Header, where: str) -> dict[str, str]:
     for name, told in zip(header.names, header.units, strict=False):
         named = parse_name(name, None, [])
         if told and named is not None:
-            out[name] = unit_suffix(told)
+            out[name] = "s" if told == MOMENT and named.quantity == "t" else unit_suffix(told)
             if not out[name] and (unread := unread_unit(told)):
                 raise DataError(
                     f"{where}: column {name!r} is in {unread!r}, which is no unit that is known. Say what one of it is in SI units under"
-                    f' [columns] of a study file: {KEYS[named.quantity]}{named.joint + 1 if named.quantity != "t" else ""} = {{ column ='
+                    f" [columns] of a study file: {KEYS[named.quantity]}{named.joint + 1 if named.quantity != 't' else ''} = {{ column ="
                     f' "{name}", scale = … }}.'
                 )
     return out

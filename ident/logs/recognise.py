@@ -89,7 +89,9 @@ def recognised(
     said = f"positions from {q}{_in(scale, counted)}"
     time = time_of(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
     if "tau" in chosen and chosen["tau"].of_motors and not q.of_motors:
-        geared, about = _side_of_motors(chosen["tau"], [g for g in fitting if g.quantity == "dq" and g.of_motors], q, table, scale, time, read)
+        geared, about = _side_of_motors(
+            chosen["tau"], [g for g in fitting if g.quantity == "dq" and g.of_motors], q, table, scale, time, read
+        )
         beside.append(about)
         if geared:
             chosen["tau_m"] = chosen.pop("tau")
@@ -231,7 +233,9 @@ def _companions(
             notes.append(f"{g} say that they are computed: parameters are those of what computed them, as far as it is right.")
     elif "i" not in chosen:
         asked = [g for g in found if g.quantity == "tau" and g.wanted and not g.estimated and len(g.columns) == n and moves(table, g)]
-        notes += [f"{g} are torques that were asked for, not measured: to use them, say so under [columns] ({_as_torque(g)})." for g in asked[:1]]
+        notes += [
+            f"{g} are torques that were asked for, not measured: to use them, say so under [columns] ({_as_torque(g)})." for g in asked[:1]
+        ]
     return chosen, notes
 
 
@@ -249,7 +253,10 @@ def _side_of_motors(
         ratio = rate_ratio(time.factor * np.asarray(read([time.column])[time.column], float), table, q, dq, (scale, known_scale(dq.unit)))
         if ratio is not None and ratio < 1 / _GEARED:
             return True, f"{g} are torques before the gears: {dq} turn about {1 / ratio:.3g} times as fast as the joints ([drive] ratio)."
-    return False, f'{g} are called the motors\', but are taken as torques of the joints; if they are before the gears, say [drive] torque = "motor".'
+    return (
+        False,
+        f'{g} are called the motors\', but are taken as torques of the joints; if they are before the gears, say [drive] torque = "motor".',
+    )
 
 
 def _as_torque(g: ChannelGroup) -> str:

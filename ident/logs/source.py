@@ -24,8 +24,8 @@ Array = np.ndarray
 class TableSource:
     """What messages call a table (`where`), its `name`, its `header`, how columns and labels are read, and the file that it is.
 
-    `read`: (names, optional) → columns as floats; `labels`: name → one text a row. `notes`: what its reader has to say, once it has read; `whole`: it is
-    read as a whole, whatever is wanted of it."""
+    `read`: (names, optional) → columns as floats; `labels`: name → one text a row. `notes`: what its reader has to say, once it has read;
+    `whole`: it is read as a whole, whatever is wanted of it."""
 
     where: str
     name: str

@@ -89,7 +89,8 @@ _WORDS = {
     "usec": "us", "microsecond": "us", "microseconds": "us", "nsec": "ns", "nanosecond": "ns", "nanoseconds": "ns",
     "sec2": "s2", "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
     "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "turns": "turn", "revs": "rev", "revolution": "rev", "revolutions": "rev",
-    "lb": "lbf", "lbs": "lbf", "oz": "ozf", "kg": "kgf", "inch": "in", "newton": "N", "newtons": "N", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "volt": "V", "volts": "V",
+    "lb": "lbf", "lbs": "lbf", "oz": "ozf", "kg": "kgf", "inch": "in",
+    "newton": "N", "newtons": "N", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "volt": "V", "volts": "V",
 }  # fmt: skip
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 
-from .readers.wording import DESIRED, MEASURED
-
+#: Words by which names say that something was asked for, or measured: of files, of topics and of columns.
+DESIRED = frozenset({"desired", "des", "target", "reference", "ref", "command", "commanded", "commands", "cmd", "setpoint", "soll", "goal"})
+MEASURED = frozenset({"measured", "meas", "actual", "feedback", "state", "ist"})
 #: Words for a quantity, by its symbol.
 QUANTITY_WORDS = {
     "q": {"q", "pos", "position", "positions", "angle", "angles", "winkel", "mp", "ip", "qpos", "aipos", "aspos", "theta", "posicion",

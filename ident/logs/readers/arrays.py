@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import DataError, UnsupportedError
+from ..words import words_of
 from .damage import damage_told
 from .packed import Expansion
-from ..words import words_of
 from .stored import Chunked, LogFormat, Stored, register_log_format
 
 Array = np.ndarray
@@ -153,8 +153,8 @@ def stretches(rows: int) -> list[int]:
 
 
 def leaves(content: Any, name: str = "") -> dict[str, Array]:
-    """Arrays of nested dicts and lists by path (`rec.pos`, `signals[0].values`); a dict of values and a label (dSPACE: data and a name) goes
-    by that, with its unit in brackets; lists of dicts that tell their own names by these, lists of text as arrays."""
+    """Arrays of nested dicts and lists by path (`rec.pos`, `signals[0].values`); a dict of values and a label (dSPACE: data and a name)
+    goes by that, with its unit in brackets; lists of dicts that tell their own names by these, lists of text as arrays."""
     if isinstance(content, Mapping):
         if labelled := _labelled(content):
             return labelled
@@ -253,3 +253,18 @@ def _npz_chunks(path: Path) -> Chunked:
 
 
 NPZ = register_log_format(LogFormat("NumPy arrays", lambda path, start: path.suffix.lower() == ".npz", _read_npz, chunks=_npz_chunks))
+
+
+def _read_npy(path: Path) -> Stored:
+    unpacked = Expansion(path)
+    with damage_told(path, _NO_ARRAYS):
+        unpacked.add(path.stat().st_size)
+        table = np.load(path, allow_pickle=False)
+    if table.dtype.names:
+        return columns_of({name: table[name] for name in table.dtype.names}, f"log {path}")
+    if table.ndim != 2 or table.dtype.kind not in "fiub":
+        raise DataError(f"log {path}: holds an array {table.shape} of {table.dtype}, which is no table of samples.")
+    return Stored({f"#{k}": column for k, column in enumerate((table if table.shape[0] >= table.shape[1] else table.T).T.astype(float))})
+
+
+NPY = register_log_format(LogFormat("a NumPy array", lambda path, start: start.startswith(b"\x93NUMPY"), _read_npy))

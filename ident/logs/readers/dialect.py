@@ -14,7 +14,7 @@ from pathlib import Path
 from ...errors import DataError
 from .damage import DAMAGED, reason
 from .header import Header, is_number, once
-from .moments import is_moment
+from .moments import MOMENT, is_moment
 from .packed import bounded_lines, open_binary
 
 #: A first line by which spreadsheets are told what separates fields; what else may, and of how many columns at least.
@@ -118,7 +118,7 @@ def _with_rows(names: tuple[str, ...], rows: list[tuple[str, ...]], number: int,
         decimal = "," if all(is_number(x.replace(",", ".", 1)) for x in numbers if "," in x) else "."
     moments = tuple(name for name, x in zip(names, first, strict=False) if is_moment(x))
     if moments:
-        units = tuple("s" if name in moments else unit for name, unit in zip(names, units or ("",) * len(names), strict=False))
+        units = tuple(MOMENT if name in moments else unit for name, unit in zip(names, units or ("",) * len(names), strict=False))
     return Header(once(names), number, delimiter, decimal, units, encoding, moments=moments)
 
 

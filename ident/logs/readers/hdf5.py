@@ -67,12 +67,12 @@ def _texts(item: Any) -> Array | None:
 def _pandas(found: dict[str, Any]) -> dict[str, Any]:
     """The same with the blocks of a DataFrame (`block0_items`, `block0_values`) as columns by their names."""
     out = dict(found)
-    for name in found:
+    for name, item in found.items():
         block = re.match(r"^(?P<stem>.*block\d+)_values$", name)
         items = found.get(f"{block['stem']}_items") if block else None
-        if items is not None and items.dtype.kind == "U" and len(found[name].shape) == 2 and found[name].shape[1] == len(items):
+        if items is not None and items.dtype.kind == "U" and len(item.shape) == 2 and item.shape[1] == len(items):
             values = np.asarray(out.pop(name)[()])
-            out |= {str(item): values[:, k] for k, item in enumerate(items)}
+            out |= {str(column): values[:, k] for k, column in enumerate(items)}
     return out
 
 

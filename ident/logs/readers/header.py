@@ -22,8 +22,9 @@ AGAIN = "\x00again "
 @dataclass(frozen=True)
 class Header:
     """Column names of a table; for text, on which line they end (from 1), what separates fields (" ": runs of spaces) and the digits of a
-    number, the units that are told of columns, and the encoding. `unnamed`: the file names no column; `#0`, `#1` … stand for them; `moments`:
-    columns of dates with times, or times of day."""
+    number, the units that are told of columns, and the encoding.
+
+    `unnamed`: the file names no column; `#0`, `#1` … stand for them; `moments`: columns of dates with times, or times of day."""
 
     names: tuple[str, ...]
     line: int = 0

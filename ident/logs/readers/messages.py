@@ -40,14 +40,14 @@ def _read_json(path: Path) -> Stored:
         whole = json.loads(text)
     except (ValueError, RecursionError):
         cut: list[str] = []
-        stored = _table(_lines(text, path, cut), path)
+        stored = table_of_messages(_lines(text, path, cut), path)
         return replace(stored, notes=(*stored.notes, *cut))
     if isinstance(whole, list) and whole and all(isinstance(m, dict) for m in whole):
-        return _table(iter(whole), path)
+        return table_of_messages(iter(whole), path)
     if isinstance(whole, dict):
         for value in whole.values():
             if isinstance(value, list) and len(value) > 1 and all(isinstance(m, dict) for m in value):
-                return _table(iter(value), path)
+                return table_of_messages(iter(value), path)
         return columns_of(leaves(_arrays(_named_table(whole))), f"log {path}")
     raise DataError(f"log {path}: is JSON, but neither messages nor arrays by name.")
 
@@ -97,7 +97,7 @@ def _arrays(content: Any, deep: int = 0) -> Any:
     return content
 
 
-def _table(messages: Iterator[Any], path: Path) -> Stored:
+def table_of_messages(messages: Iterator[Any], path: Path) -> Stored:
     """Columns of messages: a row each; what some lack is NaN there."""
     rows = [_flat(message) for message in messages if isinstance(message, dict)]
     names: dict[str, None] = {}
@@ -166,7 +166,7 @@ def _read_xml(path: Path) -> Stored:
     records = list(root)
     if len(records) == 1:
         records = list(records[0])
-    return _table((_attributes(record) for record in records), path)
+    return table_of_messages((_attributes(record) for record in records), path)
 
 
 def _attributes(record: Any, name: str = "", deep: int = 0) -> dict[str, Any]:

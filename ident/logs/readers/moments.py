@@ -18,6 +18,8 @@ _MOMENT = re.compile(
     r"(?P<second>\d{2}(?:[.,]\d+)?)\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?"
 )
 _DAY = 86_400.0
+#: What stands for the unit of such a column.
+MOMENT = "moment"
 
 
 def is_moment(text: str) -> bool:
@@ -36,7 +38,9 @@ def seconds_of(texts: Array, path: Path, name: str) -> Array:
         if found is None:
             if str(text).strip().lower() in MISSING:
                 continue
-            raise DataError(f"log {path}: column {name!r}, data row {k + 1}: {str(text)[:40]!r} is no date with a time, as others there are.")
+            raise DataError(
+                f"log {path}: column {name!r}, data row {k + 1}: {str(text)[:40]!r} is no date with a time, as others there are."
+            )
         hour = int(found["hour"])
         if found["half"]:
             hour = hour % 12 + 12 * (found["half"].lower() == "pm")

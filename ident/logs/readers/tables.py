@@ -11,17 +11,20 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import DataError
-from . import arrays, bag, hdf5, lists, mat, messages, scope  # the formats that are registered
+from . import arrays, bag, cells, hdf5, lists, mat, messages, scope, unread  # the formats that are registered
 from .dialect import text_header
 from .header import MISSING, Header, check_file, is_number, numeric, seconds
 from .moments import seconds_of
-from .parquet import arrow_values, parquet_file, parquet_table, stored_names
+from .parquet import arrow_values, parquet_file, parquet_table, stored_names, time_columns
 from .stored import Stored, format_of, split_inside
 from .text import read_text_columns, rows_of_text, text_columns
 
 Array = np.ndarray
 #: The formats that come with the package.
-BUILT_IN = (arrays.NPZ, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, lists.ARROW, scope.SCOPE, bag.BAG)
+BUILT_IN = (
+    arrays.NPZ, arrays.NPY, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, lists.ARROW, scope.SCOPE,
+    cells.CELLS, bag.BAG, unread.UNREAD,
+)  # fmt: skip
 _PARQUET = (".parquet", ".pq")
 #: Rows that tell the size of a time.
 _FIRST = 5
@@ -34,7 +37,11 @@ def read_header(path: Path) -> Header:
     if (stored := stored_table(path)) is not None:
         return Header(stored.names, units=tuple(stored.units.get(name, "") for name in stored.names))
     if path.suffix.lower() in _PARQUET:
-        return Header(tuple(name for name, _ in stored_names(parquet_file(path))))
+        file = parquet_file(path)
+        times = time_columns(file)
+        return Header(
+            tuple(name for name, _ in stored_names(file)), units=tuple("s" if own in times else "" for _, own in stored_names(file))
+        )
     return text_header(path)
 
 
@@ -100,7 +107,7 @@ def read_columns(
         own_names = {name: own for name, own in stored_names(parquet_file(path)) if name in (*names, *optional)}
         table = parquet_table(path, list(own_names.values()))
         columns = {name: arrow_values(table.column(own)) for name, own in own_names.items()}
-        out = {name: numeric(columns[name], path, name) for name in names}
+        out = {name: seconds(numeric(columns[name], path, name)) for name in names}
         for name in optional:
             with suppress(DataError):
                 out[name] = seconds(numeric(columns[name], path, name))

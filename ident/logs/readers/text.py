@@ -17,7 +17,7 @@ from .header import MISSING, Header, is_number
 from .moments import is_moment
 from .packed import open_binary, open_whole
 from .parquet import arrow_values
-from .strangers import without_strangers
+from .strangers import is_stranger, without_strangers
 
 Array = np.ndarray
 #: Characters of a field that messages show.
@@ -72,16 +72,16 @@ def text_columns(path: Path, header: Header, names: Sequence[str], said: list[st
         if said is None:
             raise
         with body_of(path, header) as stream:
-            found = without_strangers(stream, header, path)
-        if found is None:
+            rows, left = without_strangers(stream, header)
+        if not left:
             raise
         try:
-            columns = pandas_columns(io.BytesIO(found[0]), header, names, 0)
+            columns = pandas_columns(io.BytesIO(rows), header, names, 0)
         except (ValueError, OverflowError):
             columns = None
         if columns is None:
             raise
-        said += [note for note in found[1] if note not in said]
+        said += [note for note in left.notes(f"log {path}") if note not in said]
         return columns
 
 
@@ -228,7 +228,8 @@ def bad_text(
     """Find the first row that cannot be read and say what is wrong with it. `rows`: those to look at, beginning with data row
     `first`; by default all."""
     index, last = [(header.names.index(n), n) for n in names], (first, 0)
-    for row, (line, fields) in enumerate(rows_of_text(path, header) if rows is None else rows, first):
+    own = ((line, fields) for line, fields in (rows_of_text(path, header) if rows is None else rows) if not is_stranger(fields, header))
+    for row, (line, fields) in enumerate(own, first):
         if len(fields) > len(header.names):
             return DataError(
                 f"log {path}: line {line} (data row {row}) has {len(fields)} fields, but the header has {len(header.names)}; mend that"
