@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import DataError
 from .channels import ChannelGroup, known_scale, scalar_time_names, unit_suffix, unread_unit
+from .readers.header import seconds
 from .readers.moments import MOMENT
 from .stamps import fraction_beside, fraction_of, since_1970
 from .units import bracketed
@@ -44,7 +45,7 @@ def time_of(
         scalar_time_names(names, units), key=lambda name: units.get(name) == MOMENT
     ):  # a time of day where there is no other
         try:
-            values = np.asarray(read([name])[name], float)
+            values = np.asarray(seconds(np.asarray(read([name])[name])), float)
             if part := fraction_beside(name, names, read):
                 values = values + part[1] * np.asarray(read([part[0]])[part[0]], float)
                 paired.add(name)

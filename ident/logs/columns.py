@@ -139,8 +139,7 @@ def resolve_columns(
     _check_units(found, joints, where, notes)
     found = _complete(found, n, joints, where, notes, unknown)
     columns = tuple(sorted(found.values(), key=lambda c: (QUANTITIES.index(c.quantity), c.joint)))
-    known = joints.names if joints else tuple(names)
-    known, used = known if len(known) == n else (), {c.source for c in columns}
+    known, used = (k if len(k := joints.names if joints else tuple(names)) == n else ()), {c.source for c in columns}
     hint = "" if any(c.quantity.startswith("tau") for c in columns) else torque_question(unknown, range(n), known)
     return ColumnPlan(columns, n, known, tuple(h for h in header if h not in used), tuple(notes), hint, where)
 

@@ -125,8 +125,8 @@ def _told_units(header: Header, where: str) -> dict[str, str]:
     out = {}
     for name, told in zip(header.names, header.units, strict=False):
         named = parse_name(name, None, [])
-        if told and named is not None:
-            out[name] = "s" if told == MOMENT and named.quantity == "t" else unit_suffix(told)
+        if told and named is not None and (told != MOMENT or named.quantity == "t"):
+            out[name] = "s" if told == MOMENT else unit_suffix(told)
             if not out[name] and (unread := unread_unit(told)):
                 raise DataError(
                     f"{where}: column {name!r} is in {unread!r}, which is no unit that is known. Say what one of it is in SI units under"

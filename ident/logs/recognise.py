@@ -77,43 +77,34 @@ def recognised(
     q = _best(positions, table)
     if not moves(table, q):
         return None
-    found_beside = _companions(q, fitting, table, names)
-    if found_beside is None:
+    chosen, beside = _companions(q, fitting, table, names)
+    if not chosen:
         return None  # torque of some joints only: which is which must be asked
-    chosen, beside = found_beside
     if recorder is not None and recorder.effort == "current" and "tau" in chosen:
         chosen["i"] = chosen.pop("tau")
     scale, offset, counted = _position_scale(q, table, recorder)
-    mapping: dict[str, Any] = {}
     rate = _factor("dq", chosen["dq"], scale, counted, recorder) if "dq" in chosen else scale
-    said = f"positions from {q}{_in(scale, counted)}"
     time = time_of(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
     if "tau" in chosen and chosen["tau"].of_motors and not q.of_motors:
-        geared, about = _side_of_motors(
-            chosen["tau"], [g for g in fitting if g.quantity == "dq" and g.of_motors], q, table, scale, time, read
-        )
+        speeds = [g for g in fitting if g.quantity == "dq" and g.of_motors]
+        geared, about = _side_of_motors(chosen["tau"], speeds, q, table, scale, time, read)
         beside.append(about)
-        if geared:
-            chosen["tau_m"] = chosen.pop("tau")
-    for quantity, g in chosen.items():
-        factor, shift = (scale, offset) if quantity == "q" else (_factor(quantity, g, scale, counted, recorder), 0.0)
-        for j, column in enumerate(g.columns):
-            mapping[f"{quantity}{j + 1}"] = _entry(column, quantity, factor, shift)
+        chosen = {"tau_m" if geared and k == "tau" else k: g for k, g in chosen.items()}
+    factors = {k: (scale, offset) if k == "q" else (_factor(k, g, scale, counted, recorder), 0.0) for k, g in chosen.items()}
+    mapping = {f"{k}{j + 1}": _entry(column, k, *factors[k]) for k, g in chosen.items() for j, column in enumerate(g.columns)}
     if time.column:
         mapping["t"] = _entry(time.column, "t", time.factor)
-        said = f"time from {time.column!r}" + ("" if time.factor == 1.0 else f" (times {time.factor:g} s)") + f", {said}"
-    for quantity, word in (("dq", "velocities"), ("tau", "torque"), ("tau_m", "motor torque"), ("i", "current")):
-        if quantity in chosen:
-            said += f", {word} from {chosen[quantity]}"
+    said = _said(chosen, time, _in(scale, counted))
     wanted, order_notes = references(fitting, q, table, (scale, offset))
     if wanted:
         said += f", desired motion from {next(iter(wanted.values()))[0]!r} …"
     if recorder is not None and recorder.desired == "command":
-        wanted = wanted | {key.replace("_ref", "_cmd"): source for key, source in wanted.items() if key.startswith("q_ref")}
+        wanted |= {key.replace("_ref", "_cmd"): source for key, source in wanted.items() if key.startswith("q_ref")}
     used = {v if isinstance(v, str) else v["column"] for v in mapping.values()} | {c for c, *_ in wanted.values()}
     effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
     told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
-    beside += [*_put_in_order(order, joints), *order_notes, *_of_other_names(q, joints), *_others(q, positions, table)]
+    say = [recorder.say] if recorder is not None and recorder.say else []
+    beside = [*say, *beside, *_put_in_order(order, joints), *order_notes, *_of_other_names(q, joints), *_others(q, positions, table)]
     return RecordedChannels(
         mapping,
         wanted,
@@ -122,10 +113,21 @@ def recognised(
         "" if recorder is None else recorder.name,
         told,
         effort,
-        (*(() if recorder is None or not recorder.say else (recorder.say,)), *beside),
+        tuple(beside),
         None if recorder is None else recorder.rate_hz,
         time.doubt,
     )
+
+
+def _said(chosen: Mapping[str, ChannelGroup], time: RecordedTime, unit: str) -> str:
+    """What is read from where, in words."""
+    said = f"positions from {chosen['q']}{unit}"
+    if time.column:
+        said = f"time from {time.column!r}" + ("" if time.factor == 1.0 else f" (times {time.factor:g} s)") + f", {said}"
+    for quantity, word in (("dq", "velocities"), ("tau", "torque"), ("tau_m", "motor torque"), ("i", "current")):
+        if quantity in chosen:
+            said += f", {word} from {chosen[quantity]}"
+    return said
 
 
 def _positions(found: Sequence[ChannelGroup]) -> list[ChannelGroup]:
@@ -206,8 +208,8 @@ def _moving(table: Mapping[str, Array], group: ChannelGroup) -> int:
 
 def _companions(
     q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, Array], names: Sequence[str]
-) -> tuple[dict[str, ChannelGroup], list[str]] | None:
-    """Velocities, and torque or current, of the same joints, and what is said of such that are not taken; None where torque is there for
+) -> tuple[dict[str, ChannelGroup], list[str]]:
+    """Velocities, and torque or current, of the same joints, and what is said of such that are not taken; nothing where torque is there for
     some joints only. A torque that is computed counts only where there is neither another nor a current."""
     chosen, notes = {"q": q}, list[str]()
     n = len(q.columns)
@@ -216,7 +218,7 @@ def _companions(
         plain = [g for g in found if g.quantity == quantity and not g.wanted and not g.estimated]
         same = [g for g in plain if len(g.columns) == n and (moves(table, g) or (quantity == "dq" and at_rest))]
         if quantity == "tau" and not same and any(moves(table, g) and len(g.columns) != n for g in plain):
-            return None
+            return {}, []
         notes += [f"{g} do not tell the joints that {q} tell, and are not used." for g in same if g.along(q, names) is None]
         same = [g for one in same if (g := one.along(q, names)) is not None]
         read = [g for g in same if not g.unread and not (quantity == "dq" and g.of_motors and not q.of_motors)]

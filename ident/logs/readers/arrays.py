@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import struct
 import zipfile
 from collections import Counter
@@ -26,6 +27,8 @@ CHUNK, STRETCH, _STRETCHES = 1 << 16, 4096, 16
 _NO_ARRAYS = "is not a file of plain arrays"
 #: Arrays beyond so many columns are images and the like.
 _WIDEST = 1024
+#: What stands before every path of a model in dSPACE.
+_ROOT = re.compile(r'^"?Model Root"?/')
 #: Words by which a list tells the joints, or names of something.
 _OF_JOINTS, _NAMES = {"joint", "joints", "dof", "dofs", "motor", "motors", "actuator", "actuators"}, {"name", "names", "label", "labels"}
 #: Series of this share of the rest's samples are said when they are left out, so many by name.
@@ -183,6 +186,7 @@ def _labelled(content: Mapping[str, Any]) -> dict[str, Array]:
         told, held = plain.get(label), plain.get(values)
         if isinstance(told, str) and told.strip() and isinstance(held, np.ndarray) and held.dtype != object:
             unit = plain.get("unit", plain.get("units"))
+            told = _ROOT.sub("", told)
             return {f"{told.strip()} [{unit.strip()}]" if isinstance(unit, str) and unit.strip() else told.strip(): held}
     return {}
 

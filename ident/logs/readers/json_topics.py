@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,23 @@ def json_messages(blocks: Sequence[Block], path: Path, notes: Sequence[str]) -> 
         topics[channel.topic] += [(int(at), row.tobytes()) for at, row in zip(received.tolist(), raw, strict=True)]
     chosen = max(topics, key=lambda topic: (bool(words_of(topic) & {"joint", "joints"}), len(topics[topic])))
     messages = [_message(raw, chosen, path) | {"received": 1e-9 * at} for at, raw in sorted(topics[chosen])]
+    sent = [_sent(message) for message in messages]
+    if None not in sent and any(b < a for a, b in pairwise(sent)):
+        messages = [messages[k] for k in sorted(range(len(sent)), key=lambda k: sent[k])]
+        notes = [*notes, f"log {path}: messages were recorded in another order than they were stamped; the stamps count."]
     stored = table_of_messages(iter(messages), path)
     left = sorted(set(topics) - {chosen})
     said = [f"log {path}: messages of {chosen} are read, not those of {', '.join(left)}."] if left else []
     return replace(stored, units={"received": "s"}, notes=(*notes, *said))
+
+
+def _sent(message: Mapping[str, Any]) -> Any:
+    """The sender's stamp as ROS and Foxglove write it, (seconds, nanoseconds); None where there is none."""
+    header = message.get("header")
+    told = header.get("stamp") if isinstance(header, dict) else message.get("timestamp", message.get("stamp"))
+    part = next((told[k] for k in ("nanosec", "nsec", "nsecs") if k in told), None) if isinstance(told, dict) else None
+    whole = told.get("sec", told.get("secs")) if isinstance(told, dict) else None
+    return (whole, part) if isinstance(whole, int) and isinstance(part, int) else None
 
 
 def _message(raw: bytes, topic: str, path: Path) -> dict[str, Any]:

@@ -16,7 +16,8 @@ from ...errors import ConfigurationError, DataError, UnsupportedError
 from ..words import words_of
 from .arrays import CHUNK, STRETCH, element, stretches
 from .damage import damage_told
-from .header import numeric, seconds
+from .header import numeric
+from .moments import MOMENT
 from .parquet import arrow_values, parquet_file, parquet_table
 from .stored import Chunked, LogFormat, Stored, register_log_format
 
@@ -40,10 +41,10 @@ def _read(path: Path) -> Stored:
 
 
 def _moments(schema: Any, columns: Mapping[str, Array]) -> dict[str, str]:
-    """Units of columns that are times by their type: they have become seconds."""
+    """What stands for the unit of columns that are times by their type."""
     import pyarrow as pa
 
-    return {f.name: "s" for f in schema if pa.types.is_timestamp(f.type) and f.name in columns}
+    return {f.name: MOMENT for f in schema if pa.types.is_timestamp(f.type) and f.name in columns}
 
 
 def columns_of_arrow(table: Any, path: Path, told: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
@@ -62,7 +63,7 @@ def columns_of_arrow(table: Any, path: Path, told: Mapping[str, tuple[str, ...]]
             columns |= _elements(name, column, told.get(name, ()) or named.get(name.rpartition(".")[0], ()))
         else:
             with suppress(DataError, ValueError):
-                columns[name] = seconds(numeric(arrow_values(column), path, name))
+                columns[name] = numeric(arrow_values(column), path, name)
     return columns
 
 

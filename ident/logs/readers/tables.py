@@ -14,7 +14,7 @@ from ...errors import DataError
 from . import arrays, bag, cells, hdf5, lists, mat, messages, scope, unread  # the formats that are registered
 from .dialect import text_header
 from .header import MISSING, Header, check_file, is_number, numeric, seconds
-from .moments import seconds_of
+from .moments import MOMENT, seconds_of
 from .parquet import arrow_values, parquet_file, parquet_table, stored_names, time_columns
 from .stored import Stored, format_of, split_inside
 from .text import read_text_columns, rows_of_text, text_columns
@@ -40,7 +40,7 @@ def read_header(path: Path) -> Header:
         file = parquet_file(path)
         times = time_columns(file)
         return Header(
-            tuple(name for name, _ in stored_names(file)), units=tuple("s" if own in times else "" for _, own in stored_names(file))
+            tuple(name for name, _ in stored_names(file)), units=tuple(MOMENT if own in times else "" for _, own in stored_names(file))
         )
     return text_header(path)
 
@@ -107,7 +107,7 @@ def read_columns(
         own_names = {name: own for name, own in stored_names(parquet_file(path)) if name in (*names, *optional)}
         table = parquet_table(path, list(own_names.values()))
         columns = {name: arrow_values(table.column(own)) for name, own in own_names.items()}
-        out = {name: seconds(numeric(columns[name], path, name)) for name in names}
+        out = {name: numeric(columns[name], path, name) for name in names}
         for name in optional:
             with suppress(DataError):
                 out[name] = seconds(numeric(columns[name], path, name))
