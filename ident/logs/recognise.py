@@ -5,7 +5,6 @@ which is measured, wanted or estimated too. Time has its unit from its own numbe
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,7 +13,8 @@ import numpy as np
 
 from ..errors import DataError
 from .channels import ChannelGroup, bare_name, groups, known_scale
-from .clocks import RecordedTime, rate_ratio, time_of
+from .clocks import RecordedTime, time_of
+from .companions import SAME, companions, moves, side_of_motors
 from .recorders import EFFORTS, Recorder, recorder_of
 from .references import references
 from .units import expected_units, split_unit, unit_of
@@ -24,10 +24,6 @@ Array = np.ndarray
 Reader = Callable[[Sequence[str]], Mapping[str, Array]]
 #: Positions beyond so many turns are no radians.
 _TURNS = 2.2
-#: Motors that turn so many times as fast as the joints have gears.
-_GEARED = 3.0
-#: Two encoders of a joint differ by less than this share of its range.
-_SAME = 0.05
 #: A turn of an encoder's counts, as usual.
 _WHOLE = 3.0
 _QUANTITIES = {"t": "t", "q": "q", "dq": "dq", "tau": "tau_joint", "tau_m": "tau_motor", "i": "tau_current"}
@@ -69,17 +65,15 @@ def recognised(
     if not positions and joints:  # names that are not the robot's are names all the same
         fitting, _ = _fitting(groups(names, None, unit_of_column), joints)
         positions = [g for g in _positions(fitting) if g.named and len(g.columns) == len(joints)]
+    if not positions and wide:
+        raise _other_number(wide[0], joints or ())
     if not positions:
-        if wide:
-            raise _other_number(wide[0], joints or ())
         return None
     table = read([c for g in fitting for c in g.columns])
     q = _best(positions, table)
-    if not moves(table, q):
-        return None
-    chosen, beside = _companions(q, fitting, table, names)
+    chosen, beside = companions(q, fitting, table, names, joints) if moves(table, q) else ({}, [])
     if not chosen:
-        return None  # torque of some joints only: which is which must be asked
+        return None  # nothing there, or torque of some joints only: which is which must be asked
     if recorder is not None and recorder.effort == "current" and "tau" in chosen:
         chosen["i"] = chosen.pop("tau")
     scale, offset, counted = _position_scale(q, table, recorder)
@@ -87,7 +81,7 @@ def recognised(
     time = time_of(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
     if "tau" in chosen and chosen["tau"].of_motors and not q.of_motors:
         speeds = [g for g in fitting if g.quantity == "dq" and g.of_motors]
-        geared, about = _side_of_motors(chosen["tau"], speeds, q, table, scale, time, read)
+        geared, about = side_of_motors(chosen["tau"], speeds, q, table, scale, time, read)
         beside.append(about)
         chosen = {"tau_m" if geared and k == "tau" else k: g for k, g in chosen.items()}
     factors = {k: (scale, offset) if k == "q" else (_factor(k, g, scale, counted, recorder), 0.0) for k, g in chosen.items()}
@@ -104,7 +98,14 @@ def recognised(
     effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
     told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
     say = [recorder.say] if recorder is not None and recorder.say else []
-    beside = [*say, *beside, *_put_in_order(order, joints), *order_notes, *_of_other_names(q, joints), *_others(q, positions, table)]
+    beside = [
+        *say,
+        *beside,
+        *_put_in_order(order, joints),
+        *order_notes,
+        *of_other_names(q, joints),
+        *others_positions(q, positions, table),
+    ]
     return RecordedChannels(
         mapping,
         wanted,
@@ -196,7 +197,7 @@ def _best(positions: Sequence[ChannelGroup], table: Mapping[str, Array]) -> Chan
     for other in positions:
         if other.words & {"mot", "motor"} and len(other.columns) == len(best.columns) and moves(table, other):
             one, two = (np.stack([table[c] for c in g.columns]) for g in (best, other))
-            if np.nanmean((one - two) ** 2) <= _SAME**2 * np.nanmean((one - np.nanmean(one, axis=1, keepdims=True)) ** 2):
+            if np.nanmean((one - two) ** 2) <= SAME**2 * np.nanmean((one - np.nanmean(one, axis=1, keepdims=True)) ** 2):
                 return other
     return best
 
@@ -204,101 +205,6 @@ def _best(positions: Sequence[ChannelGroup], table: Mapping[str, Array]) -> Chan
 def _moving(table: Mapping[str, Array], group: ChannelGroup) -> int:
     """Columns that hold anything: a second encoder may be on some joints only."""
     return sum(moves(table, group.only([k])) for k in range(len(group.columns)))
-
-
-def _companions(
-    q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, Array], names: Sequence[str]
-) -> tuple[dict[str, ChannelGroup], list[str]]:
-    """Velocities, and torque or current, of the same joints, and what is said of such that are not taken; nothing where torque is there for
-    some joints only. A torque that is computed counts only where there is neither another nor a current."""
-    chosen, notes = {"q": q}, list[str]()
-    n = len(q.columns)
-    at_rest = all(np.ptp(table[c][np.isfinite(table[c])]) < 1e-3 for c in q.columns if np.isfinite(table[c]).any())
-    for quantity in ("dq", "i", "tau"):
-        plain = [g for g in found if g.quantity == quantity and not g.wanted and not g.estimated]
-        same = [g for g in plain if len(g.columns) == n and (moves(table, g) or (quantity == "dq" and at_rest))]
-        if quantity == "tau" and not same and any(moves(table, g) and len(g.columns) != n for g in plain):
-            return {}, []
-        notes += [f"{g} do not tell the joints that {q} tell, and are not used." for g in same if g.along(q, names) is None]
-        same = [g for one in same if (g := one.along(q, names)) is not None]
-        read = [g for g in same if not g.unread and not (quantity == "dq" and g.of_motors and not q.of_motors)]
-        notes += [_unread(g) for g in same if g.unread]
-        notes += [f"{g} are of the motors, and not used for the joints." for g in same if not g.unread and g not in read]
-        if quantity == "tau" and "i" in chosen and all(g.computed for g in read):
-            continue
-        if read:
-            chosen[quantity] = max(read, key=lambda g: (not g.computed, len(g.words & q.words), g.measured, -len(g.stem)))
-    if "tau" in chosen:
-        chosen.pop("i", None)
-        g = chosen["tau"]
-        if g.computed:
-            notes.append(f"{g} say that they are computed: parameters are those of what computed them, as far as it is right.")
-    elif "i" not in chosen:
-        asked = [g for g in found if g.quantity == "tau" and g.wanted and not g.estimated and len(g.columns) == n and moves(table, g)]
-        notes += [
-            f"{g} are torques that were asked for, not measured: to use them, say so under [columns] ({_as_torque(g)})." for g in asked[:1]
-        ]
-    return chosen, notes
-
-
-def _side_of_motors(
-    g: ChannelGroup,
-    speeds: Sequence[ChannelGroup],
-    q: ChannelGroup,
-    table: Mapping[str, Array],
-    scale: float,
-    time: RecordedTime,
-    read: Reader,
-) -> tuple[bool, str]:
-    """Whether torques that are called the motors' are before the gears, as the speeds of the motors tell; and what to say of them."""
-    for dq in [dq for dq in speeds if dq.unit and len(dq.columns) == len(q.columns) and time.column]:
-        ratio = rate_ratio(time.factor * np.asarray(read([time.column])[time.column], float), table, q, dq, (scale, known_scale(dq.unit)))
-        if ratio is not None and ratio < 1 / _GEARED:
-            return True, f"{g} are torques before the gears: {dq} turn about {1 / ratio:.3g} times as fast as the joints ([drive] ratio)."
-    return (
-        False,
-        f'{g} are called the motors\', but are taken as torques of the joints; if they are before the gears, say [drive] torque = "motor".',
-    )
-
-
-def _as_torque(g: ChannelGroup) -> str:
-    return f'tau1 = "{g.columns[0]}" …'
-
-
-def _unread(g: ChannelGroup) -> str:
-    """What is said of channels in a unit that nobody knows."""
-    key, si = {"dq": ("dq1", "rad/s"), "tau": ("tau1", "N m"), "i": ("i1", "A")}[g.quantity]
-    return (
-        f"{g} are in {g.unread!r}, which is no unit that is known, and are not used: say what one of it is in {si} under [columns] of a"
-        f' study file, {key} = {{ column = "{g.columns[0]}", scale = … }} ….'
-    )
-
-
-def _of_other_names(q: ChannelGroup, joints: Sequence[str] | None) -> list[str]:
-    """What is said of joints that the file names otherwise than the robot does."""
-    own = {bare_name(name) for name in joints or ()}
-    told = [name for name in q.joints if re.search("[A-Za-z]", bare_name(name))]
-    if not joints or not told or {bare_name(name) for name in q.joints} == own or all(re.search(r"\d", x) for x in told):
-        return []
-    return [f"its joints are named {', '.join(q.joints)}; the robot's, {', '.join(joints)}, are taken to come in that order."]
-
-
-def _others(q: ChannelGroup, positions: Sequence[ChannelGroup], table: Mapping[str, Array]) -> list[str]:
-    """What is said of other joints' positions (another arm's)."""
-    own = np.stack([table[c] for c in q.columns])
-    for g in positions:
-        if g is not q and len(g.columns) == len(q.columns) and not set(g.columns) & set(q.columns) and not g.computed and moves(table, g):
-            other = np.stack([table[c] for c in g.columns])
-            with np.errstate(invalid="ignore"):
-                apart = np.nanmax(np.abs(own - other), initial=0.0) > _SAME * np.nanmax(np.ptp(own, axis=1), initial=0.0)
-            if apart:
-                return [f"{g} hold positions too (of another arm?), and are not used; those of {q} are read: map others under [columns]."]
-    return []
-
-
-def moves(table: Mapping[str, Array], group: ChannelGroup) -> bool:
-    """Whether a group holds anything: arrays that are present and all zero are none."""
-    return any(np.nanmax(np.abs(table[c]), initial=0.0) > 0.0 for c in group.columns)
 
 
 def _position_scale(q: ChannelGroup, table: Mapping[str, Array], recorder: Recorder | None) -> tuple[float, float, bool]:
