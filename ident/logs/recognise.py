@@ -98,14 +98,7 @@ def recognised(
     effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
     told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
     say = [recorder.say] if recorder is not None and recorder.say else []
-    beside = [
-        *say,
-        *beside,
-        *_put_in_order(order, joints),
-        *order_notes,
-        *of_other_names(q, joints),
-        *others_positions(q, positions, table),
-    ]
+    beside = [*say, *beside, *_put_in_order(order, joints), *order_notes]
     return RecordedChannels(
         mapping,
         wanted,
