@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import DataError
+from ...errors import DataError, IdentError
 from .arrays import element
 from .dialect import text_header
 from .header import numeric
@@ -27,7 +27,7 @@ def _is_one(path: Path, start: bytes) -> bool:
     try:
         header = text_header(path)
         first = next((fields for _, fields in rows_of_text(path, header)), [])
-    except DataError:
+    except IdentError:
         return False
     listed = [name for name, x in zip(header.names, first, strict=False) if _LIST.fullmatch(x)]
     return bool(listed) and not any(_NAMED.search(name) for name in header.names)

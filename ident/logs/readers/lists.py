@@ -34,10 +34,12 @@ def _is_one(path: Path, start: bytes) -> bool:
 
 
 def _read(path: Path) -> Stored:
-    columns = columns_of_arrow(parquet_table(path), path, _described(path))
+    with damage_told(path, _DAMAGED):
+        columns = columns_of_arrow(parquet_table(path), path, _described(path))
+        moments = _moments(parquet_file(path).schema_arrow, columns)
     if not columns:
         raise DataError(f"log {path}: holds no column of numbers.")
-    return Stored(columns, _moments(parquet_file(path).schema_arrow, columns))
+    return Stored(columns, moments)
 
 
 def _moments(schema: Any, columns: Mapping[str, Array]) -> dict[str, str]:

@@ -147,9 +147,9 @@ def _stamp(text: str) -> float | None:
     """A date with a time of day (ISO 8601) as seconds since 1970; None for another text."""
     try:
         moment = datetime.fromisoformat(text.strip()) if ":" in text and "-" in text else None
-    except ValueError:
+        return None if moment is None else (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    except (ValueError, OverflowError):
         return None
-    return None if moment is None else (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def _read_xml(path: Path) -> Stored:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...errors import DataError
 from . import arrays, bag, cells, hdf5, lists, mat, messages, scope, unread  # the formats that are registered
+from .damage import damage_told
 from .dialect import text_header
 from .header import MISSING, Header, check_file, is_number, numeric, seconds
 from .moments import MOMENT, seconds_of
@@ -38,7 +39,8 @@ def read_header(path: Path) -> Header:
         return Header(stored.names, units=tuple(stored.units.get(name, "") for name in stored.names))
     if path.suffix.lower() in _PARQUET:
         file = parquet_file(path)
-        times = time_columns(file)
+        with damage_told(path, "the file is damaged"):
+            times = time_columns(file)
         return Header(
             tuple(name for name, _ in stored_names(file)), units=tuple(MOMENT if own in times else "" for _, own in stored_names(file))
         )
@@ -76,7 +78,8 @@ def first_values(path: Path, header: Header, name: str) -> Array:
     if path.suffix.lower() in _PARQUET:
         file = parquet_file(path)
         own = dict(stored_names(file))[name]
-        batch = next(iter(file.iter_batches(_FIRST, columns=[own])), None)
+        with damage_told(path, "the file is damaged"):
+            batch = next(iter(file.iter_batches(_FIRST, columns=[own])), None)
         values = np.asarray(batch.column(0)) if batch is not None else np.zeros(0)
         return values.astype(float) if values.dtype.kind in "fiu" else np.zeros(0)
     at = header.names.index(name)

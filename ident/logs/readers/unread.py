@@ -23,7 +23,9 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
 
 
 def _zipped(path: Path, start: bytes) -> tuple[str, str]:
-    content = start + path.read_bytes()[-4096:]
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 4096))
+        content = start + file.read()
     if b"xl/" in content:
         return "an Excel workbook", "save the sheet as CSV"
     return "a ZIP archive", "unpack it, and name the log in it"
