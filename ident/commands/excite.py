@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._utils.json import result
-from ..effects.base import make_effect
+from ..effects.registry import make_effect
 from ..errors import ConfigurationError, unknown_name
 from ..estimate.estimate import Estimate
 from ..excitation.design import excite, tell_apart
