@@ -129,6 +129,8 @@ def _read(logs: Any, robot: Robot | None) -> LogSet:
         return logs
     if isinstance(logs, Log):
         return LogSet((logs,), robot)
+    if isinstance(logs, list | tuple) and logs and all(isinstance(x, Log) for x in logs):
+        return LogSet(tuple(logs), robot)
     return read_logs(logs, robot)
 
 

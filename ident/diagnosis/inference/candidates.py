@@ -10,7 +10,7 @@ import numpy as np
 
 from ...effects.kinds import Nature
 from ..scoring.fit import depends
-from ..thresholds import COMPETES
+from ..thresholds import COMPETES, CONTAINED
 from .refinement import refined
 from .scores import Scores
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Candidates that are compared by a refit, at most.
 _TRIED = 12
+#: Simpler ones inside the best that are tried beside them, at most.
+_SIMPLER = 4
 #: Passes of a refit whose columns follow the values.
 _PASSES = 3
 
@@ -49,9 +51,21 @@ def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
     """The effect that accounts best for what is left: of those whose scores come near the largest, by a refit with each.
 
     Scores are taken at the noise of a model that lacks something, and so are compressed: what a refit leaves tells more."""
-    trials = [_trial(state, g) for g in _candidates(state, refused)]
+    groups = _candidates(state, refused)
+    trials = [_trial(state, g) for g in groups]
+    if not trials:
+        return None
+    chosen = _chosen(state, trials)
+    tried = {g.kind for g in groups}
+    if simpler := [g for g in _inside(state, chosen) if g.kind not in tried | refused]:
+        chosen = _chosen(state, [*trials, *(_trial(state, g) for g in simpler)])
+    return chosen.effect, chosen.joints
+
+
+def _chosen(state: EffectSearch, trials: list[_Trial]) -> _Trial:
+    """Of those that account for the residual as well as any, the one that asks for least."""
     if len(trials) < 2:
-        return (trials[0].effect, trials[0].joints) if trials else None
+        return trials[0]
     # One noise for all: the least that any of them leaves, at each frequency.
     gains = [np.max([t.frame.gains[i] for t in trials], axis=0) for i in range(len(state.fit.runs))]
     # Schwarz's criterion: what a parameter must gain grows with the logarithm of the rows.
@@ -62,8 +76,25 @@ def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
     level = [t for t in trials if t.cost <= sharpest.cost + state.critical**2 / 2.0]
     if len(level) > 1:
         level = [dataclasses.replace(t, left=_left(state, t, sharpest.frame.gains)) for t in level]
-    chosen = min(level, key=lambda t: (t.left > state.critical, *t.rank, t.cost))
-    return chosen.effect, chosen.joints
+    return min(level, key=lambda t: (t.left > state.critical, *t.rank, t.cost))
+
+
+def _inside(state: EffectSearch, trial: _Trial) -> list[Group]:
+    """Simpler effects that a candidate contains, the largest scores first: of a spring that a constant torque explains, the constant."""
+    scores = state.scores
+    own = [k for k in range(len(scores.kept)) if scores.group(k).kind == (trial.effect.name, trial.joints)]
+    if not own:
+        return []
+    k = max(own, key=lambda i: float(scores.z[i]))
+    energy = scores.beside(scores.slice_of(k))[1]
+    found: dict[Kind, Group] = {}
+    for i in np.argsort(-scores.z).tolist():
+        g = scores.group(i)
+        if scores.z[i] <= state.critical or len(found) >= _SIMPLER:
+            break
+        if g.named and g.joints == trial.joints and rank(g) < trial.rank and energy[i] < CONTAINED and state.possible(scores, i):
+            found.setdefault(g.kind, g)
+    return list(found.values())
 
 
 def rank(group: Group) -> tuple[int, int, bool]:
