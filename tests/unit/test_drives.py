@@ -12,6 +12,7 @@ import ident
 from ident.drives import DriveFit, DriveLaw, fit_drives, simulate
 from ident.drives.determined import Standing
 from ident.drives.torque import with_torque
+from ident.drives.unknowns import unknowns
 from ident.logs.log import LogSet
 
 TRUTH = {"Ia": 0.012, "Fv": 0.08, "Fc": 0.15, "offset": 0.1, "kp": 25.0, "kd": 0.8, "delay": 0.006}
@@ -96,6 +97,15 @@ def test_two_joints_that_act_on_each_other():
         assert fit.value(f"Ia_{joint}") == pytest.approx(0.012, rel=0.08)
         assert fit.value(f"Fc_{joint}") == pytest.approx(0.15, rel=0.05)
     assert fit.fit_rms == pytest.approx([5e-4, 5e-4], rel=0.15)
+
+
+def test_springs_of_several_joints_are_each_joints_own():
+    leg = ident.Robot.from_urdf(LEG)
+    found = unknowns(leg.rigid_body() + ident.make_effect("linear_spring"), DriveLaw.of(leg, kp=25.0, kd=0.8, delay_s=0.0))
+    places = {u.name: (u.place, leg.joint_names[u.joint]) for u in found}
+    assert places == {
+        "ks_hip": ("spring", "hip"), "ks0_hip": ("offset", "hip"), "ks_knee": ("spring", "knee"), "ks0_knee": ("offset", "knee"),
+    }  # fmt: skip
 
 
 def test_saturation_is_part_of_the_law(robot):
