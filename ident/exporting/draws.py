@@ -30,12 +30,13 @@ class Draws:
 
 @dataclass(frozen=True, eq=False)
 class _Free:
-    """What is drawn: names (p,), values, covariance and bounds; `wide`: names of what is not determined by itself."""
+    """What is drawn: names (p,), values, covariance and bounds."""
 
     names: tuple[str, ...]
     mean: Array
     covariance: Array
     lower: Array
+    upper: Array
 
 
 def draws(found: Identified, units: Sequence[Identified], count: int, seed: int) -> Draws:
@@ -58,8 +59,8 @@ def draws(found: Identified, units: Sequence[Identified], count: int, seed: int)
     mean = np.where(bounded, np.maximum(mean, lower), mean)
     # What alone it is known to, the others held: the size of what the data hardly show.
     held = std * _held(covariance, std)
-    upper = np.full(len(mean), np.inf)
-    closed = wide & bounded
+    upper = free[0].upper.copy()
+    closed = wide & bounded & np.isinf(upper)
     upper[closed] = lower[closed] + 2.0 * np.maximum(mean - lower, held)[closed]
     if wide.any():
         told = ", ".join(name for name, here in zip(names, wide, strict=True) if here)
@@ -81,15 +82,28 @@ def _held(covariance: Array, std: Array) -> Array:
 def _free(found: Identified) -> _Free:
     fit = found.fit
     if isinstance(fit, DriveFit):
-        bounds = np.array([u.lower for u in fit.unknowns])
-        return _Free(fit.names, fit.values.copy(), fit.covariance, bounds)
+        return _of_law(fit)
     if isinstance(fit, Estimate):
         lower = np.full(len(fit.values), -np.inf)
         for i, (parameter, row) in enumerate(zip(fit.parameters, fit.base.regroup, strict=True)):
             if np.count_nonzero(row) == 1:
                 lower[i] = parameter.lower
-        return _Free(tuple(fit.names), fit.values.copy(), fit.covariance, lower)
+        return _Free(tuple(fit.names), fit.values.copy(), fit.covariance, lower, np.full(len(lower), np.inf))
     raise ConfigurationError("ranges are drawn from the covariance of a fit: give the fit itself, not parameters.")
+
+
+def _of_law(fit: DriveFit) -> _Free:
+    """Of what the logs set no limit to, the covariance has none either: it is drawn as far as it may go, apart from the others."""
+    lower, upper = np.array([u.lower for u in fit.unknowns]), np.full(len(fit.values), np.inf)
+    covariance = fit.covariance.copy()
+    reach = fit.delay_interval()
+    for i in np.flatnonzero(~np.isfinite(np.diag(covariance))):
+        covariance[i], covariance[:, i] = 0.0, 0.0
+        low, high = reach.get(fit.names[i], (0.0, lower[i], np.inf))[1:]
+        if np.isfinite([low, high]).all():
+            lower[i], upper[i] = low, high
+        covariance[i, i] = max(abs(fit.values[i]), high - low if np.isfinite(high - low) else 0.0, 1e-12) ** 2
+    return _Free(fit.names, fit.values.copy(), covariance, lower, upper)
 
 
 def _sets(found: Identified, names: tuple[str, ...], sample: Array) -> tuple[tuple[Identified, ...], int]:

@@ -101,6 +101,19 @@ def test_what_is_not_determined_stays_within_what_can_be(tmp_path):
     assert any("not determined" in note and "kd_hip" in note and "kp" not in note for note in found["notes"])
 
 
+def test_a_delay_without_a_limit_is_drawn_over_its_interval(tmp_path):
+    fit = leg()
+    i = fit.names.index("delay")
+    covariance = fit.covariance.copy()
+    covariance[i], covariance[:, i] = 0.0, 0.0
+    covariance[i, i] = np.inf
+    drawn = columns(ranges(replace(fit, covariance=covariance, delay_ends={"delay": (0.001, 0.009)}), tmp_path, samples=1000))
+    assert 0.001 <= drawn["delay_hip"].min() < 0.0012
+    assert 0.0088 < drawn["delay_hip"].max() <= 0.009
+    open_ended = columns(ranges(replace(fit, covariance=covariance, delay_ends={"delay": (0.0, np.inf)}), tmp_path, samples=1000))
+    assert open_ended["delay_hip"].max() <= 0.008 + 1e-9  # twice its value
+
+
 def test_several_units_give_their_spread(tmp_path):
     """Friction that differs from unit to unit by far more than its intervals; armature by less."""
     rng = np.random.default_rng(0)
