@@ -6,8 +6,10 @@ import ast
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from ..effects.base import Effect, Factor, JointEffect
+from ..effects.base import Effect
 from ..effects.factors import declares
+from ..effects.joint_effect import JointEffect
+from ..effects.kinds import Factor
 from ..robots.transmission import Side
 
 if TYPE_CHECKING:

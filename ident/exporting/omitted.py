@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..drives.result import DriveFit
-from ..effects.base import Effect, Nature, Need
+from ..effects.base import Effect
+from ..effects.kinds import Nature, Need
 from ..effects.motion import Motion
 from ..effects.reference import Reference
 from ..effects.rigid_body import RigidBody

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effects.base import Effect, Nature
+from ..effects.base import Effect
+from ..effects.kinds import Nature
 from ..effects.rigid_body import RigidBody
 from ..errors import UnsupportedError
 from ..robots.transmission import Side

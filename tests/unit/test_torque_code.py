@@ -13,15 +13,18 @@ import pytest
 from effect_robots import ROBOTS, smooth
 
 import ident
-from ident.effects.base import JointEffect, Need, Side, effect_types, make_effect
+from ident.effects.joint_effect import JointEffect
+from ident.effects.kinds import Need
 from ident.effects.motion import Motion
 from ident.effects.reference import Reference
+from ident.effects.registry import effect_types, make_effect
 from ident.estimate.feedforward import FixedModel
 from ident.exporting import Identified, export
 from ident.exporting.formulas import formulas_of
 from ident.exporting.targets.numpy_code import numpy_text
 from ident.exporting.torque_code import TorqueCode
 from ident.model import Model
+from ident.robots.transmission import Side
 
 Array = np.ndarray
 COMPILER = next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), None)
