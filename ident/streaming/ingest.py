@@ -25,12 +25,13 @@ from ..logs.readers.ros import joint_state_columns
 from ..logs.readers.stored import split_inside
 from ..logs.readers.strangers import Strangers
 from ..logs.readers.tables import read_header
-from ..logs.repair import Holes, blank_unusable, drop_empty, missing_rows, rising_runs, usable_numbers
+from ..logs.repair import Holes, blank_unusable, drop_empty, missing_rows, repeats_told, rising_runs, usable_numbers
 from ..logs.source import TableSource
 from ..logs.torque import as_meant
 from ..robots.robot import Robot
 from .digest import FileDigest
 from .disk import DiskArray, DiskWriter
+from .repeats import repeated_places
 from .stored import StoredLog, survey_of
 from .survey import Survey, Surveyed
 from .tables import PieceOfFile, chunked_file, pieces, shows_bytes
@@ -183,7 +184,10 @@ def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[f
     empty = _without_empty(arrays, state, where)
     hint = "what stands there for a torque is zero in every row" if empty and not any(k.startswith("tau") for k in arrays) else plan.hint
     log = StoredLog(stem, arrays, str(outer), sums, (), () if empty else tuple(state.blocks), hint=hint)
-    runs = [log] if state.rising and state.kept >= 2 else _runs(log, state, where, notes)
+    again = repeated_places(arrays, _places(state) if state.unstamped or any(state.holes.values()) else None, state.place.rows)
+    if len(again):
+        notes.append(repeats_told(len(again), where))
+    runs = [log] if state.rising and state.kept >= 2 and not len(again) else _runs(log, state, again, where, notes)
     noted = (*state.left.notes(where), *plan.notes, *meant, *empty, *notes)
     named = [replace(r, notes=noted, origin=None, name=stem if len(runs) == 1 else f"{stem} run {i + 1}") for i, r in enumerate(runs)]
     if "q" in arrays:
@@ -277,16 +281,24 @@ def _present(table: dict[str, Array], side: str, sources: Mapping[int, str], sta
     return {k: v[good] for k, v in table.items()}
 
 
-def _runs(log: StoredLog, state: _State, where: str, notes: list[str]) -> list[StoredLog]:
-    """A file in which time starts again or repeats: its runs, copied where rows are dropped. Holds the time stamps in memory."""
+def _places(state: _State) -> Array:
+    """The rows of the file that were stored."""
     gone = state.unstamped.flag(state.place.rows)
     for hole in state.holes.values():
         gone |= hole.flag(state.place.rows)
-    index = np.flatnonzero(~gone)
+    return np.flatnonzero(~gone)
+
+
+def _runs(log: StoredLog, state: _State, again: Array, where: str, notes: list[str]) -> list[StoredLog]:
+    """A file in which time starts again or repeats, or in which some stored rows repeat (`again`): its runs, copied where rows are dropped.
+    Holds the time stamps in memory."""
+    places = _places(state)
     t = np.full(state.place.rows, np.nan)
-    t[index] = log.t[:]
+    t[places] = log.t[:]
+    index = np.delete(places, again)
     # Places among the rows that were stored.
-    stored = np.cumsum(~gone) - 1
+    stored = np.zeros(state.place.rows, np.int64)
+    stored[places] = np.arange(len(places))
     positions = log.arrays["q" if "q" in log.arrays else "q_motor"]
 
     def moved(rows: Array) -> Array:
