@@ -18,8 +18,8 @@ Array = np.ndarray
 _FACTOR, _LEFT = 3.0, 0.3
 #: What the URDF asks for, or what is fitted, must stand so far above the noise of the fit.
 _CLEAR = 10.0
-#: A parameter that is so many times the sum of its kind over all links of the URDF is no link's.
-_MANY = 30.0
+#: A parameter that is, even by so many standard deviations less, so many times the sum of its kind over all links of the URDF is no link's.
+_SURELY, _MANY = 5.0, 30.0
 #: A last link is the URDF's, turned, where turning takes away that much of the distance between both (squared standard deviations), and
 #: leaves no more than this share; by less than so many radians it is not turned. Angles that are tried, and how often the step is halved.
 _CLEAR_OFF, _LEFT_OFF, _TURNED, _ANGLES, _NARROWER = 100.0, 0.25, 0.05, 72, 8
@@ -132,11 +132,11 @@ def size_doubt(estimate: Estimate) -> str:
     if beside is None:
         return ""
     units = np.array([beside.estimate.base.parameters[i].unit for i in beside.estimate.base.independent])
-    told = beside.plain & (np.abs(estimate.values) > _CLEAR * estimate.std)
+    least = np.where(beside.plain, np.abs(estimate.values) - _SURELY * estimate.std, 0.0)
     found: list[str] = []
     for unit in dict.fromkeys(units.tolist()):
         whole = float(np.sum(np.abs(beside.nominal[beside.plain & (units == unit)])))
-        large = np.flatnonzero(told & (units == unit) & (np.abs(estimate.values) > _MANY * whole)) if whole > 0.0 else np.zeros(0, int)
+        large = np.flatnonzero((units == unit) & (least > _MANY * whole)) if whole > 0.0 else np.zeros(0, int)
         found += [f"{estimate.names[i]} = {estimate.values[i]:.3g} {unit} ({whole:.2g} in all links of the URDF)" for i in large]
     if not found:
         return ""

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..logs.repair import FEWEST, REPEATS, moving_rows, same_rows, step_sizes, usual_steps
 from .disk import PASS, DiskArray
+from .stored import is_desired
 
 Array = np.ndarray
 
@@ -17,7 +18,7 @@ def repeated_places(arrays: Mapping[str, DiskArray], places: Array | None, rows:
     none = np.zeros(0, np.int64)
     if not any(k.startswith("tau") for k in arrays) or rows < FEWEST:
         return none
-    channels = [a for k, a in arrays.items() if k != "t"]
+    channels = [a for k, a in arrays.items() if k != "t" and not is_desired(k)]
     found = [
         np.flatnonzero(_beside(same_rows([a[start:stop] for a in channels]), places, start)) + start
         for start, stop, _ in _stretches(arrays)

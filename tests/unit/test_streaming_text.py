@@ -264,6 +264,21 @@ def test_rows_that_repeat_the_row_before_are_left_out_in_streaming_too(
     assert 355 <= len(found[0]) + (6 if holes else 0) <= 375
 
 
+def test_desired_motion_is_streamed_too(robot: Robot, tmp_path: Path) -> None:
+    own = [*(f"q_ref{j + 1}" for j in range(JOINTS)), *(f"dq_ref{j + 1}" for j in range(JOINTS))]
+    other = [*(f"target_pos_{j}" for j in range(1, JOINTS + 1)), *(f"target_vel_{j}" for j in range(1, JOINTS + 1))]
+    rows = [[*row, *(repr(0.01 * k + j) for j in range(2 * JOINTS))] for k, row in enumerate(numbers())]
+    for name, more in (("own", own), ("other", other)):
+        header = [*NAMES, *more] if name == "own" else ["time", *(n.replace("q", "actual_pos_") for n in NAMES[1:]), *more]
+        path = written(tmp_path / f"{name}.csv", rows, header=header)
+        found = alike(path, robot, tmp_path / name)
+        assert not isinstance(found, str)
+        whole = read_logs(path, robot)[0]
+        assert set(own) <= set(found[0].extra)
+        for key in own:
+            np.testing.assert_allclose(found[0].extra[key], whole.extra[key], rtol=1e-15)
+
+
 def test_headers(robot: Robot, tmp_path: Path) -> None:
     long = [*NAMES, *(f"a_rather_long_name_of_a_column_that_nobody_needs_{i}" for i in range(300))]
     wide = [[*row, *("word" for _ in range(300))] for row in numbers(40)]
