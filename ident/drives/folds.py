@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .plant import DrivePlant
-from .search import Fitted, fitted
+from .search import Fitted, fitted, refitted
 
 Array = np.ndarray
 #: From so many logs on, they are held out whole, in so many turns at most; below, every other stretch of time in two turns.
@@ -20,9 +20,11 @@ _SECONDS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Squared error (N, n) of each reading, simulated with what was fitted to the others; NaN where a reading is a repeat."""
+    """Squared error (N, n) of each reading, simulated with what was fitted to the others; NaN where a reading is a repeat.
+    `logs` (N,): number of the log of each."""
 
     squares: Array
+    logs: Array
     fits: tuple[Fitted, ...]
 
     @property
@@ -53,12 +55,36 @@ def held_out(plant: DrivePlant, starts: Array, sizes: Array, *, steps: int = 40)
         fit = fitted(plant, starts, sizes, counted=fresh & ~other[:, None], steps=steps)
         squares[other] = np.where(fresh[other], np.square(fit.residual[other]), np.nan)
         found.append(fit)
-    return HeldOut(squares, tuple(found))
+    logs = np.repeat(np.arange(len(plant.logs)), [len(log.t) for log in plant.logs])
+    return HeldOut(squares, logs, tuple(found))
+
+
+def confirmed(plant: DrivePlant, fit: Fitted, sizes: Array, weights: Array, *, steps: int = 12) -> float:
+    """Weighted squared error of readings held out in turn, each simulated with what was fitted to the others from near values on."""
+    turn = turns(plant)
+    total = 0.0
+    for number in range(int(turn.max()) + 1):
+        other = turn == number
+        found = refitted(plant, fit.values, sizes, weights * ~other[:, None], steps=steps)
+        total += float(np.sum(np.square(found.residual[other] * weights[other])))
+    return total
 
 
 def best(options: Sequence[HeldOut]) -> int:
-    """Which has the least error, every joint's in units of that of the first. The first wins where no other is better by 1 %."""
-    scale = np.nanmean(options[0].squares, axis=0)
-    errors = np.array([float(np.mean(np.nanmean(o.squares, axis=0) / scale)) for o in options])
+    """Which is the most likely, each joint's error in each log of a size of its own: by Σ N log(rms). The first wins where no other is
+    better by 1 % of the error."""
+    errors = np.array([_log_error(option) for option in options])
     least = int(np.argmin(errors))
-    return least if errors[least] < 0.99 * errors[0] else 0
+    return least if errors[least] < errors[0] - 0.01 else 0
+
+
+def _log_error(option: HeldOut) -> float:
+    """Mean logarithm of the error, over readings."""
+    total = count = 0.0
+    for log in np.unique(option.logs):
+        own = option.squares[option.logs == log]
+        read = np.sum(np.isfinite(own), axis=0)
+        mean = np.nansum(own, axis=0) / np.maximum(read, 1)
+        total += float(np.sum(read * 0.5 * np.log(np.maximum(mean, 1e-300))))
+        count += float(np.sum(read))
+    return total / max(count, 1.0)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from commanded import LEG, PENDULUM
 
 import ident
+from benchmarks.actuators.commanded import LEG, PENDULUM
 from ident.cli import main
 from ident.drives import DriveLaw, DriveLog
 from ident.drives.commands import commanded

@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from commanded import LEG, PENDULUM, commanded_log
 
 import ident
+from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from ident.drives import DriveFit, DriveLaw, fit_drives, simulate
 from ident.drives.determined import Standing
 from ident.drives.torque import with_torque
