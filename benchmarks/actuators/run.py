@@ -16,9 +16,13 @@ import numpy as np
 
 import ident
 from ident._utils.json import jsonable
-from ident.drives import DriveFit, DriveLaw, DriveLog, fit_drives
-from ident.drives.folds import HeldOut, best, held_out
+from ident.drives import DriveFit, DriveLaw
+from ident.drives.fit import finished
+from ident.drives.folds import best, held_out
 from ident.drives.plant import DrivePlant
+from ident.drives.search import Fitted
+from ident.drives.search import fitted as search
+from ident.drives.space import drive_logs
 from ident.drives.starts import starts
 
 from . import coverage
@@ -111,8 +115,22 @@ def fitted(case: Case) -> tuple[DriveFit, int]:
     else:
         train, held = logs, _logs(folder, tuple(case.held), robot)
     pairs = [(_model(robot, effects), DriveLaw.of(robot, case.kind, **{**case.law, **more})) for effects, more in case.options]
-    chosen = 0 if len(pairs) == 1 else best([_crossed(train, *pair) for pair in pairs])
-    return fit_drives(train, *pairs[chosen], held=held), chosen
+    found = []
+    for model, law in pairs:
+        plant = DrivePlant(model, law, drive_logs(train, robot, law))
+        at, sizes = starts(plant)
+        found.append((plant, search(plant, _from(found[0], plant, at) if found else at, sizes), sizes))
+    chosen = 0 if len(found) == 1 else best([held_out(*one) for one in found])
+    return finished(*found[chosen], train.inputs).with_heldout(held), chosen
+
+
+def _from(first: tuple[DrivePlant, Fitted, np.ndarray], plant: DrivePlant, at: np.ndarray) -> np.ndarray:
+    """Starts (S, p) of a wider plant beside what the first one was fitted to."""
+    known = dict(zip((u.name for u in first[0].unknowns), first[1].values, strict=True))
+    near = at[:1].copy()
+    for i, unknown in enumerate(plant.unknowns):
+        near[0, i] = known.get(unknown.name, near[0, i])
+    return near
 
 
 def _model(robot: ident.Robot, effects: Sequence[str]) -> ident.Model:
@@ -120,11 +138,6 @@ def _model(robot: ident.Robot, effects: Sequence[str]) -> ident.Model:
     for name in effects:
         model = model + ident.make_effect(name)
     return model
-
-
-def _crossed(logs: ident.LogSet, model: ident.Model, law: DriveLaw) -> HeldOut:
-    plant = DrivePlant(model, law, tuple(DriveLog.of(log, model.robot, law) for log in logs))
-    return held_out(plant, *starts(plant))
 
 
 def _logs(folder: Path, names: Sequence[str], robot: ident.Robot) -> ident.LogSet:

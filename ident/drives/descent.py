@@ -18,8 +18,8 @@ _NUDGE = 3e-3
 #: What scales with the torque of a joint, and the factors that are tried.
 _TORQUE = ("armature", "viscous", "dry", "excess", "offset", "spring", "kp", "kd", "back_emf", "torque_scale", "effort_limit")
 _FACTORS = (1.0, 0.1, 0.3, 0.6, 0.8, 0.9, 1.1, 1.25, 1.6, 3.0, 10.0)
-#: Steps of time of the last search, in units of the usual ones: where a joint comes to rest depends on them.
-_FINE = 0.25
+#: Seconds of a step of the last search at most: where a joint comes to rest depends on them.
+_FINE = 2.5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class SimulatedSearch:
 
     def fine(self) -> SimulatedSearch:
         """The same with residuals of smaller steps of time; what they change by is that of the usual ones."""
-        return replace(self, exact=replace(self.plant, step=_FINE * self.plant.longest))
+        return replace(self, exact=replace(self.plant, step=min(_FINE, self.plant.longest)))
 
     def coarse(self) -> SimulatedSearch:
         """The same in larger steps of time, where the samples leave room for them."""

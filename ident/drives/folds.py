@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .plant import DrivePlant
-from .search import Fitted, fitted, refitted
+from .search import Fitted, refitted
 
 Array = np.ndarray
 #: From so many logs on, they are held out whole, in so many turns at most; below, every other stretch of time in two turns.
@@ -25,7 +25,6 @@ class HeldOut:
 
     squares: Array
     logs: Array
-    fits: tuple[Fitted, ...]
 
     @property
     def rms(self) -> Array:
@@ -44,30 +43,16 @@ def turns(plant: DrivePlant) -> Array:
     return np.concatenate(parts)
 
 
-def held_out(plant: DrivePlant, starts: Array, sizes: Array, *, steps: int = 40) -> HeldOut:
-    """Fit with a part of the readings held out, from starts (S, p), and look at it; each part in its turn."""
+def held_out(plant: DrivePlant, fit: Fitted, sizes: Array, *, steps: int = 12) -> HeldOut:
+    """Fit again with a part of the readings held out, from a fit to all of them on, and look at that part; each in its turn."""
     turn = turns(plant)
-    fresh = np.concatenate([log.fresh for log in plant.logs])
-    squares = np.full(fresh.shape, np.nan)
-    found = []
+    squares = np.full(fit.residual.shape, np.nan)
     for number in range(int(turn.max()) + 1):
         other = turn == number
-        fit = fitted(plant, starts, sizes, counted=fresh & ~other[:, None], steps=steps)
-        squares[other] = np.where(fresh[other], np.square(fit.residual[other]), np.nan)
-        found.append(fit)
+        found = refitted(plant, fit.values, sizes, fit.weights * ~other[:, None], steps=steps)
+        squares[other] = np.where(fit.weights[other] > 0, np.square(found.residual[other]), np.nan)
     logs = np.repeat(np.arange(len(plant.logs)), [len(log.t) for log in plant.logs])
-    return HeldOut(squares, logs, tuple(found))
-
-
-def confirmed(plant: DrivePlant, fit: Fitted, sizes: Array, weights: Array, *, steps: int = 12) -> float:
-    """Weighted squared error of readings held out in turn, each simulated with what was fitted to the others from near values on."""
-    turn = turns(plant)
-    total = 0.0
-    for number in range(int(turn.max()) + 1):
-        other = turn == number
-        found = refitted(plant, fit.values, sizes, weights * ~other[:, None], steps=steps)
-        total += float(np.sum(np.square(found.residual[other] * weights[other])))
-    return total
+    return HeldOut(squares, logs)
 
 
 def best(options: Sequence[HeldOut]) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...drives.fit import result_of
-from ...drives.folds import confirmed
+from ...drives.folds import held_out
 from ...drives.plant import DrivePlant
 from ...drives.search import Fitted, fitted, refitted
 from ...drives.space import drive_logs
@@ -30,7 +30,7 @@ _FINDINGS, _FITTED, _STEPS = 3, 8, 30
 #: Squared standard deviations below which one model is as good as another.
 _ALIKE = 9.0
 #: So many of the best are held against readings that they were not fitted to.
-_CONFIRMED = 3
+_CONFIRMED = 2
 
 
 def diagnose_drives(
@@ -92,13 +92,13 @@ def _tried(plant: DrivePlant, fit: Fitted, sizes: Array, one: Screened, inertia:
 
 def _believed(now: _Stage, tried: list[tuple[Screened, _Stage]]) -> list[tuple[Screened, _Stage]]:
     """Those that do better on readings held out, the best of the rest first, with what they take off those: nothing else is believed."""
-    weights, out = now[1].weights, []
-    before = confirmed(*now, weights) if tried else 0.0
+    counts, out = np.square(now[1].weights), []
+    before = np.nansum(held_out(*now).squares * counts) if tried else 0.0
     for one, stage in sorted(tried, key=lambda pair: pair[1][1].cost):
-        gain = 1.0 - confirmed(*stage, weights) / max(before, 1e-300)
+        gain = float(1.0 - np.nansum(held_out(*stage).squares * counts) / max(before, 1e-300))
         if np.isfinite(gain) and gain > LEAST:
             out.append((replace(one, gain=gain), stage))
-        if out and len(out) + 1 > _CONFIRMED:
+        if len(out) == _CONFIRMED:
             break
     return out
 
