@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.effects.base import make_effect
 from ident.effects.motion import Motion
+from ident.effects.registry import make_effect
 from ident.logs.log import Log, LogSet
 from ident.model import Model
 from ident.monitoring.stages.analysis import stretches, thinned, without_reversals

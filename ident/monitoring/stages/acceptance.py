@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...effects.base import Effect, Nature, Need
+from ...effects.base import Effect
+from ...effects.kinds import Nature, Need
 from .consistent import own_loss
 from .evidence import WEAK, acts_on, occam, threshold
 from .light import too_light

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ...effects.base import Effect, Need
+from ...effects.base import Effect
+from ...effects.kinds import Need
 from .candidates import Candidate
 from .frame import Frame
 from .motions import Motions

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...diagnosis.design.places import choices, covers, joints_of, placements
-from ...effects.base import Effect, Need, effect_types
+from ...effects.base import Effect
+from ...effects.kinds import Need
+from ...effects.registry import effect_types
 from ...errors import IdentError
 from ...model import Model
 from .spectral import order_parameter

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._utils.fixed_point import MOST, Repetition
-from ...effects.base import Need
+from ...effects.kinds import Need
 from .frame import Frame, raw_columns
 from .steady import steady_values
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.base import Need
+from ...effects.kinds import Need
 
 if TYPE_CHECKING:
     from .search import Hit, Judged

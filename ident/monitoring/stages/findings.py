@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...diagnosis.result import Finding, FoundParameter, Imitator, Unexplained
-from ...effects.base import Axis, Effect, Need
+from ...effects.base import Effect
+from ...effects.kinds import Axis, Need
 from ...robots.transmission import Side
 from .acceptance import Found
 from .cross_terms import cross_terms

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.base import Effect, Need
+from ...effects.base import Effect
+from ...effects.kinds import Need
 from ...effects.motion import Motion
 from .frame import acting_on
 

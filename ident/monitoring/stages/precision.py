@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...diagnosis.result import FoundParameter
-from ...effects.base import Effect, Need
+from ...effects.base import Effect
+from ...effects.kinds import Need
 from ...robots.parameters import ShapeParameter
 from .normal import Normal, Slopes
 

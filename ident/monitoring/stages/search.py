@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.base import Effect, Need
+from ...effects.base import Effect
+from ...effects.kinds import Need
 from ...effects.places import motors_of
 from .bank import Bank
 from .candidates import Candidate

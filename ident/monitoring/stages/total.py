@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.base import Effect, Need
+from ...effects.base import Effect
+from ...effects.kinds import Need
 from .consistent import own_loss
 from .frame import Frame, raw_columns
 from .motions import Motions
