@@ -11,10 +11,10 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
-from commanded import LEG, PENDULUM, commanded_log
 from physical_models import random_links
 
 import ident
+from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from ident.drives import DriveFit, DriveLaw, fit_drives
 from ident.drives.plant import DrivePlant
 from ident.exporting import ExportTarget, Identified, WrittenFile, export, register_target, target

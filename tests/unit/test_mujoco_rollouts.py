@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commanded import LEG, PENDULUM
 from test_actuator_export import TRUTH, as_fitted, leg
 
 import ident
 from benchmarks.actuators import rollouts
+from benchmarks.actuators.commanded import LEG, PENDULUM
 from ident.drives import DriveLaw
 from ident.exporting import ExportOptions, Identified
 from ident.exporting.target import make_target

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commanded import PENDULUM
 from test_actuator_export import as_fitted, leg
 
 import ident
+from benchmarks.actuators.commanded import PENDULUM
 from ident.drives import DriveFit, DriveLaw
 from ident.exporting import Identified, export
 from ident.exporting.sampling import bounded_normal, total_covariance
