@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,11 +87,26 @@ def _reference_columns(log, n: int) -> Array | None:  # type: ignore[no-untyped-
 
 
 def analysed(
-    model: Model, signals: Signals, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None
+    model: Model,
+    signals: Signals,
+    note: Callable[[str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+    *,
+    without: Array | None = None,
 ) -> tuple[Decision, Instrument]:
-    """Decide what a model lacks on signals. Raises DataError where no run is long enough or no joint has rows."""
+    """Decide what a model lacks on signals. `without` (n,) bool: joints whose torque is left out. Raises DataError where no run is long
+    enough or no joint has rows."""
+    fit, instrument, speeds = prepared(model, signals, without)
+    return decide(fit, speeds, note, progress), instrument
+
+
+def prepared(model: Model, signals: Signals, without: Array | None = None) -> tuple[Fit, Instrument, Array]:
+    """The fit that a decision starts from, its instrument, and the motors' usual speeds (n,). `without` (n,) bool: joints whose torque is
+    left out. Raises DataError where no run is long enough or no joint has rows."""
     robot = model.robot
     full = full_rate(signals)
+    if without is not None and without.any():
+        full = replace(full, torque=np.where(without, np.nan, full.torque))
     reference = desired(full)
     runs = _runs(full, model, START_HZ, reference)
     first = Fit(runs, model)
@@ -102,8 +117,8 @@ def analysed(
             "no stretch of the logs in which a joint moves and its torque is there is long enough for a diagnosis; `ident check` says what"
             " is missing of which joint."
         )
-    speeds = usual_speed(robot.transmission.motor_rate(full.dq))
-    return decide(fit, speeds, note, progress), Instrument("low_band" if reference is None else "q_ref", band)
+    instrument = Instrument("low_band" if reference is None else "q_ref", band)
+    return fit, instrument, usual_speed(robot.transmission.motor_rate(full.dq))
 
 
 def _runs(full: Signals, model: Model, band_hz: float, reference: Sequence[Array] | None) -> list[RunRows]:

@@ -38,7 +38,8 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
     if slopes:
         X = np.concatenate([X, *(fit.filtered(np.split(s[2], _cuts(fit)), frame.gains) for s in slopes)], axis=2)
         Z = np.concatenate([Z, *(fit.filtered(np.split(s[3], _cuts(fit)), frame.gains) for s in slopes)], axis=2)
-    flat = [a.reshape(-1, a.shape[2]) for a in (X, Z)]
+    known = fit.known_rows(X.shape[2])
+    flat = [np.concatenate([a.reshape(-1, a.shape[2]), known]) for a in (X, Z)]
     scale = np.linalg.norm(flat[1], axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     inverse = np.linalg.pinv((flat[1] / scale).T @ (flat[0] / scale), rcond=1e-9)

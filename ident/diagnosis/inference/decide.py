@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..design.catalogue import Catalogue
-from ..thresholds import MOST
+from ..thresholds import LEVEL, MOST
 from .bursts import burst
 from .candidates import Kind, best
 from .confidence_set import AcceptedEffect, accepted_effect, competing, drop_unnecessary
@@ -55,8 +55,15 @@ class Decision:
     laws: tuple[Described, ...] = ()
 
 
-def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None) -> Decision:
-    """Decide what a fit's model lacks. `speeds` (n,): usual speeds of the motors."""
+def decide(
+    fit: Fit,
+    speeds: Array,
+    note: Callable[[str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+    *,
+    level: float = LEVEL,
+) -> Decision:
+    """Decide what a fit's model lacks. `speeds` (n,): usual speeds of the motors; `level`: how often chance may do so."""
     trail: list[str] = []
 
     def say(text: str) -> None:
@@ -66,7 +73,7 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
 
     tell = progress or (lambda _: None)
     fit.solved(1)
-    state = EffectSearch(fit, Catalogue.of(fit, speeds))
+    state = EffectSearch(fit, Catalogue.of(fit, speeds), level)
     tell(0.3)
     state.solve()
     _forward(state, say, lambda share: tell(0.3 + 0.45 * share))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..thresholds import MATERIAL
+from ..thresholds import LEVEL, MATERIAL
 from .refinement import can_be, refined
 from .scores import Scores
 from .significance import parametric
@@ -29,6 +29,7 @@ class EffectSearch:
 
     fit: Fit
     catalogue: Catalogue
+    level: float = LEVEL
     accepted: list[Placed] = field(default_factory=list)
     frame: Solved = field(init=False)
     scores: Scores = field(init=False)
@@ -43,7 +44,7 @@ class EffectSearch:
 
     def calibrate(self) -> None:
         """Take the largest score that chance explains, for these scores."""
-        self.chance = parametric(self.scores)
+        self.chance = parametric(self.scores, self.level)
 
     @property
     def critical(self) -> float:
@@ -83,18 +84,16 @@ class EffectSearch:
 
     def possible(self, scores: Scores, k: int) -> bool:
         """Whether the values that a scored group would have can be those of such an effect."""
-        effect, robot = scores.group(k).effect, self.fit.robot
-        if effect is None:
-            return False
-        return can_be(effect, robot, *scores.values(k))
+        effect = scores.group(k).effect
+        return effect is not None and can_be(effect, self.fit, *scores.values(k))
 
     def impossible(self) -> int | None:
         """An accepted effect that beside the others has values which no such effect can have; None where there is none."""
-        std = np.linalg.norm(self.frame.inverse, axis=1) / self.frame.scale
+        std = np.sqrt(np.maximum(np.diag(self.frame.covariance), 0.0))
         start = self.fit.declared.base.count
         for i, (effect, _) in enumerate(self.accepted):
             own = slice(start, start + len(effect.parameters(self.fit.robot)))
             start = own.stop
-            if not can_be(effect, self.fit.robot, self.frame.theta[own], std[own]):
+            if not can_be(effect, self.fit, self.frame.theta[own], std[own]):
                 return i
         return None
