@@ -11,6 +11,7 @@ import sys
 import time
 import warnings
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,13 +62,13 @@ def counted(pair: Pair, verdict: str, told: list[tuple[str, tuple[str, ...]]]) -
     return "beside" if good[0] else "wrong"
 
 
-def main(short: bool, folder: Path, seeds: int = 0) -> int:
-    """Print counts; write `monitoring.json`. Returns 1 if a change is named where nothing changed."""
+def main(short: bool, folder: Path, seeds: int = 0, only: Sequence[str] = ()) -> int:
+    """Print counts; write `monitoring.json`. Returns 1 if a change is named where nothing changed. `only`: names of arms."""
     results: list[dict[str, Any]] = []
-    for arm in arms():
-        cases = [("unchanged", s) for s in (UNCHANGED[:1] if short else UNCHANGED)] + [(k, s) for k in KINDS for s in CHANGED]
-        for kind, seed in cases:
-            for reference in (True, False):
+    cases = [("unchanged", s) for s in (UNCHANGED[:1] if short else UNCHANGED)] + [(k, s) for k in KINDS for s in CHANGED]
+    for reference in (True, False):
+        for arm in arms():
+            for kind, seed in cases if not only or arm.name in only else ():
                 one = watched(kept(folder / "monitoring", arm, kind, seed + seeds), reference=reference)
                 results.append(one)
                 where = "with" if reference else "without"
@@ -77,7 +78,10 @@ def main(short: bool, folder: Path, seeds: int = 0) -> int:
     for reference in (True, False):
         own = [r for r in results if r["reference"] == reference]
         print(f"\n{'with' if reference else 'without'} the fit's own log, {len(own)} pairs, {sum(r['seconds'] for r in own):.0f} s")
-        for name, part in (("unchanged", [r for r in own if r["kind"] == "unchanged"]), ("changed", [r for r in own if r["kind"] != "unchanged"])):
+        for name, part in (
+            ("unchanged", [r for r in own if r["kind"] == "unchanged"]),
+            ("changed", [r for r in own if r["kind"] != "unchanged"]),
+        ):
             print(f"  {name}: " + ", ".join(f"{k} {v}" for k, v in Counter(r["count"] for r in part).most_common()))
     return int(any(r["count"] == "false" for r in results))
 
@@ -87,6 +91,7 @@ if __name__ == "__main__":
     parser.add_argument("--short", action="store_true")
     parser.add_argument("--seeds", type=int, default=0, help="added to every seed")
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--arms", nargs="*", default=[], help="puma560, scara, open (default: all)")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    sys.exit(main(arguments.short, arguments.out, arguments.seeds))
+    sys.exit(main(arguments.short, arguments.out, arguments.seeds, arguments.arms))

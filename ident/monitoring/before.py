@@ -11,7 +11,7 @@ import numpy as np
 
 from ..diagnosis.analysed import prepared
 from ..diagnosis.design.catalogue import Catalogue
-from ..diagnosis.design.places import joints_of, places
+from ..diagnosis.design.places import places
 from ..diagnosis.inference.decide import decide
 from ..diagnosis.inference.scores import Scores
 from ..diagnosis.scoring.fit import Fit, prior_rows
@@ -82,7 +82,7 @@ class Before:
         weak = prior_rows(model)
         base = model.base.base_values(estimate.all_values)
         rows, told = np.concatenate([half @ groups, weak]), np.concatenate([half @ estimate.values, weak @ base])
-        known = {name: s for name, s in zip(estimate.names, estimate.std, strict=True)}
+        known = dict(zip(estimate.names, estimate.std, strict=True))
         std = np.array([known.get(name, np.inf) for name in model.base.names])
         return cls(model, estimate.all_values, rows, told, std)
 

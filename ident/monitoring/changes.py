@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,10 @@ if TYPE_CHECKING:
     from ..diagnosis.inference.confidence_set import AcceptedEffect
     from ..diagnosis.inference.decide import Decision
     from ..diagnosis.result import FoundParameter
+    from ..diagnosis.scoring.known import Known
+    from ..effects.base import Effect
     from ..estimate.estimate import Estimate
+    from ..robots.robot import Robot
     from ..signals.signals import Signals
     from .before import Before
 
@@ -34,17 +38,41 @@ def changes_of(estimate: Estimate, before: Before, decision: Decision, since: st
         known = decision.fit.known
         assert known is not None
         own = known.holds(accepted.effect)
-        believed, imitators = confidence(accepted, beside=beside)
+        believed, imitators = confidence(_favoured(accepted, known, decision.fit.robot) if own else accepted, beside=beside)
         told = tuple(_changed(p, estimate, before, own=own) for p in values[accepted.effect])
         # A change of what the model has keeps its shape: there is nothing to tell of it.
         told = tuple(p for p in told if not own or p.name not in {s.name for s in accepted.effect.shape()})
         found.append(
             Change(
-                effect=accepted.effect, joints=accepted.joints, parameters=told, heldout_gain=gain, evidence=float(accepted.z**2),
-                confidence=believed, imitators=imitators, how=_how(accepted, told, decision, own=own), since=since,
-            )  # fmt: skip
+                effect=accepted.effect,
+                joints=accepted.joints,
+                parameters=told,
+                heldout_gain=gain,
+                evidence=float(accepted.z**2),
+                confidence=believed,
+                imitators=imitators,
+                how=_how(accepted, told, decision, own=own),
+                since=since,
+            )
         )
     return tuple(sorted(found, key=lambda c: -c.evidence))
+
+
+def _favoured(accepted: AcceptedEffect, known: Known, robot: Robot) -> AcceptedEffect:
+    """A change of what the model has, with its competing models: one that the model never had and that asks for more parameters is told
+    beside it, and makes nothing ambiguous."""
+    asks = _asks(accepted.effect, robot)
+    return replace(
+        accepted,
+        competing=tuple(
+            replace(m, same=True, more=True) if not known.holds(m.effect) and _asks(m.effect, robot) > asks else m
+            for m in accepted.competing
+        ),
+    )
+
+
+def _asks(effect: Effect, robot: Robot) -> int:
+    return len(effect.parameters(robot)) + len(effect.shape())
 
 
 def _changed(p: FoundParameter, estimate: Estimate, before: Before, *, own: bool) -> ChangedParameter:

@@ -39,7 +39,7 @@ def left_of(decision: Decision, before: Collection[tuple[str, tuple[str, ...]]],
 
 
 def louder(names: Sequence[str], usual: Array, here: Array, left: Mapping[str, Drift]) -> tuple[Drift, ...]:
-    """Joints whose residual stays larger than on the fit's own logs with all changes in the model: root mean squares (n,) there and here."""
+    """Joints whose residual stays larger than on the fit's own logs with all changes in the model: rms (n,) there and here."""
     found = []
     for joint, there, now in zip(names, usual, here, strict=True):
         if there > 0 and now > LOUDER * there:

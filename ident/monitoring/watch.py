@@ -1,4 +1,4 @@
-"""Monitoring: what has changed since a fit. The decision is the diagnosis' own, beside parameters that are known before with their doubt."""
+"""Monitoring: what has changed since a fit. The rule is the diagnosis' own, beside parameters that are known before with their doubt."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from ..diagnosis.analysed import prepared
 from ..diagnosis.inference.decide import Decision, decide
 from ..diagnosis.scoring.fit import Fit
-from ..diagnosis.thresholds import LEVEL
+from ..diagnosis.thresholds import LEVEL, MOST
 from ..effects.places import on, place_of
 from ..errors import ConfigurationError, DataError
 from ..problem.problem import error_on
@@ -84,14 +84,15 @@ def monitor(
     tell(0.1)
     fit, _, speeds = prepared(before.model, signals, blind)
     tell(0.2)
-    decision = _decided(before, fit, speeds, look)
-    tell(0.5)
-    if reference is not None and _may_be_old(decision):
+    decision = _decided(before, fit, speeds, look, most=MOST if reference is None else 0)
+    if reference is not None and decision.left:
+        tell(0.4)
+        # What the fit's own logs hold that its model never had is told first: else it passes for a change of what it bends.
         before = Before.of_diagnosis(estimate, reference, blind)
-        if before.beside:
-            fit = Fit(fit.runs, before.model, (), before.values)
-            decision = _decided(before, fit, speeds, look)
-    tell(0.7)
+        tell(0.6)
+        fit = Fit(fit.runs, before.model, (), before.values)
+        decision = _decided(before, fit, speeds, look)
+    tell(0.8)
     since = first_log(decision, signals.run_names)
     if since is not None and since > 0:
         # What came later is sought where it is.
@@ -116,18 +117,15 @@ def _check(estimate: Estimate, signals: Signals, look: int) -> None:
         raise DataError(f"only {rows} usable rows for {parameters} parameters: too few to tell a change from chance; give a longer log.")
 
 
-def _decided(before: Before, free: Fit, speeds: Array, look: int) -> Decision:
-    """What the model lacks or has otherwise on the new logs. The levels of all looks add up to that of one (Σ 1/k² = π²/6)."""
+def level_of(look: int) -> float:
+    """Probability of a false alarm at one look of many: those of all looks add up to that of a single one (Σ 1/k² = π²/6)."""
+    return float(LEVEL * 6.0 / (np.pi * look) ** 2)
+
+
+def _decided(before: Before, free: Fit, speeds: Array, look: int, most: int = MOST) -> Decision:
+    """What the model lacks or has otherwise on the new logs."""
     fit = Fit(free.runs, before.model, (), before.values, before.known(free))
-    return decide(fit, speeds, level=LEVEL * 6.0 / (np.pi * look) ** 2)
-
-
-def _may_be_old(decision: Decision) -> bool:
-    """Whether the fit's own logs may hold what was found, too: an effect that its model does not hold, or something that nothing accounts
-    for. Where changed parameters alone leave nothing, there is no such thing."""
-    known = decision.fit.known
-    assert known is not None
-    return bool(decision.left) or any(not known.holds(x.effect) and (x.effect.name, x.joints) not in known.contained for x in decision.named)
+    return decide(fit, speeds, level=level_of(look), most=most)
 
 
 def _result(estimate: Estimate, signals: Signals, before: Before, decision: Decision, since: str) -> Monitoring:

@@ -62,8 +62,10 @@ def decide(
     progress: Callable[[float], None] | None = None,
     *,
     level: float = LEVEL,
+    most: int = MOST,
 ) -> Decision:
-    """Decide what a fit's model lacks. `speeds` (n,): usual speeds of the motors; `level`: how often chance may do so."""
+    """Decide what a fit's model lacks. `speeds` (n,): usual speeds of the motors; `level`: how often chance may do so; `most`: effects that
+    are accepted at most (0: it is only told whether something is left)."""
     trail: list[str] = []
 
     def say(text: str) -> None:
@@ -76,7 +78,7 @@ def decide(
     state = EffectSearch(fit, Catalogue.of(fit, speeds), level)
     tell(0.3)
     state.solve()
-    _forward(state, say, lambda share: tell(0.3 + 0.45 * share))
+    _forward(state, say, lambda share: tell(0.3 + 0.45 * share), most)
     tell(0.75)
     drop_unnecessary(state, say)
     tell(0.85)
@@ -84,7 +86,7 @@ def decide(
     _withdraw(state, say)
     tell(0.9)
     left = _left(state)
-    laws = _described(state, say)
+    laws = _described(state, say) if most else ()
     tell(0.95)
     # What is described is told as it was seen before.
     return replace(_decision(state, left if laws else _left(state), tuple(trail)), laws=laws)
@@ -108,14 +110,14 @@ def _described(state: EffectSearch, say: Callable[[str], None]) -> tuple[Describ
     return laws
 
 
-def _forward(state: EffectSearch, say: Callable[[str], None], tell: Callable[[float], None]) -> None:
+def _forward(state: EffectSearch, say: Callable[[str], None], tell: Callable[[float], None], most: int) -> None:
     """Accept effects while a named score is beyond the critical value."""
     refused: set[Kind] = set()
     for step in range(2 * MOST):
         state.calibrate()
         tell(1.0 - 0.6**step)
         say(f"    step {step}: {_told(state)}; critical {state.critical:.1f}")
-        found = best(state, refused) if len(state.accepted) < MOST else None
+        found = best(state, refused) if len(state.accepted) < most else None
         if found is None:
             return
         effect, joints = found

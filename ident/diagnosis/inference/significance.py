@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..thresholds import LEVEL
 from .scores import least_squares_left, z_of
 
 if TYPE_CHECKING:
@@ -18,9 +19,9 @@ _PARTS = 20
 _EULER = 0.5772156649
 
 
-def parametric(scores: Scores, level: float) -> float:
-    """Quantile (1 − `level`) of the maximum for normal scores of this covariance, each taken as the scores are: without the stretch that speaks for it
-    most. Gumbel's law by moments of the draws.
+def parametric(scores: Scores, level: float = LEVEL) -> float:
+    """Quantile (1 − `level`) of the maximum for normal scores of this covariance, each taken as the scores are: without the stretch that
+    speaks for it most. Gumbel's law by moments of the draws.
 
     Groups of one motor are drawn together, and apart from those of others: their noise is another one. What correlation the model's own
     columns make between them is left out, which can only raise the maximum (Slepian's lemma)."""
