@@ -66,8 +66,7 @@ class Before:
     def _fitted(cls, fit: Fit, beside: tuple[Effect, ...], left: frozenset[tuple[str, tuple[str, ...]]]) -> Before:
         frame = fit.solved(2)
         assert fit.values is not None
-        std = np.sqrt(np.maximum(np.diag(frame.covariance), 0.0))
-        return cls(fit.model, fit.values, *frame.knowledge(), std, fit.noise(frame), beside, left)
+        return cls(fit.model, fit.values, *frame.knowledge(), frame.std, fit.noise(frame), beside, left)
 
     @classmethod
     def of_estimate(cls, estimate: Estimate) -> Before:

@@ -89,7 +89,7 @@ class EffectSearch:
 
     def impossible(self) -> int | None:
         """An accepted effect that beside the others has values which no such effect can have; None where there is none."""
-        std = np.sqrt(np.maximum(np.diag(self.frame.covariance), 0.0))
+        std = self.frame.std
         start = self.fit.declared.base.count
         for i, (effect, _) in enumerate(self.accepted):
             own = slice(start, start + len(effect.parameters(self.fit.robot)))

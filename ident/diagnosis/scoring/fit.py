@@ -25,6 +25,8 @@ Array = np.ndarray
 _DEPENDENT = frozenset({Need.LOAD, Need.REFERENCE, Need.TORQUE})
 #: Singular values of the instrumental equations that are as good as zero.
 _SINGULAR = 1e-9
+#: Part that a coefficient has in directions which the equations leave open, from which on it is open itself.
+_OPEN = 1e-3
 #: Periods of an angle after which what a disturbance adds to it averages out.
 _PERIODS = 5.0
 #: Sizes of a link that are one standard deviation of the prior.
@@ -101,10 +103,9 @@ class Solved:
         return len(self.residual)
 
     @cached_property
-    def covariance(self) -> Array:
-        """Covariance (p, p) of the coefficients."""
-        inverse = np.linalg.pinv(self.equations, rcond=_SINGULAR)
-        return np.asarray(inverse @ self.gram @ inverse.T / np.outer(self.scale, self.scale))
+    def std(self) -> Array:
+        """Standard deviations (p,) of the coefficients; infinite where the rows leave one open."""
+        return deviations(self.equations, self.gram) / self.scale
 
     def knowledge(self) -> tuple[Array, Array]:
         """What the frame tells of its coefficients, as rows (k, p) of unit variance and their values (k,)."""
@@ -346,6 +347,16 @@ class Fit:
     def _expanded(self, theta: Array) -> Array:
         b = self.declared.base.count
         return np.concatenate([self.declared.base.expand(theta[:b]), theta[b:]])
+
+
+def deviations(equations: Array, gram: Array) -> Array:
+    """Standard deviations (p,) of the solution of instrumental equations (p, p) whose right side has the covariance `gram` (p, p): infinite
+    for coefficients that have a part in a direction which the equations leave open."""
+    U, s, Vt = np.linalg.svd(equations)
+    good = s > _SINGULAR * max(float(s[0]), 1e-300)
+    inverse = (Vt[good].T / s[good]) @ U[:, good].T
+    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", inverse, gram, inverse), 0.0))
+    return np.where(np.sum(Vt[~good] ** 2, axis=0) > _OPEN, np.inf, std)
 
 
 def prior_rows(model: Model) -> Array:
