@@ -410,3 +410,57 @@ template <class V> static int solve(int n, V* M, V* x, V* diagonal, double* scra
     }
     return -1;
 }
+
+// Elimination without pivots of a symmetric matrix (n x n, its lower triangle, destroyed), and of x (n, or null) beside it: x becomes the
+// solution. Whether all pivots are positive.
+static inline Bits eliminate_symmetric(int n, Lanes* A, Lanes* x) {
+    Bits sound = ~Bits{};
+    for (int j = 0; j < n; ++j) {
+        sound &= A[j * n + j] > 0.0;
+        const Lanes inverse = 1.0 / A[j * n + j];
+        for (int i = j + 1; i < n; ++i) {
+            const Lanes factor = A[i * n + j] * inverse;
+            for (int k = j + 1; k <= i; ++k) A[i * n + k] -= factor * A[k * n + j];
+            if (x) x[i] -= factor * x[j];
+        }
+    }
+    for (int j = n - 1; x && j >= 0; --j) {
+        Lanes rest = x[j];
+        for (int i = j + 1; i < n; ++i) rest -= A[i * n + j] * x[i];
+        x[j] = rest / A[j * n + j];
+    }
+    return sound;
+}
+
+// See Response in tree.h. `memory`: 3 n^2 + n Lanes and what aligns them.
+static void respond(int n, int64_t count, const Response& r, char* memory) {
+    Lanes* J = (Lanes*)aligned(memory);
+    Lanes *M = J + n * n, *A = M + n * n, *x = A + n * n;
+    for (int64_t s = 0; s < count; s += LANES) {
+        const int here = count - s < LANES ? (int)(count - s) : LANES;
+        for (int e = 0; e < n * n; ++e) M[e] = gather<Lanes>(r.inertia, s, n * n, e, here);
+        for (int i = 0; i < n; ++i) x[i] = gather<Lanes>(r.force, s, n, i, here);
+        for (int e = 0; e < n * n; ++e) J[e] = Lanes();
+        for (int i = 0; i < n; ++i) {
+            Lanes force = Lanes();
+            for (int k = 0; k < n; ++k) {
+                const double share = r.map[i * n + k];
+                if (share == 0.0) continue;
+                force += share * x[k];
+                for (int c = 0; c < n; ++c) J[i * n + c] += share * M[k * n + c];
+            }
+            A[i] = force / r.scale[i];
+        }
+        for (int i = 0; i < n; ++i) x[i] = A[i];
+        for (int i = 0; i < n; ++i)
+            for (int c = 0; c <= i; ++c) M[i * n + c] = A[i * n + c] = (J[i * n + c] + J[c * n + i]) / (2.0 * (r.scale[i] * r.scale[c]));
+        for (int i = 0; i < n; ++i) A[i * n + i] -= r.least;
+        const Bits sound = eliminate_symmetric(n, A, nullptr);
+        eliminate_symmetric(n, M, x);
+        for (int i = 0; i < n; ++i) x[i] /= r.scale[i];
+        for (int l = 0; l < here; ++l) {
+            r.sound[s + l] = sound[l] != 0;
+            for (int i = 0; i < n; ++i) r.out[(s + l) * n + i] = x[i][l];
+        }
+    }
+}

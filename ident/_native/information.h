@@ -221,24 +221,31 @@ static void information(const Tree& t, const Plan& plan, const Arrays& x, int64_
 }
 
 // The columns themselves of rows lo ... hi-1, those of one row of the equation after those of the other, without the torque. False where
-// a sample is not finite.
+// a sample or a column is not finite.
 static bool row_columns(const Tree& t, const Plan& plan, const Arrays& x, int64_t lo, int64_t hi, char* memory) {
     int64_t across = 0;
     for (int r = 0; r < plan.rows; ++r) across += plan.row[r].width - 1;
-    return over_tiles(t, plan, x, lo, hi, memory, [&](int r, Lanes* tile, int stride, int64_t first, int count) {
+    Lanes seen = Lanes();   // stays zero while all is finite
+    const bool finite = over_tiles(t, plan, x, lo, hi, memory, [&](int r, Lanes* tile, int stride, int64_t first, int count) {
         double* out = x.out + first * across;
         for (int before = 0; before < r; ++before) out += plan.row[before].width - 1;
         for (int g = 0; g * LANES < count; ++g)
-            for (int64_t c = 0; c + 1 < plan.row[r].width; c += LANES) {   // squares small enough to be turned in registers
+            for (int64_t c = 0; c + 1 < plan.row[r].width; c += LANES) {
                 Lanes square[LANES];
                 const int64_t wide = plan.row[r].width - 1 - c < LANES ? plan.row[r].width - 1 - c : LANES;
-                for (int64_t j = 0; j < wide; ++j) square[j] = tile[(c + j) * stride + g];
-                const double* turned = (const double*)square;
+                for (int64_t j = 0; j < LANES; ++j) square[j] = tile[(c + (j < wide ? j : 0)) * stride + g], seen += square[j] * 0.0;
+                turn(square);
                 const int here = count - g * LANES < LANES ? count - g * LANES : LANES;
-                for (int i = 0; i < here; ++i)
-                    for (int64_t j = 0; j < wide; ++j) out[(g * LANES + i) * across + c + j] = turned[j * LANES + i];
+                double* into = out + (int64_t)g * LANES * across + c;
+                if (wide == LANES) {
+                    for (int i = 0; i < here; ++i, into += across) memcpy(into, square + i, sizeof *square);
+                } else {
+                    for (int i = 0; i < here; ++i, into += across)
+                        for (int64_t j = 0; j < wide; ++j) into[j] = square[i][j];
+                }
             }
     });
+    return finite && !some(~(seen == 0.0));
 }
 
 // Add the factors of other samples to `into`: the rows of a triangle are samples like any others.

@@ -4,10 +4,11 @@
 namespace ident {
 namespace INSTRUCTIONS {
 #include "lanes.h"
-#include "dynamics.h"
-#include "rows.h"
 
 static inline char* aligned(char* memory) { return (char*)(((uintptr_t)memory + 63) & ~(uintptr_t)63); }
+
+#include "dynamics.h"
+#include "rows.h"
 
 // Scratch for one group of samples.
 template <class V> struct Scratch {
@@ -157,5 +158,9 @@ extern const Kernel TABLE(INSTRUCTIONS) = {
     INSTRUCTIONS::simulation_memory,
     INSTRUCTIONS::simulate,
     INSTRUCTIONS::average,
-    INSTRUCTIONS::recursion};
+    INSTRUCTIONS::recursion,
+    INSTRUCTIONS::whitening_memory,
+    INSTRUCTIONS::whiten,
+    INSTRUCTIONS::lattice,
+    INSTRUCTIONS::respond};
 }  // namespace ident

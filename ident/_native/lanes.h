@@ -126,3 +126,27 @@ static inline void lane_sums(const Lanes* x, double* out) {
 #endif
     for (int i = 0; i < LANES; ++i) out[i] = s[i];
 }
+
+// Rows of a square become its columns: at each step blocks beside the diagonal change places, twice as large as before.
+static inline void turn(Lanes* x) {
+#define EXCHANGE(size, low, high)                                     \
+    for (int i = 0; i < LANES; ++i)                                   \
+        if (!(i & size)) {                                            \
+            const Lanes a = x[i], b = x[i + size];                    \
+            x[i] = __builtin_shufflevector(a, b, LIST low);           \
+            x[i + size] = __builtin_shufflevector(a, b, LIST high);   \
+        }
+#define LIST(...) __VA_ARGS__
+#if LANES == 8
+    EXCHANGE(1, (0, 8, 2, 10, 4, 12, 6, 14), (1, 9, 3, 11, 5, 13, 7, 15))
+    EXCHANGE(2, (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15))
+    EXCHANGE(4, (0, 1, 2, 3, 8, 9, 10, 11), (4, 5, 6, 7, 12, 13, 14, 15))
+#elif LANES == 4
+    EXCHANGE(1, (0, 4, 2, 6), (1, 5, 3, 7))
+    EXCHANGE(2, (0, 1, 4, 5), (2, 3, 6, 7))
+#else
+    EXCHANGE(1, (0, 2), (1, 3))
+#endif
+#undef LIST
+#undef EXCHANGE
+}

@@ -403,6 +403,93 @@ PyObject* filter_rows(PyObject* const* a) {
     Py_RETURN_NONE;
 }
 
+// whiten(predictors (order + 1, order + 7), width, past (order, width), age, count, parts, valid, its stride, its column, out or None, products or
+// None, rows): see Whitening in tree.h. `parts`: of (array, its row's length, first column, columns), tuples. Returns the rows since the last gap.
+PyObject* whiten(PyObject* const* a) {
+    Whitening w{};
+    w.width = integer(a[1]);
+    const int64_t age = integer(a[3]), count = integer(a[4]);
+    Buffer held[Whitening::PARTS + 5];
+    w.predictors = held[0].numbers(a[0], -1, "predictors");
+    const int64_t size = w.predictors ? held[0].view.len / 8 : 0;
+    while ((w.order + 1) * (w.order + 7) < size) ++w.order;
+    require(size && (w.order + 1) * (w.order + 7) == size && w.order < 100000 && w.width >= 0 && w.width % 8 == 0 && w.width < (1LL << 24) &&
+                count >= 0 && count < (1LL << 40) && age >= 0 && age <= w.order, "whiten: out of range");
+    w.past = held[1].room(a[2], w.order * w.width, "past");
+    w.parts = (int)PyTuple_Size(a[5]);
+    require(w.past && w.parts >= 0 && w.parts <= Whitening::PARTS, "whiten: too many parts, or no past");
+    int64_t wide = 0;
+    for (int i = 0; i < w.parts; ++i) {
+        PyObject* given[4];
+        for (int k = 0; k < 4; ++k) {
+            given[k] = PyTuple_GetItem(PyTuple_GetItem(a[5], i), k);
+            if (!given[k]) PyErr_Clear();
+            require(given[k] != nullptr, "whiten: a part is not a tuple of four");
+        }
+        Part& part = w.part[i];
+        const int64_t first = integer(given[2]);
+        part.stride = integer(given[1]), part.count = integer(given[3]);
+        require(part.stride >= 0 && part.stride < (1LL << 31) && part.count >= 0 && first >= 0 && first + part.count <= part.stride, "whiten: a part is out of range");
+        part.from = held[2 + i].numbers(given[0], count * part.stride, "part");
+        require(part.from, "whiten: an array is missing");
+        part.from += first, wide += part.count;
+    }
+    require(wide <= w.width, "whiten: the parts are wider than the rows");
+    Buffer* rest = held + 2 + Whitening::PARTS;
+    w.valid_stride = integer(a[7]);
+    const int64_t column = integer(a[8]);
+    require(column >= 0 && column < w.valid_stride && w.valid_stride < (1LL << 31), "whiten: valid is out of range");
+    w.valid = (const uint8_t*)rest[0].take(a[6], count * w.valid_stride, 0, "valid");
+    if (w.valid) w.valid += column;
+    w.out = rest[1].room(a[9], count * w.width, "out");
+    w.products = rest[2].room(a[10], w.width * w.width, "products");
+    w.rows = integer(a[11]);
+    require(w.rows >= 0 && w.rows <= w.width && w.rows % 8 == 0, "whiten: rows out of range");
+    static thread_local Memory own;
+    char* memory = own.get(active->whitening_memory(w));
+    int64_t after = 0;
+    Py_BEGIN_ALLOW_THREADS
+    after = active->whiten(w, count, age, memory);
+    Py_END_ALLOW_THREADS
+    return PyLong_FromLongLong(after);
+}
+
+// lattice(ahead (count), behind (count), count, stretches: int64 (S, 2) within them, shift, reflection) -> (squares, products); see series.h.
+PyObject* lattice(PyObject* const* a) {
+    Buffer held[3];
+    const int64_t count = integer(a[2]), shift = integer(a[4]);
+    double *ahead = held[0].room(a[0], count, "ahead"), *behind = held[1].room(a[1], count, "behind"), sums[2];
+    const int64_t* stretches = (const int64_t*)held[2].take(a[3], -1, 0, "stretches");
+    require(count >= 0 && ahead && behind && stretches && held[2].view.len % 16 == 0 && shift >= 0 && shift < (1LL << 40), "lattice: an array is missing, or out of range");
+    const int64_t many = held[2].view.len / 16;
+    for (int64_t c = 0; c < many; ++c)
+        require(stretches[2 * c] >= 0 && stretches[2 * c] <= stretches[2 * c + 1] && stretches[2 * c + 1] <= count, "lattice: a stretch is out of range");
+    const double reflection = PyFloat_AsDouble(a[5]);
+    Py_BEGIN_ALLOW_THREADS
+    active->lattice(ahead, behind, stretches, many, shift, reflection, sums);
+    Py_END_ALLOW_THREADS
+    return Py_BuildValue("(dd)", sums[0], sums[1]);
+}
+
+// respond(inertia (count, n, n), force (count, n), map (n, n), scale (n), least, count, n, out (count, n), sound: bytes (count)): see Response.
+PyObject* respond(PyObject* const* a) {
+    const int64_t count = integer(a[5]), n = integer(a[6]);
+    require(count >= 0 && n >= 1 && n < 1000, "respond: out of range");
+    Buffer held[6];
+    Response r{};
+    r.inertia = held[0].numbers(a[0], count * n * n, "inertia"), r.force = held[1].numbers(a[1], count * n, "force");
+    r.map = held[2].numbers(a[2], n * n, "map"), r.scale = held[3].numbers(a[3], n, "scale");
+    r.least = PyFloat_AsDouble(a[4]);
+    r.out = held[4].room(a[7], count * n, "out"), r.sound = (uint8_t*)held[5].take(a[8], count, PyBUF_WRITABLE, "sound");
+    require(r.inertia && r.force && r.map && r.scale && r.out && r.sound, "respond: an array is missing");
+    static thread_local Memory own;
+    char* memory = own.get((size_t)(3 * n * n + n) * (size_t)active->lanes * sizeof(double) + 64);
+    Py_BEGIN_ALLOW_THREADS
+    active->respond((int)n, count, r, memory);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
 // drive(tree, inertia, contacts, count, terms, q, dq, ddq or None, tau or None, out) -> as `compute`: torque of a motion (tau None), or acceleration at a
 // torque (ddq None), of a robot with the terms of its drives. tau = T rnea(q, dq, ddq) + c + P q + V dq + A ddq + D sign(S dq); `terms`, one after
 // the other: T, P, V, A, B = T^-1, B A (n x n each), c (n), S (contacts x n), D (n x contacts).
@@ -498,7 +585,7 @@ template <PyObject* (*function)(PyObject* const*), int count> PyObject* call(PyO
 
 #define METHOD(name, count) {#name, (PyCFunction)(void (*)())call<name, count>, METH_FASTCALL, nullptr}
 PyMethodDef methods[] = {METHOD(make_tree, 4),    METHOD(make_plan, 7),        METHOD(compute, 13), METHOD(information, 15), METHOD(split_information, 16),   METHOD(row_columns, 11),
-                         METHOD(simulate, 17),    METHOD(filter_rows, 6),      METHOD(drive, 10),   METHOD(instruction_sets, 0), METHOD(use, 1),
+                         METHOD(simulate, 17),    METHOD(filter_rows, 6),      METHOD(whiten, 12),      METHOD(lattice, 6), METHOD(respond, 9),      METHOD(drive, 10),   METHOD(instruction_sets, 0), METHOD(use, 1),
                          {nullptr, nullptr, 0, nullptr}};
 PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", "Compiled rigid-body kernels.", -1, methods, nullptr, nullptr, nullptr, nullptr};
 

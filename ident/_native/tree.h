@@ -115,6 +115,33 @@ struct Runs {
     double *q, *dq, *modes, *kept_q, *kept_dq, *kept_ddq, *kept_friction, *kept_modes, *torque;
 };
 
+// Accelerations `out` (count, n) of inertia matrices (count, n, n) under `force` (count, n), both carried by `map` (n, n) and divided by a `scale`
+// (n) for each coordinate; the symmetric part counts. `sound` (count): no eigenvalue of the scaled matrix is below `least`.
+struct Response {
+    const double *inertia, *force, *map, *scale;
+    double least, *out;
+    uint8_t* sound;
+};
+
+// Numbers of each of some rows, which stand `stride` apart.
+struct Part {
+    const double* from;
+    int64_t stride, count;
+};
+
+// Rows of one joint, gathered from parts, that go through the predictor of the order which the rows since the last gap allow. `predictors`: of
+// order 0 ... `order`, `order` + 7 numbers each, three zeros before the first; `past` (order, width): the last rows, updated; what is not
+// `valid` becomes zero; `out` (count, width), or null; `products` (width, width), or null: added to, of the first `rows` numbers (a multiple of 8).
+struct Whitening {
+    static constexpr int PARTS = 4;
+    const double* predictors;
+    int64_t order, width, rows, valid_stride;
+    int parts;
+    Part part[PARTS];
+    const uint8_t* valid;
+    double *past, *out, *products;
+};
+
 // Why a simulation stops. UNFIT: not for this integrator (friction that feeds power in).
 enum Failure { NONE, SINGULAR, DIVERGED, UNFIT };
 
@@ -133,6 +160,10 @@ struct Kernel {
     // Filters along time over rows of `width` numbers (series.h): `a` (order + 1) has three zeros on either side.
     void (*average)(const double* a, int order, const double* x, int64_t width, int64_t count, double* y);
     void (*recursion)(const double* a, int order, const double* x, int64_t width, int64_t count, double* y);
+    size_t (*whitening_memory)(const Whitening&);
+    int64_t (*whiten)(const Whitening&, int64_t count, int64_t age, char* memory);
+    void (*lattice)(double* ahead, double* behind, const int64_t* stretches, int64_t count, int64_t shift, double reflection, double* sums);
+    void (*respond)(int n, int64_t count, const Response&, char* memory);
 };
 
 extern const Kernel kernel_baseline;

@@ -144,7 +144,7 @@ def _first_state(t: Array, q: Array) -> tuple[Array, Array]:
     for j, values in enumerate(q.T):
         slope, doubt = _line(t[:few], values[:few])
         if abs(slope) > _SURE * doubt:
-            speed[j] = slope
+            origin[j], speed[j] = _moving(t[:few], values[:few], slope)
             continue
         count = few
         while 2 * count <= len(t):
@@ -155,6 +155,16 @@ def _first_state(t: Array, q: Array) -> tuple[Array, Array]:
             count *= 2
         origin[j] = float(np.mean(values[:count]))
     return origin, speed
+
+
+def _moving(t: Array, values: Array, slope: float) -> tuple[float, float]:
+    """Position and speed at the first of a few readings of a joint that moves: of a parabola where they are bent for sure."""
+    powers = np.vander(t - t[0], 3, increasing=True)
+    found = np.linalg.lstsq(powers, values, rcond=None)[0]
+    left = values - powers @ found
+    spread = float(left @ left) / max(len(t) - 3, 1) * np.linalg.inv(powers.T @ powers)
+    bent = abs(found[2]) > _SURE * np.sqrt(spread[2, 2])
+    return (float(found[0]), float(found[1])) if bent else (float(values[0]), slope)
 
 
 def _line(t: Array, values: Array) -> tuple[float, float]:

@@ -21,7 +21,7 @@ _HELD_FIRST = (
 )  # fmt: skip
 #: Coefficients that differ from a round one by less than this are that one.
 _ROUND = 0.03
-#: A member of a sum that moves its value by less than this share is left out of it.
+#: A member of a sum whose usual size moves its value by less than this share is left out of it.
 _PART = 0.05
 _SCALES = ("kp", "torque_scale")
 
@@ -77,7 +77,7 @@ def determination(unknowns: Sequence[Unknown], values: Array, precision: Precisi
     free = np.array([i for i in everything if i not in held])
     conditional = np.full(len(values), np.inf)
     conditional[free] = _std(precision, free)
-    combinations, grouped = _combinations(unknowns, values, precision, free, held, open_ & ~unseen, conditional)
+    combinations, grouped = _combinations(unknowns, values, precision, free, held, open_ & ~unseen, conditional, allowed)
     verdicts = [
         Standing.DETERMINED if not open_[i] else Standing.CONFOUNDED if i in grouped or (i in held and not unseen[i]) else Standing.UNSEEN
         for i in everything
@@ -113,11 +113,20 @@ def _next(unknowns: Sequence[Unknown], precision: Precision, allowed: Array, hel
 
 
 def _combinations(
-    unknowns: Sequence[Unknown], values: Array, precision: Precision, free: Array, held: list[int], asked: Array, conditional: Array
+    unknowns: Sequence[Unknown],
+    values: Array,
+    precision: Precision,
+    free: Array,
+    held: list[int],
+    asked: Array,
+    conditional: Array,
+    allowed: Array,
 ) -> tuple[tuple[Combination, ...], set[int]]:
     if not held:
         return (), set()
     share = precision.regrouped(free, np.array(held))
+    # A member whose value happens to be next to nothing belongs to a sum as well: it might be another.
+    reach = np.maximum(precision.scale, allowed)
     found, grouped = [], set[int]()
     for row, i in zip(share, free, strict=True):
         if not asked[i]:
@@ -128,8 +137,9 @@ def _combinations(
             part = coefficient * values[h] / values[i] if values[i] else 0.0
             if unknowns[h].place in _SCALES and abs(part + 1.0) < 0.1:
                 divisor = h
-            elif abs(part) > _PART and _alike(unknowns[i], unknowns[h]):
-                terms.append((h, 1.0 if abs(coefficient - 1.0) < _ROUND else coefficient))
+            elif abs(coefficient) * reach[h] > _PART * abs(values[i]) and _alike(unknowns[i], unknowns[h]):
+                plain = unknowns[h].unit == unknowns[i].unit and abs(coefficient - 1.0) < _ROUND
+                terms.append((h, 1.0 if plain else coefficient))
         if not terms and divisor < 0:
             continue
         members = [i, *(h for h, _ in terms), *([divisor] if divisor >= 0 else [])]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .commands import DriveLog
 from .determined import determination
 from .plant import DrivePlant
+from .profile import delay_profiles
 from .result import DriveFit
 from .search import Fitted, fitted
+from .space import drive_logs
 from .starts import starts
 from .uncertainty import Precision
 
@@ -48,7 +50,7 @@ def fit_drives(
     Raises
     ------
     DataError
-        Logs without the commands that the law needs.
+        Logs without the commands that the law needs, or with commands that are not positions of the joints.
     UnsupportedError
         Effects that are not simulated under a drive law.
 
@@ -61,9 +63,12 @@ def fit_drives(
     <function fit_drives at ...>
     """
     robot = model.robot
-    plant = DrivePlant(model, law, tuple(DriveLog.of(log, robot, law) for log in logs))
+    plant = DrivePlant(model, law, drive_logs(logs, robot, law))
     at, sizes = starts(plant)
-    fit = result_of(plant, fitted(plant, at, sizes, progress=progress), sizes, logs.inputs)
+    found = fitted(plant, at, sizes, progress=progress)
+    fit = result_of(plant, found, sizes, logs.inputs)
+    precision = Precision.of(found, np.maximum(np.abs(found.values), sizes))
+    fit = replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision))
     return fit if held is None else fit.with_heldout(held)
 
 

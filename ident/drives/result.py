@@ -53,6 +53,7 @@ class DriveFit(ShortRepr):
     heldout_rms: Array | None = None
     heldout_logs: Mapping[str, Array] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    delay_ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -77,10 +78,15 @@ class DriveFit(ShortRepr):
         return replace(self, heldout_rms=np.sqrt(np.mean(whole**2, axis=0)), heldout_logs=by_log)
 
     def delay_interval(self) -> dict[str, tuple[float, float, float]]:
-        """Name of each unknown delay → value and ends of its 95 % interval, s; not below zero."""
+        """Name of each unknown delay → value and ends of its 95 % interval, s; not below zero, inf where the logs set no bound.
+
+        By profile likelihood, the other unknowns fitted again at each end; where that was not done, by the standard deviation."""
         out = {}
         for i, unknown in enumerate(self.unknowns):
             if unknown.place == "delay_s":
+                if unknown.name in self.delay_ends:
+                    out[unknown.name] = (float(self.values[i]), *self.delay_ends[unknown.name])
+                    continue
                 reach = 1.96 * float(np.sqrt(self.covariance[i, i]))
                 out[unknown.name] = (float(self.values[i]), max(0.0, float(self.values[i]) - reach), float(self.values[i]) + reach)
         return out
@@ -88,6 +94,8 @@ class DriveFit(ShortRepr):
     def trades(self, name: str, most: int = 2) -> list[tuple[str, float]]:
         """The unknowns whose estimates are most correlated with that of `name`, and the correlations."""
         i = self.names.index(name)
+        if not np.isfinite(self.covariance[i, i]):
+            return []
         size = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
         r = self.covariance[i] / (size * size[i])
         order = [int(k) for k in np.argsort(-np.abs(r)) if k != i][:most]
@@ -131,7 +139,7 @@ class DriveFit(ShortRepr):
                 "fit": {"rms": self.fit_rms.tolist()},
                 "heldout": {"rms": [] if self.heldout_rms is None else self.heldout_rms.tolist()},
             },
-            "delay": [{"name": k, "value": v, "interval": [a, b]} for k, (v, a, b) in self.delay_interval().items()],
+            "delay": [self._delay(k, *reach) for k, reach in self.delay_interval().items()],
             "drive": self.law.to_dict(),
         }
         if self.determination is not None:
@@ -140,6 +148,11 @@ class DriveFit(ShortRepr):
                 for c in self.determination.combinations
             ]
         return result("ident.fit/1", jsonable(body), inputs=self.inputs, warnings=self.warnings)
+
+    def _delay(self, name: str, value: float, low: float, high: float) -> dict[str, Any]:
+        entry = {"name": name, "interval": [low, high if np.isfinite(high) else None]}
+        standing = None if self.determination is None else self.determination.verdicts[self.names.index(name)]
+        return {**entry, "value": value} if standing == Standing.DETERMINED else entry
 
     def _parameters(self) -> list[dict[str, Any]]:
         assert self.determination is not None
@@ -151,7 +164,7 @@ class DriveFit(ShortRepr):
             entry |= {"expression": unknown.expression or unknown.name, "effect": unknown.effect, "joint": joint}
             if verdict == Standing.DETERMINED:
                 entry |= {"value": float(value), "std": float(std)}
-            elif verdict == Standing.UNSEEN:
+            elif verdict == Standing.UNSEEN and np.isfinite(below):
                 entry |= {"below": float(below)}
             out.append(entry)
         return out
@@ -181,6 +194,7 @@ class DriveFit(ShortRepr):
                 model, found, free, values, np.array(state["covariance"], float), None, np.array(data["replay"]["fit"]["rms"]),
                 float(state["period"]), int(data["samples"]), data["status"]["code"] == "ok", tuple(data["inputs"]),
                 np.array(replayed) if replayed else None, warnings=tuple(data["warnings"]),
+                delay_ends={d["name"]: _ends(*d["interval"]) for d in data["delay"]},
             )  # fmt: skip
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigurationError(f"fit {path}: is damaged, or another version of ident wrote it ({error}). Fit again.") from None
@@ -189,6 +203,10 @@ class DriveFit(ShortRepr):
 def is_drive_fit(data: Any) -> bool:
     """Whether JSON data are a saved fit under a drive law."""
     return isinstance(data, Mapping) and "drive_state" in data
+
+
+def _ends(low: float, high: float | None) -> tuple[float, float]:
+    return float(low), np.inf if high is None else float(high)
 
 
 def _numbers(table: Mapping[str, Any]) -> dict[str, Any]:

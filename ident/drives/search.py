@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import DataError
 from .plant import DrivePlant, joined
+from .starts import expected
 
 Array = np.ndarray
 #: Damping factors that are tried beside each other in a step.
@@ -18,8 +19,13 @@ _NEAR = 1e-3
 _SETTLED = 1e-5
 #: Share of a parameter's size by which it is moved for a derivative.
 _NUDGE = 3e-3
+#: While residuals count in units of the motion, not of their own size, what is expected counts so little.
+_COARSE = 1e-3
 #: So many starts are followed for a few steps.
-_FOLLOWED = 3
+_FOLLOWED, _SHORT = 3, 6
+#: Where a joint comes to rest makes valleys of their own: from the best end of a single joint, which is simulated in no time, dry friction
+#: is set to these shares of it, the others make up for that, and the offset is none.
+_HOPS = (0.3, 0.6, 1.6, 3.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,21 +63,23 @@ def fitted(
     fresh = np.concatenate([log.fresh for log in plant.logs]) if counted is None else counted
     counts = np.maximum(fresh.sum(axis=0), 1)
     spread = np.maximum(np.std(measured, axis=0), 1e-6)
-    search = _SimulatedSearch(plant, measured, sizes, fresh / spread)
+    search = _SimulatedSearch(plant, measured, sizes, fresh / spread, *expected(plant), near=_COARSE)
     coarse = search.coarse()
     costs = coarse.costs(starts)
     order = [i for i in np.argsort(costs)[:_FOLLOWED] if np.isfinite(costs[i])]
     if not order:
         raise DataError("no start of the simulation stays within bounds: check the signs of commands and positions, and the gains.")
-    ends = [coarse.run(starts[i], 6, _NEAR) for i in order]
+    ends = [coarse.run(starts[i], _SHORT, _NEAR) for i in order]
     best = min(ends, key=lambda end: end[1])
     best = coarse.run(best[0], steps, _NEAR)
+    if plant.robot.n == 1:
+        best = min([best, *(coarse.run(hop, 2 * _SHORT, _NEAR) for hop in _hops(coarse, best[0]))], key=lambda end: end[1])
     if progress is not None:
         progress(0.4)
     values, _, _, _ = search.run(best[0], steps)
     residual = search.residual(values)
     rms = np.sqrt(np.sum(np.square(residual * fresh), axis=0) / counts)
-    search = replace(search, weights=fresh / np.maximum(rms, 1e-3 * spread))
+    search = replace(search, weights=fresh / np.maximum(rms, 1e-3 * spread), near=1.0)
     values, _, settled, used = search.run(values, steps)
     if progress is not None:
         progress(1.0)
@@ -79,13 +87,42 @@ def fitted(
     return Fitted(values, residual, slopes, search.weights, settled, used)
 
 
+def _hops(search: _SimulatedSearch, values: Array) -> list[Array]:
+    """Starts (p,) beside the best end, from which another valley may be found; what can make up for a change of friction does."""
+    places = np.array([u.place for u in search.plant.unknowns])
+    dry = np.flatnonzero(places == "dry")
+    if not len(dry) or len(values) < 2:
+        return []
+    _, slopes = search.linear(values)
+    J = (slopes * search.weights[..., None]).reshape(-1, len(values)) * search.sizes
+    others = np.setdiff1d(np.arange(len(values)), dry)
+    along = -np.linalg.lstsq(J[:, others], J[:, dry].sum(axis=1), rcond=1e-6)[0]
+    out = []
+    for share in _HOPS:
+        hop, change = values.copy(), (share - 1.0) * float(np.mean(values[dry] / search.sizes[dry]))
+        hop[dry] *= share
+        moved = hop[others] + change * along * search.sizes[others]
+        least = np.minimum(0.5 * hop[others], 2.0 * hop[others])
+        hop[others] = np.clip(moved, least, 2.5 * hop[others] - least)
+        hop[places == "offset"] = 0.0
+        out.append(np.maximum(hop, search.lower))
+    return out
+
+
 def refitted(plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, steps: int = 15) -> Fitted:
     """From near values (p,) on, with weights (N, n) that stay: costs of several models are then of one kind."""
     measured = np.concatenate([log.q for log in plant.logs])
-    search = _SimulatedSearch(plant, measured, sizes, weights)
+    search = _SimulatedSearch(plant, measured, sizes, weights, *expected(plant))
     values, _, settled, used = search.run(values, steps)
     residual, slopes = search.linear(values, central=True)
     return Fitted(values, residual, slopes, weights, settled, used)
+
+
+def followed(plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, steps: int) -> tuple[float, Array]:
+    """Cost and values (p,) after a few steps from near values on."""
+    measured = np.concatenate([log.q for log in plant.logs])
+    values, cost, _, _ = _SimulatedSearch(plant, measured, sizes, weights, *expected(plant)).run(values, steps, _NEAR)
+    return cost, values
 
 
 def sensitivities(plant: DrivePlant, values: Array, sizes: Array) -> tuple[Array, Array]:
@@ -96,10 +133,15 @@ def sensitivities(plant: DrivePlant, values: Array, sizes: Array) -> tuple[Array
 
 @dataclass(frozen=True, eq=False)
 class _SimulatedSearch:
+    """`centre`, `width` (p,): what is expected of the unknowns and how far off it may be; `near`: how much that counts."""
+
     plant: DrivePlant
     measured: Array
     sizes: Array
     weights: Array
+    centre: Array | float = 0.0
+    width: Array | float = np.inf
+    near: float = 1.0
 
     def coarse(self) -> _SimulatedSearch:
         """The same in larger steps of time, where the samples leave room for them."""
@@ -116,7 +158,8 @@ class _SimulatedSearch:
     def costs(self, sets: Array) -> Array:
         """Sum of weighted squares of each set (Q,), inf where the motion has no bounds."""
         found = joined(self.plant.positions(sets)) - self.measured
-        cost = np.sum(np.square(found * self.weights), axis=(1, 2))
+        off = (sets - self.centre) / self.width
+        cost = np.sum(np.square(found * self.weights), axis=(1, 2)) + self.near * np.sum(off**2, axis=1)
         return np.where(np.isfinite(cost), cost, np.inf)
 
     def linear(self, values: Array, central: bool = False) -> tuple[Array, Array]:
@@ -142,7 +185,9 @@ class _SimulatedSearch:
         for k, (pivot, direction) in enumerate(exchanges):
             one, other = found[2 * len(slots) + 1 + 2 * k :][:2]
             others = np.where(np.arange(len(values)) == pivot, 0.0, direction)
-            slopes[..., pivot] = ((one - other) / (2.0 * _NUDGE) - slopes @ others) / direction[pivot]
+            # A drive that is off: its constants move nothing, and nothing is to be said of them.
+            if np.any(slopes[..., pivot]):
+                slopes[..., pivot] = ((one - other) / (2.0 * _NUDGE) - slopes @ others) / direction[pivot]
         return plain - self.measured, np.nan_to_num(slopes)
 
     def _exchanges(self, values: Array) -> list[tuple[int, Array]]:
@@ -218,7 +263,8 @@ class _SimulatedSearch:
 
     def _moved(self, values: Array, J: Array, r: Array, damping: float) -> Array:
         """One damped step, unknowns at their bounds held there if they press against them."""
-        F, g = J.T @ J, J.T @ r
+        hold = self.near / np.square(self.width) * np.ones(len(values))
+        F, g = J.T @ J + np.diag(hold), J.T @ r + hold * (values - self.centre)
         floor = 1e-9 * np.max(np.diag(F) * self.sizes**2) / self.sizes**2
         A = F + np.diag(damping * (np.diag(F) + floor))
         move, free = np.zeros(len(values)), np.ones(len(values), bool)

@@ -14,6 +14,10 @@ Array = np.ndarray
 _LOOPS_HZ = (2.0, 5.0, 12.0)
 _FRICTION = (0.02, 0.2)
 _DELAYS = (0.3, 1.5)
+#: An expected value may be off by so many times its size.
+_DOUBT = 3.0
+#: Swings with the torque off are of about this frequency (Hz).
+_FREE_HZ = 1.0
 #: Inertia of an actuator whose links are unknown or next to nothing, kg m².
 _BARE = 0.005
 #: Resonance (Hz) of a link on a spring of unknown stiffness.
@@ -31,6 +35,24 @@ def starts(plant: DrivePlant) -> tuple[Array, Array]:
     return np.array(found), np.maximum(sizes, 1e-9)
 
 
+def expected(plant: DrivePlant) -> tuple[Array, Array]:
+    """What is expected of the unknowns (p,) before any log, and how far off it may be (p,): inertials of the URDF, no offset; inf where
+    nothing is. Of what the logs do not show, the simulation then keeps this."""
+    inertia = moved_inertia(plant)
+    at, _ = starts(plant)
+    symbols = [u.name.split("_")[0][0] if u.place == "link" else "" for u in plant.unknowns]
+    centre, width = at[0].copy(), np.full(len(at[0]), np.inf)
+    for i, unknown in enumerate(plant.unknowns):
+        if unknown.place == "link":
+            alike = [abs(at[0][k]) for k, symbol in enumerate(symbols) if symbol == symbols[i]]
+            width[i] = _DOUBT * max(alike)
+        elif unknown.place == "offset":
+            centre[i], width[i] = 0.0, 1e3 * _DOUBT * max(abs(x[i]) for x in at)
+        elif unknown.place == "armature":
+            centre[i], width[i] = 0.0, _DOUBT * float(inertia[unknown.joint])
+    return centre, width
+
+
 def moved_inertia(plant: DrivePlant) -> Array:
     """What each joint moves (n,), kg m²."""
     if not plant.law.links_known and plant.robot.nominal is None:
@@ -42,7 +64,9 @@ def moved_inertia(plant: DrivePlant) -> Array:
 
 def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: float) -> Array:
     logs = plant.logs
-    error = np.sqrt(np.mean(np.concatenate([(log.q_cmd - log.q) for log in logs]) ** 2, axis=0)) + 1e-6
+    # What is commanded while the torque is off moves nothing, and says nothing of the drive.
+    error = np.sqrt(np.mean(np.concatenate([log.enabled * (log.q_cmd - log.q) for log in logs]) ** 2, axis=0)) + 1e-6
+    driven = np.any([np.any(log.enabled > 0, axis=0) for log in logs], axis=0)
     rate = np.sqrt(np.mean(np.concatenate([np.gradient(log.q, log.t, axis=0) for log in logs]) ** 2, axis=0)) + 1e-6
     spread = np.std(np.concatenate([log.q for log in logs]), axis=0)
     volts = np.mean([log.supply.mean(axis=0) for log in logs if log.supply is not None] or [np.ones(plant.robot.n)], axis=0)
@@ -50,7 +74,7 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
     known = np.where(np.isnan(gains).all(axis=0), np.nan, np.nan_to_num(gains).sum(axis=0) / np.maximum(1, np.isfinite(gains).sum(axis=0)))
     stiff = inertia * (2 * np.pi * hz) ** 2
     stiff = np.where(np.isnan(known) | (plant.law.kind == "pwm"), stiff, known)
-    torque = stiff * error
+    torque = np.where(driven, stiff * error, inertia * rate * 2 * np.pi * _FREE_HZ)
     guess = {
         "armature": 0.3 * inertia, "viscous": friction * torque / rate, "dry": friction * torque, "offset": 1e-3 * torque,
         "load": np.full(plant.robot.n, 0.05), "spring": 0.05 * torque / np.maximum(spread, 1e-3), "gear_loss": np.full(plant.robot.n, 0.1),

@@ -52,6 +52,9 @@ class Summarised(Protocol):
     @property
     def warnings(self) -> tuple[str, ...]: ...
 
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
     def delay_interval(self) -> dict[str, tuple[float, float, float]]: ...
 
     def trades(self, name: str, most: int = 2) -> list[tuple[str, float]]: ...
@@ -88,11 +91,15 @@ def _values(fit: Summarised) -> list[str]:
     unseen = [(u, below) for u, _, verdict, _, below in rows if verdict == Standing.UNSEEN and u.place != "delay_s"]
     if unseen:
         lines += ["", "not determined (these logs show too little of it; 95 % bound on its size)"]
-        lines += [f"  {u.expression or u.name:<{width}}  below {below:.2g} {u.unit}" for u, below in unseen]
+        lines += [f"  {u.expression or u.name:<{width}}  {_bound(below, u.unit)}" for u, below in unseen]
     rest = [u.name for u, _, verdict, _, _ in rows if verdict == Standing.CONFOUNDED and not _in_some(u.name, fit)]
     if rest:
         lines += ["", wrapped(f"not determined, and in no combination that is: {', '.join(rest)}")]
     return lines
+
+
+def _bound(below: float, unit: str) -> str:
+    return f"below {below:.2g} {unit}" if np.isfinite(below) else "moves nothing in these logs"
 
 
 def _in_some(name: str, fit: Summarised) -> bool:
@@ -104,14 +111,14 @@ def _few(texts: list[str]) -> str:
 
 
 def _delays(fit: Summarised) -> list[str]:
-    lines = []
+    lines, found = [], fit.determination
     for name, (value, low, high) in fit.delay_interval().items():
-        if not high - low < 4.0 * max(value, fit.period):
-            lines.append(f"  {name}: not determined by these logs")
-            continue
-        lines.append(
-            f"  {name}  {1e3 * value:.2f} ms, 95 % interval {1e3 * low:.2f} to {1e3 * high:.2f} ms ({value / fit.period:.2f} samples)"
-        )
+        if found is not None and found.verdicts[fit.names.index(name)] != Standing.DETERMINED:
+            ends = f"95 % interval {1e3 * low:.2f} to {1e3 * high:.2f} ms" if np.isfinite(high) else "these logs set no bound to it"
+            lines.append(f"  {name}: not determined by these logs, {ends}")
+        else:
+            samples = f"({value / fit.period:.2f} samples)"
+            lines.append(f"  {name}  {1e3 * value:.2f} ms, 95 % interval {1e3 * low:.2f} to {1e3 * high:.2f} ms {samples}")
         traded = [f"{other} ({r:+.2f})" for other, r in fit.trades(name) if abs(r) > _TRADES]
         if traded:
             lines.append(f"    trades with {', '.join(traded)}")

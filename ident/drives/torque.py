@@ -9,8 +9,8 @@ import numpy as np
 
 from ..errors import ConfigurationError, DataError
 from ..logs.log import Log, LogSet
-from .commands import DriveLog
 from .law import CommandForm, DriveLaw
+from .space import drive_logs
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -41,7 +41,7 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
         raise ConfigurationError(f"log {log.name}: with joint_stiffness, the torque on the link is known in simulation only.")
     if log.q is None or not np.isfinite(log.q).all():
         raise DataError(f"log {log.name}: positions are missing; the drive law gives no torque without them.")
-    seen = DriveLog.of(log, robot, law)
+    (seen,) = drive_logs((log,), robot, law)
     rate = log.velocity(robot.transmission)
     speed = np.gradient(seen.q, seen.t, axis=0) if rate is None else rate
     sent = {name: _late(seen.t, x, law) for name, x in (("q", seen.q_cmd), ("dq", seen.dq_cmd), ("tau", seen.tau_ff))}

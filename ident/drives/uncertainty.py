@@ -56,7 +56,8 @@ class Precision:
         # No direction is better known than it were if the residual were white noise.
         white = np.maximum(np.where(none, 1e12, inverse) - np.diag(spread), 0.0)
         found = vectors @ (spread + np.diag(white)) @ vectors.T
-        return np.asarray(found / np.outer(size, size))
+        with np.errstate(over="ignore"):
+            return np.asarray(found / np.outer(size, size))
 
     def regrouped(self, free: Array, held: Array) -> Array:
         """(f, h): how much of each `held` unknown one of `free` takes over, in units of their scales."""

@@ -313,11 +313,14 @@ class JointEffect(Effect):
         bias = self.torque(still, robot, values)
         if self.factors and Factor.ACCELERATION not in self.factors:
             return bias, None
-        # A joint's torque depends on its own acceleration alone.
-        own = replace(still.on(self.side), ddq=np.ones_like(bias))
+        # A joint's torque depends on its own acceleration alone; with a factor at hand, everywhere alike.
+        if self.factors:
+            still = Motion.of(robot, *np.zeros((3, 1, robot.n)))
+        own = replace(still.on(self.side), ddq=np.ones_like(still.joint.q))
         moved = replace(still, joint=own) if self.side == Side.JOINT else replace(still, motor=own)
         own_rates = np.eye(robot.n) if self.side == Side.JOINT else robot.transmission.K_inverse
-        return bias, (self.torque(moved, robot, values) - bias)[:, :, None] * own_rates
+        each = self.torque(moved, robot, values) - (self.torque(still, robot, values) if self.factors else bias)
+        return bias, each[:, :, None] * own_rates
 
 
 def _accelerated(motion: Motion, robot: Robot, ddq: Array) -> Motion:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..regressor.rigid import bias_torque, inverse_dynamics, mass_matrix, regressor
+from ..regressor.rigid import inverse_dynamics, regressor, terms
 from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS, Parameter
 from ..robots.transmission import Side
 from .base import Axis, Effect, Nature, register
@@ -51,8 +51,7 @@ class RigidBody(Effect):
 
     def affine(self, motion: Motion, robot: Robot, values: Array) -> tuple[Array, Array | None]:
         own = motion.joint
-        q = robot.tree_position(own.q)
-        bias, inertia = bias_torque(robot.tree, values, q, robot.tree_rate(own.dq)), mass_matrix(robot.tree, values, q)
+        inertia, bias = terms(robot.tree, values, robot.tree_position(own.q), robot.tree_rate(own.dq))
         if robot.loop.is_trivial:
             return bias, inertia
         return bias @ robot.loop.W, robot.loop.W.T @ inertia @ robot.loop.W

@@ -9,20 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..regressor.kernel_choice import kernel
-from ..statistics.autoregression import Autoregression, lower_orders, rising
+from ..statistics.autoregression import Autoregression, rising
 from ..statistics.noise import NoiseModel, fit_noise
-from .moments import InstrumentMoments, WhiteRows, instrument_moments
+from ..statistics.whitening import RowWhitener, padded
+from .moments import InstrumentMoments, InstrumentProducts, WhiteRows, instrument_moments
 
 if TYPE_CHECKING:
     from ..problem.columns import PackedColumns
     from ..problem.problem import PackedRows, Problem
 
 Array = np.ndarray
+#: Columns of arrays (m, …) that stand side by side.
+Parts = tuple[tuple[Array, slice], ...]
 #: Rows in a piece of which the motion's spectrum is taken.
 _SPECTRUM = 4096
 #: Windows of time within which errors may be correlated beyond their model: seconds of each, and how many there are at least.
@@ -30,8 +33,6 @@ _WINDOW_S = 0.5
 _WINDOWS = 60
 #: Variance of the residual below this share of the torque's own square is round-off.
 _ROUND_OFF = 1e-24
-#: Numbers that a line has a multiple of: what the compiled filter takes at once.
-_LANES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +58,20 @@ class InstrumentRows:
         floor = _ROUND_OFF * np.maximum(squares, 1e-270)
         level = np.maximum(np.diag(noise.innovation), floor)
         weighting = tuple(rising(a, v, power[:, j]) for j, (a, v) in enumerate(zip(noise.ar, level.tolist(), strict=True)))
-        return cls(problem, instruments, usable, columns, values, noise, weighting)
+        made = cls(problem, instruments, usable, columns, values, noise, weighting)
+        made.__dict__["residual"] = residual
+        return made
 
-    def __iter__(self) -> Iterator[WhiteRows]:
-        """Weighted blocks. Rows of different joints are weighted apart; what correlates them does not make the estimate inconsistent."""
+    @cached_property
+    def residual(self) -> Array:
+        """Torque less what the base values predict (M, n), NaN where rows are not used."""
+        return np.where(self.usable, self.problem.residual(self.values), np.nan)
+
+    def _parts(self, filters: list[RowWhitener]) -> Iterator[tuple[PackedRows, tuple[_JointColumns, ...], Array, list[Parts]]]:
+        """Blocks of rows, the joints' columns, which rows are used, and for each joint what goes through its filter, which stands at the
+        beginning of a run where one begins."""
         run = -1
         joints: tuple[_JointColumns, ...] = ()
-        filters = [_Whitener(w.polynomial, w.innovation) for w in self.weighting]
         for rows, other in zip(self.problem.packed_rows(), self.instruments.packed_rows(), strict=True):
             if not joints:
                 chosen = np.full(self.problem.base.count, -1)
@@ -74,11 +82,30 @@ class InstrumentRows:
                 for one, joint in zip(filters, joints, strict=True):
                     one.reset(joint.width)
             valid = rows.valid & self.usable[rows.place]
-            lines = tuple(
-                one.whitened(joint.line(rows, other.columns, self.values, j, one.room(len(valid))), valid[:, j])
-                for j, (one, joint) in enumerate(zip(filters, joints, strict=True))
-            )
-            yield WhiteRows(lines, tuple(joint.columns for joint in joints), valid, rows.place, run)
+            error = self.residual[rows.place]
+            yield rows, joints, valid, [joint.parts(other.columns, rows.columns, error, rows.tau, j) for j, joint in enumerate(joints)]
+
+    def __iter__(self) -> Iterator[WhiteRows]:
+        """Weighted blocks. Rows of different joints are weighted apart; what correlates them does not make the estimate inconsistent."""
+        filters = self._filters
+        for rows, joints, valid, parts in self._parts(filters):
+            lines = tuple(one.rows(own, (valid, j)) for j, (one, own) in enumerate(zip(filters, parts, strict=True)))
+            yield WhiteRows(lines, tuple(joint.columns for joint in joints), valid, rows.place, rows.run)
+
+    @property
+    def _filters(self) -> list[RowWhitener]:
+        return [RowWhitener(w.polynomial, w.innovation) for w in self.weighting]
+
+    def products(self) -> InstrumentProducts:
+        """What a step needs, in one pass that never holds weighted rows."""
+        filters = self._filters
+        sums: list[Array] = []
+        joints: tuple[_JointColumns, ...] = ()
+        for _, joints, valid, parts in self._parts(filters):
+            sums = sums or [np.zeros((joint.width, joint.width)) for joint in joints]
+            for j, (one, joint, own) in enumerate(zip(filters, joints, parts, strict=True)):
+                one.add_products(own, (valid, j), sums[j], padded(len(joint.columns)))
+        return InstrumentProducts.of([joint.columns for joint in joints], sums, len(self.columns))
 
     def moments(self, lags: tuple[int, ...] = (0,), *, windowed: bool = False) -> InstrumentMoments:
         """One pass over the samples; `windowed`: also what correlates errors within windows of time."""
@@ -117,11 +144,9 @@ def _power(torque: Array, runs: tuple[slice, ...]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _JointColumns:
-    """What one joint has of the columns: the base columns `every` at `places` of the packed values, for the prediction; the estimated ones
-    among them at `estimated`, which are `columns` of those estimated; `width` of its line."""
+    """What one joint has of the columns: the estimated ones at `estimated` of the packed values, which are `columns` of those estimated;
+    `width` of its line."""
 
-    every: Array
-    places: slice | Array
     estimated: slice | Array
     columns: Array
     width: int
@@ -132,19 +157,16 @@ class _JointColumns:
         every, places = packed.columns[j], packed.places[j]
         mine = chosen[every] >= 0
         columns = chosen[every[mine]]
-        width = -(-(2 * len(columns) + 2) // _LANES) * _LANES
-        return cls(every, _stretch(places), _stretch(places[mine]), columns, width)
+        return cls(_stretch(places[mine]), columns, padded(2 * len(columns) + 2))
 
-    def line(self, rows: PackedRows, instruments: PackedColumns, values: Array, j: int, out: Array) -> Array:
-        """`out` (p + m, width), with instruments, columns, error and torque of joint j in its last m rows; rows that are not valid may hold
-        anything."""
-        size, here = len(self.columns), out[len(out) - len(rows.tau) :]
-        here[:, :size] = instruments.values[:, self.estimated]
-        here[:, size : 2 * size] = rows.columns.values[:, self.estimated]
-        here[:, 2 * size + 1] = rows.tau[:, j]
-        here[:, 2 * size + 2 :] = 0.0
-        np.subtract(rows.tau[:, j], rows.columns.values[:, self.places] @ values[self.every], out=here[:, 2 * size])
-        return out
+    def parts(self, instruments: PackedColumns, columns: PackedColumns, error: Array, torque: Array, j: int) -> Parts:
+        """Instruments, columns, error and torque of joint j, side by side."""
+        own = slice(j, j + 1)
+        return (*(_columns(x.values, self.estimated) for x in (instruments, columns)), (error, own), (torque, own))
+
+
+def _columns(values: Array, places: slice | Array) -> tuple[Array, slice]:
+    return (values, places) if isinstance(places, slice) else (values[:, places], slice(0, len(places)))
 
 
 def _stretch(places: Array) -> slice | Array:
@@ -152,56 +174,3 @@ def _stretch(places: Array) -> slice | Array:
     if len(places) and np.array_equal(places, np.arange(places[0], places[0] + len(places))):
         return slice(int(places[0]), int(places[0]) + len(places))
     return places
-
-
-class _Whitener:
-    """Rows of one joint, block by block, through the predictor of the order that the rows since the last gap allow."""
-
-    def __init__(self, polynomial: Array, innovation: float) -> None:
-        last = int(np.flatnonzero(polynomial)[-1])
-        predictors = [a / np.sqrt(variance) for a, variance in lower_orders(polynomial[: last + 1], innovation)]
-        self.full = predictors[-1]
-        #: By rows since the last gap: weights of the rows since then.
-        self.triangle = np.zeros((last, last))
-        for order, a in enumerate(predictors[:-1]):
-            self.triangle[order, : order + 1] = a[::-1]
-        self.order = last
-        self.reset(0)
-
-    def reset(self, width: int) -> None:
-        """Begin a run of rows of this width."""
-        self.past, self.age = np.zeros((self.order, width)), 0
-
-    def room(self, count: int) -> Array:
-        """The last rows (p, c), and room for as many more."""
-        line = np.empty((self.order + count, self.past.shape[1]))
-        line[: self.order] = self.past
-        return line
-
-    def whitened(self, line: Array, valid: Array) -> Array:
-        """Whitened rows (m, c) of `room` filled with m rows that follow the last ones; zero where `valid` (m,) is false."""
-        m, p = len(valid), self.order
-        whole = bool(valid.all())
-        if not whole:
-            line[p:][~valid] = 0.0
-        self.past = line[len(line) - p :].copy()
-        out = kernel().series.average(self.full, line)
-        if whole and self.age >= p:
-            return out
-        place = np.arange(m)
-        # Rows since the last gap, before each row; those of the blocks before count on.
-        gap = np.maximum.accumulate(np.where(valid, -1 - self.age, place))
-        age = np.minimum(np.concatenate([[self.age], place[1:] - gap[:-1] - 1]), p)
-        self.age = int(min(place[-1] - gap[-1], p))
-        if not whole:
-            out[~valid] = 0.0
-        young = np.flatnonzero(valid & (age < p))
-        if not len(young):
-            return out
-        ends = np.flatnonzero(np.diff(young) != 1)
-        for first, last in zip(young[np.append(0, ends + 1)].tolist(), (young[np.append(ends, -1)] + 1).tolist(), strict=True):
-            seen = int(age[first])
-            np.matmul(
-                self.triangle[seen : seen + last - first, : seen + last - first], line[p + first - seen : p + last], out=out[first:last]
-            )
-        return out

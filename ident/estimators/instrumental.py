@@ -118,9 +118,9 @@ class InstrumentalVariable(Estimator):
             repaired.append(possible.moved)
             instruments, usable = instrument_problem(problem, possible, source, self.experiment)
             rows = InstrumentRows.at(problem, instruments, usable, columns, values)
-            moments = rows.moments()
-            system = InstrumentSystem(moments.cross[0], moments.gram[0], names)
-            change = system.solve(moments.miss[0])
+            products = rows.products()
+            system = InstrumentSystem(products.cross, products.gram, names)
+            change = system.solve(products.miss)
             values = values.copy()
             values[columns] += change
             steps.append(_step(change, system.white_std, values[columns]))

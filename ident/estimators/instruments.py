@@ -14,6 +14,7 @@ from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, DataError
 from ..model import Model
 from ..problem.problem import Problem
+from ..regressor.kernel_choice import kernel
 from ..robots.transmission import Side
 from ..signals.rows import Rows
 from .experiment import Experiment
@@ -81,45 +82,22 @@ def _forward_dynamics(problem: Problem, values: Array, possible: NearestPossible
     for first in range(0, len(at), _CHUNK):
         part = at[first : first + _CHUNK]
         inertia, bias = model.inertia_and_bias(s.q[part], s.dq[part], own)
-        joint = np.matmul(to_joint, inertia)
-        force = (torque[part] - bias) @ to_joint.T
-        shaped = (joint + joint.swapaxes(1, 2)) / (2 * np.outer(possible.scale, possible.scale))
-        ddq[part] = _response(shaped, force / possible.scale, MARGIN / 2) / possible.scale
+        ddq[part] = _response(inertia, torque[part] - bias, to_joint, possible.scale)
     return Coordinates(s.q, s.dq, ddq)
 
 
-def _response(inertia: Array, force: Array, least: float) -> Array:
-    """Accelerations (N, n) of inertia matrices (N, n, n) under forces (N, n), no eigenvalue below `least`.
+def _response(inertia: Array, force: Array, to_joint: Array, scale: Array) -> Array:
+    """Accelerations (N, n) under `force` (N, n) of inertia matrices (N, n, n), both on a side that `to_joint` (n, n) carries to the joints.
 
-    Between the postures of the repair an eigenvalue may still be small: it is held there."""
-    n = force.shape[1]
-    # Samples last: each step of the elimination is one operation on all of them.
-    matrix = np.ascontiguousarray(np.moveaxis(inertia, 0, 2))
-    sound, _ = _eliminated(matrix - least * np.eye(n)[:, :, None], np.zeros((n, len(force))))
-    _, out = _eliminated(matrix, np.array(force.T))
-    out = out.T
+    Between the postures of the repair an eigenvalue, in units of `scale` (n,), may still be small: it is held."""
+    least = MARGIN / 2
+    out, sound = kernel().drive.respond(inertia, force, to_joint, scale, least)
     if not sound.all():
-        values, vectors = np.linalg.eigh(inertia[~sound])
-        along = np.einsum("sij,si->sj", vectors, force[~sound]) / np.maximum(values, least)
-        out[~sound] = np.einsum("sij,sj->si", vectors, along)
+        joint = np.matmul(to_joint, inertia[~sound])
+        values, vectors = np.linalg.eigh((joint + joint.swapaxes(1, 2)) / (2 * np.outer(scale, scale)))
+        along = np.einsum("sij,si->sj", vectors, force[~sound] @ to_joint.T / scale) / np.maximum(values, least)
+        out[~sound] = np.einsum("sij,sj->si", vectors, along) / scale
     return out
-
-
-def _eliminated(matrix: Array, right: Array) -> tuple[Array, Array]:
-    """Whether symmetric matrices (n, n, N) are positive definite, (N,), and where they are the solution (n, N) for `right`.
-
-    By elimination without pivots, in place."""
-    n = len(right)
-    sound = np.ones(right.shape[1], bool)
-    with np.errstate(all="ignore"):  # what is not positive definite may divide by zero
-        for j in range(n):
-            sound &= matrix[j, j] > 0.0
-            factor = matrix[j + 1 :, j] / matrix[j, j]
-            matrix[j + 1 :, j + 1 :] -= factor[:, None] * matrix[j, j + 1 :]
-            right[j + 1 :] -= factor * right[j]
-        for j in reversed(range(n)):
-            right[j] = (right[j] - np.sum(matrix[j, j + 1 :] * right[j + 1 :], axis=0)) / matrix[j, j]
-    return sound, right
 
 
 def _instant_part(model: Model, values: Array) -> tuple[Model, Array]:

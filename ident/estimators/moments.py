@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +57,28 @@ class InstrumentMoments:
     def rows(self) -> Array:
         """Rows used (n,)."""
         return np.isfinite(self.error).sum(axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class InstrumentProducts:
+    """What a step needs of `InstrumentMoments`, with the instruments as they are: `cross` (b, b), `gram` (b, b), `miss` (b,)."""
+
+    cross: Array
+    gram: Array
+    miss: Array
+
+    @classmethod
+    def of(cls, columns: Sequence[Array], products: Sequence[Array], b: int) -> InstrumentProducts:
+        """From the products (w, w) of each joint's line (`WhiteRows`), of which the upper triangle of the instruments' rows counts."""
+        cross, gram = np.zeros((2, b, b))
+        miss = np.zeros(b)
+        for own, sums in zip(columns, products, strict=True):
+            size, square = len(own), np.ix_(own, own)
+            upper = np.triu(sums[:size, :size])
+            gram[square] += upper + np.triu(upper, 1).T
+            cross[square] += sums[:size, size : 2 * size]
+            miss[own] += sums[:size, 2 * size]
+        return cls(cross, gram, miss)
 
 
 def instrument_moments(

@@ -6,7 +6,8 @@ one joint at a time is a signal with a constant row map, which the kernel takes 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeGuard
+from functools import cached_property
+from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from ..effects.rigid_body import RigidBody
 from ..model import Model
 from ..regressor.rigid import packed_columns
 from ..signals.filters import RowFilter
+
+if TYPE_CHECKING:
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: Needs that a stretch of samples can meet by itself, wherever it is cut.
@@ -68,15 +72,61 @@ class RowColumns:
 
     def packed(self, motion: Motion) -> PackedColumns:
         """The same, packed."""
-        model, robot, keep = self.model, self.model.robot, self.model.base.independent
-        drive, tree, row_filter = robot.transmission, robot.tree, self.row_filter
-        # What the kernel makes: columns of the links, then signals; `places`: where among the base columns each of them goes.
+        robot, row_filter, layout = self.model.robot, self.row_filter, self._layout
+        found = []
+        if layout.chosen is not None:
+            own, signals = motion.joint, [share.values(motion, robot) for share in layout.signals]
+            packed, live = packed_columns(
+                robot.tree,
+                robot.tree_position(own.q),
+                robot.tree_rate(own.dq),
+                robot.tree_rate(own.ddq),
+                rows=layout.rows,
+                columns=layout.chosen,
+                extra=np.concatenate(signals, axis=1) if signals else None,
+                pattern=layout.pattern,
+                taps=None if row_filter is None else row_filter.taps,
+                factor=1 if row_filter is None else row_filter.factor,
+                threads=self.threads,
+            )
+            found.append(_ColumnGroup(packed, tuple(layout.places[shown] for shown in live)))
+        for effect, at, mine, to_measured in layout.others:
+            values = np.ascontiguousarray(effect.columns(motion, robot)[:, :, mine])
+            values = values if row_filter is None else row_filter.apply(values)
+            values = values if to_measured is None else np.matmul(to_measured, values)
+            found.append(_ColumnGroup(values.reshape(len(values), robot.n * len(at)), (at,) * robot.n))
+        return _together(found, len(motion) if row_filter is None else row_filter.count(len(motion)), robot.n)
+
+    @cached_property
+    def _layout(self) -> _ColumnLayout:
+        return _ColumnLayout.of(self.model)
+
+
+@dataclass(frozen=True, eq=False)
+class _ColumnLayout:
+    """What makes which base columns of a model.
+
+    The kernel makes those at `places`, columns `chosen` of the links, which the row map `rows` carries, and of `signals`, which show by a
+    `pattern` (None: there are none). `others` make theirs, each with the places, which of the effect's own columns they are, and the map
+    to the measured side (None: they are there)."""
+
+    rows: Array
+    chosen: Array | None
+    places: Array
+    signals: tuple[_Signals, ...]
+    pattern: Array | None
+    others: tuple[tuple[Effect, Array, Array, Array | None], ...]
+
+    @classmethod
+    def of(cls, model: Model) -> _ColumnLayout:
+        """By effect."""
+        robot, keep = model.robot, model.base.independent
+        drive, tree = robot.transmission, robot.tree
+        rows = np.zeros((robot.n, tree.nv))
         chosen: list[int] = []
         places: list[int] = []
-        signals: list[Array] = []
         pattern: list[Array] = []
-        rows = np.zeros((robot.n, tree.nv))
-        found: list[_ColumnGroup] = []
+        signals, others = [], []
         for effect, part in zip(model.effects, model.slices, strict=True):
             at = np.flatnonzero((keep >= part.start) & (keep < part.stop))
             mine = keep[at] - part.start
@@ -88,34 +138,15 @@ class RowColumns:
                 chosen += mine.tolist()
                 places += at.tolist()
             elif _by_joint(effect) and Need.TORQUE not in effect.needs:
-                values, joints = _signals(effect, motion, model, mine)
+                share = _Signals.of(effect, model, mine)
                 chosen += range(10 * tree.nb + len(pattern), 10 * tree.nb + len(pattern) + len(at))
                 places += at.tolist()
-                signals.append(values)
-                pattern += list(to_measured[:, joints].T)
+                signals.append(share)
+                pattern += list(to_measured[:, share.joints].T)
             else:
-                values = np.ascontiguousarray(effect.columns(motion, robot)[:, :, mine])
-                values = values if row_filter is None else row_filter.apply(values)
-                values = values if effect.side == drive.measured else np.matmul(to_measured, values)
-                found.append(_ColumnGroup(values.reshape(len(values), robot.n * len(at)), (at,) * robot.n))
-        if chosen:
-            own = motion.joint
-            packed, live = packed_columns(
-                tree,
-                robot.tree_position(own.q),
-                robot.tree_rate(own.dq),
-                robot.tree_rate(own.ddq),
-                rows=rows,
-                columns=np.array(chosen),
-                extra=np.concatenate(signals, axis=1) if signals else None,
-                pattern=np.array(pattern).T if signals else None,
-                taps=None if row_filter is None else row_filter.taps,
-                factor=1 if row_filter is None else row_filter.factor,
-                threads=self.threads,
-            )
-            into = np.array(places)
-            found.insert(0, _ColumnGroup(packed, tuple(into[shown] for shown in live)))
-        return _together(found, len(motion) if row_filter is None else row_filter.count(len(motion)), robot.n)
+                others.append((effect, at, mine, None if effect.side == drive.measured else to_measured))
+        whole = np.array(pattern).T if signals else None
+        return cls(rows, np.array(chosen) if chosen else None, np.array(places, int), tuple(signals), whole, tuple(others))
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,18 +176,32 @@ def _by_joint(effect: Effect) -> TypeGuard[JointEffect]:
     return isinstance(effect, JointEffect) and type(effect).columns is JointEffect.columns
 
 
-def _signals(effect: JointEffect, motion: Motion, model: Model, mine: Array) -> tuple[Array, Array]:
-    """Values (L, len(mine)) of an effect's columns `mine`, and the joint of each."""
-    at, width = effect.at(model.robot), len(effect.symbols)
-    joint, symbol = mine // width, mine % width
-    every = np.arange(len(at))
-    found, order = [], []
-    for s, values in enumerate(effect.basis(motion.on(effect.side).of(at), motion, at)):
-        shown = joint[symbol == s]
-        found.append(values if np.array_equal(shown, every) else values[:, shown])
-        order.append(np.flatnonzero(symbol == s))
-    values = found[0] if len(found) == 1 else np.concatenate(found, axis=1)[:, np.argsort(np.concatenate(order))]
-    return values, np.asarray(at)[joint]
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """Columns of an effect that show on one joint each, `joints`: for each symbol which of the effect's joints `shown` (None: all), and the
+    `order` in which these come one after the other (None: as they are)."""
+
+    effect: JointEffect
+    joints: Array
+    shown: tuple[Array | None, ...]
+    order: Array | None
+
+    @classmethod
+    def of(cls, effect: JointEffect, model: Model, mine: Array) -> _Signals:
+        """For columns `mine` of the effect."""
+        at, width = effect.at(model.robot), len(effect.symbols)
+        joint, symbol = mine // width, mine % width
+        every = np.arange(len(at))
+        shown = [joint[symbol == s] for s in range(width)]
+        order = np.argsort(np.concatenate([np.flatnonzero(symbol == s) for s in range(width)])) if width > 1 else None
+        return cls(effect, np.asarray(at)[joint], tuple(None if np.array_equal(x, every) else x for x in shown), order)
+
+    def values(self, motion: Motion, robot: Robot) -> Array:
+        """Values (L, c) along a motion."""
+        effect, at = self.effect, self.effect.at(robot)
+        basis = effect.basis(motion.on(effect.side).of(at), motion, at)
+        found = [x if shown is None else x[:, shown] for x, shown in zip(basis, self.shown, strict=True)]
+        return found[0] if self.order is None else np.concatenate(found, axis=1)[:, self.order]
 
 
 def live_columns(model: Model) -> Array:

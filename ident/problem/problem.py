@@ -35,7 +35,7 @@ Array = np.ndarray
 #: Full-rate samples held in memory at a time are limited so that their columns stay below this many numbers.
 _BLOCK_NUMBERS = 4_000_000
 #: Rows of a block of packed columns: few enough to stay in the cache from one step of the work to the next.
-_PACKED_ROWS = 2048
+_PACKED_ROWS = 1024
 #: Samples whose torque is predicted at a time.
 _PREDICTED = 16_384
 #: Samples a row up to which products instead of reflections save time worth having.

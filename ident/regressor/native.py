@@ -144,18 +144,17 @@ def packed_columns(
     threads: int | None = None,
     taps: Array | None = None,
     factor: int = 1,
-) -> tuple[Array, tuple[Array, ...]]:
+) -> tuple[Array, tuple[Array, ...], bool]:
     """Columns (M, w) of the filtered rows, one row after the other, and which of the k chosen ones each row has; see
-    `rigid.packed_columns`. Holds NaN where an array is not finite."""
+    `rigid.packed_columns`. Last, whether all numbers are finite, of the arrays and of the columns."""
     own = compiled(tree)
     plan = own.plan(tree, rows, columns, extra, pattern)
     count = len(q) if taps is None else max(0, (len(q) - len(taps)) // factor + 1)
     live = tuple(shown[:-1] for shown in plan.live)
     packed = np.empty((count, sum(len(shown) for shown in live)))
     beside = extra if extra.shape[-1] else None
-    if not _kernel.row_columns(own.handle, plan.handle, len(q), thread_count(threads), taps, factor, q, dq, ddq, beside, packed):
-        packed[:1] = np.nan
-    return packed, live
+    finite = _kernel.row_columns(own.handle, plan.handle, len(q), thread_count(threads), taps, factor, q, dq, ddq, beside, packed)
+    return packed, live, finite
 
 
 class FixedRows:

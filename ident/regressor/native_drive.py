@@ -14,7 +14,7 @@ from .numpy_dynamics import fitting, singular
 
 Array = np.ndarray
 
-if not hasattr(_kernel, "drive"):
+if not hasattr(_kernel, "respond"):
     raise ImportError("the compiled kernel is of older sources: build it again.")
 _DRIVE = _kernel.drive
 
@@ -63,3 +63,11 @@ class FixedDrive:
         q = np.asarray(q, float)
         q, dq, third = fitting(q.shape[:-1], q=(q, self._n), dq=(dq, self._n), **{name: (third, self._n)})
         return q, dq, third, np.empty(q.shape), 1 if q.ndim == 1 else len(q)
+
+
+def respond(inertia: Array, force: Array, carried: Array, scale: Array, least: float) -> tuple[Array, Array]:
+    """Accelerations of inertia matrices under forces, and where they are sound; see `numpy_drive.respond`."""
+    inertia, force, carried, scale = (np.ascontiguousarray(x, dtype=np.float64) for x in (inertia, force, carried, scale))
+    out, sound = np.empty(force.shape), np.empty(len(force), bool)
+    _kernel.respond(inertia, force, carried, scale, float(least), *force.shape, out, sound)
+    return out, sound

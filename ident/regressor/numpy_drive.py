@@ -38,3 +38,34 @@ class FixedDrive:
             raise state_not_finite()
         one, two, three = (np.atleast_2d(x) for x in arrays)
         return one, two, three, q.shape
+
+
+def respond(inertia: Array, force: Array, carried: Array, scale: Array, least: float) -> tuple[Array, Array]:
+    """Accelerations (N, n) of inertia matrices (N, n, n) under forces (N, n), both `carried` (n, n) to where the matrix is symmetric, and
+    where they are sound: no eigenvalue of its symmetric part, divided by a `scale` (n,) for each coordinate, is below `least`, (N,) bool.
+
+    By elimination without pivots: where it is not sound the result means nothing."""
+    joint = np.matmul(carried, inertia)
+    shaped = (joint + joint.swapaxes(1, 2)) / (2 * np.outer(scale, scale))
+    # Samples last: each step of the elimination is one operation on all of them.
+    matrix = np.ascontiguousarray(np.moveaxis(shaped, 0, 2))
+    sound, _ = _eliminated(matrix - least * np.eye(len(scale))[:, :, None], np.zeros((len(scale), len(force))))
+    _, out = _eliminated(matrix, np.array((force @ carried.T / scale).T))
+    return out.T / scale, sound
+
+
+def _eliminated(matrix: Array, right: Array) -> tuple[Array, Array]:
+    """Whether symmetric matrices (n, n, N) are positive definite, (N,), and where they are the solution (n, N) for `right`.
+
+    By elimination without pivots, in place."""
+    n = len(right)
+    sound = np.ones(right.shape[1], bool)
+    with np.errstate(all="ignore"):  # what is not positive definite may divide by zero
+        for j in range(n):
+            sound &= matrix[j, j] > 0.0
+            factor = matrix[j + 1 :, j] / matrix[j, j]
+            matrix[j + 1 :, j + 1 :] -= factor[:, None] * matrix[j, j + 1 :]
+            right[j + 1 :] -= factor * right[j]
+        for j in reversed(range(n)):
+            right[j] = (right[j] - np.sum(matrix[j, j + 1 :] * right[j + 1 :], axis=0)) / matrix[j, j]
+    return sound, right

@@ -68,17 +68,16 @@ def packed_columns(
     threads: int | None = None,
     taps: Array | None = None,
     factor: int = 1,
-) -> tuple[Array, tuple[Array, ...]]:
+) -> tuple[Array, tuple[Array, ...], bool]:
     """Columns (M, R k) of the filtered rows, one row after the other, and which of the k chosen ones each row has: here all; see
-    `rigid.packed_columns`. Holds NaN where an array is not finite."""
+    `rigid.packed_columns`. Last, whether all numbers are finite, of the arrays and of the columns."""
     count = len(q) if taps is None else max(0, (len(q) - len(taps)) // factor + 1)
     out = np.zeros((count, len(rows), len(columns)))
     with np.errstate(over="ignore", invalid="ignore"):  # the caller sees infinity in the result
         for part, filtered in _filtered_rows(tree, (q, dq, ddq), count, rows, columns, extra, pattern, taps, factor):
             out[part] = filtered
-    if not all(np.isfinite(array).all() for array in (q, dq, ddq, extra)):
-        out[:1, :1, :1] = np.nan
-    return out.reshape(count, len(rows) * len(columns)), (np.arange(len(columns)),) * len(rows)
+    finite = all(bool(np.isfinite(array).all()) for array in (q, dq, ddq, extra, out))
+    return out.reshape(count, len(rows) * len(columns)), (np.arange(len(columns)),) * len(rows), finite
 
 
 class FixedRows:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 Array = np.ndarray
@@ -34,3 +36,74 @@ def recursion(polynomial: Array, x: Array, before: Array) -> Array:
     for i in range(order):
         state[i] = -polynomial[i + 1 :] @ before[order - 1 - np.arange(order - i)]
     return np.concatenate([before, lfilter([1.0], polynomial, x, axis=0, zi=state)[0]])
+
+
+class Lattice:
+    """Burg's lattice over samples (N,) with NaN in the gaps: errors of prediction forwards and backwards, of the `order` that comes next,
+    where the whole past is present."""
+
+    def __init__(self, x: Array) -> None:
+        present = np.isfinite(x)
+        # What is not `live` is zero in both errors, and adds nothing to their products.
+        self._live = present[1:] & present[:-1]
+        self._ahead, self._behind = np.where(self._live, x[1:], 0.0), np.where(self._live, x[:-1], 0.0)
+
+    @property
+    def count(self) -> int:
+        """Pairs of errors there are."""
+        return int(np.count_nonzero(self._live))
+
+    @property
+    def squares(self) -> float:
+        """Σ of the squares of both errors."""
+        return float(self._ahead @ self._ahead + self._behind @ self._behind)
+
+    @property
+    def products(self) -> float:
+        """Σ of their products."""
+        return float(self._ahead @ self._behind)
+
+    def reflect(self, reflection: float) -> None:
+        """Take up a reflection coefficient."""
+        live, ahead, behind = self._live[1:] & self._live[:-1], self._ahead, self._behind
+        self._ahead, self._behind = (ahead[1:] + reflection * behind[1:]) * live, (behind[:-1] + reflection * ahead[:-1]) * live
+        self._live = live
+
+
+def whiten(
+    predictors: Array,
+    past: Array,
+    age: int,
+    parts: Sequence[tuple[Array, slice]],
+    valid: tuple[Array, int],
+    out: Array | None = None,
+    products: Array | None = None,
+    rows: int = 0,
+) -> int:
+    """Rows through the predictor of the order that the rows since the last gap allow; returns the rows since then, at most p.
+
+    Arguments as in the compiled kernel (`native_series.whiten`)."""
+    order, used = len(predictors) - 1, valid[0][:, valid[1]]
+    m, p = len(used), order
+    line = np.zeros((p + m, past.shape[1]))
+    line[:p] = past
+    first = 0
+    for x, columns in parts:
+        line[p:, first : first + columns.stop - columns.start] = x[:, columns]
+        first += columns.stop - columns.start
+    line[p:][~used] = 0.0
+    past[:] = line[len(line) - p :]
+    made = average(predictors[order, 3 : order + 4], line) if m else np.zeros((0, past.shape[1]))
+    place = np.arange(m)
+    # Rows since the last gap, before each row; those of the blocks before count on.
+    gap = np.maximum.accumulate(np.where(used, -1 - age, place)) if m else place
+    ages = np.minimum(np.concatenate([[age], place[1:] - gap[:-1] - 1]), p)[:m]
+    made[~used] = 0.0
+    for t in np.flatnonzero(used & (ages < p)).tolist():
+        seen = int(ages[t])
+        made[t] = predictors[seen, 3 : seen + 4][::-1] @ line[p + t - seen : p + t + 1]
+    if out is not None:
+        out[:] = made
+    if products is not None:
+        products[:rows] += made[:, :rows].T @ made
+    return int(min(place[-1] - gap[-1], p)) if m else age

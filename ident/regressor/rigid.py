@@ -51,6 +51,12 @@ def bias_torque(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, *, threads: 
     return kernel().dynamics.bias_torque(tree, _inertia(tree, inertia), q, dq, threads)
 
 
+def terms(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any) -> tuple[Array, Array]:
+    """`mass_matrix` and `bias_torque` together, in one pass."""
+    q, dq = _states(tree, q, dq=dq)
+    return dynamics(tree, inertia).terms(q, dq)
+
+
 def forward_dynamics(
     tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, tau: Any, added: Any = None, *, threads: int | None = None
 ) -> Array:
@@ -204,11 +210,11 @@ def packed_columns(
     needs. Raises DataError for input that is not finite."""
     work = _Work.of(tree, q, dq, ddq, rows, columns, extra, pattern, taps, factor)
     w = work
-    packed, live = kernel().rows.packed_columns(tree, w.q, w.dq, w.ddq, w.rows, w.columns, w.extra, w.pattern, threads, w.taps, w.factor)
-    if not np.isfinite(packed.sum()):
+    make = kernel().rows.packed_columns
+    packed, live, finite = make(tree, w.q, w.dq, w.ddq, w.rows, w.columns, w.extra, w.pattern, threads, w.taps, w.factor)
+    if not finite:
         work.blame(None)
-        if not np.isfinite(packed).all():
-            raise DataError("a column overflows: some speed or acceleration is beyond 1e150. Check the units of the log.")
+        raise DataError("a column overflows: some speed or acceleration is beyond 1e150. Check the units of the log.")
     return packed, live
 
 
@@ -248,7 +254,7 @@ class _Work:
         columns = np.arange(total) if columns is None else np.ascontiguousarray(columns, dtype=np.int64)
         if columns.ndim != 1 or (len(columns) and (columns.min() < 0 or columns.max() >= total)):
             raise ConfigurationError(f"columns: expected indices from 0 to {total - 1} ({rigid} rigid, {total - rigid} extra).")
-        if len(np.unique(columns)) != len(columns):
+        if len(columns) and np.bincount(columns).max() > 1:
             raise ConfigurationError("columns: a column is chosen twice.")
         return cls(q, dq, ddq, rows, columns, extra, pattern, taps, int(factor), count)
 

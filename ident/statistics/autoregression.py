@@ -8,6 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..regressor.kernel_choice import kernel
+
 Array = np.ndarray
 #: Orders without a better criterion after which the search ends.
 _PATIENCE = 12
@@ -36,21 +38,16 @@ def burg(x: Array, max_order: int) -> Autoregression | None:
         return None
     start, count = variance, len(known)
     a, best, score, waited = np.ones(1), Autoregression(np.ones(1), variance), count * np.log(variance), 0
-    # What is not `live` is zero in both errors, and adds nothing to their products.
-    present = np.isfinite(x)
-    live = present[1:] & present[:-1]
-    ahead, behind = np.where(live, x[1:], 0.0), np.where(live, x[:-1], 0.0)
+    errors = kernel().series.Lattice(x)
     for order in range(1, max_order + 1):
-        size = float(ahead @ ahead + behind @ behind)
-        if np.count_nonzero(live) < max(8, 3 * order) or size <= 0.0:
+        if errors.count < max(8, 3 * order) or errors.squares <= 0.0:
             return None if order == 1 else best
-        reflection = -2.0 * float(ahead @ behind) / size
+        reflection = -2.0 * errors.products / errors.squares
         a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
         variance *= 1.0 - reflection**2
         if not variance > 1e-12 * start:
             break
-        live = live[1:] & live[:-1]
-        ahead, behind = (ahead[1:] + reflection * behind[1:]) * live, (behind[:-1] + reflection * ahead[:-1]) * live
+        errors.reflect(reflection)
         now = count * np.log(variance) + order * np.log(count)
         waited += 1
         if now < score:
@@ -159,6 +156,13 @@ def in_line(e: Array, runs: Iterable[slice]) -> Array:
         runs = pieces
     gap = np.full(1, np.nan)
     return np.concatenate([part for r in runs for part in (e[r], gap)]) if runs else np.empty(0)
+
+
+def within(here: Array, rows: int) -> Array:
+    """Whether there is one (N,) among each row and the `rows` before it, those before the first left out; `here` (N,) bool."""
+    count = np.cumsum(here)
+    count[rows + 1 :] -= count[: max(len(here) - rows - 1, 0)].copy()
+    return np.asarray(count > 0)
 
 
 def filtered(x: Array, polynomial: Array) -> Array:

@@ -21,6 +21,7 @@ from .autoregression import (
     filtered,
     in_line,
     levinson,
+    within,
 )
 
 Array = np.ndarray
@@ -82,7 +83,8 @@ def _autoregression(e: Array, runs: list[slice], known: Array, lags: int) -> tup
     line = in_line(e, runs)
     whitened = line if len(known) == 1 else filtered(line, known)
     # The past of a row at every order that is tried.
-    past = np.convolve(np.isfinite(whitened), np.ones(lags + 1))[: len(whitened)] > lags + 0.5
+    past = ~within(~np.isfinite(whitened), lags)
+    past[:lags] = False
     if 2 * np.count_nonzero(past) >= np.count_nonzero(np.isfinite(line)):
         found = burg(whitened, lags)
         if found is not None:
@@ -246,7 +248,8 @@ def innovations(e: Array, ar: Array) -> Array:
     for j, a in enumerate(ar):
         a = a[: int(np.flatnonzero(a)[-1]) + 1]
         # A coefficient of zero must not call for a sample that may be absent.
-        missing = np.convolve(absent[:, j], (a != 0).astype(float), mode="full")[p : len(e)] > 0.5 if absent[:, j].any() else False
+        reached = within(absent[:, j], len(a) - 1) if a.all() else np.convolve(absent[:, j], (a != 0).astype(float)) > 0.5
+        missing = reached[p : len(e)] if absent[:, j].any() else False
         out[p:, j] = np.where(missing, np.nan, np.convolve(filled[:, j], a, mode="full")[p : len(e)])
     return out
 

@@ -108,6 +108,10 @@ def test_moments_are_those_of_the_covariance_of_every_segment(name: str, block: 
     assert close(found.own_miss, np.einsum("mna,mn->a", Phi, error))
     assert np.array_equal(np.isfinite(found.error), rows.usable)
     assert close(np.nan_to_num(found.error), error)
+    step = rows.products()
+    assert close(step.cross, found.cross[0], 1e-11)
+    assert close(step.gram, found.gram[0], 1e-11)
+    assert close(step.miss, found.miss[0], 1e-11)
     window = max(1, min(50, len(error) // 60))
     scores = np.einsum("mna,mn->ma", Z, error)
     parts = [scores[a : min(a + window, r.stop)].sum(axis=0) for r in rows.problem.row_runs for a in range(r.start, r.stop, window)]

@@ -10,10 +10,10 @@ import pytest
 from scipy.linalg import solve_triangular, toeplitz
 from scipy.signal import lfilter
 
-from ident.estimators.instrument_rows import _Whitener
 from ident.estimators.moments import _Windows
 from ident.statistics.autoregression import burg, by_autocovariance, lower_orders, rising
 from ident.statistics.noise import fit_noise
+from ident.statistics.whitening import RowWhitener, padded
 
 
 def spectrum(polynomial: np.ndarray, innovation: float, frequency: np.ndarray) -> np.ndarray:
@@ -95,17 +95,22 @@ def test_rows_are_whitened_as_by_the_covariance_of_every_segment() -> None:
     for part in (slice(0, 17), slice(19, 40), slice(41, 60)):
         lower = np.linalg.cholesky(toeplitz(gamma[: part.stop - part.start]))
         wanted[part] = solve_triangular(lower, x[part], lower=True)
+    left, right = np.ascontiguousarray(np.where(valid[:, None], x, np.nan)[:, :1]), np.c_[rng.normal(size=60), x[:, 1:]]
     for cuts in ([], [5], [1, 2, 3, 18, 19, 39, 42]):
-        white = _Whitener(np.r_[a, 0.0, 0.0], 0.7)
-        white.reset(4)
-        edges = [0, *cuts, 60]
+        edges, products = [0, *cuts, 60], np.zeros((8, 8))
+        rows, sums = RowWhitener(np.r_[a, 0.0, 0.0], 0.7), RowWhitener(np.r_[a, 0.0, 0.0], 0.7)
+        for one in (rows, sums):
+            one.reset(padded(4))
         blocks = []
         for i, j in pairwise(edges):
-            line = white.room(j - i)
-            line[white.order :] = x[i:j]
-            blocks.append(white.whitened(line, valid[i:j]))
+            parts = [(left[i:j], slice(0, 1)), (right[i:j], slice(1, 4))]
+            used = np.c_[np.zeros(60, bool), valid][i:j]
+            blocks.append(rows.rows(parts, (used, 1)))
+            sums.add_products(parts, (used, 1), products, 8)
         found = np.concatenate(blocks)
-        assert found == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+        assert found[:, :4] == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+        assert not found[:, 4:].any()
+        assert np.triu(products[:4, :4]) == pytest.approx(np.triu(wanted.T @ wanted), rel=1e-6)
 
 
 def test_weighting_follows_noise_that_rises_and_nothing_else() -> None:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...drives.commands import DriveLog
 from ...drives.fit import result_of
 from ...drives.plant import DrivePlant
 from ...drives.search import Fitted, fitted, refitted
+from ...drives.space import drive_logs
 from ...drives.starts import moved_inertia, starts
 from ..verdict import Verdict
 from .candidates import values_in
@@ -50,7 +50,7 @@ def diagnose_drives(
     -------
     DriveDiagnosis
     """
-    plant = DrivePlant(model, law, tuple(DriveLog.of(log, model.robot, law) for log in logs))
+    plant = DrivePlant(model, law, drive_logs(logs, model.robot, law))
     at, sizes = starts(plant)
     fit = fitted(plant, at, sizes, progress=progress)
     inertia = moved_inertia(plant)

@@ -1,0 +1,98 @@
+"""Whether a log's commands are positions of its joints: those of two motors that move two joints by a linkage are not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import DataError
+from .commands import DriveLog
+
+if TYPE_CHECKING:
+    from ..logs.log import Log
+    from ..robots.robot import Robot
+    from .law import DriveLaw
+
+Array = np.ndarray
+#: Share of a command's power that makes its slowest part, in which a drive's inertia and delay count least.
+_SLOWEST = 0.1
+#: Share of its slow motion that must follow the command for the answer to say anything.
+_FOLLOWS = 0.6
+#: Slow answers to a command, as shares of it, that no drive of the joint itself gives: against it, or far more than it.
+_AGAINST, _BEYOND = -0.1, 2.0
+#: Joints of crossed axes that are no further from each other (m) are often moved by a pair of motors together.
+_NEAR = 0.08
+#: Samples at least.
+_FEW = 50
+
+
+def answers(log: DriveLog) -> Array:
+    """How far each joint goes with the slowest part of its command (n,): 1 is all the way; NaN where it does not follow it at all."""
+    return np.array([_answer(*(x[_on(log.enabled[:, j]), j] for x in (log.q_cmd, log.q))) for j in range(log.q.shape[1])])
+
+
+def foreign_commands(log: DriveLog, robot: Robot) -> tuple[int, ...]:
+    """Joints whose commands are not their positions, and those at one place with such a joint."""
+    with np.errstate(invalid="ignore"):
+        answer = answers(log)
+        found = (answer < _AGAINST) | (answer > _BEYOND)
+    wider = found.copy()
+    for child in range(robot.n):
+        parent = int(robot.tree.parent[child])
+        if 0 <= parent < robot.n and found[parent] != found[child] and _one_place(robot, child):
+            wider[[parent, child]] = True
+    return tuple(int(j) for j in np.flatnonzero(wider))
+
+
+def drive_logs(logs: Iterable[Log], robot: Robot, law: DriveLaw) -> tuple[DriveLog, ...]:
+    """Recorded logs as a drive law sees them. Raises DataError where they lack what it needs, or hold commands that it is not about."""
+    found = tuple(DriveLog.of(log, robot, law) for log in logs)
+    if law.kind != "pd_velocity":
+        require_joint_commands(found, robot)
+    return found
+
+
+def require_joint_commands(logs: Sequence[DriveLog], robot: Robot) -> None:
+    """Raises DataError where a log's commands are in another space than its positions: every number would be wrong."""
+    for log in logs:
+        joints = foreign_commands(log, robot)
+        if joints:
+            answer = answers(log)
+            worst = max(joints, key=lambda j: abs(np.nan_to_num(answer[j], nan=1.0) - 1.0))
+            raise DataError(
+                f"log {log.name}: the commands of joint {', '.join(robot.joint_names[j] for j in joints)} are not its positions"
+                f" (the slow motion of {robot.joint_names[worst]} is {answer[worst]:.2g} of q_cmd{worst + 1}): of motors behind a linkage,"
+                " or of the other sign. Log joint commands, or leave these joints out ([robot] locked)."
+            )
+
+
+def _on(enabled: Array) -> slice:
+    """The longest stretch with torque."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (enabled > 0).astype(int), [0]]))).reshape(-1, 2)
+    if not len(edges):
+        return slice(0, 0)
+    start, stop = edges[int(np.argmax(edges[:, 1] - edges[:, 0]))]
+    return slice(int(start), int(stop))
+
+
+def _answer(command: Array, position: Array) -> float:
+    count = len(command)
+    if count < _FEW or np.ptp(command) == 0.0 or np.ptp(position) == 0.0:
+        return float("nan")
+    taper = np.clip(20.0 * np.minimum(np.arange(count), np.arange(count)[::-1]) / count, 0.0, 1.0)
+    sent, moved = (np.fft.rfft(taper * (x - x.mean())) for x in (command, position))
+    power = np.abs(sent) ** 2
+    slow = slice(0, max(4, int(np.searchsorted(np.cumsum(power), _SLOWEST * power.sum())) + 1))
+    cross = np.sum(np.conj(sent[slow]) * moved[slow])
+    sizes = float(power[slow].sum()), float(np.sum(np.abs(moved[slow]) ** 2))
+    follows = abs(cross) ** 2 / max(sizes[0] * sizes[1], 1e-300)
+    return float(cross.real / sizes[0]) if follows > _FOLLOWS else float("nan")
+
+
+def _one_place(robot: Robot, child: int) -> bool:
+    """Whether a joint stands next to the one before it, with its axis in another direction."""
+    tree = robot.tree
+    across = np.cross(tree.rotation[child] @ tree.axis[child], tree.axis[int(tree.parent[child])])
+    return float(np.linalg.norm(across)) > 0.5 and float(np.linalg.norm(tree.translation[child])) < _NEAR
