@@ -92,26 +92,26 @@ def analysed(
     note: Callable[[str], None] | None = None,
     progress: Callable[[float], None] | None = None,
     *,
-    without: Array | None = None,
+    values: Array | None = None,
 ) -> tuple[Decision, Instrument]:
-    """Decide what a model lacks on signals. `without` (n,) bool: joints whose torque is left out. Raises DataError where no run is long
-    enough or no joint has rows."""
-    fit, instrument, speeds = prepared(model, signals, without)
+    """Decide what a model lacks on signals. `values` (k,): of its parameters, for effects that follow what the model predicts. Raises
+    DataError where no run is long enough or no joint has rows."""
+    fit, instrument, speeds = prepared(model, signals, values)
     return decide(fit, speeds, note, progress), instrument
 
 
-def prepared(model: Model, signals: Signals, without: Array | None = None) -> tuple[Fit, Instrument, Array]:
-    """The fit that a decision starts from, its instrument, and the motors' usual speeds (n,). `without` (n,) bool: joints whose torque is
-    left out. Raises DataError where no run is long enough or no joint has rows."""
+def prepared(model: Model, signals: Signals, values: Array | None = None, *, without: Array | None = None) -> tuple[Fit, Instrument, Array]:
+    """The fit that a decision starts from, at `values` (k,), its instrument, and the motors' usual speeds (n,). `without` (n,) bool: joints
+    whose torque is left out. Raises DataError where no run is long enough or no joint has rows."""
     robot = model.robot
     full = full_rate(signals)
     if without is not None and without.any():
         full = replace(full, torque=np.where(without, np.nan, full.torque))
     reference = desired(full)
     runs = _runs(full, model, START_HZ, reference)
-    first = Fit(runs, model)
+    first = Fit(runs, model, (), values)
     band = _ABOVE * reference_band(first, first.solved(2))
-    fit = Fit(_runs(full, model, band, reference), model)
+    fit = Fit(_runs(full, model, band, reference), model, (), values)
     if not fit.share.any():
         raise DataError(
             "no stretch of the logs in which a joint moves and its torque is there is long enough for a diagnosis; `ident check` says what"

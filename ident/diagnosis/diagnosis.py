@@ -210,7 +210,7 @@ def diagnose(
     estimator = estimator or estimator_of(before)
     tell = progress or (lambda _: None)
     tell(0.0)
-    decision, instrument = analysed(before.model, signals, note, lambda share: tell(0.9 * share))
+    decision, instrument = analysed(before.model, signals, note, lambda share: tell(0.9 * share), values=before.all_values)
     declared = fitted(before.model, signals, estimator, None, before)
     effects = tuple(x.effect for x in decision.named)
     after = declared if not effects else fitted(plainly_named(before.model, effects), signals, estimator, decision.fit.values, declared)

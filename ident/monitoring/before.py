@@ -52,12 +52,12 @@ class Before:
         """From the fit's own logs, by the engine that watches the new ones: whatever is left out of a law is left out of both.
 
         `blind` (n,) bool: joints that are not looked at."""
-        return cls._fitted(prepared(estimate.model, reference, blind)[0], (), frozenset())
+        return cls._fitted(prepared(estimate.model, reference, estimate.all_values, without=blind)[0], (), frozenset())
 
     @classmethod
     def of_diagnosis(cls, estimate: Estimate, reference: Signals, blind: Array) -> Before:
         """The same with what the fit's own logs show that its model never had."""
-        fit, _, speeds = prepared(estimate.model, reference, blind)
+        fit, _, speeds = prepared(estimate.model, reference, estimate.all_values, without=blind)
         decision = decide(fit, speeds)
         extended = Fit(decision.fit.runs, decision.fit.model, (), decision.fit.values)
         return cls._fitted(extended, decision.fit.effects, frozenset((x.name, x.joints) for x in decision.left))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,9 +81,14 @@ def monitor(
     tell = progress or (lambda _: None)
     tell(0.0)
     blind = (estimate.fit_error.rows == 0) | ~signals.valid.any(axis=0)
-    before = Before.of_estimate(estimate) if reference is None else Before.of_logs(estimate, reference, blind)
+    said: tuple[str, ...] = ()
+    try:
+        before = Before.of_estimate(estimate) if reference is None else Before.of_logs(estimate, reference, blind)
+    except DataError as error:
+        said = (f"the fit's own logs cannot be looked at, so that an effect may be new, or one that the model never had: {error}",)
+        reference, before = None, Before.of_estimate(estimate)
     tell(0.1)
-    fit, _, speeds = prepared(before.model, signals, blind)
+    fit, _, speeds = prepared(before.model, signals, before.values, without=blind)
     tell(0.2)
     decision = _decided(before, fit, speeds, look, most=MOST if reference is None else 0)
     if reference is not None and decision.left:
@@ -96,12 +102,12 @@ def monitor(
     since = first_log(decision, signals.run_names)
     if since is not None and since > 0:
         # What came later is sought where it is.
-        fit = Fit(fit.runs[since:], fit.declared)
+        fit = Fit(fit.runs[since:], fit.declared, (), before.values)
         decision = _decided(before, fit, speeds, look)
     tell(0.9)
     found = _result(estimate, signals, before, decision, "" if since is None else signals.run_names[since])
     tell(1.0)
-    return found
+    return replace(found, warnings=(*found.warnings, *said))
 
 
 def _check(estimate: Estimate, signals: Signals, look: int) -> None:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from effect_robots import pendulum
 
+from ident.diagnosis import Verdict, diagnose
+from ident.effects.base import make_effect
 from ident.effects.motion import Motion
 from ident.errors import ConfigurationError
 from ident.estimate.estimate import Estimate
@@ -74,6 +76,15 @@ def test_the_doubt_of_the_fit_is_no_change(fit: Estimate) -> None:
     # The same distance from a fit that knew it no better.
     doubtful = replace(off, covariance=fit.covariance + np.diag((0.05 * np.abs(fit.values)) ** 2))
     assert monitor(doubtful, logged(8)).changes == ()
+
+
+def test_effects_that_follow_what_the_model_predicts_may_be_its_own() -> None:
+    signals = logged(1)
+    model = MODEL + make_effect("load_dependent_friction")
+    values = np.concatenate([ROBOT.nominal, FRICTION, [0.0]])
+    estimate = WeightedLeastSquares().solve(Problem(model, signals, reference=values))
+    assert monitor(estimate, logged(2), reference=signals).changes == ()
+    assert diagnose(estimate, fit=signals).verdict == Verdict.CLEAN
 
 
 def test_all_looks_together_raise_as_few_false_alarms_as_one(fit: Estimate) -> None:
