@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .result import Unexplained
-from .thresholds import LOUD, STRETCH, WORSE
+from .thresholds import HALF, LOUD, STRETCH, WORSE
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 
 #: Rows of a joint below which its error on data held out says nothing.
 _ROWS = 50
-#: Blocks of time of each run over which standard errors are taken; share of an effect between what is there (1) and what is not (0).
+#: Blocks of time of each run over which standard errors are taken.
 _BLOCKS = 20
-_HALF = 0.5
 
 
 def presence(without: Estimate, whole: Estimate, data: Signals) -> tuple[float, float]:
@@ -46,7 +45,7 @@ def contradicted(named: Sequence[AcceptedEffect], shares: Sequence[tuple[float, 
     """Accepted effects that are not there as predicted on data held out: the whole is ruled out, and less than half is seen."""
     found = []
     for x, (share, std) in zip(named, shares, strict=True):
-        if share < _HALF and share + WORSE * std < 1.0:
+        if share < HALF and share + WORSE * std < 1.0:
             where = ", ".join(x.joints) or "the whole robot"
             said = (
                 f"{where}: of what {x.effect.name} predicts on data held out, {share:.2f} ± {std:.1g} is there:"

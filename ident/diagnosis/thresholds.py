@@ -36,5 +36,7 @@ WORSE = 2.33
 SEEN = 5.0
 #: Times its rms on a fit's own logs that a residual may have on new ones: unchanged arms have up to 1.7 (motions differ).
 LOUDER = 2.0
-#: Times its own standard deviations that a fit is trusted to, where its logs are not at hand: laws are exact to no less.
-FITTED = 1.0
+#: Share of an effect between what is there (1) and what is not (0).
+HALF = 0.5
+#: Rows for each parameter below which a change is not told from chance.
+ROWS_EACH = 4

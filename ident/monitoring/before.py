@@ -16,7 +16,6 @@ from ..diagnosis.inference.decide import decide
 from ..diagnosis.inference.scores import Scores
 from ..diagnosis.scoring.fit import Fit, prior_rows
 from ..diagnosis.scoring.known import Known
-from ..diagnosis.thresholds import FITTED
 from ..effects.base import effect_types
 from ..effects.rigid_body import RigidBody
 
@@ -77,7 +76,7 @@ class Before:
         std = np.where(estimate.std > 0, estimate.std, 1e-12)
         values, vectors = np.linalg.eigh(estimate.covariance / np.outer(std, std))
         # A variance that rounding has made zero or negative must not turn into certainty.
-        half = (vectors / np.sqrt(np.maximum(values, 1e-9))).T / std / FITTED
+        half = (vectors / np.sqrt(np.maximum(values, 1e-9))).T / std
         weak = prior_rows(model)
         base = model.base.base_values(estimate.all_values)
         rows, told = np.concatenate([half @ groups, weak]), np.concatenate([half @ estimate.values, weak @ base])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..diagnosis.inference.scores import BLOCK
+from ..diagnosis.thresholds import HALF
 
 if TYPE_CHECKING:
     from ..diagnosis.inference.decide import Decision
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Parts of the new logs that are held out in turn.
 _FOLDS = 5
-#: Share of a change between what is there (1) and what is not (0).
-_HALF = 0.5
 
 
 def first_log(decision: Decision, names: Sequence[str]) -> int | None:
@@ -30,7 +29,7 @@ def first_log(decision: Decision, names: Sequence[str]) -> int | None:
         made = frame.Z[:, :, part] @ frame.theta[part]
         own, along = made**2, made * (frame.residual + frame.X[:, :, part] @ frame.theta[part])
         for i, (a, b) in enumerate(pairwise(frame.edges)):
-            there[i] &= float(along[a:b].sum()) > _HALF * float(own[a:b].sum())
+            there[i] &= float(along[a:b].sum()) > HALF * float(own[a:b].sum())
     gone = np.flatnonzero(~there)
     first = int(gone[-1]) + 1 if len(gone) else 0
     return first if first < len(there) else None

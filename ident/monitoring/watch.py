@@ -11,7 +11,7 @@ import numpy as np
 from ..diagnosis.analysed import prepared
 from ..diagnosis.inference.decide import Decision, decide
 from ..diagnosis.scoring.fit import Fit
-from ..diagnosis.thresholds import LEVEL, MOST
+from ..diagnosis.thresholds import LEVEL, MOST, ROWS_EACH
 from ..effects.places import on, place_of
 from ..errors import ConfigurationError, DataError
 from ..problem.problem import error_on
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from ..signals.signals import Signals
 
 Array = np.ndarray
-#: Rows for each parameter below which a change is not told from chance.
-_ROWS = 4
 
 
 def monitor(
@@ -119,7 +117,7 @@ def _check(estimate: Estimate, signals: Signals, look: int) -> None:
     if look < 1:
         raise ConfigurationError(f"look is {look}; the first look at a robot since the fit is 1.")
     rows, parameters = int(signals.valid.sum()), estimate.model.base.count
-    if rows < _ROWS * parameters:
+    if rows < ROWS_EACH * parameters:
         raise DataError(f"only {rows} usable rows for {parameters} parameters: too few to tell a change from chance; give a longer log.")
 
 

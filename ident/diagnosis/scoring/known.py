@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...effects.base import Nature
 from ..thresholds import BOUND
 
 if TYPE_CHECKING:
@@ -35,6 +36,10 @@ class Known:
     def holds(self, effect: Effect) -> bool:
         """Whether an effect is a change of one of the model's own, whose shape is what it was."""
         return any(effect.name == e.name and joints_of(effect) == joints_of(e) for e, _ in self.own)
+
+    def renames(self, effect: Effect) -> bool:
+        """Whether an effect is but another name of changes of the model's own: friction that its friction holds already."""
+        return effect.nature == Nature.FRICTION and (effect.name, joints_of(effect)) in self.contained
 
     def can_be(self, effect: Effect, robot: Robot, values: Array, std: Array) -> bool | None:
         """Whether values (k,) of an effect can be: of a change, whether what was and the change together can. None: not known better here
