@@ -131,6 +131,4 @@ def _effects(fit: Fit) -> Iterator[tuple[Effect, tuple[str, ...]]]:
         yield from fit.known.own
     for name, kind in effect_types().items():
         if kind.cause and name != "rigid_body":
-            for effect, joints in places(kind, fit.declared, motions):
-                if fit.known is None or not fit.known.renames(effect):
-                    yield effect, joints
+            yield from places(kind, fit.declared, motions)

@@ -123,8 +123,7 @@ def _forward(state: EffectSearch, say: Callable[[str], None], tell: Callable[[fl
         effect, joints = found
         if effect.name not in _REPEATABLE:
             refused.add((effect.name, joints))
-        state.accepted.append(found)
-        state.solve()
+        state.accept(found)
         state.reprofile()
         say(f"accepted: {effect.name} on {', '.join(joints) or 'the whole robot'}")
 

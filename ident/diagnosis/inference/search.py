@@ -42,6 +42,13 @@ class EffectSearch:
         self.catalogue.updated(self.fit)
         self.scores = Scores.of(self.fit, self.frame, self.catalogue)
 
+    def accept(self, placed: Placed) -> None:
+        """Take an effect into the model; in the place of another name of changes of the model's own, these."""
+        parts = self.fit.known.own_parts(placed[0]) if self.fit.known is not None else []
+        there = {(e.name, joints) for e, joints in self.accepted}
+        self.accepted += [(self.labelled(e), joints) for e, joints in parts if (e.name, joints) not in there] or [placed]
+        self.solve()
+
     def calibrate(self) -> None:
         """Take the largest score that chance explains, for these scores."""
         self.chance = parametric(self.scores, self.level)

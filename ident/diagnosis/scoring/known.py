@@ -37,9 +37,12 @@ class Known:
         """Whether an effect is a change of one of the model's own, whose shape is what it was."""
         return any(effect.name == e.name and joints_of(effect) == joints_of(e) for e, _ in self.own)
 
-    def renames(self, effect: Effect) -> bool:
-        """Whether an effect is but another name of changes of the model's own: friction that its friction holds already."""
-        return effect.nature == Nature.FRICTION and (effect.name, joints_of(effect)) in self.contained
+    def own_parts(self, effect: Effect) -> list[tuple[Effect, tuple[str, ...]]]:
+        """The changes of the model's own that an effect is another name of: friction that its friction holds already. None for others."""
+        joints = joints_of(effect)
+        if effect.nature != Nature.FRICTION or (effect.name, joints) not in self.contained:
+            return []
+        return [(e, at) for e, at in self.own if e.nature == Nature.FRICTION and at == joints]
 
     def can_be(self, effect: Effect, robot: Robot, values: Array, std: Array) -> bool | None:
         """Whether values (k,) of an effect can be: of a change, whether what was and the change together can. None: not known better here
