@@ -21,8 +21,9 @@ from ident.diagnosis.advice import motion_for  # noqa: E402
 from ident.drawing.document import BlockKind, Figure, Layer, Panel, Role  # noqa: E402
 from ident.drawing.figures import draw  # noqa: E402
 from ident.effects import Axis, Effect, Motion  # noqa: E402
-from ident.effects.base import Nature, effect_types  # noqa: E402
+from ident.effects.kinds import Nature  # noqa: E402
 from ident.effects.reference import Reference  # noqa: E402
+from ident.effects.registry import effect_types  # noqa: E402
 from ident.friction import Coulomb, RotorInertia, Viscous  # noqa: E402
 from ident.model import Model  # noqa: E402
 from ident.robots import Robot, Side, load_robot, nominal_values  # noqa: E402

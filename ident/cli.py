@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from ._utils.fault_report import fault_report
 from ._utils.version import __version__
 from .commands import COMMANDS
-from .commands.names import take_names
+from .commands.names import nearest_flags, take_names
 from .errors import IdentError
 
 
@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("an argument holds the character NUL, which no name can")
     args, more = parser.parse_known_args(given)
     if not take_names(args, more):
-        parser.error(f"unrecognized arguments: {' '.join(more)}")
+        parser.error(f"unrecognized arguments: {' '.join(more)}{nearest_flags(parsers()[args.command], more)}")
     warnings.showwarning = _show_warning
     try:
         with _told(args.verbose_steps):

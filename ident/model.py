@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ._utils.short_repr import ShortRepr
-from .effects.base import Effect, Nature, Need
+from .effects.base import Effect
+from .effects.kinds import Nature, Need
 from .effects.motion import Motion
 from .effects.reduction import base_reduction
 from .effects.reference import Reference

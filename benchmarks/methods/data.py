@@ -17,7 +17,8 @@ from ident.simulation.simulate import Feedback
 
 from .bound import filtered_bound
 from .methods import Case
-from .motions import PlanRuns, Runs, closed_loop, fourier, planned, played_back, read, torque_driven
+from .motions import PlanRuns, Runs, closed_loop, planned, played_back, read, torque_driven
+from .random_motion import fourier
 from .world import TorqueMeasure, World, puma
 
 Array = np.ndarray

@@ -17,7 +17,8 @@ from ident.simulation.sensors import Quantisation, TorqueWindow
 from ident.simulation.simulate import Sensors
 
 from .data import FAST, SLOW
-from .motions import fourier, read, torque_driven
+from .motions import read, torque_driven
+from .random_motion import fourier
 from .tables import number, table
 from .world import World, puma
 

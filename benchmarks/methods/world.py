@@ -15,6 +15,8 @@ from ident.robots.transmission import Side
 from ident.simulation.sensors import Quantisation, TorqueNoise, TorqueWindow
 from ident.simulation.simulate import Plant, Sensors
 
+from .random_motion import fourier
+
 Array = np.ndarray
 _FIRST_MOMENTS = ("mx", "my", "mz")
 #: Sensors that record the truth, but for the averaging of torque over a sampling period.
@@ -91,8 +93,6 @@ def puma(noise_share: float = 0.02, counts: float = 1000.0) -> World:
 
 def typical_torque(model: Model, values: Array) -> Array:
     """Rms torque (n,), measured side, of quick random motions."""
-    from .motions import fourier
-
     found = []
     for seed in range(8):
         motion = fourier(model, 1000 + seed, 5.0, 0.9).sample(np.linspace(0.0, 5.0, 501))

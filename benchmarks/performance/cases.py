@@ -132,7 +132,10 @@ def serial_arm(joints: int) -> ident.Robot:
 def noisy_subject(joints: int) -> Subject:
     """A serial arm's base parameters with rotor inertia and friction, each of a standard deviation of some percent."""
     model = serial_arm(joints).rigid_body() + RotorInertia() + Viscous() + Coulomb()
-    values = model.base.base_values(nominal_values(model))
+    everything = nominal_values(model)
+    rotors = [name.startswith("Ia_") for name in model.names]
+    everything[rotors] = 0.02 / (1.0 + np.arange(joints))  # as gears of 100 reflect them
+    values = model.base.base_values(everything)
     covariance = np.diag((0.03 * np.abs(values) + 1e-3) ** 2)
     return Subject("nominal", InertiaStructure.from_model(model, model.base), values, covariance)
 

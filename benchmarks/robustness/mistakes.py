@@ -7,6 +7,7 @@ its standard deviations; and, on half as many logs without a mistake, those that
 from __future__ import annotations
 
 import argparse
+import time
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -185,6 +186,7 @@ def ended(world: World, table: Table, folder: Path) -> Ended:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=200, help="mistaken logs")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long, and count what was done")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kind", help="only mistakes whose name holds this")
     args = parser.parse_args()
@@ -192,8 +194,11 @@ def main() -> None:
     worlds = [World.of(name) for name in ROBOTS]
     told: dict[str, list[Ended]] = defaultdict(list)
     right: list[Ended] = []
+    end = time.monotonic() + 60.0 * args.minutes
     with TemporaryDirectory() as folder:
         for k in range(args.count):
+            if time.monotonic() > end:
+                break
             rng = np.random.default_rng([args.seed, k])
             world, kind = worlds[k % len(worlds)], kinds[(k // len(worlds)) % len(kinds)]
             found = ended(world, MISTAKES[kind](world.log(rng), world, rng), Path(folder))
@@ -212,7 +217,7 @@ def main() -> None:
     alarmed = sum(bool(e.error or e.warnings) for e in right)
     off = sum(bool(e.wrong) for e in right)
     print(f"{'none (right logs)':<36} {len(right):>5} {'':>8} {alarmed:>7}   with a parameter off by ten deviations: {off}")
-    print(f"silent and wrong: {sum(e.silent for g in told.values() for e in g)} of {args.count}")
+    print(f"silent and wrong: {sum(e.silent for g in told.values() for e in g)} of {sum(map(len, told.values()))}")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ sys.path.insert(0, str(ROOT))
 import ident  # noqa: E402
 from ident.cli import build_parser  # noqa: E402
 from ident.commands import COMMANDS  # noqa: E402
-from ident.effects.base import effect_types  # noqa: E402
+from ident.effects.registry import effect_types  # noqa: E402
 from ident.estimators import estimator_types  # noqa: E402
 from ident.signals.preparation import Preparation  # noqa: E402
 from ident.study.schema import study_schema  # noqa: E402

@@ -173,7 +173,8 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
     lag, fit = _best_lag(measured[:, None], m, reference[:, None])
     at = np.interp(m.run.t[m.inner] + lag, m.run.t, measured)
     scale = float(reference @ (at - at.mean()) / (reference @ reference))
-    left = 1 - float((reference @ (at - at.mean())) ** 2 / ((reference @ reference) * ((at - at.mean()) @ (at - at.mean()))))
+    same = float((reference @ (at - at.mean())) ** 2 / ((reference @ reference) * ((at - at.mean()) @ (at - at.mean()))))
+    left = max(0.0, 1 - same)  # a velocity without noise: rounding alone would make it negative
     if left > 0.5:
         add(
             "velocity",

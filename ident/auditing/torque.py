@@ -24,96 +24,91 @@ _OUTSIDE, _BRIEF, _AROUND, _SELDOM = 2.0, 3, 20, 1e-3
 def check_torque(add: Add, robot: Robot | None, j: int, name: str, t: Array, x: Array, q: Array) -> None:
     """Say what is wrong with the torque x (N,) of one joint at times t (N,); q (N,): its position. `add`: takes code, severity, text,
     where, value."""
+    present = _logged(add, name, x, q)
+    if present is None:
+        return
+    _check_stretches(add, name, x, q, present)
+    _check_effort(add, robot, j, name, present)
+    _check_steps(add, name, _without_wild(add, name, t, x, present))
+
+
+def _logged(add: Add, name: str, x: Array, q: Array) -> Array | None:
+    """The readings there are (P,); None, which is said, where they tell nothing: there are none, or they stay the same throughout."""
     missing = ~usable_numbers(x)
     if missing.all():
-        add(
-            "torque_missing",
-            Severity.WARNING,
-            "No torque logged: rows of this joint are not used, and what shows in them alone stays unknown.",
-            name,
-        )
-        return
+        text = "No torque logged: rows of this joint are not used, and what shows in them alone stays unknown."
+        add("torque_missing", Severity.WARNING, text, name)
+        return None
     if missing.any():
-        add(
-            "torque_nan",
-            Severity.WARNING,
-            f"Torque is missing in {int(missing.sum())} samples; rows that rest on them are not used.",
-            name,
-            missing.mean(),
-        )
+        text = f"Torque is missing in {int(missing.sum())} samples; rows that rest on them are not used."
+        add("torque_nan", Severity.WARNING, text, name, missing.mean())
     present = x[~missing]
-    span = float(np.ptp(present))
-    if span == 0:
-        moves = np.ptp(q) > 0
-        severity = Severity.WARNING if moves else Severity.INFO
-        add(
-            "torque_constant",
-            severity,
-            f"Torque stays at {present[0]:.4g} throughout: the channel is not connected, or not of this joint."
-            + (" It is taken as not logged, if other torques change." if moves else " Leave it out."),
-            name,
-        )
-        return
+    if float(np.ptp(present)) != 0:
+        return np.asarray(present)
+    moves = np.ptp(q) > 0
+    text = f"Torque stays at {present[0]:.4g} throughout: the channel is not connected, or not of this joint."
+    text += " It is taken as not logged, if other torques change." if moves else " Leave it out."
+    add("torque_constant", Severity.WARNING if moves else Severity.INFO, text, name)
+    return None
+
+
+def _check_stretches(add: Add, name: str, x: Array, q: Array, present: Array) -> None:
+    """Stretches of zero, else of one and the same reading."""
     off = longest(present == 0) / len(present)
     if off > 0.05:
-        add(
-            "torque_zero",
-            Severity.WARNING,
-            f"Torque is exactly zero for {off:.0%} of the run on end: the drive was off, or the channel dropped out. If"
-            " it dropped out, cut the"
-            " log there; if it was off, the robot swung freely, which tells little but friction.",
-            name,
-            off,
+        text = (
+            f"Torque is exactly zero for {off:.0%} of the run on end: the drive was off, or the channel dropped out. If it dropped out, cut"
+            " the log there; if it was off, the robot swung freely, which tells little but friction."
         )
+        add("torque_zero", Severity.WARNING, text, name, off)
     elif (stuck := _frozen(x, q)) is not None:
         first, last = stuck
-        add(
-            "torque_frozen",
-            Severity.WARNING,
+        text = (
             f"Torque stays at exactly {x[first]:.4g} from sample {first} to {last} while the joint moves: the channel hung, or the drive"
-            " was off. Cut the log there, or leave these cells empty.",
-            name,
-            (last - first + 1) / len(x),
+            " was off. Cut the log there, or leave these cells empty."
         )
-    if robot is not None and np.isfinite(robot.joints[j].effort) and robot.transmission.measured == "joint":
-        most = float(np.percentile(np.abs(present), 99))
-        if most > 1.5 * robot.joints[j].effort:
-            add(
-                "torque_large",
-                Severity.WARNING,
-                f"Torque reaches {most:.4g}, above the joint's effort limit of {robot.joints[j].effort:.4g}. Check its"
-                " unit and side ([drive] measured).",
-                name,
-                most,
-            )
+        add("torque_frozen", Severity.WARNING, text, name, (last - first + 1) / len(x))
+
+
+def _check_effort(add: Add, robot: Robot | None, j: int, name: str, present: Array) -> None:
+    """Torque beyond what the joint is said to give."""
+    if robot is None or not np.isfinite(robot.joints[j].effort) or robot.transmission.measured != "joint":
+        return
+    most = float(np.percentile(np.abs(present), 99))
+    if most > 1.5 * robot.joints[j].effort:
+        text = (
+            f"Torque reaches {most:.4g}, above the joint's effort limit of {robot.joints[j].effort:.4g}. Check its unit and side"
+            " ([drive] measured)."
+        )
+        add("torque_large", Severity.WARNING, text, name, most)
+
+
+def _without_wild(add: Add, name: str, t: Array, x: Array, present: Array) -> Array:
+    """The readings that are there (P,) but for wild ones, which are said."""
     wild = wild_samples(x)
-    if len(wild):
-        others = np.delete(x, wild)
-        several = f"{len(wild)} samples stand" if len(wild) > 1 else "1 sample stands"
-        add(
-            "torque_spike",
-            Severity.WARNING,
-            f"Torque is {x[wild[0]]:.4g} at {t[wild[0]]:.12g} s ({several} far outside of {np.nanmin(others):.4g} to"
-            f" {np.nanmax(others):.4g}, where all others are). Least squares follows such a sample: leave its cell empty, or remove the"
-            " row.",
-            name,
-            float(x[wild[0]]),
-        )
-        present = others[np.isfinite(others)]
+    if not len(wild):
+        return present
+    others = np.delete(x, wild)
+    several = f"{len(wild)} samples stand" if len(wild) > 1 else "1 sample stands"
+    text = (
+        f"Torque is {x[wild[0]]:.4g} at {t[wild[0]]:.12g} s ({several} far outside of {np.nanmin(others):.4g} to"
+        f" {np.nanmax(others):.4g}, where all others are). Least squares follows such a sample: leave its cell empty, or remove the"
+        " row."
+    )
+    add("torque_spike", Severity.WARNING, text, name, float(x[wild[0]]))
+    return np.asarray(others[np.isfinite(others)])
+
+
+def _check_steps(add: Add, name: str, present: Array) -> None:
+    """Torque that comes in steps."""
     step = grid_step(present)
-    if step > 0:
-        levels = float(np.ptp(present)) / step
-        coarse = levels < 100
-        if levels > 1e4:
-            return
-        text = f"Torque comes in steps of {step:.3g} ({levels:.0f} levels over the range used)."
-        add(
-            "torque_steps",
-            Severity.WARNING if coarse else Severity.INFO,
-            text + (" That is coarse; its error adds to the noise." if coarse else ""),
-            name,
-            step,
-        )
+    levels = float(np.ptp(present)) / step if step > 0 else np.inf
+    if levels > 1e4:
+        return
+    coarse = levels < 100
+    text = f"Torque comes in steps of {step:.3g} ({levels:.0f} levels over the range used)."
+    text += " That is coarse; its error adds to the noise." if coarse else ""
+    add("torque_steps", Severity.WARNING if coarse else Severity.INFO, text, name, step)
 
 
 def wild_samples(x: Array) -> Array:

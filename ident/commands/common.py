@@ -44,15 +44,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
     parser.add_argument("--plugin", nargs="+", metavar="FILE", help="your own effects, estimators, readers: Python files (docs/extend.md)")
     parser.add_argument("--drive", help="TOML file with a [drive] table: ratio or K, measured, effects …")
     if logs:
-        parser.add_argument(
-            "--log",
-            "--logs",
-            dest="log",
-            nargs="+",
-            action="extend",
-            metavar="FILE",
-            help="logs to fit (CSV, Parquet, MAT, HDF5, bags and more: docs/logs.md; patterns and folders allowed)",
-        )
+        add_log_argument(parser, "logs to fit (CSV, Parquet, MAT, HDF5, bags and more: docs/logs.md; patterns and folders allowed)")
         parser.add_argument(
             "--validate", nargs="+", metavar="FILE", help="logs held out; without them the last part of each log is held out"
         )
@@ -76,6 +68,11 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
         )
         parser.add_argument("--rate-hz", dest="rate_hz", type=positive, metavar="HZ", help="samples per second of logs without a time")
         parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off; without it, it is chosen from the data")
+
+
+def add_log_argument(parser: argparse.ArgumentParser, what: str, *others: str) -> None:
+    """`--log`, which may also be spelt `--logs`, and as `others` where a command has logs of one kind only."""
+    parser.add_argument("--log", "--logs", *others, dest="log", nargs="+", action="extend", metavar="FILE", help=what)
 
 
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:

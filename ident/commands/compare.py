@@ -16,7 +16,7 @@ from ..evaluation.comparison import compare
 from ..logs.reading import read_logs
 from ..study.session import like
 from ..study.study import Study, read_study
-from .common import Output, add_output_arguments
+from .common import Output, add_log_argument, add_output_arguments
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("before", help="saved fit (fit.json), e.g. of the declared model")
     parser.add_argument("after", help="saved fit, e.g. after.fit.json of `ident diagnose --out`")
-    parser.add_argument("--log", nargs="+", metavar="FILE", help="held-out logs (CSV, CSV.gz, MAT, Parquet; patterns allowed)")
+    add_log_argument(parser, "held-out logs (CSV, CSV.gz, MAT, Parquet; patterns allowed)", "--validate")
     parser.add_argument("--study", metavar="FILE", help="study file whose [logs] and [columns] are used: its validation logs without --log")
     parser.add_argument(
         "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"

@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Mapping
 
-from ..effects.base import effect_names
+from ..effects.registry import effect_names
 from ..estimators import estimator_types
 from ..robots.library.load import built_in_names
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._utils.json import result
-from ..effects.base import make_effect
+from ..effects.registry import make_effect
 from ..errors import ConfigurationError, unknown_name
 from ..estimate.estimate import Estimate
 from ..excitation.design import excite, tell_apart
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 _FAMILIES = ("fourier", "bspline")
 _MEASURES = ("both", "volume", "condition")
-#: Name of the file, where none is given.
-_TRAJECTORY = "excitation.csv"
+#: Names of the files, where none is given.
+_TRAJECTORY, _ROS = "excitation.csv", "excitation.yaml"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +72,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     place.add_argument("--start-posture", nargs="+", type=float, metavar="Q", help="where the motion starts and ends (default: the best)")
     place.add_argument("--from-posture", nargs="+", type=float, metavar="Q", help="where the robot stands: a slow approach is put before")
     parser.add_argument("--view", metavar="FILE", help="write the swept motion as a page to turn and to play (HTML; also in --out)")
-    parser.add_argument("--ros", metavar="FILE", help="write the motion as a ROS 2 JointTrajectory (YAML), too")
+    parser.add_argument(
+        "--ros",
+        nargs="?",
+        const="",
+        metavar="FILE",
+        help=f"write the motion as a ROS 2 JointTrajectory, too (YAML; default: {_ROS}; in any case in --out if it is given)",
+    )
     parser.add_argument("--starts", type=whole, default=3, help="independent searches (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed (default: %(default)s)")
     add_output_arguments(parser)
@@ -91,7 +97,9 @@ def run(args: argparse.Namespace) -> int:
             f"{args.seconds:g} s at {args.rate:g} Hz are {int(args.seconds * args.rate)} samples: fewer equations than the"
             f" {model.base.count} base parameters; give a longer trajectory (--seconds)."
         )
-    for flag, file in (("--ros", args.ros), ("--view", args.view)):
+    kept = None if args.ros is None or out.folder is None else out.folder / _ROS
+    ros = args.ros or (_ROS if args.ros is not None and kept is None else None)
+    for flag, file in (("--ros", ros), ("--view", args.view)):
         if file and Path(file).exists() and not args.force:
             raise ConfigurationError(f"{file} exists; nothing was designed. Choose another {flag}, or add --force.")
     noise = args.noise[0] if args.noise and len(args.noise) == 1 else args.noise
@@ -115,18 +123,20 @@ def run(args: argparse.Namespace) -> int:
     out.say(found)
     with out.together() as folder:
         found.to_csv(target if folder is None or args.trajectory is not None else folder / _TRAJECTORY, force=args.force)
-        if args.ros:
-            found.to_ros(args.ros, force=args.force)
+        if ros:
+            found.to_ros(ros, force=args.force)
         if args.view:
             found.to_view(args.view, force=args.force)
         data = {"trajectory": str(target), **found.to_dict()}
         if folder is not None:
+            if kept is not None:
+                found.to_ros(folder / _ROS, force=args.force)
             _keep_report(found, folder, args, out)
             found.to_view(folder / "swept.html", force=args.force)
         out.result(
             result("ident.excitation/1", data, inputs=inputs_of(args, model.robot, *args.obstacle, args.workspace_mesh)), "excitation"
         )
-    out.say("wrote " + ", ".join(str(file) for file in (target, args.ros, args.view) if file))
+    out.say("wrote " + ", ".join(str(file) for file in (target, ros, kept, args.view) if file))
     return 0
 
 

@@ -7,7 +7,7 @@ import textwrap
 from dataclasses import replace
 
 from .._utils.text import wrapped
-from ..effects.base import effect_names
+from ..effects.registry import effect_names
 from ..estimate.status import StatusCode
 from ..estimators import estimator_types
 from ..evaluation.doubts import all_turned

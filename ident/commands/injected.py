@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..effects.base import Effect, Nature, effect_types, make_effect
+from ..effects.base import Effect
+from ..effects.kinds import Nature
+from ..effects.registry import effect_types, make_effect
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 
 if TYPE_CHECKING:

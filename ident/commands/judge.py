@@ -27,7 +27,7 @@ from ..physical import (
 from ..robots.library.load import load_robot
 from ..robots.library.published import published_tables
 from ..study.session import like
-from .common import Output, add_output_arguments
+from .common import Output, add_log_argument, add_output_arguments
 from .compare import logs_for
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="repair it too: fit (constrained fit), consistent, possible, stepwise, or cone (the source's Steps 1 to 4, for a few joints);"
         " of a saved fit, --out keeps the repaired one",
     )
-    parser.add_argument("--validate", nargs="+", metavar="FILE", help="held-out logs on which the repair is compared with the fit")
+    add_log_argument(parser, "held-out logs on which the repair is compared with the fit", "--validate")
     parser.add_argument("--study", metavar="FILE", help="study file whose [columns] and validation logs are used for that")
     parser.add_argument("--missing", choices=("refuse", "gap"), help="blocks of missing positions in those logs")
     parser.add_argument(
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
     estimate, subject = _subject(args)
-    if not args.repair and (args.validate or args.study or args.total_mass or args.spread):
+    if not args.repair and (args.log or args.study or args.total_mass or args.spread):
         raise ConfigurationError("--validate, --study, --total-mass and --spread are for a repair: add --repair METHOD.")
     held = _held(args, estimate)
     # A request that cannot be met is refused before anything is computed.
@@ -132,12 +132,11 @@ def _by_the_source(args: argparse.Namespace, subject: Subject) -> tuple[dict[str
 
 def _held(args: argparse.Namespace, estimate: Estimate | None) -> Signals | None:
     """Held-out logs, prepared as those of the fit were."""
-    if not (args.validate or args.study):
+    if not (args.log or args.study):
         return None
     if estimate is None:
         raise ConfigurationError("a published table has no logs; --validate and --study go with a saved fit.")
-    wanted = argparse.Namespace(log=args.validate, study=args.study, missing=args.missing)
-    return like(estimate.signals_config)(logs_for(wanted, estimate))
+    return like(estimate.signals_config)(logs_for(args, estimate))
 
 
 def _knowledge(args: argparse.Namespace, estimate: Estimate | None) -> tuple[Bounds | None, Prior | None]:

@@ -16,7 +16,7 @@ from ..monitoring import monitor
 from ..reporting import report, report_of
 from ..study.session import like
 from ..study.study import Study, read_study
-from .common import Output, add_output_arguments
+from .common import Output, add_log_argument, add_output_arguments
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fit", metavar="FILE", required=True, help="saved fit (fit.json, or after.fit.json of a diagnosis)")
-    parser.add_argument("--log", nargs="+", metavar="FILE", help="new logs (CSV, CSV.gz, MAT, Parquet; patterns allowed)")
+    add_log_argument(parser, "new logs (CSV, CSV.gz, MAT, Parquet; patterns allowed)")
     parser.add_argument(
         "--reference",
         nargs="+",

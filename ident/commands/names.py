@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from difflib import get_close_matches
 
 #: Suffixes of files that can only be logs.
 _LOGS = (".csv", ".tsv", ".txt", ".gz", ".bz2", ".xz", ".mat", ".npz", ".parquet", ".pq", ".bag", ".mcap", ".db3")
+
+#: Flags of one meaning that other commands have.
+_SAME = {
+    "--validate": ("--log",), "--held": ("--validate", "--log"), "--test": ("--validate", "--log"), "--train": ("--log",),
+    "--data": ("--log",), "--file": ("--log",), "--input": ("--log",), "--output": ("--out",), "--output-dir": ("--out",),
+    "--overwrite": ("--force",), "--model": ("--fit", "--urdf"), "--reference": ("--fit",), "--estimator": ("--method",),
+}  # fmt: skip
 
 
 def take_names(args: argparse.Namespace, more: Sequence[str]) -> bool:
@@ -23,6 +31,16 @@ def take_names(args: argparse.Namespace, more: Sequence[str]) -> bool:
     logs = [name for name in given if _is_log(name)]
     args.log = [*(args.log or []), *logs] or None
     return True
+
+
+def nearest_flags(parser: argparse.ArgumentParser, given: Sequence[str]) -> str:
+    """What the flags of a command may be that were misspelt, or that another command has; "" where nothing is near."""
+    known = [flag for action in parser._actions for flag in action.option_strings]
+    hints = []
+    for flag in (name.split("=", 1)[0] for name in given if name.startswith("--")):
+        near = [other for other in _SAME.get(flag, ()) if other in known] or get_close_matches(flag, known, 2, 0.7)
+        hints += [f"for {flag} this command has {' or '.join(near)}"] if near else []
+    return f" ({'; '.join(hints)}; ident {parser.prog.split()[-1]} --help tells all)" if hints else ""
 
 
 def _is_log(name: str) -> bool:

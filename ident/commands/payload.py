@@ -14,7 +14,7 @@ from ..physical import payload_of
 from ..problem.problem import Problem
 from ..study.session import like
 from ..study.study import Study, read_study
-from .common import Output, add_output_arguments, add_study_arguments, study_from
+from .common import Output, add_log_argument, add_output_arguments, add_study_arguments, study_from
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)
-    parser.add_argument("--log", nargs="+", metavar="FILE", help="logs with the load")
+    add_log_argument(parser, "logs with the load")
     parser.add_argument("--without", nargs="+", metavar="FILE", help="logs without it (with a study file: its own logs, if not named)")
     parser.add_argument("--fit", metavar="FILE", help="saved fit without the load, instead of logs without it")
     parser.add_argument("--link", help="link that carries the load; the last moving one by default")

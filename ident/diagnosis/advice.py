@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..effects.base import Axis, Effect, effect_types
+from ..effects.base import Effect
+from ..effects.kinds import Axis
 from ..effects.places import on
+from ..effects.registry import effect_types
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from ..robots.parameters import Parameter, ShapeParameter
-from .base import Axis, Effect, Factor, JointEffect, Nature, Need, effect_names, effect_types, make_effect, register
+from .base import Effect
 from .compliance import Backlash, JointElasticity
 from .drift import OffsetDrift, OffsetStep
 from .encoders import EncoderEccentricity, EncoderOffset, EncoderScale
 from .geometry import GearCoupling, LinkLength
 from .gravity import BaseTilt, GravityMagnitude
+from .joint_effect import JointEffect
+from .kinds import Axis, Factor, Nature, Need
 from .load import ExternalForce, Payload, PayloadStep
 from .motion import Coordinates, Motion
 from .offset import Offset
 from .periodic import Cogging, TorqueRipple
+from .registry import effect_names, effect_types, make_effect, register
 from .rigid_body import RigidBody
 from .springs import Counterbalance, LinearSpring, NonlinearSpring
 from .sums import EffectSum

@@ -6,22 +6,19 @@ name and register it with `@register`. The contract tests then find it by themse
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from .._utils.plugins import load_installed
 from ..errors import ConfigurationError, unknown_name
 from ..robots.parameters import Parameter, ShapeParameter
 from ..robots.transmission import Side
-from .motion import Coordinates, Motion
+from .kinds import Axis, Nature, Need, choice
+from .motion import Motion
 from .sums import EffectSum
 
 if TYPE_CHECKING:
@@ -29,57 +26,6 @@ if TYPE_CHECKING:
     from .correction import SignalCorrection
 
 Array = np.ndarray
-
-
-class Axis(StrEnum):
-    """The quantity against which the residual of a missing effect is best looked at."""
-
-    POSITION = "position"
-    VELOCITY = "velocity"
-    ACCELERATION = "acceleration"
-    LOAD = "load"
-    TIME = "time"
-    MOTOR_ANGLE = "motor angle"
-    TORQUE = "torque"
-
-
-class Need(StrEnum):
-    """What an effect's columns depend on beside the motion at the same instant.
-
-    LOAD: the torque that the links ask for, as the model predicts it (`Motion.load`). REFERENCE: the model's whole
-    prediction, also at other positions or of another robot (`Motion.reference`). HISTORY: the motion before, from the start
-    of the run. NEIGHBOURS: the samples right before and after, uniform in time. TORQUE: the measured torque. TIME: the
-    run's own clock (`Motion.clock`)."""
-
-    LOAD = "load"
-    REFERENCE = "reference"
-    HISTORY = "history"
-    NEIGHBOURS = "neighbours"
-    TORQUE = "torque"
-    TIME = "time"
-
-
-class Nature(StrEnum):
-    """Where in the chain from link to log an effect sits.
-
-    LINK: torque that the links ask for and the gears transmit (rigid body, springs, payload). FRICTION: zero at standstill;
-    columns whose parameter is bounded below by zero take power out. DRIVE: the rest of the drive train. SENSOR: only in
-    what is measured, so that simulating the motion leaves it out."""
-
-    LINK = "link"
-    FRICTION = "friction"
-    DRIVE = "drive"
-    SENSOR = "sensor"
-
-
-class Factor(StrEnum):
-    """What a column of a joint effect can be, where it is nothing but one coordinate of the joint's own motion, on the effect's side."""
-
-    ONE = "one"
-    POSITION = "position"
-    SPEED = "speed"
-    DIRECTION = "direction"
-    ACCELERATION = "acceleration"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,8 +156,8 @@ class Effect(ABC):
         """Torque (N, n) without acceleration, and what a unit of each joint's acceleration adds to it, (N, n, n) with the accelerated joint
         last, or None for nothing; on the effect's side, for parameter values (k,). Accelerations of `motion` do not count."""
         n, at_rest = robot.n, np.zeros_like(motion.joint.dq)
-        bias = self.torque(_accelerated(motion, robot, at_rest), robot, values)
-        parts = [self.torque(_accelerated(motion, robot, at_rest + np.eye(n)[j]), robot, values) - bias for j in range(n)]
+        bias = self.torque(accelerated(motion, robot, at_rest), robot, values)
+        parts = [self.torque(accelerated(motion, robot, at_rest + np.eye(n)[j]), robot, values) - bias for j in range(n)]
         return bias, np.stack(parts, axis=2)
 
     def applied(self, robot: Robot, values: Array) -> Robot | SignalCorrection | None:
@@ -265,153 +211,7 @@ class Effect(ABC):
         return f"{symbol}{mark}{self.label}_{robot.joint_names[j]}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointEffect(Effect):
-    """An effect with the same few columns on each joint: torque on joint j depends on joint j's own motion."""
-
-    #: For each column: symbol, unit of the parameter, lower bound. In units, `{tau}`, `{q}`, `{inertia}` stand for the units
-    #: of torque, position and inertia, and the names of shape parameters for their values.
-    symbols: ClassVar[tuple[tuple[str, str, float], ...]]
-    #: For each column what it is; empty where one is something else. What is declared here is simulated by compiled code.
-    factors: ClassVar[tuple[Factor, ...]] = ()
-
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        found = []
-        shape = {p.name: f"{getattr(self, p.name):.6g}" for p in self.shape()}
-        for j in self.at(robot):
-            q, tau = robot.position_unit(j, self.side), robot.force_unit(j, self.side)
-            units = {"q": q, "tau": tau, "inertia": "kg" if q == "m" else "kg m^2", **shape}
-            for symbol, unit, lower in self.symbols:
-                found.append(Parameter(self.named(symbol, robot, j), unit.format(**units), self.name, robot.joint_names[j], lower))
-        return tuple(found)
-
-    @abstractmethod
-    def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
-        """For each column its values (N, len(at)) on the joints `at`; `own` is the motion of those on the effect's side."""
-
-    def columns(self, motion: Motion, robot: Robot) -> Array:
-        at = self.at(robot)
-        width = len(self.symbols)
-        out = np.zeros((len(motion), robot.n, width * len(at)))
-        for s, values in enumerate(self.basis(motion.on(self.side).of(at), motion, at)):
-            for i, j in enumerate(at):
-                out[:, j, i * width + s] = values[:, i]
-        return out
-
-    def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
-        at = self.at(robot)
-        out = np.zeros((len(motion), robot.n))
-        each = np.asarray(values, float).reshape(len(at), len(self.symbols))
-        for s, basis in enumerate(self.basis(motion.on(self.side).of(at), motion, at)):
-            out[:, at] += basis * each[:, s]
-        return out
-
-    def affine(self, motion: Motion, robot: Robot, values: Array) -> tuple[Array, Array | None]:
-        if self.needs or self.nature == Nature.SENSOR or type(self).columns is not JointEffect.columns:
-            return super().affine(motion, robot, values)
-        still = _accelerated(motion, robot, np.zeros_like(motion.joint.dq))
-        bias = self.torque(still, robot, values)
-        if self.factors and Factor.ACCELERATION not in self.factors:
-            return bias, None
-        # A joint's torque depends on its own acceleration alone; with a factor at hand, everywhere alike.
-        if self.factors:
-            still = Motion.of(robot, *np.zeros((3, 1, robot.n)))
-        own = replace(still.on(self.side), ddq=np.ones_like(still.joint.q))
-        moved = replace(still, joint=own) if self.side == Side.JOINT else replace(still, motor=own)
-        own_rates = np.eye(robot.n) if self.side == Side.JOINT else robot.transmission.K_inverse
-        each = self.torque(moved, robot, values) - (self.torque(still, robot, values) if self.factors else bias)
-        return bias, each[:, :, None] * own_rates
-
-
-def _accelerated(motion: Motion, robot: Robot, ddq: Array) -> Motion:
+def accelerated(motion: Motion, robot: Robot, ddq: Array) -> Motion:
     """The same states at other joint accelerations (N, n)."""
     motor = replace(motion.motor, ddq=robot.transmission.motor_rate(ddq))
     return replace(motion, joint=replace(motion.joint, ddq=ddq), motor=motor)
-
-
-_S = TypeVar("_S", bound=StrEnum)
-_E = TypeVar("_E", bound=Effect)
-_REGISTRY: dict[str, type[Effect]] = {}
-
-
-def choice(kind: type[_S], value: str, key: str, effect: str) -> _S:
-    """A member of an enumeration by its text. Raises ConfigurationError with the nearest members."""
-    try:
-        return kind(value)
-    except ValueError:
-        raise unknown_name(f"value of `{key}` of effect {effect!r}", str(value), [str(member) for member in kind]) from None
-
-
-def register(effect: type[_E]) -> type[_E]:
-    """Class decorator: make an effect known by its name (study files, command line, diagnosis)."""
-    known = _REGISTRY.get(effect.name)
-    if known is not None and (known.__module__, known.__qualname__) != (effect.__module__, effect.__qualname__):
-        raise ConfigurationError(f"two effects are named {effect.name!r}: {known.__module__} and {effect.__module__}.")
-    _REGISTRY[effect.name] = effect
-    return effect
-
-
-def _load_all() -> None:
-    for package_name in ("ident.effects", "ident.friction"):
-        package = importlib.import_module(package_name)
-        for module in pkgutil.iter_modules(package.__path__):
-            importlib.import_module(f"{package_name}.{module.name}")
-
-
-def effect_types() -> dict[str, type[Effect]]:
-    """Every registered effect by name, the built-in ones and the user's."""
-    _load_all()
-    load_installed()
-    return dict(sorted(_REGISTRY.items()))
-
-
-def effect_names() -> tuple[str, ...]:
-    """Names of all registered effects, the built-in ones and those of plugins.
-
-    Returns
-    -------
-    tuple of str
-        In alphabetical order.
-
-    Examples
-    --------
-    >>> import ident
-    >>> "stribeck" in ident.effect_names()
-    True
-    """
-    return tuple(effect_types())
-
-
-def make_effect(name: str, **configuration: Any) -> Effect:
-    """An effect by its name, as study files give it.
-
-    Parameters
-    ----------
-    name : str
-        See `effect_names`.
-    **configuration
-        Fields of the effect: joints, side, shape parameters.
-
-    Returns
-    -------
-    Effect
-
-    Raises
-    ------
-    ConfigurationError
-        An unknown name or key, with the nearest known ones.
-
-    Examples
-    --------
-    >>> import ident
-    >>> ident.make_effect("stribeck", joints=["joint3"], v_s=0.2).v_s
-    0.2
-    """
-    types = effect_types()
-    if name not in types:
-        raise unknown_name("effect", name, types)
-    known = {f.name for f in dataclasses.fields(types[name])}
-    for key in configuration:
-        if key not in known:
-            raise unknown_name(f"key of effect {name!r}", key, known)
-    return types[name](**configuration)

@@ -20,10 +20,12 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..robots.parameters import Parameter, ShapeParameter
 from ..robots.transmission import Side
-from .base import Axis, Effect, Need, register
+from .base import Effect
 from .flexing import responses
+from .kinds import Axis, Need
 from .motion import Coordinates, Motion
 from .play import Flights, Jolts, played
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

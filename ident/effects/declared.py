@@ -8,7 +8,8 @@ from typing import Any
 
 from .._utils.toml import check_options
 from ..robots.tables import DEFAULT_EFFECTS, DriveTable, effect_entries
-from .base import Effect, effect_types, make_effect
+from .base import Effect
+from .registry import effect_types, make_effect
 
 
 def declared_effects(drive: DriveTable) -> tuple[Effect, ...]:

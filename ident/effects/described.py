@@ -12,7 +12,9 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..robots.parameters import Parameter
 from ..robots.transmission import Side
-from .base import Axis, Effect, Need, choice, register
+from .base import Effect
+from .kinds import Axis, Need, choice
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

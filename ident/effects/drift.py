@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..robots.parameters import ShapeParameter
-from .base import Axis, JointEffect, Need, register
+from .joint_effect import JointEffect
+from .kinds import Axis, Need
 from .motion import Coordinates, Motion
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

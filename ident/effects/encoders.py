@@ -15,10 +15,12 @@ import numpy as np
 
 from ..robots.parameters import Parameter, ShapeParameter
 from ..robots.transmission import Side
-from .base import Axis, Effect, Nature, Need, register
+from .base import Effect
 from .correction import Harmonic, SignalCorrection
+from .kinds import Axis, Nature, Need
 from .motion import Coordinates, Motion
 from .orders import slowest_order
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

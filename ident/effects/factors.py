@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .base import Effect, Factor, JointEffect
+from .base import Effect
+from .joint_effect import JointEffect
+from .kinds import Factor
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -15,15 +17,8 @@ Array = np.ndarray
 
 
 def declares(effect: Effect) -> bool:
-    """Whether the effect's columns are what its `factors` say.
-
-    A subclass with columns of its own does not inherit what its base declared."""
-    if not isinstance(effect, JointEffect) or type(effect).torque is not JointEffect.torque or effect.needs:
-        return False
-    if type(effect).columns is not JointEffect.columns:
-        return False
-    says, does = (next(kind for kind in type(effect).__mro__ if name in vars(kind)) for name in ("factors", "basis"))
-    return bool(effect.factors) and says is does
+    """Whether the effect's columns are what its `factors` say."""
+    return isinstance(effect, JointEffect) and effect.declares_factors
 
 
 def coefficients(effect: Effect, values: Array, robot: Robot) -> dict[Factor, Array] | None:

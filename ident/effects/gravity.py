@@ -13,9 +13,11 @@ from ..errors import ConfigurationError
 from ..regressor.base_parameters.structural import base_set
 from ..robots.parameters import LINK_UNITS, Parameter
 from ..robots.transmission import Side
-from .base import Axis, Effect, Need, register
+from .base import Effect
+from .kinds import Axis, Need
 from .motion import Motion
 from .reference import Reference
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

@@ -13,9 +13,11 @@ from ..errors import ConfigurationError
 from ..regressor.rigid import inverse_dynamics, regressor
 from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS, Parameter, ShapeParameter
 from ..robots.transmission import Side
-from .base import Axis, Effect, Nature, Need, register
+from .base import Effect
 from .drift import after, inside, step_time
+from .kinds import Axis, Nature, Need
 from .motion import Motion
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

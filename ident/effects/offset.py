@@ -8,8 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from .base import Axis, Factor, JointEffect, register
+from .joint_effect import JointEffect
+from .kinds import Axis, Factor
 from .motion import Coordinates, Motion
+from .registry import register
 
 Array = np.ndarray
 

@@ -10,9 +10,11 @@ import numpy as np
 
 from ..robots.parameters import ShapeParameter
 from ..robots.transmission import Side
-from .base import Axis, JointEffect, Nature, Need, choice, register
+from .joint_effect import JointEffect
+from .kinds import Axis, Nature, Need, choice
 from .motion import Coordinates, Motion
 from .orders import slowest_order
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..robots.transmission import Side
-from .base import Nature, Need
+from .kinds import Nature, Need
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

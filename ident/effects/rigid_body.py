@@ -10,8 +10,10 @@ import numpy as np
 from ..regressor.rigid import inverse_dynamics, regressor, terms
 from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS, Parameter
 from ..robots.transmission import Side
-from .base import Axis, Effect, Nature, register
+from .base import Effect
+from .kinds import Axis, Nature
 from .motion import Motion
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

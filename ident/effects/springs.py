@@ -11,8 +11,10 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..robots.parameters import ShapeParameter
 from ..robots.transmission import Side
-from .base import Axis, Factor, JointEffect, Nature, register
+from .joint_effect import JointEffect
+from .kinds import Axis, Factor, Nature
 from .motion import Coordinates, Motion
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

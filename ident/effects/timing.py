@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..robots.parameters import ShapeParameter
-from .base import Axis, JointEffect, Nature, Need, register
 from .correction import SignalCorrection
+from .joint_effect import JointEffect
+from .kinds import Axis, Nature, Need
 from .motion import Coordinates, Motion
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

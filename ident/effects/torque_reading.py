@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..robots.parameters import ShapeParameter
-from .base import Axis, Effect, JointEffect, Nature, Need, choice, register
+from .base import Effect
 from .correction import SignalCorrection
+from .joint_effect import JointEffect
+from .kinds import Axis, Nature, Need, choice
 from .motion import Coordinates, Motion
+from .registry import register
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effects.base import Axis, Effect, Need
+from ..effects.base import Effect
+from ..effects.kinds import Axis, Need
 from ..problem.problem import Problem
 from ..robots.transmission import Side
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effects.base import Factor, Need
 from ..effects.factors import coefficients
+from ..effects.kinds import Factor, Need
 from ..effects.motion import Motion
 from ..effects.reference import Reference
 from ..effects.rigid_body import RigidBody

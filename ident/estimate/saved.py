@@ -11,7 +11,7 @@ import numpy as np
 
 from .._utils.fields import Field
 from .._utils.structured import read_json
-from ..effects.base import make_effect
+from ..effects.registry import make_effect
 from ..errors import ConfigurationError
 from ..model import Model
 from ..problem.information import Form, Information

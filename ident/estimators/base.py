@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
 import numpy as np
 
 from .._utils.plugins import load_installed
-from ..effects.base import Need
+from ..effects.kinds import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .own_prediction import standing
 from .turning import without_sticking

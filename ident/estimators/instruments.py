@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effects.base import Nature, Need
+from ..effects.kinds import Nature, Need
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, DataError
 from ..model import Model

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
-from ..effects.base import Factor, JointEffect
 from ..effects.factors import declares
+from ..effects.joint_effect import JointEffect
+from ..effects.kinds import Factor
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
 from ..problem.information import Information

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._utils.fixed_point import MOST, Repetition
-from ..effects.base import Need
+from ..effects.kinds import Need
 from ..model import Model
 from ..problem.problem import Problem
 from ..signals.rows import Rows

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effects.base import Nature, Need
+from ..effects.kinds import Nature, Need
 from ..effects.motion import Motion
 from ..errors import DataError
 from ..model import Model

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effects.base import Need
+from ..effects.kinds import Need
 from ..effects.motion import Motion
 from ..effects.reduction import base_reduction
 from ..errors import ConfigurationError, UnsupportedError, unknown_name

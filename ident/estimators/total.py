@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effects.base import Need
+from ..effects.kinds import Need
 from ..errors import ConfigurationError, UnsupportedError
 from ..estimate.status import StatusCode
 from ..problem.information import Information, triangle

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effects.base import Need, make_effect
+from ..effects.kinds import Need
 from ..effects.reference import Reference
+from ..effects.registry import make_effect
 from ..model import Model
 from ..problem.information import Information
 from ..problem.linear_solution import full_values, order_of

@@ -77,6 +77,22 @@ def source_text(robot: Robot, source: str | Path | None) -> tuple[bytes, str]:
         raise ConfigurationError(f"URDF {source}: cannot be read ({error.strerror}).") from None
 
 
+def _is_left(own: Array, rest: Array) -> bool:
+    """Whether the `rest` (10,) of a body's `own` parameters (10,) is as real as it: a real body, or one with mass."""
+    return bool(smallest_eigenvalues(rest)[0] > 0 if smallest_eigenvalues(own)[0] > 0 else rest[0] > 0)
+
+
+def _shared_note(link: str, others: list[str], attached: Attached, kept: bool) -> str:
+    """What became of the inertials of links attached to one that moves."""
+    if attached == Attached.KEEP and not kept:
+        return (
+            f"{link}: less the nominal inertials of {', '.join(others)} no real body is left;"
+            " their inertials were removed, and the link carries all of it."
+        )
+    how = "their nominal inertials stay, and were subtracted" if kept else "their inertials were removed, and the link carries all of it"
+    return f"{link}: identified together with {', '.join(others)} (joined by fixed or locked joints); {how}."
+
+
 def patch_urdf(
     data: bytes,
     where: str,
@@ -115,22 +131,9 @@ def patch_urdf(
             if _read_inertial(links[name], where).any()
         ]
         rest = own - sum((x for _, x in others), np.zeros(10))
-        keep = attached == Attached.KEEP and bool(others)
-        if keep and (smallest_eigenvalues(rest)[0] <= 0 if smallest_eigenvalues(own)[0] > 0 else rest[0] <= 0):
-            keep = False
-            notes.append(
-                f"{body.link}: less the nominal inertials of {', '.join(n for n, _ in others)} no real body is left;"
-                " their inertials were removed, and the link carries all of it."
-            )
-        elif others:
-            how = (
-                "their nominal inertials stay, and were subtracted"
-                if keep
-                else "their inertials were removed, and the link carries all of it"
-            )
-            notes.append(
-                f"{body.link}: identified together with {', '.join(n for n, _ in others)} (joined by fixed or locked joints); {how}."
-            )
+        keep = attached == Attached.KEEP and bool(others) and _is_left(own, rest)
+        if others:
+            notes.append(_shared_note(body.link, [name for name, _ in others], attached, keep))
         if not keep:
             for name, _ in others:
                 inertial_node = links[name].find("inertial")

@@ -8,8 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..effects.base import Axis, Factor, JointEffect, Nature, register
+from ..effects.joint_effect import JointEffect
+from ..effects.kinds import Axis, Factor, Nature
 from ..effects.motion import Coordinates, Motion
+from ..effects.registry import register
 
 Array = np.ndarray
 

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effects.base import Axis, JointEffect, Nature, choice, register
+from ..effects.joint_effect import JointEffect
+from ..effects.kinds import Axis, Nature, choice
 from ..effects.motion import Coordinates, Motion
 from ..effects.orders import slowest_order
+from ..effects.registry import register
 from ..robots.parameters import ShapeParameter
 from ..robots.transmission import Side
 

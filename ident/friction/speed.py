@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..effects.base import Axis, JointEffect, Nature, register
+from ..effects.joint_effect import JointEffect
+from ..effects.kinds import Axis, Nature
 from ..effects.motion import Coordinates, Motion
+from ..effects.registry import register
 from ..robots.parameters import ShapeParameter
 
 if TYPE_CHECKING:

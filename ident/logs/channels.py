@@ -8,59 +8,47 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .readers.wording import DESIRED, MEASURED
-from .units import UNITS, bracketed, is_unit, split_unit, unit_of
+from .readers.moments import MOMENT
+from .stamps import fraction_of
+from .units import as_suffix, bracketed, is_unit, split_unit, unit_of
+from .words import (
+    COMPUTED,
+    ESTIMATED,
+    HANDS,
+    MOTOR,
+    NOT_JOINTS,
+    QUANTITIES,
+    QUANTITY_WORDS,
+    SAID,
+    TAKEN,
+    TIME,
+    WANTED,
+    quantity_of,
+    words_of,
+)
 
 Array = np.ndarray
 _NUMBER = re.compile(r"\d+")
 _ELEMENT = re.compile(r"^(?P<stem>.*)\[(?P<joint>[^\[\]]*[A-Za-z][^\[\]]*)\](?P<rest>.*)$")
 _BY_NAME = re.compile(r"^(?P<joint>.+)[./](?P<word>position|velocity|acceleration|effort|torque|current)$", re.IGNORECASE)
 _INDEXED = re.compile(r"\[\d+\]$")
-_WORDS = {
-    "q": {"q", "pos", "position", "positions", "angle", "angles", "winkel", "mp", "ip", "qpos", "aipos", "aspos"},
-    "dq": {"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "drehzahl", "qvel", "dp"},
-    "ddq": {"qdd", "ddq", "acc", "acceleration"},
-    "tau": {"tau", "torque", "torques", "effort", "eff", "moment", "drehmoment", "mt", "force"},
-    "i": {"current", "currents", "strom"},
-}
-_WANTED = DESIRED | {"d", "ip", "aspos", "planned", "pl", "plan", "action"}
-_ESTIMATED = {
-    "ext",
-    "mocap",
-    "et",
-    "external",
-    "hat",
-    "model",
-    "gravity",
-    "filtered",
-    "rel",
-    "relative",
-    "error",
-    "err",
-    "deviation",
-    "feedforward",
-    "ff",
-    "next",
-}
-_MEASURED = MEASURED | {"present", "fb", "mp", "mt", "act", "mes"}
-_NOT_JOINTS = {
-    "euler", "quat", "tcp", "tool", "imu", "foot", "temp", "temperature", "temperatur", "ee", "cart", "base", "voltage", "mode", "id",
-    "limit", "status",
-}  # fmt: skip
-HANDS = {"hand", "gripper", "finger", "thumb", "knuckle", "grasp"}
 _DIMENSIONS = {"angle": "q", "rate": "dq", "acceleration": "ddq", "torque": "tau", "current": "i"}
-_QUANTITIES = frozenset.union(*map(frozenset, _WORDS.values()))
-#: Words beside which what is left of a name is a joint's.
-_SAID = frozenset.union(*map(frozenset, (*_WORDS.values(), _WANTED, _ESTIMATED, _MEASURED)))
 #: Names of a frame's axes, which are no joints' where no robot says so.
-_AXES = {"x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw"} | _NOT_JOINTS - {"base"}
+_AXES = {"x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw"} | NOT_JOINTS - {"base"}
+#: What stands in brackets and is no unit: which joint, side or sensor it is of.
+_BESIDE = {"joint", "axis", "motor", "link", "arm", "side", "raw", "left", "right", "sensor", "encoder", "si"}
+_LAST_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 #: What rows of units and labels write, beside the suffixes of our own.
-_WRITTEN = {"°": "deg", "grad": "deg", "°/s": "deg_s", "deg/s": "deg_s", "rad/s": "rad_s", "u/min": "rpm", "1/min": "rpm", "µs": "us"}
+_WRITTEN = {
+    "°": "deg", "grad": "deg", "°/s": "deg_s", "deg/s": "deg_s", "rad/s": "rad_s", "grad/s": "deg_s", "u/min": "rpm", "1/min": "rpm",
+    "µs": "us",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class ChannelGroup:
-    """Columns of one quantity over the joints, in their order. `joints`: their names, "" where only numbers tell them; `unit`: as told."""
+    """Columns of one quantity over the joints, in their order. `joints`: their names, "" where only numbers tell them; `unit`: as told;
+    `unread`: what is told for a unit and is none that is known."""
 
     stem: str
     columns: tuple[str, ...]
@@ -68,21 +56,32 @@ class ChannelGroup:
     quantity: str
     words: frozenset[str]
     unit: str = ""
+    unread: str = ""
 
     @property
     def wanted(self) -> bool:
         """Whether it is what was asked for."""
-        return bool(self.words & _WANTED)
+        return bool(self.words & WANTED)
 
     @property
     def estimated(self) -> bool:
         """Whether it is estimated, modelled or a difference."""
-        return bool(self.words & _ESTIMATED)
+        return bool(self.words & ESTIMATED)
 
     @property
     def measured(self) -> bool:
         """Whether its name says that it is measured."""
-        return bool(self.words & _MEASURED)
+        return bool(self.words & TAKEN)
+
+    @property
+    def computed(self) -> bool:
+        """Whether its name says that it is computed from something else."""
+        return bool(self.words & COMPUTED)
+
+    @property
+    def of_motors(self) -> bool:
+        """Whether its name says that it is on the motors' side."""
+        return bool(self.words & MOTOR)
 
     @property
     def named(self) -> bool:
@@ -92,8 +91,23 @@ class ChannelGroup:
     def only(self, keep: Sequence[int]) -> ChannelGroup:
         """Some of its columns."""
         return ChannelGroup(
-            self.stem, tuple(self.columns[k] for k in keep), tuple(self.joints[k] for k in keep), self.quantity, self.words, self.unit
+            self.stem,
+            tuple(self.columns[k] for k in keep),
+            tuple(self.joints[k] for k in keep),
+            self.quantity,
+            self.words,
+            self.unit,
+            self.unread,
         )
+
+    def along(self, q: ChannelGroup, names: Sequence[str]) -> ChannelGroup | None:
+        """In the order of the positions' joints; None where they are put in another order than that of the columns (`names`), and nothing
+        tells which of these belongs to which."""
+        own, wanted = ([bare_name(joint) for joint in g.joints] for g in (self, q))
+        if all(own) and sorted(own) == sorted(wanted) and len(set(own)) == len(own):
+            return self.only([own.index(joint) for joint in wanted])
+        at = [names.index(column) for column in q.columns]
+        return self if not q.named or at == sorted(at) else None
 
     def arms(self) -> ChannelGroup:
         """Without the channels of hands, where the others are more."""
@@ -107,20 +121,13 @@ class ChannelGroup:
 def joint_of(name: str) -> str:
     """A joint's name from the path by which a channel names it: the last part that is no word for a quantity (`arm/elbow.pos`: elbow)."""
     parts = [part for part in re.split(r"[/.]", name) if part]
-    return next((part for part in reversed(parts) if part.lower() not in _QUANTITIES), parts[-1] if parts else name)
-
-
-def words_of(name: str) -> frozenset[str]:
-    """The words of a name, small: `FB_POS_RJ1`, `torquesFromCurrent`, `Sollwinkel`."""
-    split = re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower().replace("torques", "torque")
-    split = re.sub(r"\b(soll|ist)(?=[a-z]{3})", r"\1_", split)
-    return frozenset(x for x in re.split(r"[^a-z%°]+", split) if x)
+    return next((part for part in reversed(parts) if part.lower() not in QUANTITIES), parts[-1] if parts else name)
 
 
 def unit_suffix(text: str) -> str:
     """A unit as a row of units or a label writes it, as our own suffix; "" where it is none."""
-    word = text.strip().strip("[]()").lower()
-    word = _WRITTEN.get(word, word)
+    word = text.strip().strip("[]()")
+    word = _WRITTEN.get(word.lower()) or as_suffix(word)
     return unit_of(word).name if is_unit(word) else ""
 
 
@@ -130,9 +137,10 @@ def groups(
     """Groups of columns. `joints`: the robot's, whose order counts where columns name joints; `units`: told of columns; `told`: quantity
     (`q`, `dq`, `tau`, `i`, `q_ref`) → a column's name with {} for the joint's number."""
     stems: dict[str, list[tuple[int, str, str]]] = {}
+    elements = _elements(names)
     for name in names:
-        by_name, element = _BY_NAME.match(name), _element(name)
-        if by_name and not _INDEXED.search(by_name["joint"]):
+        by_name, element = _BY_NAME.match(name), elements.get(name)
+        if by_name and not _INDEXED.search(by_name["joint"]) and not (element and by_name["joint"].endswith("]")):
             joint, topic = re.split(r"[./]", by_name["joint"])[-1], by_name["joint"].rpartition("/")[0]
             _put(stems, f"{topic}|{by_name['word']}", name, joint, joints)
         elif element:
@@ -141,7 +149,7 @@ def groups(
             for found in _NUMBER.finditer(name):
                 stem = name[: found.start()] + "#" + name[found.end() :]
                 stems.setdefault(stem, []).append((int(found.group()), name, ""))
-    stems |= _around_names([name for name in names if not (_BY_NAME.match(name) or _element(name))], joints, stems)
+    stems |= _around_names([name for name in names if not (_BY_NAME.match(name) or name in elements)], joints, stems)
     known = {template.replace("{}", "#"): quantity for quantity, template in (told or {}).items()}
     out = [made for stem, members in stems.items() if (made := _group(stem, members, units, known.get(stem, "")))]
     if not any(g.quantity == "q" for g in out):
@@ -149,10 +157,14 @@ def groups(
     return out
 
 
-def _element(name: str) -> re.Match[str] | None:
-    """An array's element that is told by a joint's name; what stands in the brackets may also be a unit."""
-    found = _ELEMENT.match(name)
-    return found if found and not unit_suffix(found["joint"]) else None
+def _elements(names: Sequence[str]) -> dict[str, re.Match[str]]:
+    """Columns that are an array's elements, told by joints' names in brackets: others differ from them in that alone. What stands in the
+    brackets of one alone, or of columns that have the same there, is a unit."""
+    found = {name: match for name in names if (match := _ELEMENT.match(name)) and not unit_suffix(match["joint"])}
+    beside: dict[tuple[str, str], set[str]] = {}
+    for match in found.values():
+        beside.setdefault((match["stem"], match["rest"]), set()).add(match["joint"])
+    return {name: match for name, match in found.items() if len(beside[match["stem"], match["rest"]]) > 1}
 
 
 def _around_names(
@@ -166,18 +178,21 @@ def _around_names(
     known = {bare_name(joint): joint for joint in joints or ()}
     for name in names:
         plain, unit = bracketed(name)
-        plain = plain if unit_suffix(unit) else name
+        unit = unit_suffix(unit) or unread_unit(unit)
+        plain = plain if unit else name
         parts = [part for part in re.split(r"[^A-Za-z0-9%]+", plain) if part]
-        said = [part for part in parts if part.lower() in _SAID]
+        said = [part for part in parts if part.lower() in SAID]
         joint = "_".join(part for part in parts if part not in said)
-        named = any(part.lower() in _QUANTITIES for part in said) and re.search("[A-Za-z]", joint)
-        if not named or (known and bare_name(joint) not in known) or (not known and words_of(joint) & _AXES):
+        named = any(part.lower() in QUANTITIES for part in said) and re.search("[A-Za-z]", joint)
+        if not named or (known and bare_name(joint) not in known) or (not known and words_of(joint) & (_AXES | TIME - {"t"})):
             continue
-        stem = " ".join(said).lower() + (f" [{unit_suffix(unit)}]" if unit_suffix(unit) else "")
+        stem = " ".join(said).lower() + (f" [{unit}]" if unit else "")
         _put(stems, stem, name, known.get(bare_name(joint), joint), joints)
     of_stem = {stem: {joint for *_, joint in members} for stem, members in stems.items()}
     placed = [
-        own for stem, own in of_stem.items() if words_of(stem) & _WORDS["q"] and len(own) > 1 and any(not re.search(r"\d", x) for x in own)
+        own
+        for stem, own in of_stem.items()
+        if words_of(stem) & QUANTITY_WORDS["q"] and len(own) > 1 and any(not re.search(r"\d", x) for x in own)
     ]
     # Without a robot, joints are those that have positions.
     told = {stem: members for stem, members in stems.items() if known or any(of_stem[stem] <= own for own in placed)}
@@ -195,7 +210,8 @@ def bare_name(joint: str) -> str:
 
 def _put(stems: dict[str, list[tuple[int, str, str]]], stem: str, name: str, joint: str, joints: Sequence[str] | None) -> None:
     members = stems.setdefault(stem, [])
-    place = list(joints).index(joint) if joints and joint in joints else len(members)
+    own = [] if not joints else [k for k, known in enumerate(joints) if known == joint or bare_name(known) == bare_name(joint)]
+    place = own[0] if len(own) == 1 else len(members)
     members.append((place, name, joint))
 
 
@@ -204,19 +220,20 @@ def _group(stem: str, members: list[tuple[int, str, str]], units: Mapping[str, s
     numbers = sorted({m[0] for m in members})
     if not members or len(numbers) != len(members) or numbers != list(range(numbers[0], numbers[0] + len(numbers))) or numbers[0] > 1:
         return None
-    if words & _NOT_JOINTS:
+    if words & NOT_JOINTS:
         return None
     members = sorted(members)
     columns = tuple(m[1] for m in members)
     unit = unit_suffix(units.get(columns[0], "")) or _unit_in(stem)
-    quantity = told.removesuffix("_ref") or next((k for k in ("ddq", "dq", "tau", "i", "q") if words & _WORDS[k]), "")
+    unread = "" if unit else unread_unit(units.get(columns[0], "")) or _unread_in(stem)
+    quantity = told.removesuffix("_ref") or quantity_of(words)
     if words in ({"observation", "state"}, {"action"}):  # LeRobot: positions, and what was asked for
         quantity = "q"
     if not quantity and unit:
         quantity = _DIMENSIONS.get(unit_of(unit).dimension, "")
     if not quantity:
         return None
-    return ChannelGroup(stem, columns, tuple(m[2] for m in members), quantity, words, unit)
+    return ChannelGroup(stem, columns, tuple(m[2] for m in members), quantity, words, unit, unread)
 
 
 def _unit_in(stem: str) -> str:
@@ -228,15 +245,53 @@ def _unit_in(stem: str) -> str:
     return unit if len(unit) > 1 else ""
 
 
+def unread_unit(text: str) -> str:
+    """What is told for a unit, where it says something that is no unit that is known; "" for a unit, for nothing, and for words."""
+    inside = text.strip().strip("[]()").strip()
+    plain = not inside or inside in "-–—." or inside.isdecimal() or unit_suffix(inside) or bool(words_of(inside) & (SAID | TIME | _BESIDE))
+    return "" if plain else inside
+
+
+def _unread_in(stem: str) -> str:
+    bare = stem.replace("[#]", "").replace("[]", "").replace("#", "")
+    found = _LAST_BRACKETS.search(bare)
+    return unread_unit(found[1]) if found else ""
+
+
 def known_scale(unit: str) -> float:
     """SI value of one unit, by its suffix."""
-    return UNITS[unit].scale if unit in UNITS else unit_of(unit).scale
+    return unit_of(unit).scale
 
 
-def scalar_time_names(names: Sequence[str]) -> list[str]:
-    """Columns whose name is one of time, the likeliest first: the sender's stamp before the recorder's, plain names before others."""
-    exact = ("t", "time", "timestamp", "timestamps", "tstamps", "zeit", "stamp", "secs", "sec", "seconds", "ms", "%time", "ipoc", "clock")
+def scalar_time_names(names: Sequence[str], units: Mapping[str, str] | None = None) -> list[str]:
+    """Columns whose name, or unit, is one of time, the likeliest first: the sender's stamp before the recorder's, plain names before
+    others."""
+    exact = (
+        "t",
+        "time",
+        "timestamp",
+        "timestamps",
+        "tstamps",
+        "zeit",
+        "stamp",
+        "secs",
+        "sec",
+        "seconds",
+        "ms",
+        "%time",
+        "ipoc",
+        "clock",
+        "ts",
+    )
     lower = {n.lower(): n for n in names}
-    found = [lower[k] for k in lower if re.search(r"header[./]stamp$", k)] + [lower[k] for k in exact if k in lower]
-    others = [n for n in names if words_of(n) & {"time", "timestamp", "zeit", "tout", "clock"}]
-    return list(dict.fromkeys(found + others))
+    found = [lower[k] for k in lower if re.search(r"stamp[./_](sec|secs)$|header[./]stamp$", k)] + [lower[k] for k in exact if k in lower]
+    others = [n for n in names if words_of(n) & (TIME - {"t", "ms", "ts", "stamp"})]
+    split = [n for n in names if fraction_of(n, names)]
+    return list(dict.fromkeys([*found, *split, *others, *(n for n in names if _time_unit(n, units or {}))]))
+
+
+def _time_unit(name: str, units: Mapping[str, str]) -> bool:
+    if units.get(name) == MOMENT:
+        return True
+    unit = unit_suffix(units.get(name, "")) or unit_suffix(bracketed(name)[1])
+    return bool(unit) and unit_of(unit).dimension == "time"

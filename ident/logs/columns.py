@@ -38,6 +38,10 @@ class ColumnPlan:
         """Columns of the file that must be read."""
         return tuple(dict.fromkeys(c.source for c in self.columns))
 
+    def on_clock(self, *columns: Column) -> ColumnPlan:
+        """The same with other columns for the time, which add up."""
+        return replace(self, columns=(*columns, *(c for c in self.columns if c.quantity != "t")))
+
     def quantity(self, name: str) -> tuple[Column, ...]:
         """The columns of one quantity."""
         return tuple(c for c in self.columns if c.quantity == name)
@@ -48,6 +52,11 @@ class ColumnPlan:
         for quantity in QUANTITIES:
             columns = self.quantity(quantity)
             if not columns:
+                continue
+            if quantity == "t" and len(columns) > 1:  # seconds, and a fraction of one
+                out["t"] = sum(
+                    (c.scale * np.asarray(table[c.source], float) for c in columns[1:]), np.asarray(table[columns[0].source], float)
+                )
                 continue
             rows = len(table[columns[0].source])
             array = np.full((rows, self.n), np.nan) if quantity != "t" else np.empty((rows, 1))
@@ -73,8 +82,9 @@ def resolve_columns(
     mapping: Mapping[str, Any] | None = None,
     *,
     where: str = "log",
+    units: Mapping[str, str] | None = None,
 ) -> ColumnPlan:
-    """Resolve a header into a plan.
+    """Resolve a header into a plan. `units`: suffixes of units that the file tells beside the names.
 
     `joints`: the robot's joints; without them their number is taken from the columns. `mapping`: quantity (`q1`, `tau_m2`,
     `t`, `<joint>.position`, or with a unit, `q1_deg`) → column name; from Python, where a sign or an offset is wanted, also a dict of
@@ -106,7 +116,7 @@ def resolve_columns(
         if named.joint < 0:
             zero.setdefault(named.quantity, source)
             continue
-        parsed = named.column(source, where)
+        parsed = replace(named, unit=named.unit or (units or {}).get(source, "")).column(source, where)
         if named.numbered:
             numbered.setdefault(named.quantity, []).append(parsed)
         present = found.get((parsed.quantity, parsed.joint))
@@ -129,8 +139,7 @@ def resolve_columns(
     _check_units(found, joints, where, notes)
     found = _complete(found, n, joints, where, notes, unknown)
     columns = tuple(sorted(found.values(), key=lambda c: (QUANTITIES.index(c.quantity), c.joint)))
-    known = joints.names if joints else tuple(names)
-    known, used = known if len(known) == n else (), {c.source for c in columns}
+    known, used = (k if len(k := joints.names if joints else tuple(names)) == n else ()), {c.source for c in columns}
     hint = "" if any(c.quantity.startswith("tau") for c in columns) else torque_question(unknown, range(n), known)
     return ColumnPlan(columns, n, known, tuple(h for h in header if h not in used), tuple(notes), hint, where)
 

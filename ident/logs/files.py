@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import DataError
-from .channels import words_of
 from .readers.stored import split_inside
 from .readers.tables import recordings_in
 from .readers.topics import is_bag
-from .readers.wording import DESIRED, MEASURED
+from .words import DESIRED, MEASURED, words_of
 
 _SUFFIXES = {
     ".csv",

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from ..errors import DataError
-from .channels import words_of
 from .source import TableSource
+from .words import TIME, words_of
 
 Array = np.ndarray
-_KEYS = {"id", "servo", "joint", "axis", "motor", "name", "actuator", "device"}
+_CHANNELS = {"variable", "field", "signal", "channel"}
+_KEYS = {"id", "servo", "joint", "axis", "motor", "name", "actuator", "device"} | _CHANNELS
 #: Joints that one table may interleave.
 _MOST = 64
 
@@ -18,8 +21,9 @@ def long_table(source: TableSource) -> dict[str, Array] | None:
     """Columns `<name>[<joint>]` of a table that has a row for each joint and time, and its other columns at the first joint's rows; None
     where the file is no such table.
 
-    A column whose name is a word for joints, with a few values that take turns, makes it one; joints that were read one after the other
-    keep their readings, in the row of the first."""
+    A column whose name is a word for joints, with a few values that take turns (or come one after the other, over the same times), makes it
+    one; joints that were read one after the other keep their readings, in the row of the first. Where the names are those of channels
+    (`variable`) beside one column of values, they are the columns."""
     keys = [n for n in source.header.names if words_of(n) and words_of(n) <= _KEYS]
     if len(keys) != 1 or source.header.unnamed:
         return None
@@ -27,7 +31,7 @@ def long_table(source: TableSource) -> dict[str, Array] | None:
         labels = source.labels(keys[0])
     except (DataError, ValueError):
         return None
-    joints = list(dict.fromkeys(labels))
+    joints = sorted(dict.fromkeys(labels), key=_counted)
     if not 2 <= len(joints) <= _MOST or len(labels) < 2 * len(joints):
         return None
     rest = [n for n in source.header.names if n != keys[0]]
@@ -35,16 +39,37 @@ def long_table(source: TableSource) -> dict[str, Array] | None:
         table = source.read(rest, ())
     except DataError:
         table = source.read([], rest)
+    times = [name for name in table if words_of(name) & TIME]
     sweep = _sweeps(labels, joints)
     if sweep is None:
+        sweep = _blocks(labels, joints, [table[name] for name in times])
+    if sweep is None:
         return None
+    values = [name for name in table if name not in times]
+    channels = len(values) == 1 and words_of(keys[0]) <= _CHANNELS
     out: dict[str, Array] = {}
-    for name, values in table.items():
-        if words_of(name) & {"t", "time", "timestamp", "ms", "stamp", "sec", "secs"}:
-            out[name] = values[sweep[0]]
+    for name, column in table.items():
+        if name in times:
+            out[name] = column[sweep[0]]
         else:
-            out |= {f"{name}[joint {joint}]": values[rows] for joint, rows in zip(joints, sweep, strict=True)}
+            # A number alone is no name: that of a joint is.
+            named = {joint: joint if re.search("[A-Za-z]", joint) else f"joint {joint}" for joint in joints}
+            out |= {joint if channels else f"{name}[{named[joint]}]": column[rows] for joint, rows in zip(joints, sweep, strict=True)}
     return out
+
+
+def _counted(label: str) -> tuple[float, str]:
+    """Numbers in their order; names as they first come."""
+    return (float(label), "") if label.isdecimal() else (0.0, "")
+
+
+def _blocks(labels: list[str], joints: list[str], times: list[Array]) -> list[Array] | None:
+    """For each joint its rows, where these come one joint after the other over the same times; None where they do not."""
+    own = np.array(labels)
+    rows = [np.flatnonzero(own == joint) for joint in joints]
+    if not times or len({len(r) for r in rows}) > 1 or any(not np.array_equal(t[r], t[rows[0]]) for r in rows for t in times):
+        return None
+    return rows
 
 
 def _sweeps(labels: list[str], joints: list[str]) -> list[Array] | None:

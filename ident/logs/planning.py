@@ -10,14 +10,17 @@ from typing import Any
 import numpy as np
 
 from ..errors import ConfigurationError, DataError
-from .channels import ChannelGroup, groups
+from .channels import ChannelGroup, groups, unit_suffix, unread_unit
 from .columns import ColumnPlan, resolve_columns
 from .long_tables import long_table
-from .names import JointNames, parse_name
+from .names import KEYS, Column, JointNames, parse_name
+from .readers.header import Header
+from .readers.moments import MOMENT
 from .recognise import RecordedChannels, recognised
 from .recorders import recorder_of
 from .references import references
 from .source import TableSource
+from .stamps import fraction_beside, since_1970
 from .unnamed import proposal
 
 Array = np.ndarray
@@ -58,7 +61,8 @@ def planned(
             raise DataError(_unnamed(source))
         if not columns and recorder_of(header.names) is not None and (known := _recognised(source, joints, COUNTED in names)):
             return known  # whose names and units are known better than the words tell
-        plan = resolve_columns(names, joints, counted, where=where)
+        plan = resolve_columns(names, joints, counted, where=where, units=_told_units(header, where))
+        plan = _on_its_clock(plan, source)
         reference, more = _beside(source, plan)
         return PlannedLog(replace(plan, notes=(*notes, *plan.notes, *more)), None, reference)
     except DataError:
@@ -104,15 +108,52 @@ def _recognised(source: TableSource, joints: JointNames | None, counted: bool) -
     elif "t" not in mapping:
         usual = "500" if found.rate_hz is None else f"{found.rate_hz:g}"
         raise DataError(
-            f"{where}: recognised{f' as {found.recorder}' if found.recorder else ''} ({found.text}), but it holds no time: how many samples"
-            f" a second are there? Say so: [logs] rate_hz = {usual} (--rate-hz {usual})"
+            f"{where}: recognised{f' as {found.recorder}' if found.recorder else ''} ({found.text}), but it holds no"
+            f" time{_because(found.untimed)}: how many samples a second are there? Say so: [logs] rate_hz = {usual} (--rate-hz {usual})"
             + (f"; {usual} is usual there." if found.rate_hz is not None else ".")
         )
     plan = resolve_columns((*names, COUNTED) if counted else names, joints, mapping, where=where)
+    plan = _on_its_clock(plan, source) if rearranged is None else plan
     said = f"{where}: recognised by its columns{f' as {found.recorder}' if found.recorder else ''}: {found.text}."
     more = tuple(f"{where}: {note}" for note in found.notes)
     plan = replace(plan, notes=(said, *more, *plan.notes), joints=found.joints or plan.joints)
     return PlannedLog(plan, found, found.reference, rearranged)
+
+
+def _told_units(header: Header, where: str) -> dict[str, str]:
+    """Units that the file tells beside its columns of our own names, as suffixes. Raises DataError for one that is not known."""
+    out = {}
+    for name, told in zip(header.names, header.units, strict=False):
+        named = parse_name(name, None, [])
+        if told and named is not None and (told != MOMENT or named.quantity == "t"):
+            out[name] = "s" if told == MOMENT else unit_suffix(told)
+            if not out[name] and (unread := unread_unit(told)):
+                raise DataError(
+                    f"{where}: column {name!r} is in {unread!r}, which is no unit that is known. Say what one of it is in SI units under"
+                    f" [columns] of a study file: {KEYS[named.quantity]}{named.joint + 1 if named.quantity != 't' else ''} = {{ column ="
+                    f' "{name}", scale = … }}.'
+                )
+    return out
+
+
+def _on_its_clock(plan: ColumnPlan, source: TableSource) -> ColumnPlan:
+    """The plan with the fraction of a second that stands in a column of its own, and with the unit of a time that counts since 1970."""
+    (clock, *_) = plan.quantity("t") or (None,)
+    if clock is None or clock.source == COUNTED:
+        return plan
+    if clock.scale == 1.0 and (part := fraction_beside(clock.source, source.header.names, lambda names: source.read(names, ()))):
+        said = f"{plan.where}: the time is {clock.source!r} and {part[0]!r} (times {part[1]:g} s)."
+        extra = tuple(name for name in plan.extra if name != part[0])
+        return replace(plan.on_clock(clock, Column(part[0], "t", 1, part[1])), extra=extra, notes=(*plan.notes, said))
+    factor = since_1970(source.first(clock.source)) if not clock.unit and clock.scale == 1.0 else 1.0
+    if factor == 1.0:
+        return plan
+    said = f"{plan.where}: column {clock.source!r} counts from 1970 by its size: one of it is {factor:g} s."
+    return replace(plan.on_clock(replace(clock, scale=factor)), notes=(*plan.notes, said))
+
+
+def _because(untimed: str) -> str:
+    return f" that can be read ({untimed.rstrip('.')})" if untimed else ""
 
 
 def _beside(source: TableSource, plan: ColumnPlan) -> tuple[dict[str, tuple[str, float, float]], tuple[str, ...]]:

@@ -12,28 +12,28 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
-from .channels import HANDS, ChannelGroup, bare_name, groups, known_scale, scalar_time_names, unit_suffix, words_of
+from .channels import ChannelGroup, bare_name, groups, known_scale
+from .clocks import RecordedTime, time_of
+from .companions import SAME, companions, moves, side_of_motors
 from .recorders import EFFORTS, Recorder, recorder_of
 from .references import references
 from .units import expected_units, split_unit, unit_of
+from .words import HANDS, words_of
 
 Array = np.ndarray
 Reader = Callable[[Sequence[str]], Mapping[str, Array]]
-#: Positions beyond so many turns are no radians; a ratio this near to a unit's is that unit's.
+#: Positions beyond so many turns are no radians.
 _TURNS = 2.2
-_NEAR = 0.25
-#: Two encoders of a joint differ by less than this share of its range.
-_SAME = 0.05
 #: A turn of an encoder's counts, as usual.
 _WHOLE = 3.0
-_QUANTITIES = {"t": "t", "q": "q", "dq": "dq", "tau": "tau_joint", "i": "tau_current"}
+_QUANTITIES = {"t": "t", "q": "q", "dq": "dq", "tau": "tau_joint", "tau_m": "tau_motor", "i": "tau_current"}
 
 
 @dataclass(frozen=True)
 class RecordedChannels:
     """What a recording's columns are: `mapping` for `resolve_columns`, `reference` (key → column, factor, offset) of what was wanted, a
     `text` for people, and what was `ignored`. `recorder`: what wrote it, if that is known; `joints`: names, where they are told; `effort`:
-    what the torque is, in words; `wrapped`: positions may be those of one turn."""
+    what the torque is, in words; `untimed`: where there is no time, what is wrong with the columns that seem to be one."""
 
     mapping: Mapping[str, Any]
     reference: Mapping[str, tuple[str, float, float]]
@@ -44,6 +44,7 @@ class RecordedChannels:
     effort: str = ""
     notes: tuple[str, ...] = ()
     rate_hz: float | None = None
+    untimed: str = ""
 
 
 def recognised(
@@ -60,43 +61,44 @@ def recognised(
     if order:
         found = [replace(g, joints=order) if not g.named and len(g.columns) == len(order) else g for g in found]
     fitting, wide = _fitting(found, joints)
-    positions = [g for g in fitting if g.quantity == "q" and not g.wanted and not g.estimated]
+    positions = _positions(fitting)
+    if not positions and joints:  # names that are not the robot's are names all the same
+        fitting, _ = _fitting(groups(names, None, unit_of_column), joints)
+        positions = [g for g in _positions(fitting) if g.named and len(g.columns) == len(joints)]
+    if not positions and wide:
+        raise _other_number(wide[0], joints or ())
     if not positions:
-        if wide:
-            raise _other_number(wide[0], joints or ())
         return None
     table = read([c for g in fitting for c in g.columns])
     q = _best(positions, table)
-    if not moves(table, q):
-        return None
-    chosen = _companions(q, fitting, table)
-    if chosen is None:
-        return None  # torque of some joints only: which is which must be asked
+    chosen, beside = companions(q, fitting, table, names, joints) if moves(table, q) else ({}, [])
+    if not chosen:
+        return None  # nothing there, or torque of some joints only: which is which must be asked
     if recorder is not None and recorder.effort == "current" and "tau" in chosen:
         chosen["i"] = chosen.pop("tau")
     scale, offset, counted = _position_scale(q, table, recorder)
-    mapping: dict[str, Any] = {}
     rate = _factor("dq", chosen["dq"], scale, counted, recorder) if "dq" in chosen else scale
-    for quantity, g in chosen.items():
-        factor, shift = (scale, offset) if quantity == "q" else (_factor(quantity, g, scale, counted, recorder), 0.0)
-        for j, column in enumerate(g.columns):
-            mapping[f"{quantity}{j + 1}"] = _entry(column, quantity, factor, shift)
-    said = f"positions from {q}{_in(scale, counted)}"
-    time = _time(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
-    if time is not None:
-        mapping["t"] = _entry(time[0], "t", time[1])
-        said = f"time from {time[0]!r}" + ("" if time[1] == 1.0 else f" (times {time[1]:g} s)") + f", {said}"
-    for quantity, word in (("dq", "velocities"), ("tau", "torque"), ("i", "current")):
-        if quantity in chosen:
-            said += f", {word} from {chosen[quantity]}"
+    time = time_of(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
+    if "tau" in chosen and chosen["tau"].of_motors and not q.of_motors:
+        speeds = [g for g in fitting if g.quantity == "dq" and g.of_motors]
+        geared, about = side_of_motors(chosen["tau"], speeds, q, table, scale, time, read)
+        beside.append(about)
+        chosen = {"tau_m" if geared and k == "tau" else k: g for k, g in chosen.items()}
+    factors = {k: (scale, offset) if k == "q" else (_factor(k, g, scale, counted, recorder), 0.0) for k, g in chosen.items()}
+    mapping = {f"{k}{j + 1}": _entry(column, k, *factors[k]) for k, g in chosen.items() for j, column in enumerate(g.columns)}
+    if time.column:
+        mapping["t"] = _entry(time.column, "t", time.factor)
+    said = _said(chosen, time, _in(scale, counted))
     wanted, order_notes = references(fitting, q, table, (scale, offset))
     if wanted:
         said += f", desired motion from {next(iter(wanted.values()))[0]!r} …"
     if recorder is not None and recorder.desired == "command":
-        wanted = wanted | {key.replace("_ref", "_cmd"): source for key, source in wanted.items() if key.startswith("q_ref")}
+        wanted |= {key.replace("_ref", "_cmd"): source for key, source in wanted.items() if key.startswith("q_ref")}
     used = {v if isinstance(v, str) else v["column"] for v in mapping.values()} | {c for c, *_ in wanted.values()}
     effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
     told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
+    say = [recorder.say] if recorder is not None and recorder.say else []
+    beside = [*say, *beside, *_put_in_order(order, joints), *order_notes]
     return RecordedChannels(
         mapping,
         wanted,
@@ -105,9 +107,25 @@ def recognised(
         "" if recorder is None else recorder.name,
         told,
         effort,
-        (*(() if recorder is None or not recorder.say else (recorder.say,)), *_put_in_order(order, joints), *order_notes),
+        tuple(beside),
         None if recorder is None else recorder.rate_hz,
+        time.doubt,
     )
+
+
+def _said(chosen: Mapping[str, ChannelGroup], time: RecordedTime, unit: str) -> str:
+    """What is read from where, in words."""
+    said = f"positions from {chosen['q']}{unit}"
+    if time.column:
+        said = f"time from {time.column!r}" + ("" if time.factor == 1.0 else f" (times {time.factor:g} s)") + f", {said}"
+    for quantity, word in (("dq", "velocities"), ("tau", "torque"), ("tau_m", "motor torque"), ("i", "current")):
+        if quantity in chosen:
+            said += f", {word} from {chosen[quantity]}"
+    return said
+
+
+def _positions(found: Sequence[ChannelGroup]) -> list[ChannelGroup]:
+    return [g for g in found if g.quantity == "q" and not g.wanted and not g.estimated]
 
 
 def _other_number(positions: ChannelGroup, joints: Sequence[str]) -> DataError:
@@ -172,7 +190,7 @@ def _best(positions: Sequence[ChannelGroup], table: Mapping[str, Array]) -> Chan
     for other in positions:
         if other.words & {"mot", "motor"} and len(other.columns) == len(best.columns) and moves(table, other):
             one, two = (np.stack([table[c] for c in g.columns]) for g in (best, other))
-            if np.nanmean((one - two) ** 2) <= _SAME**2 * np.nanmean((one - np.nanmean(one, axis=1, keepdims=True)) ** 2):
+            if np.nanmean((one - two) ** 2) <= SAME**2 * np.nanmean((one - np.nanmean(one, axis=1, keepdims=True)) ** 2):
                 return other
     return best
 
@@ -180,26 +198,6 @@ def _best(positions: Sequence[ChannelGroup], table: Mapping[str, Array]) -> Chan
 def _moving(table: Mapping[str, Array], group: ChannelGroup) -> int:
     """Columns that hold anything: a second encoder may be on some joints only."""
     return sum(moves(table, group.only([k])) for k in range(len(group.columns)))
-
-
-def _companions(q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, Array]) -> dict[str, ChannelGroup] | None:
-    """Velocities, and torque or current, of the same joints; None where torque is there for some of them only."""
-    chosen = {"q": q}
-    n = len(q.columns)
-    at_rest = all(np.ptp(table[c][np.isfinite(table[c])]) < 1e-3 for c in q.columns if np.isfinite(table[c]).any())
-    for quantity in ("dq", "tau", "i"):
-        plain = [g for g in found if g.quantity == quantity and not g.wanted and not g.estimated]
-        same = [g for g in plain if len(g.columns) == n and (moves(table, g) or (quantity == "dq" and at_rest))]
-        if quantity == "tau" and not same and any(moves(table, g) and len(g.columns) != n for g in plain):
-            return None
-        if same and not (quantity == "i" and "tau" in chosen):
-            chosen[quantity] = max(same, key=lambda g: (len(g.words & q.words), g.measured, -len(g.stem)))
-    return chosen
-
-
-def moves(table: Mapping[str, Array], group: ChannelGroup) -> bool:
-    """Whether a group holds anything: arrays that are present and all zero are none."""
-    return any(np.nanmax(np.abs(table[c]), initial=0.0) > 0.0 for c in group.columns)
 
 
 def _position_scale(q: ChannelGroup, table: Mapping[str, Array], recorder: Recorder | None) -> tuple[float, float, bool]:
@@ -219,12 +217,17 @@ def _position_scale(q: ChannelGroup, table: Mapping[str, Array], recorder: Recor
             )
         turn = 2 * np.pi / recorder.counts
         return turn, -recorder.centre * turn, True
+    if q.unread:
+        raise DataError(
+            f"positions from {q} are in {q.unread!r}, which is no unit that is known. Say what one of it is in radians (metres) under"
+            f' [columns] of a study file: q1 = {{ column = "{q.columns[0]}", scale = … }} …'
+        )
     return (np.pi / 180 if reach > _TURNS * 2 * np.pi else 1.0), 0.0, False
 
 
 def _factor(quantity: str, g: ChannelGroup, scale: float, counted: bool, recorder: Recorder | None) -> float:
     """Factor to SI of velocities, torques and currents."""
-    if quantity in ("tau", "i"):
+    if quantity in ("tau", "tau_m", "i"):
         return known_scale(g.unit) if g.unit else recorder.effort_scale if recorder is not None else 1.0
     if g.unit:
         return known_scale(g.unit)
@@ -235,61 +238,3 @@ def _factor(quantity: str, g: ChannelGroup, scale: float, counted: bool, recorde
 
 def _in(scale: float, counted: bool) -> str:
     return " (counts)" if counted else " (in degrees)" if abs(scale - np.pi / 180) < 1e-12 else ""
-
-
-def _time(
-    names: Sequence[str],
-    read: Reader,
-    table: Mapping[str, Array],
-    q: ChannelGroup,
-    dq: ChannelGroup | None,
-    scales: tuple[float, float],
-    units: Mapping[str, str],
-) -> tuple[str, float] | None:
-    """The column of time and seconds in one unit of it: the sender's stamp before the recorder's, and one that rises."""
-    rising = []
-    for name in scalar_time_names(names):
-        try:
-            values = np.asarray(read([name])[name], float)
-        except DataError:
-            continue  # a time of day as text
-        step = np.diff(values[np.isfinite(values)])
-        if len(step) and np.mean(step >= 0) > 0.9 and np.any(step > 0):
-            rising.append(name)
-    for name in rising:
-        if unit := unit_suffix(units.get(name, "")):
-            return name, known_scale(unit)
-    ratios = {name: _rate_ratio(np.asarray(read([name])[name], float), table, q, dq, scales) for name in rising}
-    for name, ratio in ratios.items():
-        for factor in (1.0, 1e-3, 1e-6, 1e-9):
-            if ratio is not None and abs(np.log(ratio / factor)) < _NEAR:
-                return name, factor
-    return (rising[0], _seconds(rising[0], np.asarray(read(rising[:1])[rising[0]], float))) if rising else None
-
-
-def _seconds(name: str, t: Array) -> float:
-    """Seconds in one unit of a time that nothing else tells: by its size since 1970, or whole milliseconds."""
-    step = float(np.median(np.diff(t)[np.diff(t) > 0]))
-    size = float(np.nanmedian(np.abs(t)))
-    for bound, factor in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
-        if size > bound:
-            return factor
-    whole = bool(np.all(t == np.round(t)))
-    return 1e-3 if name.lower() == "ms" or (whole and 1.0 <= step <= 200.0) else 1.0
-
-
-def _rate_ratio(
-    t: Array, table: Mapping[str, Array], q: ChannelGroup, dq: ChannelGroup | None, scales: tuple[float, float]
-) -> float | None:
-    """How many times faster the logged velocities (SI) are than the positions (SI) in units of this time; None where nothing tells."""
-    if dq is None:
-        return None
-    ratios = []
-    for a, b in zip(q.columns, dq.columns, strict=True):
-        rate = np.gradient(np.asarray(table[a], float) * scales[0], np.maximum.accumulate(t) + 1e-12 * np.arange(len(t)))
-        logged = np.asarray(table[b], float) * scales[1]
-        big = np.abs(logged) > 0.3 * np.nanmax(np.abs(logged), initial=0.0)
-        if big.sum() > 10 and np.any(np.abs(rate[big]) > 0):
-            ratios.append(float(np.nanmedian(np.abs(rate[big]) / np.abs(logged[big]))))
-    middle = float(np.median(ratios)) if ratios else 0.0
-    return middle if middle > 0.0 else None

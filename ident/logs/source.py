@@ -12,7 +12,7 @@ import numpy as np
 
 from .readers.frames import chosen_columns, frame_columns
 from .readers.header import Header
-from .readers.tables import read_columns, read_header, read_labels, stored_table
+from .readers.tables import first_values, read_columns, read_header, read_labels, stored_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,8 +24,8 @@ Array = np.ndarray
 class TableSource:
     """What messages call a table (`where`), its `name`, its `header`, how columns and labels are read, and the file that it is.
 
-    `read`: (names, optional) → columns as floats; `labels`: name → one text a row. `notes`: what its reader has to say; `whole`: it is
-    read as a whole, whatever is wanted of it."""
+    `read`: (names, optional) → columns as floats; `labels`: name → one text a row. `notes`: what its reader has to say, once it has read;
+    `whole`: it is read as a whole, whatever is wanted of it."""
 
     where: str
     name: str
@@ -33,17 +33,25 @@ class TableSource:
     read: Callable[[Sequence[str], Sequence[str]], dict[str, Array]]
     labels: Callable[[str], list[str]]
     path: Path | None = None
-    notes: tuple[str, ...] = ()
+    notes: Sequence[str] = ()
     whole: bool = False
+
+    def first(self, name: str) -> float:
+        """The first number of a column, NaN where there is none (or it is a moment, which knows its unit)."""
+        values = first_values(self.path, self.header, name) if self.path is not None and not self.whole else self.read([name], ())[name]
+        known = np.asarray(values)
+        known = known[np.isfinite(known)] if known.dtype.kind == "f" else known[:0]
+        return float(known[0]) if len(known) else np.nan
 
     @classmethod
     def of(cls, source: Path | pd.DataFrame) -> TableSource:
         """A file's table, or one in memory. Raises DataError."""
         if isinstance(source, Path):
             header, stored = read_header(source), stored_table(source)
+            said = [] if stored is None else list(stored.notes)
 
             def read(names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
-                return read_columns(source, header, names, optional=optional)
+                return read_columns(source, header, names, optional=optional, said=said)
 
             return cls(
                 f"log {source}",
@@ -52,7 +60,7 @@ class TableSource:
                 read,
                 partial(read_labels, source, header),
                 source,
-                () if stored is None else stored.notes,
+                said,
                 stored is not None,
             )
         columns = frame_columns(source)

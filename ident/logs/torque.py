@@ -49,6 +49,8 @@ def as_meant(arrays: dict[str, Array], meaning: str | None, sign: tuple[float, .
     if meaning == "none":
         for key in told:
             del arrays[key]
+    if meaning == "link" and told == ["tau_motor"]:
+        arrays["tau_joint"] = arrays.pop("tau_motor")
     if meaning in ("motor", "current") and told == ["tau_joint"]:
         arrays[f"tau_{meaning}"] = arrays.pop("tau_joint")
     if meaning in ("estimated", "command") and told:

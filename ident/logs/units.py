@@ -29,10 +29,22 @@ _TABLE = (
     Unit("N", "force", 1.0), Unit("kN", "force", 1e3), Unit("mN", "force", 1e-3),
     Unit("A", "current", 1.0), Unit("mA", "current", 1e-3), Unit("V", "current", 1.0), Unit("mV", "current", 1e-3),
 )  # fmt: skip
+#: Units that only brackets and rows of units tell: as a suffix they may be words (`q1_min`).
+_BRACKETS = (
+    Unit("min", "time", 60.0), Unit("h", "time", 3600.0),
+    Unit("turn", "angle", 2 * math.pi), Unit("rev", "angle", 2 * math.pi),
+    Unit("turn_s", "rate", 2 * math.pi), Unit("rev_s", "rate", 2 * math.pi), Unit("rps", "rate", 2 * math.pi),
+    Unit("rev_min", "rate", math.pi / 30), Unit("r_min", "rate", math.pi / 30), Unit("deg_min", "rate", _DEG / 60),
+    Unit("Ncm", "torque", 1e-2), Unit("cNm", "torque", 1e-2), Unit("kgfcm", "torque", 0.0980665), Unit("kgfm", "torque", 9.80665),
+    Unit("lbfin", "torque", 0.1129848290276167), Unit("inlbf", "torque", 0.1129848290276167),
+    Unit("lbfft", "torque", 1.3558179483314004), Unit("ftlbf", "torque", 1.3558179483314004),
+    Unit("ozfin", "torque", 0.00706155181422604), Unit("ozin", "torque", 0.00706155181422604),
+)  # fmt: skip
 #: Suffix → unit. A drive command in V stands where a current may: the torque constant then is in N m/V.
 UNITS = {u.name: u for u in _TABLE}
 # Longest first, so that rad_s2 is not read as s2 after something else.
 _BY_LENGTH = sorted(UNITS, key=len, reverse=True)
+_LOWER = {u.name.lower() for u in (*_TABLE, *_BRACKETS)}
 
 _EXPECTED = {
     "t": {"time"},
@@ -55,14 +67,14 @@ def expected_units(quantity: str) -> set[str]:
 
 def is_unit(name: object) -> bool:
     """Whether a suffix names a unit, as `unit_of` takes it."""
-    return isinstance(name, str) and name.lower() in {u.name.lower() for u in _TABLE}
+    return isinstance(name, str) and name.lower() in _LOWER
 
 
 def unit_of(name: str) -> Unit:
     """The unit with this suffix (as it stands, or without regard to case where that is not ambiguous)."""
     if name in UNITS:
         return UNITS[name]
-    return next(u for u in _TABLE if u.name.lower() == name.lower())
+    return next(u for u in (*_TABLE, *_BRACKETS) if u.name.lower() == name.lower())
 
 
 _BRACKETED = re.compile(r"[\[(]([^\[\]()]*)[\])]")
@@ -76,6 +88,8 @@ _WORDS = {
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms",
     "usec": "us", "microsecond": "us", "microseconds": "us", "nsec": "ns", "nanosecond": "ns", "nanoseconds": "ns",
     "sec2": "s2", "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
+    "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "turns": "turn", "revs": "rev", "revolution": "rev", "revolutions": "rev",
+    "lb": "lbf", "lbs": "lbf", "oz": "ozf", "kg": "kgf", "inch": "in",
     "newton": "N", "newtons": "N", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "volt": "V", "volts": "V",
 }  # fmt: skip
 
@@ -90,7 +104,7 @@ def as_suffix(written: str) -> str:
     for part in written.split("/"):
         factors = [_WORDS.get(factor.lower(), factor) for factor in _BETWEEN.split(part.strip()) if factor]
         # A metre times a newton is no millinewton.
-        parts.append("".join(factors[::-1] if len(factors) == 2 and factors[0] == "m" else factors))
+        parts.append("".join(factors[::-1] if len(factors) == 2 and factors[0] in ("m", "cm", "in", "ft") else factors))
     return "_".join(parts)
 
 

@@ -1,7 +1,7 @@
 """Kinetic energy of a tree of bodies as a quadratic form: rows per inertial parameter, and its slope against joint position.
 
 2T = v' M(q) v is linear in the inertial parameters (per body m |l|^2 + 2 h.(l x w) + w' I w, with l and w the velocity of the joint
-frame's origin and the angular velocity, h the first moment). Arrays hold components first and samples last."""
+frame's origin and the angular velocity, h the first moment). A velocity is (l, w) as one vector, and so is a momentum."""
 
 from __future__ import annotations
 
@@ -15,75 +15,66 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """a x b, components along the second axis from the end."""
-    out = np.empty(np.broadcast(a, b).shape)
-    a0, a1, a2 = a[..., 0, :], a[..., 1, :], a[..., 2, :]
-    b0, b1, b2 = b[..., 0, :], b[..., 1, :], b[..., 2, :]
-    out[..., 0, :] = a1 * b2 - a2 * b1
-    out[..., 1, :] = a2 * b0 - a0 * b2
-    out[..., 2, :] = a0 * b1 - a1 * b0
+def skew(u: Array) -> Array:
+    """The matrices (…, 3, 3) [u]x with [u]x a = u x a, for u (…, 3)."""
+    out = np.zeros((*u.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i, j], out[..., j, i] = -u[..., k], u[..., k]
     return out
 
 
-def skew(u: Array) -> Array:
-    """The matrix [u]x with [u]x a = u x a."""
-    return np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
-
-
 class Velocities:
-    """Poses (R (nb, 3, 3, N), p (nb, 3, N)) and velocities (l, w (nb, 3, N)) of every body in its own frame, for q (N, nq) and dq
-    (N, nv)."""
+    """Velocities of every body in its own frame, for q (N, nq) and dq (N, nv): `V` (nb, N, 6), linear and angular.
+
+    `X` (nb, N, 6, 6): V_i = X_i V_parent + S_i rate. Momenta go back by their transposes."""
 
     def __init__(self, tree: RigidBodyTree, q: Array, dq: Array) -> None:
         self.tree, self.N = tree, len(q)
         nb, N, free = tree.nb, len(q), int(tree.floating)
-        self.R, self.p, self.l, self.w = np.empty((nb, 3, 3, N)), np.empty((nb, 3, N)), np.empty((nb, 3, N)), np.empty((nb, 3, N))
+        self.X, self.V = np.zeros((nb, N, 6, 6)), np.zeros((nb, N, 6))
         if free:
             # The free-flyer's own velocity is given in its own frame; its pose never enters the kinetic energy.
-            self.R[0], self.p[0], self.l[0], self.w[0] = np.eye(3)[:, :, None], np.zeros((3, N)), dq[:, :3].T, dq[:, 3:6].T
-        x, rate = q[:, 7 * free :].T[:, None], dq[:, 6 * free :].T[:, None]
-        R0, p0, axis = tree.rotation[free:], tree.translation[free:], tree.axis[free:]
+            self.V[0] = dq[:, :6]
+        x, rate = q[:, 7 * free :].T[:, :, None], dq[:, 6 * free :].T[:, :, None]
+        R0, axis, fixed = tree.rotation[free:], tree.axis[free:], tree.prismatic[free:, None, None]
         along = R0 @ (axis[:, :, None] * axis[:, None])
-        across = R0 @ np.array([skew(u) for u in axis]).reshape(-1, 3, 3)
-        turning = ~tree.prismatic[free:]
-        self.R[free:] = R0[..., None]
-        self.R[free:][turning] = (
-            along[turning, ..., None]
-            + (R0 - along)[turning, ..., None] * np.cos(x[turning, None])
-            + across[turning, ..., None] * np.sin(x[turning, None])
-        )
-        self.p[free:] = p0[..., None]
-        self.p[free:][~turning] += (R0 @ axis[..., None])[~turning] * x[~turning]
-        push = axis[..., None] * rate
-        zero = np.zeros((3, N))
+        across = R0 @ skew(axis)
+        angle = np.where(fixed, 0.0, x)[..., None]
+        R = along[:, None] + (R0 - along)[:, None] * np.cos(angle) + across[:, None] * np.sin(angle)
+        p = tree.translation[free:, None] + (R0 @ axis[..., None])[:, None, :, 0] * np.where(fixed, x, 0.0)
+        back = R.swapaxes(2, 3)
+        self.X[free:, :, :3, :3] = self.X[free:, :, 3:, 3:] = back
+        # R' (w x p): each row is p x a column of R.
+        (x0, x1, x2), (b0, b1, b2) = np.moveaxis(p, 2, 0)[..., None], np.moveaxis(R, 2, 0)
+        for c, (p1, b2_, p2, b1_) in enumerate(((x1, b2, x2, b1), (x2, b0, x0, b2), (x0, b1, x1, b0))):
+            self.X[free:, :, :3, 3 + c] = p1 * b2_ - p2 * b1_
+        push = axis[:, None] * rate
+        own = np.where(fixed, np.concatenate([push, 0.0 * push], axis=2), np.concatenate([0.0 * push, push], axis=2))
         for i in range(free, nb):
-            up = int(tree.parent[i])
-            lp, wp = (zero, zero) if up < 0 else (self.l[up], self.w[up])
-            self.l[i] = _turned(self.R[i], lp + _cross(wp, self.p[i]))
-            self.w[i] = _turned(self.R[i], wp)
-            (self.l if tree.prismatic[i] else self.w)[i] += push[i - free]
+            up, V = int(tree.parent[i]), own[i - free]
+            self.V[i] = V if up < 0 else V + np.matmul(self.X[i], self.V[up][:, :, None])[:, :, 0]
 
+    @property
+    def l(self) -> Array:  # noqa: E743
+        """Linear velocities (nb, 3, N) of the frames' origins."""
+        return np.moveaxis(self.V[:, :, :3], 2, 1)
 
-def _turned(R: Array, vectors: Array) -> Array:
-    """R' v of (3, 3, N) and (3, N)."""
-    return R[0] * vectors[0] + R[1] * vectors[1] + R[2] * vectors[2]
-
-
-def _turned_back(R: Array, vectors: Array) -> Array:
-    """R v of (3, 3, N) and (3, N)."""
-    return R[:, 0] * vectors[0] + R[:, 1] * vectors[1] + R[:, 2] * vectors[2]
+    @property
+    def w(self) -> Array:
+        """Angular velocities (nb, 3, N)."""
+        return np.moveaxis(self.V[:, :, 3:], 2, 1)
 
 
 def energy_rows(tree: RigidBodyTree, q: Array, dq: Array) -> Array:
     """2T per unit inertial parameter: (N, 10 nb), for q (N, nq) and dq (N, nv)."""
     state = Velocities(tree, q, dq)
-    linear, w = state.l, state.w
+    l, w = (np.moveaxis(x, 1, 0) for x in (state.l, state.w))  # noqa: E741
     block = np.empty((tree.nb, 10, state.N))
-    block[:, 0] = (linear * linear).sum(axis=1)
-    block[:, 1:4] = 2.0 * _cross(linear, w)
+    block[:, 0] = (l * l).sum(axis=0)
+    for row, (x, y) in enumerate(((1, 2), (2, 0), (0, 1)), 1):
+        block[:, row] = 2.0 * (l[x] * w[y] - l[y] * w[x])
     for row, (x, y) in zip(range(4, 10), ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), strict=True):
-        block[:, row] = (1.0 if x == y else 2.0) * w[:, x] * w[:, y]
+        block[:, row] = (1.0 if x == y else 2.0) * w[x] * w[y]
     return np.ascontiguousarray(block.reshape(10 * tree.nb, state.N).T)
 
 
@@ -92,19 +83,24 @@ def energy_gradient(tree: RigidBodyTree, inertia: Array, q: Array, dq: Array) ->
 
     with V_i the body's velocity, S_i the joint's axis and h_i the momentum of the subtree, all in body i's frame."""
     state = Velocities(tree, q, dq)
-    own = inertia.reshape(tree.nb, 10)
-    h = own[:, 1:4, None]
-    matrix = own[:, [[4, 5, 7], [5, 6, 8], [7, 8, 9]]]
-    force = own[:, :1, None] * state.l + _cross(state.w, h)
-    moment = _cross(h, state.l) + np.matmul(matrix, state.w)
+    momentum = np.matmul(state.V, _spatial(inertia.reshape(tree.nb, 10)))
     first = int(tree.floating)
     for i in reversed(range(first, tree.nb)):
         if (up := int(tree.parent[i])) >= 0:
-            carried = _turned_back(state.R[i], force[i])
-            force[up] += carried
-            moment[up] += _turned_back(state.R[i], moment[i]) + _cross(state.p[i], carried)
-    u = tree.axis[first:, :, None]
+            momentum[up] += np.matmul(momentum[i][:, None], state.X[i])[:, 0]
+    # S x V: a slide moves the momentum's line of action, a turn both of its parts.
+    turned = np.matmul(state.V[first:].reshape(-1, state.N, 2, 3), skew(tree.axis[first:, None]).swapaxes(2, 3))
     fixed = tree.prismatic[first:, None]
-    by_force = (force[first:] * _cross(u, np.where(fixed[:, None], state.w[first:], state.l[first:]))).sum(axis=1)
-    by_moment = np.where(fixed, 0.0, (moment[first:] * _cross(u, state.w[first:])).sum(axis=1))
+    by_force = np.einsum("bnc,bnc->bn", momentum[first:, :, :3], np.where(fixed[..., None], turned[:, :, 1], turned[:, :, 0]))
+    by_moment = np.where(fixed, 0.0, np.einsum("bnc,bnc->bn", momentum[first:, :, 3:], turned[:, :, 1]))
     return np.asarray(-2.0 * (by_force + by_moment)).T
+
+
+def _spatial(own: Array) -> Array:
+    """Inertia (nb, 6, 6) of bodies with parameters (nb, 10): momentum of a velocity, both as (linear, angular)."""
+    out = np.zeros((len(own), 6, 6))
+    out[:, :3, :3] = own[:, 0, None, None] * np.eye(3)
+    out[:, 3:, 3:] = own[:, [[4, 5, 7], [5, 6, 8], [7, 8, 9]]]
+    out[:, 3:, :3] = skew(own[:, 1:4])
+    out[:, :3, 3:] = out[:, 3:, :3].swapaxes(1, 2)
+    return out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -200,8 +200,11 @@ def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: floa
     consistent = None
     if solver_available():
         consistent = judge_consistent(subject.structure, subject.values, unseen=subject.unseen, covariance=subject.covariance)
-    links = subject.matrices.get(LINKS_ALONE, subject.structure)
-    alone = None if links is subject.structure else judge_possible(links, subject.values, limits=limits, time_limit=time_limit)
+    links, alone = subject.matrices.get(LINKS_ALONE, subject.structure), None
+    if links is not subject.structure and np.array_equal(links.added(subject.values), subject.structure.added(subject.values)):
+        alone = replace(possible, margin_std=None)  # rotors that weigh nothing: the same matrix
+    elif links is not subject.structure:
+        alone = judge_possible(links, subject.values, limits=limits, time_limit=time_limit, beside=possible)
     return Judgement(subject.name, possible, consistent, subject.notes, subject.structure.body_names, alone)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from .structure import InertiaStructure
 
 Array = np.ndarray
 
+#: A certificate of H itself at this share of the smallest eigenvalue found leaves nothing for another one to prove.
+_TIGHT = 0.99
 #: Below this share of the typical diagonal a smallest eigenvalue cannot be distinguished from zero.
 ROUNDING = 1e-11
 
@@ -84,32 +87,38 @@ def judge_possible(
     limits: bool = False,
     time_limit: float = 60.0,
     seed: int = 0,
+    beside: Possible | None = None,
 ) -> Possible:
     """Judge base values (b,) over whole turns, or within the joint limits if `limits`.
 
     `covariance` (b, b) of the estimate gives the distance from the border. `time_limit` (s) bounds search and certificate together.
-    Raises ConfigurationError for values that do not fit the structure."""
+    `beside`: the verdict on another matrix of the same robot, where its minima are sought first. Raises ConfigurationError for values
+    that do not fit the structure."""
     start = time.perf_counter()
     values = structure.check_values(values)
     lower, upper, notes = structure.ranges(limits)
-    weight = typical_diagonal(structure, values, lower, upper, seed)
-    scale = 1.0 / np.sqrt(weight)
-    # Joints of unlike size are judged against their own size: the sign is the same, and no small wrist hides a large joint.
-    seek = minimise_eigenvalue(structure, values, lower, upper, weight=scale, samples=512, seed=seed, time_limit=0.3 * time_limit)
-    bound = -np.inf
-    if seek.eigenvalue > ROUNDING:
-        certificate = certify(structure, values, lower, upper, weight, time_limit=0.4 * time_limit)
-        bound = certificate.bound
-        if certificate.reason:
-            notes += (f"no certificate: {certificate.reason}.",)
     plain = np.ones(structure.nv)
     outer = certify(structure, values, lower, upper, plain, time_limit=0.1 * time_limit, splits=False)
-    floor = max(outer.bound, bound * float(weight.min()) if bound > 0 else -np.inf)
-    lowest = _lowest(structure, values, lower, upper, seek, floor, seed, start + time_limit)
-    possible = seek.eigenvalue > ROUNDING and lowest.eigenvalue > 0
-    if not possible and abs(seek.eigenvalue) <= ROUNDING:
+    floor = bound = outer.bound
+    weight = typical_diagonal(structure, values, lower, upper, seed)
+    # Joints of unlike size are judged against their own size: the sign is the same, and no small wrist hides a large joint.
+    search = partial(minimise_eigenvalue, structure, values, lower, upper, samples=512, seed=seed, time_limit=0.3 * time_limit)
+    seek = None if beside is not None else search(weight=1.0 / np.sqrt(weight))
+    known = np.concatenate([x.candidates for x in (beside, seek) if x is not None])
+    lowest = _lowest(structure, values, lower, upper, known, floor, seed, start + time_limit)
+    if not bound >= _TIGHT * lowest.eigenvalue > 0:
+        seek = seek or search(weight=1.0 / np.sqrt(weight), seeds=known)
+        if seek.eigenvalue > ROUNDING:
+            certificate = certify(structure, values, lower, upper, weight, time_limit=0.4 * time_limit)
+            bound = max(bound, certificate.bound)
+            floor = max(floor, certificate.eigenvalue_bound if certificate.bound > 0 else -np.inf)
+            if certificate.reason and not bound > 0:
+                notes += (f"no certificate: {certificate.reason}.",)
+    least = lowest if seek is None else seek
+    possible = least.eigenvalue > (0.0 if seek is None else ROUNDING) and lowest.eigenvalue > 0
+    if not possible and abs(least.eigenvalue) <= ROUNDING:
         notes += ("the inertia matrix is singular at the worst configuration: the set lies on the border.",)
-    candidates = np.concatenate([lowest.candidates, seek.candidates])
+    candidates = np.concatenate([lowest.candidates, known if seek is None else seek.candidates])
     margin = None if covariance is None else border_distance(structure, values, np.asarray(covariance, float), lower, upper, candidates)
     method = "smallest eigenvalue: multistart descent" + (", chained linear matrix inequalities" if bound > 0 else "")
     return Possible(
@@ -130,15 +139,16 @@ def judge_possible(
 
 
 def _lowest(
-    structure: InertiaStructure, values: Array, lower: Array, upper: Array, seek: Minimum, floor: float, seed: int, deadline: float
+    structure: InertiaStructure, values: Array, lower: Array, upper: Array, known: Array, floor: float, seed: int, deadline: float
 ) -> Minimum:
-    """Lowest plain eigenvalue: repeated with other seeds while it stays clear of the proven bound and time allows."""
+    """Lowest plain eigenvalue, from `known` positions (m, n) and others: repeated while it stays clear of the proven bound and time
+    allows."""
     best: Minimum | None = None
     for again in range(3):
         left = deadline - time.perf_counter()
         if best is not None and (left < 0 or best.eigenvalue <= floor + 1e-3 * abs(floor)):
             break
-        seeds = seek.candidates if best is None else np.concatenate([seek.candidates[:2], best.candidates[:2]])
+        seeds = known if best is None else np.concatenate([known[:2], best.candidates[:2]])
         found = minimise_eigenvalue(
             structure, values, lower, upper, seed=seed + 1 + again, seeds=seeds, samples=512, floor=floor, time_limit=max(0.3 * left, 0.1)
         )
@@ -173,12 +183,16 @@ def border_distance(
     at = ratio(points)
     order = np.argsort(at)[:polish]
     best = float(at[order[0]])
-    step = 1e-5
-    shifts = np.concatenate([np.zeros((1, n + nv)), step * np.eye(n + nv), -step * np.eye(n + nv)])
 
     def both(x: Array) -> tuple[float, Array]:
-        f = ratio(x + shifts)
-        return float(f[0]), (f[1 : n + nv + 1] - f[n + nv + 1 :]) / (2 * step)
+        q, v = x[None, :n], x[None, n:] * scale
+        row = structure.quadratic_rows(q, v)[0]
+        spread = float(np.sqrt(max(row @ covariance @ row, 1e-300)))
+        found = float(row @ values) / spread
+        # The slope of v'H(q)v at fixed parameters, at those that change as numerator and spread do.
+        moved = (values - found / spread * (covariance @ row)) / spread
+        by_rate = 2.0 * (structure.inertia_matrix(moved, q)[0] @ v[0]) * scale
+        return found, np.concatenate([structure.position_gradient(moved, q, v)[0], by_rate])
 
     whole = upper - lower >= 2 * np.pi - 1e-9
     bounds = [(None, None) if whole[i] else (lower[i], upper[i]) for i in range(n)] + [(-2.0, 2.0)] * nv

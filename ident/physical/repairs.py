@@ -139,13 +139,7 @@ def repair(
         raise unknown_name("repair method", str(method), [m.value for m in RepairMethod])
     method = RepairMethod(method)
     values = structure.check_values(values)
-    notes: tuple[str, ...] = ()
-    if covariance is None:
-        covariance = np.diag((0.1 * np.abs(values) + 1e-6 * float(np.abs(values).max(initial=1.0))) ** 2)
-        notes = ("no covariance is known: every parameter counts as known to 10 % of itself.",)
-    covariance = np.asarray(covariance, float)
-    if covariance.shape != (structure.b, structure.b):
-        raise ConfigurationError(f"the covariance has shape {covariance.shape}, but there are {structure.b} base parameters.")
+    covariance, notes = _known_to(structure, values, covariance)
     root = covariance_root(covariance)
     standard: Array | None = None
     binding: Binding | None = None
@@ -184,6 +178,19 @@ def repair(
         method, repaired, standard, mahalanobis(root, repaired - values, unseen), changes, possible, consistent, binding, how,
         time.perf_counter() - start, errors, notes + unsolved,
     )  # fmt: skip
+
+
+def _known_to(structure: InertiaStructure, values: Array, covariance: Array | None) -> tuple[Array, tuple[str, ...]]:
+    """The covariance (b, b) of base values, and what is to be said where none is known. Raises ConfigurationError for one that does not
+    fit."""
+    notes: tuple[str, ...] = ()
+    if covariance is None:
+        covariance = np.diag((0.1 * np.abs(values) + 1e-6 * float(np.abs(values).max(initial=1.0))) ** 2)
+        notes = ("no covariance is known: every parameter counts as known to 10 % of itself.",)
+    covariance = np.asarray(covariance, float)
+    if covariance.shape != (structure.b, structure.b):
+        raise ConfigurationError(f"the covariance has shape {covariance.shape}, but there are {structure.b} base parameters.")
+    return covariance, notes
 
 
 def _consistency(structure: InertiaStructure, values: Array, *, needed: bool) -> tuple[Consistent | None, tuple[str, ...]]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effects.base import Need
+from ..effects.kinds import Need
 from ..effects.motion import Coordinates, Motion
 from ..errors import UnsupportedError
 from ..robots.transmission import Side

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 
-from ..effects.base import Effect, JointEffect, Need
+from ..effects.base import Effect
+from ..effects.joint_effect import JointEffect
+from ..effects.kinds import Need
 from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
 from ..model import Model

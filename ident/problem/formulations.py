@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effects.base import Effect, Need
+from ..effects.base import Effect
+from ..effects.kinds import Need
 from ..effects.motion import Coordinates, Motion
 from ..effects.rigid_body import RigidBody
 from ..errors import UnsupportedError

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..effects.base import Need
+from ..effects.kinds import Need
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..signals.rows import Rows
 from ..statistics.noise import row_shape

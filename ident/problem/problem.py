@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
-from ..effects.base import Need
+from ..effects.kinds import Need
 from ..effects.motion import Motion
 from ..effects.reference import Reference
 from ..effects.rigid_body import RigidBody

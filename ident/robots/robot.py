@@ -280,13 +280,6 @@ def _build(
     if not tree_joints:
         raise ConfigurationError(f"robot {name!r} has no moving joint: there is nothing to identify.")
     closure, joints = _closure(urdf, tree_joints, loop)
-    notes = list(urdf.notes)
-    for master in dict.fromkeys(m.master for m in urdf.mimics if m.joint not in held):
-        followers = [m.joint for m in urdf.mimics if m.master == master and m.joint not in held]
-        verb = "mimics" if len(followers) == 1 else "mimic"
-        notes.append(f"{some(followers)} {verb} {master}: taken as rigidly coupled (dependent), not as joints of their own.")
-    if bare := _bare(model, tree_joints):
-        notes.append(f"no <inertial> on what joints {some(bare)} carry: fine for fitting; there are no nominal values to compare with.")
     nominal = np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
     robot = cls(
         name=name,
@@ -297,7 +290,7 @@ def _build(
         loop=closure,
         nominal=nominal if np.any(nominal) else None,
         floating_base=floating_base,
-        notes=tuple(notes),
+        notes=(*urdf.notes, *_mimicking(urdf, held), *_bare(model, tree_joints)),
         source=source,
         faults=_of_moving_links(urdf.faults, model),
         whole=tuple(j for j in moving if j not in dependent),
@@ -316,10 +309,23 @@ def _of_moving_links(said: Mapping[str, str], model: pin.Model) -> tuple[str, ..
     return tuple(f"link {f.name!r}: {said[f.name]}" for f in model.frames if f.parentJoint > 0 and f.name in said)
 
 
+def _mimicking(urdf: UrdfText, held: Mapping[str, float]) -> list[str]:
+    """Notes on joints that follow others and are not `held`."""
+    notes = []
+    for master in dict.fromkeys(m.master for m in urdf.mimics if m.joint not in held):
+        followers = [m.joint for m in urdf.mimics if m.master == master and m.joint not in held]
+        verb = "mimics" if len(followers) == 1 else "mimic"
+        notes.append(f"{some(followers)} {verb} {master}: taken as rigidly coupled (dependent), not as joints of their own.")
+    return notes
+
+
 def _bare(model: pin.Model, tree_joints: Sequence[Joint]) -> list[str]:
-    """Joints that carry nothing with an inertial."""
+    """A note on joints that carry nothing with an inertial."""
     inertias = list(model.inertias)[-len(tree_joints) :]
-    return [j.name for j, inertia in zip(tree_joints, inertias, strict=True) if not np.any(inertia.toDynamicParameters())]
+    bare = [j.name for j, inertia in zip(tree_joints, inertias, strict=True) if not np.any(inertia.toDynamicParameters())]
+    if not bare:
+        return []
+    return [f"no <inertial> on what joints {some(bare)} carry: fine for fitting; there are no nominal values to compare with."]
 
 
 def held_joints(

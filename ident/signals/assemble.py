@@ -1,79 +1,24 @@
-"""From derived runs to signals: masks, the rows' filter, and the report."""
+"""From derived runs to signals: rows and the report."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence, Sized
-from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from ..errors import DataError
 from ..robots.robot import Robot
-from ..robots.transmission import Side
 from ..robots.urdf import some
 from .cutoff import CutoffChoice
 from .filters import RowFilter
 from .masks import Standstill, TorqueClipping, find_saturation
-from .resample import bridge
 from .signals import JointReport, PreparationReport, Signals
-from .uniform import Recording, Resampling, UniformRun
+from .sound import Derived, Pace, Settings, SoundRows, Whole
+from .uniform import Recording, Resampling
 
 Array = np.ndarray
-#: A row is not used if more than this share of its filter's weight lies on samples whose torque is missing or cut off.
-UNSOUND = 0.02
-#: A row is reached by a reversal if more than this share of its weight lies on samples below this multiple of the standstill speed.
-TURNING_SHARE = 0.02
-TURNING_REACH = 2.0
-
-
-@dataclass(frozen=True, eq=False)
-class Derived:
-    """A run with derivatives: `q`, `dq`, `ddq`, `torque` (L, n) from sample `offset` of `run` on."""
-
-    run: UniformRun
-    q: Array
-    dq: Array
-    ddq: Array
-    torque: Array
-    offset: int
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-    def trimmed(self, margin: int) -> Derived:
-        """Without so many samples at either end."""
-        if margin <= 0:
-            return self
-        inner = slice(margin, max(margin, len(self) - margin))
-        return replace(
-            self, q=self.q[inner], dq=self.dq[inner], ddq=self.ddq[inner], torque=self.torque[inner], offset=self.offset + margin
-        )
-
-    @property
-    def samples(self) -> slice:
-        """The samples of `run` that are left."""
-        return slice(self.offset, self.offset + len(self))
-
-
-class Settings(Protocol):
-    """A preparation's settings, as far as rows are concerned (`ident.signals.preparation.Preparation` says what each is)."""
-
-    @property
-    def cutoff_hz(self) -> float | None: ...
-
-    @property
-    def saturated(self) -> str: ...
-
-    @property
-    def standstill(self) -> Standstill | None: ...
-
-    @property
-    def filters_positions(self) -> bool: ...
-
-    def config(self) -> dict[str, Any]: ...
 
 
 def assemble(
@@ -90,73 +35,16 @@ def assemble(
     """Concatenate runs, mask rows, report. Raises DataError if nothing is left."""
     kept, short = long_enough(derived, max(len(r) for r in uniform.runs), uniform.rate, cutoff, row_filter)
     warnings = [*dict.fromkeys(note for r in recordings for note in r.notes), *short]
-    edges = np.cumsum([0, *(len(d) for d in kept)]).tolist()
-    runs = tuple(slice(a, b) for a, b in itertools.pairwise(edges))
-    t = _joined([d.run.t[d.samples] for d in kept])
-    q, dq, ddq = (_joined([getattr(d, k) for d in kept]) for k in ("q", "dq", "ddq"))
-    torque = _joined([d.run.torque[d.samples] for d in kept])
-    missing = _joined([d.run.missing[d.samples] for d in kept])
-
-    speed = dq if robot.transmission.measured == Side.JOINT else robot.transmission.motor_rate(dq)
-    pace = np.abs(speed)
-    top = pace.max(axis=0)
-    noise = speed_noise(robot, choice, cutoff)
-    # Differences of a constant leave only rounding.
-    rounding = 100 * np.spacing(np.abs(q).max(axis=0)) * uniform.rate
-    if robot.transmission.measured == Side.MOTOR:
-        rounding = np.abs(robot.transmission.K_inverse) @ rounding
-    still_joint = top <= np.maximum(6 * noise, rounding)
-    rule = prep.standstill
-    threshold = np.zeros(robot.n) if rule is None else np.where(still_joint, np.inf, rule.thresholds(top, noise))
-    moving = pace > np.where(still_joint, np.inf, np.maximum(threshold, 0.01 * top))
-    resting = pace <= threshold if rule is not None else np.zeros(speed.shape, bool)
-    cut = find_saturation(torque, moving)
-    flags = {
-        "torque missing": missing,
-        "torque at its limit": cut.flag if prep.saturated == "mask" else np.zeros_like(missing),
-        "standstill": resting,
-    }
-    tau_parts, share_parts = [], {k: [] for k in flags}  # type: tuple[list[Array], dict[str, list[Array]]]
-    for d, run in zip(kept, runs, strict=True):
-        if row_filter is None:
-            tau_parts.append(d.torque)
-        else:
-            tau_parts.append(row_filter.apply(bridge(t[run], d.torque)))
-        for k, flag in flags.items():
-            part = flag[run]
-            share_parts[k].append(part.astype(float) if row_filter is None else filtered_share(row_filter, part))
-    tau = np.concatenate(tau_parts)
-    shares = {k: np.concatenate(v) for k, v in share_parts.items()}
-    allowed = rule.allowed(shares["standstill"]) if rule is not None else np.ones(robot.n)
-    lost = {k: share > (allowed if k == "standstill" else UNSOUND) for k, share in shares.items()}
-    valid = ~np.logical_or.reduce(list(lost.values()))
-    turning = None
-    if rule is not None:
-        near = pace <= TURNING_REACH * threshold
-        reached = [near[run].astype(float) if row_filter is None else filtered_share(row_filter, near[run]) for run in runs]
-        turning = np.concatenate(reached) > TURNING_SHARE
-    tau[lost["torque missing"]] = np.nan
+    whole = Whole.of(kept)
+    pace = Pace.of(robot, whole, uniform.rate, choice, cutoff, prep.standstill)
+    cut = find_saturation(whole.torque, pace.moving)
+    rows = SoundRows.of(kept, whole, pace, cut, prep, row_filter)
     absent = np.all([np.isnan(r.torque).all(axis=0) for r in recordings], axis=0)
-    warnings += preparation_warnings(robot, still_joint, absent, rule is not None, cut, prep.saturated, valid, lost)
-    warnings += raised_shares(robot, rule, allowed)
-    warnings += [
-        f"the position of {name} is so noisy, or jumps so far, that its accelerations could be had only with a cut-off that leaves nothing"
-        f" of the log; the cut-off of {cutoff:.3g} Hz suits the other joints, and what is fitted from {name}'s motion is not to be trusted."
-        for name in (choice.unheard if prep.cutoff_hz is None else ())
-    ]
-    require_motion(rule, still_joint, [r.name for r in recordings])
-    joints = tuple(
-        JointReport(
-            s.name,
-            s.noise,
-            s.suggested_hz,
-            float(top[j]),
-            float(threshold[j]),
-            int(valid[:, j].sum()),
-            {k: int(v[:, j].sum()) for k, v in lost.items()},
-        )
-        for j, s in enumerate(choice.joints)
-    )
+    masked = prep.standstill is not None
+    warnings += preparation_warnings(robot, pace.still, absent, masked, cut, prep.saturated, rows.valid, rows.lost)
+    warnings += raised_shares(robot, prep.standstill, rows.allowed)
+    warnings += _unheard(prep, choice, cutoff)
+    require_motion(prep.standstill, pace.still, [r.name for r in recordings])
     report = PreparationReport(
         config=prep.config(),
         cutoff_hz=cutoff if prep.filters_positions else None,
@@ -165,16 +53,41 @@ def assemble(
         rate_hz=uniform.rate,
         row_rate_hz=uniform.rate / (row_filter.factor if row_filter else 1),
         samples_read=sum(len(r.t) for r in recordings),
-        samples=len(t),
-        rows=len(tau),
+        samples=len(whole.t),
+        rows=len(rows.tau),
         resampled=uniform.text,
-        joints=joints,
+        joints=_joint_reports(choice, pace, rows),
         warnings=tuple(dict.fromkeys(warnings)),
     )
-    names = tuple(d.run.name for d in kept)
-    origins = tuple(d.run.origin for d in kept)
+    names, origins = tuple(d.run.name for d in kept), tuple(d.run.origin for d in kept)
+    w = whole
     return Signals(
-        robot, t, q, dq, ddq, torque, tau, valid, runs, names, uniform.rate, row_filter, report, inputs, origins, turning=turning
+        robot, w.t, w.q, w.dq, w.ddq, w.torque, rows.tau, rows.valid, w.runs, names, uniform.rate, row_filter, report, inputs, origins,
+        turning=rows.turning,
+    )  # fmt: skip
+
+
+def _unheard(prep: Settings, choice: CutoffChoice, cutoff: float) -> list[str]:
+    """What to say of joints whose noise was left out of the choice of the cut-off."""
+    return [
+        f"the position of {name} is so noisy, or jumps so far, that its accelerations could be had only with a cut-off that leaves nothing"
+        f" of the log; the cut-off of {cutoff:.3g} Hz suits the other joints, and what is fitted from {name}'s motion is not to be trusted."
+        for name in (choice.unheard if prep.cutoff_hz is None else ())
+    ]
+
+
+def _joint_reports(choice: CutoffChoice, pace: Pace, rows: SoundRows) -> tuple[JointReport, ...]:
+    return tuple(
+        JointReport(
+            s.name,
+            s.noise,
+            s.suggested_hz,
+            float(pace.top[j]),
+            float(pace.threshold[j]),
+            int(rows.valid[:, j].sum()),
+            {k: int(v[:, j].sum()) for k, v in rows.lost.items()},
+        )
+        for j, s in enumerate(choice.joints)
     )
 
 
@@ -243,26 +156,6 @@ def require_motion(rule: Standstill | None, still: Array, names: Sequence[str]) 
             " motion's model from."
             " For logs of standstill alone, prepare them with standstill = false."
         )
-
-
-def _joined(parts: list[Array]) -> Array:
-    """Runs one after the other; a single one is not copied."""
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-
-def filtered_share(row_filter: RowFilter, flag: Array) -> Array:
-    """Share of the row filter's weight on flagged samples (L, n) → (M, n)."""
-    if not flag.any():
-        return np.zeros((row_filter.count(len(flag)), flag.shape[1]))
-    return row_filter.magnitude.apply(flag)
-
-
-def speed_noise(robot: Robot, choice: CutoffChoice, cutoff: float) -> Array:
-    """Standard deviation (n,) of the speed's noise on the measured side, behind the low-pass."""
-    joint = np.array([s.velocity_noise(cutoff) for s in choice.joints])
-    if robot.transmission.measured == Side.JOINT:
-        return joint
-    return np.sqrt(robot.transmission.K_inverse**2 @ joint**2)
 
 
 def half_gain(row_filter: RowFilter, rate: float) -> float:

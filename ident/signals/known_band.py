@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .assemble import TURNING_SHARE, UNSOUND, filtered_share, half_gain
+from .assemble import half_gain
 from .cutoff import choose_cutoff
 from .filters import RowFilter, butterworth_transient, central_differences, zero_phase_lowpass
 from .masks import Standstill
 from .resample import bridge
+from .sound import TURNING_SHARE, UNSOUND, filtered_share
 
 if TYPE_CHECKING:
     from .signals import Signals

@@ -15,12 +15,13 @@ import numpy as np
 from ..errors import ConfigurationError, DataError, UnsupportedError, unknown_name
 from ..logs.log import Log, LogSet
 from ..robots.robot import Robot
-from .assemble import Derived, assemble, of_logs
+from .assemble import assemble, of_logs
 from .cutoff import HIGHEST, CutoffChoice, choose_cutoff
 from .filters import ACCURACIES, RowFilter, butterworth_transient, central_differences, savitzky_golay_window, zero_phase_lowpass
 from .masks import Standstill
 from .resample import bridge
 from .signals import Signals
+from .sound import Derived
 from .uniform import Recording, Resampling, UniformRun, uniform_runs
 
 Array = np.ndarray

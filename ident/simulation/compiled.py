@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..effects.base import Factor
+from ..effects.kinds import Factor
 from ..regressor.kernel_choice import kernel
 from ..robots.transmission import Side
 from .controller import Script

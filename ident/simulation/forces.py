@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..effects.base import Effect, Factor, JointEffect, Nature, Need
+from ..effects.base import Effect
 from ..effects.factors import coefficients
 from ..effects.force import ForceModel, Simulated
+from ..effects.joint_effect import JointEffect
+from ..effects.kinds import Factor, Nature, Need
 from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError, UnsupportedError

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..effects.base import Nature, Need
 from ..effects.force import Simulated
+from ..effects.kinds import Nature, Need
 from ..errors import ConfigurationError, DataError
 from ..model import Model
 from ..problem.problem import Problem

@@ -67,6 +67,51 @@ class Record:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Logbook:
+    """Room for a `Record` of K control instants, filled instant by instant; `kept`: motion of links and motors, and friction."""
+
+    kept: tuple[Array, ...]
+    held: Array
+    states: Array
+    reported: Array
+    applied: Array
+    every: int
+    progress: Callable[[float], None] | None
+
+    @classmethod
+    def of(cls, count: int, every: int, lanes: int, n: int, states: int, progress: Callable[[float], None] | None) -> _Logbook:
+        """For `count` control instants of B = `lanes` runs of n joints with so many states."""
+        rows = (count - 1) // every + 1
+        kept = tuple(np.empty((rows, lanes, n)) for _ in range(7))
+        reported, applied = np.empty((2, count, lanes, n))
+        return cls(kept, np.empty((rows, lanes, n), bool), np.empty((rows, lanes, states)), reported, applied, every, progress)
+
+    def keep(self, k: int, dynamics: PlantDynamics, phase: Phase, applied: Array) -> None:
+        """Control instant k, with the torque (B, n) that acts from then on."""
+        self.applied[k] = applied
+        if k % self.every:
+            return
+        row = k // self.every
+        motion = dynamics.motion(phase.state, phase.response.a)
+        parts = (motion.joint.q, motion.joint.dq, motion.joint.ddq, motion.motor.q, motion.motor.dq, motion.motor.ddq)
+        for target, values in zip(self.kept, parts, strict=False):
+            target[row] = values
+        robot = dynamics.robot
+        on_joint = phase.response.friction[:, : dynamics.n]
+        self.kept[6][row] = on_joint if robot.transmission.measured == "joint" else on_joint @ robot.transmission.K
+        self.held[row] = dynamics.dry.at_rest(phase.modes, phase.state.v)
+        self.states[row] = phase.state.x
+        if self.progress is not None:
+            self.progress(k / (len(self.applied) - 1))
+
+    def record(self, period: float, linear: bool) -> Record:
+        """All of it."""
+        t = np.arange(len(self.held)) * self.every * period
+        link, motor, friction = Coordinates(*self.kept[:3]), Coordinates(*self.kept[3:6]), self.kept[6]
+        return Record(t, link, motor, friction, self.held, self.states, self.reported, self.applied, self.every, period, linear)
+
+
 def run(
     plant: Plant,
     q: Array,
@@ -83,10 +128,7 @@ def run(
     """Integrate B runs from q, dq (B, n) over `count` control instants. `linear`: torque runs straight to its next value.
 
     What compiled code can do, it does: all of it, or else the periods between calls of the controller."""
-    if not step > 0:
-        raise ConfigurationError(f"the integration step must be positive, not {step}.")
-    if linear and actuators:
-        raise ConfigurationError("actuators act on commands that are held; use them with Hold.ZERO_ORDER.")
+    _require_known(step, linear, actuators)
     lanes, n = q.shape
     substeps = max(1, int(np.ceil(period / step - 1e-9)))
     h = period / substeps
@@ -97,10 +139,7 @@ def run(
         whole = _all_compiled(dynamics, command, state, linear, period, substeps, every, progress)
         if whole is not None:
             return whole
-    keep = [np.empty(((count - 1) // every + 1, lanes, n)) for _ in range(7)]
-    held = np.empty(keep[0].shape, bool)
-    states = np.empty((len(held), lanes, state.x.shape[1]))
-    reported, applied = np.empty((count, lanes, n)), np.empty((count, lanes, n))
+    book = _Logbook.of(count, every, lanes, n, state.x.shape[1], progress)
     loaded: list[Array] | None = None
     modes: Array | None = None
     guess: Array | None = None
@@ -115,33 +154,33 @@ def run(
         following = command(min(k + 1, count - 1), state, dynamics) if linear else now
         if loaded is None:
             loaded = _started(actuators, now)
-        reported[k] = now
+        book.reported[k] = now
         begun = None if actuators or linear else _compiled_period(dynamics, state, modes, now, period, substeps, k == count - 1)
         if begun is not None:
             phase, state, modes = begun
-            applied[k], guess = now, phase.response.a
-            if k % every == 0:
-                _keep(keep, held, states, k // every, dynamics, phase)
-                if progress is not None:
-                    progress(k / (count - 1))
+            guess = phase.response.a
+            book.keep(k, dynamics, phase, now)
             continue
         for i in range(substeps):
             first, loaded = _acted(actuators, now if not linear else now + i / substeps * (following - now), dynamics, state, loaded, h)
             last = first if not linear else Input(*(2 * [now + (i + 1) / substeps * (following - now)]))
             phase = begin(dynamics, state, first, modes, guess)
             if i == 0:
-                applied[k] = first.applied
                 if k % every == 0:
-                    _keep(keep, held, states, k // every, dynamics, phase)
                     require_finite(state, t)
-                    if progress is not None:
-                        progress(k / (count - 1))
+                book.keep(k, dynamics, phase, first.applied)
             if k == count - 1:
                 break
             state, modes = advance(dynamics, phase, first, last, h)
             guess = phase.response.a
-    link, motor = Coordinates(*keep[:3]), Coordinates(*keep[3:6])
-    return Record(np.arange(len(held)) * every * period, link, motor, keep[6], held, states, reported, applied, every, period, linear)
+    return book.record(period, linear)
+
+
+def _require_known(step: float, linear: bool, actuators: tuple[Actuator, ...]) -> None:
+    if not step > 0:
+        raise ConfigurationError(f"the integration step must be positive, not {step}.")
+    if linear and actuators:
+        raise ConfigurationError("actuators act on commands that are held; use them with Hold.ZERO_ORDER.")
 
 
 def _require_resolved(dynamics: PlantDynamics, state: State, h: float) -> None:
@@ -218,15 +257,3 @@ def _record(dynamics: PlantDynamics, kept: Kept, side: Side, every: int, period:
     states = np.empty((*kept.q.shape[:2], 0))
     t = np.arange(len(held)) * every * period
     return Record(t, Coordinates(kept.q, kept.dq, kept.ddq), motor, friction, held, states, torque, torque, every, period, linear)
-
-
-def _keep(keep: list[Array], held: Array, states: Array, row: int, dynamics: PlantDynamics, phase: Phase) -> None:
-    motion = dynamics.motion(phase.state, phase.response.a)
-    parts = (motion.joint.q, motion.joint.dq, motion.joint.ddq, motion.motor.q, motion.motor.dq, motion.motor.ddq)
-    for target, values in zip(keep, parts, strict=False):
-        target[row] = values
-    robot = dynamics.robot
-    on_joint = phase.response.friction[:, : dynamics.n]
-    keep[6][row] = on_joint if robot.transmission.measured == "joint" else on_joint @ robot.transmission.K
-    held[row] = dynamics.dry.at_rest(phase.modes, phase.state.v)
-    states[row] = phase.state.x

@@ -1,6 +1,6 @@
 """What the whole log decides about its rows, from one pass over its motion: standstill, saturation, joints that never move.
 
-The rules are those of `ident.signals.assemble` and `ident.signals.masks`; here the facts are gathered piece by piece."""
+The rules are those of `ident.signals.sound` and `ident.signals.masks`; here the facts are gathered piece by piece."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 
 from ..robots.robot import Robot
 from ..robots.transmission import Side
-from ..signals.assemble import speed_noise
 from ..signals.cutoff import CutoffChoice
 from ..signals.masks import SPEEDS_ENOUGH, Standstill, TorqueClipping, longest_usual_hold
+from ..signals.sound import speed_noise
 from .disk import PASS, over_rows
 from .motion import DerivedRun
 from .workers import Workers

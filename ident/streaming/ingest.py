@@ -23,6 +23,7 @@ from ..logs.planning import planned
 from ..logs.readers.header import Header
 from ..logs.readers.ros import joint_state_columns
 from ..logs.readers.stored import split_inside
+from ..logs.readers.strangers import Strangers
 from ..logs.readers.tables import read_header
 from ..logs.repair import Holes, blank_unusable, drop_empty, missing_rows, rising_runs, usable_numbers
 from ..logs.source import TableSource
@@ -58,6 +59,7 @@ class _State:
     last_t: float = -np.inf
     last_q: list[float] | None = None
     bounds: dict[str, list[list[float]]] = field(default_factory=dict)
+    left: Strangers = field(default_factory=Strangers)
     done: bool = False
 
     def widen(self, quantity: str, values: Array) -> None:
@@ -78,6 +80,7 @@ class _State:
                 "last_t": self.last_t,
                 "last_q": self.last_q,
                 "bounds": self.bounds,
+                "left": asdict(self.left),
                 "done": self.done,
             }
         )
@@ -95,6 +98,7 @@ class _State:
             data["last_t"],
             data["last_q"],
             data["bounds"],
+            Strangers(**data.get("left", {})),
             data["done"],
         )
 
@@ -146,7 +150,7 @@ class Reading:
                 f"log {path}: a rate_hz in the place of a time is not counted in streaming; read it whole (--no-stream)."
             )
         header = read_header(path)
-        if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig":
+        if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig" or header.moments:
             raise UnsupportedError(f"log {path}: this dialect is read as a whole only; take --stream away, or write it with commas.")
         if not self.columns and joint_state_columns(header) is not None:
             raise UnsupportedError(f"log {path}: JointState messages with a name array cannot be streamed; read it whole (--no-stream).")
@@ -180,7 +184,7 @@ def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[f
     hint = "what stands there for a torque is zero in every row" if empty and not any(k.startswith("tau") for k in arrays) else plan.hint
     log = StoredLog(stem, arrays, str(outer), sums, (), () if empty else tuple(state.blocks), hint=hint)
     runs = [log] if state.rising and state.kept >= 2 else _runs(log, state, where, notes)
-    noted = (*plan.notes, *meant, *empty, *notes)
+    noted = (*state.left.notes(where), *plan.notes, *meant, *empty, *notes)
     named = [replace(r, notes=noted, origin=None, name=stem if len(runs) == 1 else f"{stem} run {i + 1}") for i, r in enumerate(runs)]
     if "q" in arrays:
         named = [moved_into_limits(r, reading.robot, folder / f"moved-{i}") for i, r in enumerate(named)]
@@ -229,7 +233,7 @@ def _read(
                         state.widen(q, rows[q])
                 state.kept += len(rows["t"])
                 state.last_t, state.last_q = float(rows["t"][-1]), rows[side][-1].tolist()
-            state.place = piece.after
+            state.place, state.left = piece.after, state.left + piece.left
             if progress is not None:
                 progress(piece.share)
             if time.monotonic() - told > _RECORD_S:

@@ -15,9 +15,9 @@ from ..effects.motion import Motion
 from ..model import Model
 from ..problem.columns import RowColumns, live_columns
 from ..robots.transmission import Side
-from ..signals.assemble import TURNING_REACH, TURNING_SHARE, UNSOUND, filtered_share
 from ..signals.filters import RowFilter
 from ..signals.rows import Rows
+from ..signals.sound import TURNING_REACH, TURNING_SHARE, UNSOUND, filtered_share
 from .decisions import Decisions
 from .motion import DerivedRun
 

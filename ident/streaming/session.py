@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..effects.base import Need
+from ..effects.kinds import Need
 from ..errors import DataError, IdentError, UnsupportedError
 from ..estimators.base import Capability, estimator_types
 from ..logs.files import content_file

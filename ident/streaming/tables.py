@@ -7,7 +7,7 @@ import itertools
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
@@ -21,6 +21,7 @@ from ..logs.readers.header import Header, numeric
 from ..logs.readers.packed import LONGEST_LINE, open_binary
 from ..logs.readers.parquet import arrow_values, parquet_file, stored_names
 from ..logs.readers.stored import Chunked, format_of
+from ..logs.readers.strangers import Strangers
 from .text import TextParser
 
 Array = np.ndarray
@@ -43,11 +44,13 @@ class PieceOfFile:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """SI arrays by quantity of some rows (`ColumnPlan.arrays`), the place after them, and the share of the file that is done."""
+    """SI arrays by quantity of some rows (`ColumnPlan.arrays`), the place after them, the share of the file that is done, and lines that
+    were left out."""
 
     arrays: dict[str, Array]
     after: PieceOfFile
     share: float
+    left: Strangers = field(default_factory=Strangers)
 
 
 def chunked_file(path: Path) -> Chunked | None:
@@ -138,7 +141,7 @@ def _text_pieces(
     size = max(1, path.stat().st_size)
     place = start
     with open_binary(path) as stream, ThreadPoolExecutor(max(1, jobs)) as pool:
-        waiting: deque[tuple[Future[dict[str, Array]], memoryview, float]] = deque()
+        waiting: deque[tuple[Future[tuple[dict[str, Array], Strangers]], memoryview, float]] = deque()
         source = _whole_lines(stream, path, header, start.offset, size, show)
         more = True
         while more or waiting:
@@ -153,13 +156,13 @@ def _text_pieces(
                 break
             future, text, share = waiting.popleft()
             try:
-                arrays = future.result()
+                arrays, left = future.result()
             except ValueError as error:
                 raise parse.blame(str(error), text, place.offset, place.rows) from None
             rows = len(arrays["t"])
             place = PieceOfFile(place.offset + len(text), place.rows + rows)
-            if rows:
-                yield Piece(arrays, place, share)
+            if rows or left:
+                yield Piece(arrays, place, share, left)
 
 
 def _whole_lines(

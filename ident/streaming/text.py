@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
+from ..errors import DataError, IdentError
 from ..logs.columns import ColumnPlan
 from ..logs.readers.header import Header
 from ..logs.readers.packed import open_binary
+from ..logs.readers.strangers import Strangers, without_strangers
 from ..logs.readers.text import arrow_columns, bad_text, numbered_rows, over_lines, pandas_columns, quotes_stay_open, unpaired_quotes
 
 Array = np.ndarray
@@ -42,16 +43,24 @@ class TextParser:
     header: Header
     plan: ColumnPlan
 
-    def __call__(self, text: memoryview) -> dict[str, Array]:
-        """`text`: whole lines. Raises ValueError where a field is no number."""
+    def __call__(self, text: memoryview) -> tuple[dict[str, Array], Strangers]:
+        """`text`: whole lines; and which of them are none of the table. Raises ValueError where a field is no number."""
         found = self._plain(text)
-        return self.plan.arrays(self._lenient(text)) if found is None else found
+        if found is not None:
+            return found, Strangers()
+        try:
+            return self.plan.arrays(self._lenient(text)), Strangers()
+        except (ValueError, IdentError):
+            rows, left = without_strangers(io.BytesIO(text), self.header)
+            if not left:
+                raise
+        return self.plan.arrays(pandas_columns(io.BytesIO(rows), self.header, self.plan.sources, 0)), left
 
     @cached_property
     def _targets(self) -> tuple[dict[str, int], bytes] | None:
         """Width of each quantity's array, and the array and column to which each field of a line goes; None where one goes to several."""
         columns = self.plan.columns
-        if len({c.source for c in columns}) < len(columns) or len(self.header.delimiter) != 1:
+        if len({c.source for c in columns}) < len(columns) or len(self.header.delimiter) != 1 or len(self.plan.quantity("t")) > 1:
             return None
         widths = {q: 1 if q == "t" else self.plan.n for q in dict.fromkeys(c.quantity for c in columns)}
         place = np.full((len(self.header.names), 2), -1, np.int32)

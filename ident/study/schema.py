@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from .._utils.json_schema import NUMBER, TEXT, TEXTS, first_sentence, of_fields, of_kind, of_table
-from ..effects.base import effect_types
+from ..effects.registry import effect_types
 from ..estimators import estimator_types
 from ..problem.integrated import FORMULATIONS
 from ..robots.tables import DriveTable, RobotTable

@@ -292,7 +292,9 @@ def test_unusable_transmission(fit, arm, tmp_path, drive, message):
         (("--cutoff", "1000"), r"cutoff_hz = 1000 must be below half the sample rate \(100 Hz\)"),
         (("--drive", "nowhere.toml"), r"drive file nowhere\.toml: no such file"),
         (("--robot", "ur5"), r"a robot by name and a URDF are both given"),
-        (("--wrong",), r"unrecognized arguments: --wrong"),
+        (("--wrong",), r"unrecognized arguments: --wrong$"),
+        (("--metod", "ls"), r"unrecognized arguments: --metod.* \(for --metod this command has --method; ident fit --help tells all\)"),
+        (("--held", "x.csv"), r"for --held this command has --validate or --log;"),
     ],
 )
 def test_wrong_flags(fit, arm, flags, message):

@@ -133,7 +133,7 @@ def test_help(ident, command):
 
 
 def test_fit_help_lists_methods_and_effects(ident):
-    from ident.effects.base import effect_names
+    from ident.effects.registry import effect_names
     from ident.estimators import estimator_types
 
     text = ident("fit", "--help").out
@@ -420,7 +420,7 @@ def test_simulate_says_which_limits_it_exceeds(ident, tmp_path):
 
 def test_simulated_torque_is_recorded_as_it_acts(ident, tmp_path):
     """Torque that a controller holds for a period acts half a period late; a record of what it asked for would look early."""
-    from ident.effects.base import make_effect
+    from ident.effects.registry import make_effect
     from ident.logs.reading import read_logs
     from ident.problem.problem import Problem
     from ident.robots import load_robot, nominal_values

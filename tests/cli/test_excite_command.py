@@ -47,6 +47,11 @@ def test_a_ros_trajectory_beside_the_table(ident: Ident, arm: Arm, tmp_path: Pat
     again = ident(*call)
     assert again.code == 2
     assert "motion.yaml exists; nothing was designed" in again.err
+    (tmp_path / "m.csv").unlink(missing_ok=True)
+    kept = ident("excite", "--urdf", arm.urdf, *QUICK, "--out", tmp_path / "kept", "--no-collision-check", "--ros")
+    assert kept.code == 0, kept.err
+    assert (tmp_path / "kept" / "excitation.yaml").read_bytes() == ros.read_bytes()
+    assert "kept/excitation.yaml" in kept.out
 
 
 def test_postures_jerk_obstacle_and_view(ident: Ident, arm: Arm, tmp_path: Path) -> None:

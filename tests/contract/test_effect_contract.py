@@ -16,10 +16,12 @@ import pytest
 from effect_robots import ROBOTS, chain, declared, motion_of
 
 import ident
-from ident.effects.base import Axis, Effect, Nature, Need, effect_types, make_effect
+from ident.effects.base import Effect
 from ident.effects.correction import SignalCorrection
+from ident.effects.kinds import Axis, Nature, Need
 from ident.effects.motion import Coordinates, Motion
 from ident.effects.reference import Reference
+from ident.effects.registry import effect_types, make_effect
 from ident.errors import ConfigurationError
 from ident.model import Model
 from ident.robots.robot import Robot

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from effect_robots import seven
 
-from ident.effects.base import Nature, Need, effect_types
+from ident.effects.kinds import Nature, Need
 from ident.effects.motion import Motion
+from ident.effects.registry import effect_types
 from ident.errors import UnsupportedError
 from ident.friction import RotorInertia, Viscous
 from ident.model import Model

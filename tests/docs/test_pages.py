@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from ident.diagnosis.verdict import Verdict
-from ident.effects.base import effect_types
+from ident.effects.registry import effect_types
 from ident.estimate.status import StatusCode
 from ident.estimators import estimator_types
 

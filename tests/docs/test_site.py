@@ -11,7 +11,7 @@ from test_run_pages import ROOT, tool
 
 import ident
 from ident.commands import COMMANDS
-from ident.effects.base import effect_types
+from ident.effects.registry import effect_types
 from ident.estimators import estimator_types
 
 TUTORIALS = ("puma", "ur5", "missing_effect", "payload", "step_by_step", "servo", "consistency", "ten_million")

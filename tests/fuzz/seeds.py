@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,6 +17,7 @@ from tests.recorded import recorded
 
 Array = np.ndarray
 ROWS, RATE = 160, 50.0
+_EVENING = datetime(2024, 2, 1, 23, 59, 59, tzinfo=UTC)
 
 URDF = """<?xml version="1.0"?>
 <robot name="arm">
@@ -91,7 +93,53 @@ def tables() -> dict[str, bytes]:
         "quoted.csv": table('"t","q1","q2","tau1","tau2"'),
         "sep.csv": b"sep=;\n" + table(delimiter=";"),
         "extra.csv": b"\n".join(line + b",word,7" for line in table("t,q1,q2,tau1,tau2").splitlines()),
+        "preamble.txt": b"Name\ttrace 1\nStart\t01.02.2024 10:00:00\n\n"
+        + table("Time [s],pos1 [rad],pos2 [rad],trq1 [Nm],trq2 [Nm]", "\t"),
+        "scope.csv": _scope(),
+        "ends.csv": table().replace(b"\n", b",\n").replace(b",\n", b"\n", 1),
+        "bars.csv": table(delimiter="|"),
+        "wide.csv": table().decode().encode("utf-16"),
+        "comments.csv": plain.replace(b"\n0.4,", b"\n# a note\n0.4,").replace(b"\n0.8,", b"\nt,q1,q2,tau1,tau2\n0.8,")[:-1],
+        "stamps.csv": _stamped("sec,nanosec", lambda t: f"{17_000 + int(t)},{round(1e9 * (t % 1))}"),
+        "moments.csv": _stamped("Date,Time", lambda t: (_EVENING + timedelta(seconds=t)).strftime("%d.%m.%Y,%H:%M:%S.%f")),
+        "cells.csv": _cells(),
+        "echo.csv": _echo(),
+        "long.csv": _long(),
     }
+
+
+def _rows() -> list[list[float]]:
+    t, q, tau = motion()
+    return np.column_stack([t, q, tau]).tolist()
+
+
+def _stamped(names: str, stamp: Any) -> bytes:
+    rows = [",".join([stamp(t), *(f"{x:.7g}" for x in rest)]) for t, *rest in _rows()]
+    return "\n".join([f"{names},position_1,position_2,effort_1,effort_2", *rows, ""]).encode()
+
+
+def _cells() -> bytes:
+    rows = [f'{t!r},"[{a!r}, {b!r}]","[{c!r}, {d!r}]"' for t, a, b, c, d in _rows()]
+    return "\n".join(["time,q,tau", *rows, ""]).encode()
+
+
+def _echo() -> bytes:
+    return "".join(
+        f"{int(t)},{round(1e9 * (t % 1))},base,j1,j2,{a!r},{b!r},{-a!r},{-b!r},{c!r},{d!r}\n" for t, a, b, c, d in _rows()
+    ).encode()
+
+
+def _long() -> bytes:
+    rows = [f"{t!r},{j},{q!r},{tau!r}" for t, a, b, c, d in _rows() for j, q, tau in (("j1", a, c), ("j2", b, d))]
+    return "\n".join(["time,joint,position,effort", *rows, ""]).encode()
+
+
+def _scope() -> bytes:
+    """An export of TwinCAT Scope."""
+    channels = ["Axis 1 ActPos", "Axis 2 ActPos", "Axis 1 ActTorque", "Axis 2 ActTorque"]
+    head = [["Name", "Scope Project"], [x for name in channels for x in ("Name", name)], ["SampleTime[ms]", "20"] * 4, []]
+    rows = [[x for v in rest for x in (f"{1e3 * t:g}", f"{v:.7g}")] for t, *rest in _rows()]
+    return "\n".join(["\t".join(row) for row in [*head, *rows]] + [""]).encode()
 
 
 def _made(name: str, write: Any) -> bytes:

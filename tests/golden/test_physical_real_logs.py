@@ -93,7 +93,7 @@ def test_what_is_said_of_each(data_folder: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_the_reason_on_the_panda(data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With effects that the declared model lacks, real links cost little, and the constrained fit beats the first unconstrained one."""
-    from ident.effects.base import make_effect
+    from ident.effects.registry import make_effect
     from ident.problem.problem import Problem
 
     monkeypatch.setenv("IDENT_DATA", str(data_folder))

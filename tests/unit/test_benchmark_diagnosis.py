@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from effect_robots import pendulum
 
-from ident.effects.base import make_effect
 from ident.effects.motion import Motion
+from ident.effects.registry import make_effect
 from ident.estimators import WeightedLeastSquares
 from ident.friction import Viscous
 from ident.logs.log import Log, LogSet
@@ -158,7 +158,7 @@ def test_suites_have_the_cases_that_are_asked_for():
 def test_every_fault_says_what_it_is():
     from benchmarks.diagnosis.arms import arm
     from benchmarks.diagnosis.faults import FAULTS, OUTSIDE
-    from ident.effects.base import effect_names
+    from ident.effects.registry import effect_names
 
     a = arm("puma560")
     for name in (*FAULTS, *OUTSIDE):

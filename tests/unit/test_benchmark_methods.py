@@ -47,10 +47,11 @@ def test_requirements_on_instrumental_variables_on_the_puma() -> None:
     data = pytest.importorskip("benchmarks.methods.data")
     methods = pytest.importorskip("benchmarks.methods.methods").METHODS
     motions = pytest.importorskip("benchmarks.methods.motions")
+    random_motion = pytest.importorskip("benchmarks.methods.random_motion")
     world = pytest.importorskip("benchmarks.methods.world").puma()
     scale = data.FULL
     quick = motions.torque_driven(
-        world, [motions.fourier(world.model, seed, scale.seconds, data.FAST) for seed in range(scale.lanes)], scale.control_rate
+        world, [random_motion.fourier(world.model, seed, scale.seconds, data.FAST) for seed in range(scale.lanes)], scale.control_rate
     )
     made = data.Data(world, scale, quick, quick.part(slice(0, 0)), quick, {})
     trials = run._torque_driven(made, quick, 40, [methods["iv"], methods["ls_raw"]], tests=False)

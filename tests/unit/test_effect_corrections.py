@@ -9,10 +9,10 @@ from effect_robots import ROBOTS, declared, smooth
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ident.effects.base import make_effect
 from ident.effects.flexing import responses
 from ident.effects.motion import Motion
 from ident.effects.reference import Reference
+from ident.effects.registry import make_effect
 from ident.effects.timing import derivative, low_pass
 from ident.errors import ConfigurationError
 from ident.friction import Coulomb

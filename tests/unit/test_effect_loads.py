@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 from effect_robots import ROBOTS, motion_of
 
-from ident.effects.base import make_effect
 from ident.effects.correction import Harmonic, SignalCorrection
+from ident.effects.registry import make_effect
 from ident.errors import ConfigurationError
 from ident.robots.transmission import Side
 

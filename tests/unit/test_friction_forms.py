@@ -10,8 +10,8 @@ import pytest
 from effect_robots import ROBOTS, motion_of
 from scipy.integrate import solve_ivp
 
-from ident.effects.base import make_effect
 from ident.effects.motion import Motion
+from ident.effects.registry import make_effect
 from ident.errors import ConfigurationError
 from ident.friction import Coulomb, Presliding
 from ident.friction.presliding import deflection

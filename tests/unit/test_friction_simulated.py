@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from effect_robots import ROBOTS, declared
 
-from ident.effects.base import make_effect
 from ident.effects.motion import Motion
 from ident.effects.reference import Reference
+from ident.effects.registry import make_effect
 from ident.simulation.simulate import Hold, Plant, simulate
 
 

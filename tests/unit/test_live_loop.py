@@ -12,13 +12,14 @@ from effect_robots import ROBOTS, smooth
 from rigid_models import kernels, using
 
 import ident
-from ident.effects.base import Side, make_effect
 from ident.effects.motion import Motion
+from ident.effects.registry import make_effect
 from ident.errors import ConfigurationError, DataError, UnsupportedError
 from ident.estimate.feedforward import FixedModel
 from ident.estimators import RecursiveLeastSquares
 from ident.model import Model
 from ident.robots.robot import Robot
+from ident.robots.transmission import Side
 
 DECLARED = ("rotor_inertia", "viscous", "coulomb", "offset", "linear_spring")
 FIXED = list(ROBOTS)

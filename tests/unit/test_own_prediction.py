@@ -7,7 +7,7 @@ import pytest
 from effect_robots import ROBOTS, declared
 from recorded import recorded
 
-from ident.effects.base import make_effect
+from ident.effects.registry import make_effect
 from ident.estimate.estimate import Estimate
 from ident.estimators import WeightedLeastSquares, own_prediction
 from ident.estimators.base import Capability, estimator_types, make_estimator

@@ -196,6 +196,31 @@ def test_distance_from_the_border() -> None:
     assert outside.margin_std < 0
 
 
+@pytest.mark.parametrize("table", ["1", "2", "3"])
+def test_the_links_alone_are_judged_as_if_nothing_were_known_of_the_rotors(table: str) -> None:
+    subject = puma_table(table)
+    shared, fresh = judge(subject).alone, judge_possible(subject.matrices["H"], subject.values)
+    assert shared is not None
+    assert (shared.possible, shared.certified) == (fresh.possible, fresh.certified)
+    assert shared.min_eigenvalue == pytest.approx(fresh.min_eigenvalue, rel=1e-3)
+
+
+def test_rotors_that_weigh_nothing_leave_one_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
+    subject = puma_table("1")
+    structure = subject.structure
+    light = replace(subject, values=np.where(np.any(structure.lift[structure.drive] != 0, axis=0), 0.0, subject.values))
+    found, called = judge_possible, []
+    monkeypatch.setattr("ident.physical.judgement.judge_possible", lambda *a, **k: (called.append(1), found(*a, **k))[1])
+    judged = judge(light)
+    assert len(called) == 1
+    assert judged.alone is not None
+    assert (
+        judged.alone.min_eigenvalue
+        == judged.possible.min_eigenvalue
+        == pytest.approx(found(subject.matrices["H"], light.values).min_eigenvalue, rel=1e-3)
+    )
+
+
 def test_without_the_solver_a_verdict_is_not_certified(monkeypatch: pytest.MonkeyPatch) -> None:
     import ident.physical.conic as conic
 

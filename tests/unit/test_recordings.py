@@ -345,6 +345,10 @@ def test_json_messages_of_actuators_within_one_turn(tmp_path: Path) -> None:
         file.write(json.dumps(rows))
     np.testing.assert_array_equal(ident.read_logs(tmp_path / "b.json.gz")[0].q, log.q)
     path.write_text(path.read_text() + "\n{broken")
+    cut = ident.read_logs(path)[0]
+    np.testing.assert_array_equal(cut.q, log.q)
+    assert any(f"line {N + 1}, the last, ends in the middle" in note for note in cut.notes)
+    path.write_text(path.read_text() + "\n")
     with pytest.raises(ident.DataError, match=f"line {N + 1} is no JSON message"):
         ident.read_logs(path)
 

@@ -13,9 +13,10 @@ from rigid_models import kernels, using
 
 import ident
 from ident import friction as fr
-from ident.effects.base import Axis, effect_types
+from ident.effects.kinds import Axis
 from ident.effects.motion import Coordinates, Motion
 from ident.effects.offset import Offset
+from ident.effects.registry import effect_types
 from ident.effects.springs import LinearSpring
 from ident.errors import DataError
 from ident.regressor import rigid

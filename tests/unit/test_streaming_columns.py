@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ident
-from ident.effects.base import make_effect
 from ident.effects.motion import Motion
+from ident.effects.registry import make_effect
 from ident.model import Model
 from ident.problem.columns import RowColumns, can_filter, live_columns
 from ident.robots.robot import Robot

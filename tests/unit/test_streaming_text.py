@@ -165,6 +165,7 @@ ODD: dict[str, Callable[[list[list[str]]], Any]] = {
     "too many fields": lambda rows: rows[80].append("1.0"),
     "repeated header": line(60, list(NAMES)),
     "comment between": line(60, ["# a comment"]),
+    "text behind a comment": lambda rows: (field(70, 6, "oops")(rows), rows.insert(20, ["# a comment"])),
     "cut off in the last line": lambda rows: (rows[-1].__delitem__(slice(4, None)), field(-1, 3, "0.12")(rows)),
     "line ends within quotes": field(70, 6, '"1.0\n"'),
     "not UTF-8 but in a number": field(70, 6, "µ"),
@@ -210,7 +211,7 @@ def test_rows_written_twice_are_the_same_sample(robot: Robot, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("kind", "line", "what"), [("text", 72, "'tau2'"), ("too many fields", 82, "10 fields"), ("repeated header", 62, "'t'")]
+    ("kind", "line", "what"), [("text", 72, "'tau2'"), ("too many fields", 82, "10 fields"), ("text behind a comment", 73, "'tau2'")]
 )
 def test_errors_name_line_and_column(kind: str, line: int, what: str, robot: Robot, tmp_path: Path) -> None:
     rows = numbers()
@@ -219,6 +220,25 @@ def test_errors_name_line_and_column(kind: str, line: int, what: str, robot: Rob
     assert isinstance(found, str)
     assert f"line {line} " in found
     assert what in found
+
+
+def test_lines_that_are_no_rows_are_left_out_and_said(robot: Robot, tmp_path: Path) -> None:
+    rows = numbers()
+    plain = alike(written(tmp_path / "plain.csv", rows[:-1]), robot, tmp_path / "plain")
+    rows[-1][-1] = "1.5e"
+    mixed = [*rows[:20], ["# the operator, with a comma", " came"], *rows[20:70], NAMES, *rows[70:90], ["// again"], *rows[90:]]
+    found = alike(written(tmp_path / "mixed.csv", mixed, last=""), robot, tmp_path / "mixed")
+    assert not isinstance(found, str)
+    assert not isinstance(plain, str)
+    assert [note.split(": ", 1)[1] for note in found[0].notes[:3]] == [
+        "comments between the rows (2) are left out.",
+        "the header stands again between the rows (1×), and is left out there.",
+        "the last line ends in the middle of a row, and is left out.",
+    ]
+    for name in ("t", "q", "dq"):
+        np.testing.assert_array_equal(getattr(found[0], name), getattr(plain[0], name))
+    # With its last line ended, nobody cut it: it is wrong.
+    assert isinstance(alike(written(tmp_path / "mixed.csv", mixed), robot, tmp_path / "wrong"), str)
 
 
 def test_headers(robot: Robot, tmp_path: Path) -> None:

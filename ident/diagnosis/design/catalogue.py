@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.base import Effect, effect_types
+from ...effects.base import Effect
+from ...effects.registry import effect_types
 from ...errors import IdentError
 from ..scoring.fit import Fit, depends, effect_columns
 from .places import is_order, places

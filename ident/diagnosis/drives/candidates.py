@@ -11,7 +11,7 @@ from ...drives.law import DriveLaw
 from ...drives.plant import DrivePlant
 from ...drives.starts import starts
 from ...drives.unknowns import CONSTANTS
-from ...effects.base import make_effect
+from ...effects.registry import make_effect
 
 Array = np.ndarray
 #: Effects of the model, with what their first parameter is in the simulation.

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.base import Need
 from ...effects.described import DESCRIPTIONS, Described, Turned
+from ...effects.kinds import Need
 from ..design.catalogue import Catalogue
 from ..thresholds import MATERIAL
 from .scores import Scores

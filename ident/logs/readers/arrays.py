@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
+import re
 import struct
 import zipfile
 from collections import Counter
@@ -14,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import DataError, UnsupportedError
+from ..words import words_of
 from .damage import damage_told
 from .packed import Expansion
 from .stored import Chunked, LogFormat, Stored, register_log_format
@@ -24,6 +27,12 @@ CHUNK, STRETCH, _STRETCHES = 1 << 16, 4096, 16
 _NO_ARRAYS = "is not a file of plain arrays"
 #: Arrays beyond so many columns are images and the like.
 _WIDEST = 1024
+#: What stands before every path of a model in dSPACE.
+_ROOT = re.compile(r'^"?Model Root"?/')
+#: Words by which a list tells the joints, or names of something.
+_OF_JOINTS, _NAMES = {"joint", "joints", "dof", "dofs", "motor", "motors", "actuator", "actuators"}, {"name", "names", "label", "labels"}
+#: Series of this share of the rest's samples are said when they are left out, so many by name.
+_PART, _SHOWN = 0.2, 6
 
 
 def element(name: str, k: int) -> str:
@@ -31,29 +40,46 @@ def element(name: str, k: int) -> str:
     return f"{name}[{k}]"
 
 
-def columns_of(arrays: Mapping[str, Array], where: str, named: Callable[[str, int], str] = element) -> dict[str, Array]:
-    """Columns of arrays of numbers: those that have the length most of them have, samples along either axis.
+def columns_of(
+    arrays: Mapping[str, Array], where: str, named: Callable[[str, int], str] = element, units: Mapping[str, str] | None = None
+) -> Stored:
+    """Columns of arrays of numbers: those that have the length most of them have, samples along either axis; `units`: told of arrays.
 
-    Zeros at the end that a recorder allocated and never filled are cut. Raises DataError where there is no series of samples."""
+    Series of a matrix go by names where a list of as many names of joints is among the arrays (`joint_names`). Zeros at the end that a
+    recorder allocated and never filled are cut. Raises DataError where there is no series of samples."""
     table = ArrayTable.of(arrays, where, named)
-    return table.part([*table.places], 0, table.rows)
+    return Stored(table.part([*table.places], 0, table.rows), table.units(units or {}), table.notes(where))
+
+
+def _labels(arrays: Mapping[str, Any]) -> dict[int, tuple[str, ...]]:
+    """Lists of names among the arrays, by their length: of joints before others."""
+    found: dict[int, tuple[str, ...]] = {}
+    for name in sorted(arrays, key=lambda name: not words_of(name) & _OF_JOINTS):
+        a = arrays[name]
+        if a.dtype.kind in "US" and len(a.shape) == 1 and 1 < a.shape[0] <= _WIDEST and words_of(name) & (_OF_JOINTS | _NAMES):
+            told = tuple(x.decode("utf-8", "replace") if isinstance(x, bytes) else str(x) for x in np.asarray(a).tolist())
+            if all(told) and len(set(told)) == len(told):
+                found.setdefault(len(told), told)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
 class ArrayTable:
     """Arrays of numbers, in memory or on disk (what has a shape, a dtype and slices), as a table of `rows`; `places`: column → array, and
-    which of its series (-1: it is one); `across`: arrays with samples along the second axis."""
+    which of its series (-1: it is one); `across`: arrays with samples along the second axis; `left`: series of another length."""
 
     arrays: Mapping[str, Any]
     rows: int
     places: Mapping[str, tuple[str, int]]
     across: frozenset[str]
+    left: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, arrays: Mapping[str, Any], where: str, named: Callable[[str, int], str] = element) -> ArrayTable:
         """As `columns_of`."""
-        numbers = {k: a for k, a in arrays.items() if a.dtype.kind in "fiub" and a.size and a.ndim in (1, 2)}
-        numbers = {k: a for k, a in numbers.items() if a.ndim == 1 or min(a.shape) <= _WIDEST}
+        numbers = {k: a for k, a in arrays.items() if a.dtype.kind in "fiub" and a.size and len(a.shape) in (1, 2)}
+        labels = _labels(arrays)
+        numbers = {k: a for k, a in numbers.items() if len(a.shape) == 1 or min(a.shape) <= _WIDEST}
         if not numbers:
             raise DataError(f"{where}: holds no array of numbers.")
         lengths = Counter(max(a.shape) for a in numbers.values())
@@ -63,10 +89,25 @@ class ArrayTable:
         kept = {k: a for k, a in numbers.items() if rows in a.shape}
         places: dict[str, tuple[str, int]] = {}
         for name, a in kept.items():
-            series = 1 if a.ndim == 1 else a.size // rows
-            places |= {name: (name, -1)} if series == 1 else {named(name, j): (name, j) for j in range(series)}
-        whole = cls(kept, rows, places, frozenset(k for k, a in kept.items() if a.shape[0] != rows))
+            series = 1 if len(a.shape) == 1 else a.size // rows
+            told = labels.get(series, ())
+            if len(a.shape) == 1:
+                places[name] = name, -1
+            else:
+                places |= {f"{name}[{told[j]}]" if told else named(name, j) if series > 1 else name: (name, j) for j in range(series)}
+        left = tuple(k for k, a in numbers.items() if k not in kept and max(a.shape) > _PART * rows)
+        whole = cls(kept, rows, places, frozenset(k for k, a in kept.items() if a.shape[0] != rows), left)
         return replace(whole, rows=whole._filled())
+
+    def notes(self, where: str) -> tuple[str, ...]:
+        """What to say of series that are left out."""
+        if not self.left:
+            return ()
+        return (f"{where}: {', '.join(self.left[:_SHOWN])} have another number of samples than the {self.rows} of the rest; not used.",)
+
+    def units(self, told: Mapping[str, str]) -> dict[str, str]:
+        """Units of columns, of those told of arrays."""
+        return {column: told[name] for column, (name, _) in self.places.items() if told.get(name)}
 
     def part(self, names: Sequence[str], start: int, stop: int) -> dict[str, Array]:
         """Some rows of some columns."""
@@ -115,11 +156,11 @@ def stretches(rows: int) -> list[int]:
 
 
 def leaves(content: Any, name: str = "") -> dict[str, Array]:
-    """Arrays of nested dicts and lists by path (`rec.pos`, `signals[0].values`); a dict of `values` and `label` goes by its label."""
+    """Arrays of nested dicts and lists by path (`rec.pos`, `signals[0].values`); a dict of values and a label (dSPACE: data and a name)
+    goes by that, with its unit in brackets; lists of dicts that tell their own names by these, lists of text as arrays."""
     if isinstance(content, Mapping):
-        label = content.get("label")
-        if isinstance(label, str) and label.strip() and isinstance(content.get("values"), np.ndarray):
-            return {label.strip(): content["values"]}
+        if labelled := _labelled(content):
+            return labelled
         out: dict[str, Array] = {}
         for key, value in content.items():
             out |= leaves(value, f"{name}.{key}" if name else str(key))
@@ -127,11 +168,33 @@ def leaves(content: Any, name: str = "") -> dict[str, Array]:
     if isinstance(content, np.ndarray) and content.dtype != object:
         return {name: content}
     if isinstance(content, (list, np.ndarray)):
+        items = list(content)
+        if items and all(isinstance(x, str) for x in items):
+            return {name: np.array(items)}
+        named = names_told(items)
         out = {}
-        for k, value in enumerate(content):
-            out |= leaves(value, element(name, k))
+        for k, value in enumerate(items):
+            out |= leaves(value, f"{name}[{named[k]}]" if named else element(name, k))
         return out
     return {}
+
+
+def _labelled(content: Mapping[str, Any]) -> dict[str, Array]:
+    """The values of a signal that tells its label, by that; {} for another dict."""
+    plain = {str(key).lower(): value for key, value in content.items()}
+    for label, values in (("label", "values"), ("name", "data")):
+        told, held = plain.get(label), plain.get(values)
+        if isinstance(told, str) and told.strip() and isinstance(held, np.ndarray) and held.dtype != object:
+            unit = plain.get("unit", plain.get("units"))
+            told = _ROOT.sub("", told)
+            return {f"{told.strip()} [{unit.strip()}]" if isinstance(unit, str) and unit.strip() else told.strip(): held}
+    return {}
+
+
+def names_told(items: Sequence[Any]) -> tuple[str, ...]:
+    """The names that dicts of a list tell of themselves, each its own (`{"name": "elbow", "angle": 0.1}`); () where they do not."""
+    told = tuple(x.get("name", x.get("joint_name", x.get("joint"))) if isinstance(x, Mapping) else None for x in items)
+    return tuple(map(str, told)) if len(told) > 1 and all(isinstance(x, str) and x for x in told) and len(set(told)) == len(told) else ()
 
 
 def shortest(arrays: Mapping[str, Array]) -> dict[str, Array]:
@@ -148,8 +211,19 @@ def _read_npz(path: Path) -> Stored:
             for member in members.infolist():
                 unpacked.add(member.file_size)
         with np.load(path, allow_pickle=False) as content:
-            arrays = {name: content[name] for name in content.files}
-    return Stored(columns_of(arrays, f"log {path}"))
+            arrays, objects = dict[str, Array](), list[str]()
+            for name in content.files:
+                try:
+                    arrays[name] = content[name]
+                except ValueError as error:
+                    if "pickle" not in str(error):
+                        raise
+                    objects.append(name)
+    if objects and not any(a.dtype.kind in "fiu" for a in arrays.values()):
+        raise DataError(f"log {path}: holds Python objects ({', '.join(objects[:_SHOWN])}), which may run code; save plain arrays.")
+    stored = columns_of(arrays, f"log {path}")
+    left = [f"log {path}: {', '.join(objects[:_SHOWN])} hold Python objects, which may run code, and are not read."] if objects else []
+    return replace(stored, notes=(*stored.notes, *left))
 
 
 def _mapped(path: Path) -> dict[str, Array]:
@@ -167,7 +241,10 @@ def _mapped(path: Path) -> dict[str, Array]:
             version = np.lib.format.read_magic(file)
             read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
             shape, fortran, dtype = read(file)
-            if dtype.kind in "fiub" and shape and 0 not in shape:
+            if dtype.kind in "US" and len(shape) == 1:
+                with members.open(member) as text:
+                    out[member.filename.removesuffix(".npy")] = np.load(io.BytesIO(text.read()), allow_pickle=False)
+            elif dtype.kind in "fiub" and shape and 0 not in shape:
                 order: Any = "F" if fortran else "C"
                 out[member.filename.removesuffix(".npy")] = np.memmap(path, dtype, "r", file.tell(), shape, order)
     return out
@@ -176,7 +253,22 @@ def _mapped(path: Path) -> dict[str, Array]:
 def _npz_chunks(path: Path) -> Chunked:
     with damage_told(path, _NO_ARRAYS):
         table = ArrayTable.of(_mapped(path), f"log {path}")
-    return Chunked(tuple(table.places), table.chunks, table.sample, table.rows)
+    return Chunked(tuple(table.places), table.chunks, table.sample, table.rows, notes=table.notes(f"log {path}"))
 
 
 NPZ = register_log_format(LogFormat("NumPy arrays", lambda path, start: path.suffix.lower() == ".npz", _read_npz, chunks=_npz_chunks))
+
+
+def _read_npy(path: Path) -> Stored:
+    unpacked = Expansion(path)
+    with damage_told(path, _NO_ARRAYS):
+        unpacked.add(path.stat().st_size)
+        table = np.load(path, allow_pickle=False)
+    if table.dtype.names:
+        return columns_of({name: table[name] for name in table.dtype.names}, f"log {path}")
+    if table.ndim != 2 or table.dtype.kind not in "fiub":
+        raise DataError(f"log {path}: holds an array {table.shape} of {table.dtype}, which is no table of samples.")
+    return Stored({f"#{k}": column for k, column in enumerate((table if table.shape[0] >= table.shape[1] else table.T).T.astype(float))})
+
+
+NPY = register_log_format(LogFormat("a NumPy array", lambda path, start: start.startswith(b"\x93NUMPY"), _read_npy))

@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 
 from ...errors import ConfigurationError, DataError, IdentError, UnsupportedError
+from ..words import DESIRED
 from .arrays import CHUNK, STRETCH, stretches
 from .damage import reason
 from .joint_states import FIELDS, JointStates, decoded
+from .json_topics import json_messages
 from .mcap import Channel
+from .senders import by_publisher, onto, table_of
 from .stored import Chunked, LogFormat, Stored, register_log_format
 from .topics import Block, blocks, decoder, is_bag, topics_of
-from .wording import DESIRED
 
 Array = np.ndarray
 #: Parts of a controller's state message that hold the desired motion.
@@ -27,6 +29,8 @@ _REFERENCE = ("reference", "desired")
 _REFERENCE_FIELDS = {"positions": "position_reference", "velocities": "velocity_reference", "accelerations": "acceleration_reference"}
 _ASKED_FIELDS = {"position": "position_reference", "velocity": "velocity_reference"}
 _SHOWN = 8
+#: How topics of joint states end.
+_STATES = re.compile(r"joint_?states?$", re.IGNORECASE)
 #: Messages that wait, in reading by chunks, for others that were stamped before them.
 _WAITING = 4096
 
@@ -36,12 +40,13 @@ def _read(path: Path) -> Stored:
 
     Messages are ordered by their stamps, and their values by the joints' names, whatever the order in a message. Raises DataError, and
     ConfigurationError without `rosbags`."""
-    states, wanted, notes = _messages(path)
-    if not states:
-        raise DataError(f"log {path}: holds no message of type JointState.")
-    clock, columns = _by_publisher(states, notes, path)
+    found = _messages(path)
+    if isinstance(found, Stored):
+        return found
+    states, wanted, notes = found
+    clock, columns = by_publisher(states, notes, path)
     if wanted:
-        columns |= _onto(clock, wanted)
+        columns |= onto(clock, wanted)
     sent = np.concatenate([s.stamp for s in states])[np.argsort(np.concatenate([s.received for s in states]), kind="stable")]
     if shifted := int(np.sum(np.diff(sent) < 0)):
         notes.append(f"log {path}: {shifted} messages were recorded in another order than they were stamped; the stamps count.")
@@ -49,33 +54,47 @@ def _read(path: Path) -> Stored:
 
 
 def _is_state(channel: Channel) -> bool:
-    return channel.msgtype.endswith("/JointState")
+    """Whether a topic holds joint states; one without a schema goes by its name."""
+    told = channel.msgtype.endswith("/JointState") or (not channel.msgtype and _STATES.search(channel.topic) is not None)
+    return told and channel.encoding in ("cdr", "ros1", "")
 
 
 def _is_control(channel: Channel) -> bool:
     return channel.msgtype.endswith("JointTrajectoryControllerState")
 
 
-def _messages(path: Path) -> tuple[list[JointStates], list[JointStates], list[str]]:
-    """Measured joint states, what was asked for, and notes on topics that are not used."""
+def _messages(path: Path) -> tuple[list[JointStates], list[JointStates], list[str]] | Stored:
+    """Measured joint states, what was asked for, and notes on topics that are not used; where there are only messages in JSON, these."""
     states: dict[str, list[JointStates]] = defaultdict(list)
     control: list[Block] = []
-    for channel, received, raw in _by_library(path, lambda c: _is_state(c) or _is_control(c)):
+    free: list[Block] = []
+    notes: list[str] = []
+    for channel, received, raw in _by_library(path, lambda c: _is_state(c) or _is_control(c) or c.encoding == "json", notes):
         if _is_state(channel):
             states[channel.topic] += _states(channel, received, raw)
         else:
-            control.append((channel, received, raw))
+            (free if channel.encoding == "json" else control).append((channel, received, raw))
+    if not states and free:
+        return json_messages(free, path, notes)
     if not states:
-        topics = ", ".join(sorted(topics_of(path))) or "none"
-        raise DataError(f"log {path}: holds no message of type JointState; its topics: {topics}.")
+        raise _without_states(path)
     most = _measured({topic: sum(map(len, found)) for topic, found in states.items()})
     asked = [topic for topic in states if _asked_for(topic) and topic != most]
     wanted = [_renamed(s, _ASKED_FIELDS) for topic in asked for s in states[topic]]
     if not asked:
         wanted = [s for block in control for s in _controllers(*block)]
     left = sorted(set(states) - {most, *asked})
-    notes = [f"log {path}: joint states of {most} are read, not those of {', '.join(left[:_SHOWN])}."] if left else []
+    if left:
+        notes.append(f"log {path}: joint states of {most} are read, not those of {', '.join(left[:_SHOWN])}.")
     return states[most], wanted, notes
+
+
+def _without_states(path: Path) -> DataError:
+    topics = [f"{topic} ({kind})" for topic, kind in sorted(topics_of(path).items())]
+    return DataError(
+        f"log {path}: holds no message of type JointState; its topics: {', '.join(topics) or 'none'}. Record /joint_states, or export the"
+        " joints' numbers as CSV."
+    )
 
 
 def _measured(counts: Mapping[str, int]) -> str:
@@ -92,7 +111,8 @@ def _states(channel: Channel, received: Array, raw: Array) -> Iterator[JointStat
     if channel.encoding not in ("cdr", "ros1"):
         decoder(channel)  # which says what is read
     try:
-        yield from decoded(raw, received, ros1=channel.encoding == "ros1")
+        for states in decoded(raw, received, ros1=channel.encoding == "ros1"):
+            yield replace(states, sender=channel.number)
     except ValueError as error:
         raise DataError(f"topic {channel.topic}: {error}.") from None
 
@@ -115,62 +135,12 @@ def _controllers(channel: Channel, received: Array, raw: Array) -> Iterator[Join
             yield JointStates(tuple(message.joint_names), np.array([sent if sent > 0 else 1e-9 * at]), np.array([1e-9 * at]), values)
 
 
-def _by_publisher(states: Sequence[JointStates], notes: list[str], path: Path) -> tuple[Array, dict[str, Array]]:
-    """Columns on the clock of the messages that name most joints; those of other joints on the same topic are brought to that clock."""
-    main = _main(states)
-    rows = [s for s in states if main <= frozenset(s.joints)]
-    clock, columns = _table(rows)
-    others = [s for s in states if not main <= frozenset(s.joints)]
-    if others:
-        names = sorted({name for s in others for name in s.joints} - {name for s in rows for name in s.joints})
-        columns |= {name: v for name, v in _onto(clock, others).items() if name not in columns}
-        told, count = ", ".join(names[:_SHOWN]) or "only some of them", sum(map(len, others))
-        notes.append(
-            f"log {path}: {count} messages on the same topic name other joints ({told}); they are brought to the clock of the others."
-        )
-    return clock, columns
-
-
-def _main(states: Sequence[JointStates]) -> frozenset[str]:
-    """The joints that most numbers are of."""
-    groups: Counter[frozenset[str]] = Counter()
-    for s in states:
-        groups[frozenset(s.joints)] += len(s)
-    return max(groups, key=lambda joints: (groups[joints] * len(joints), len(joints)))
-
-
-def _table(states: Sequence[JointStates]) -> tuple[Array, dict[str, Array]]:
-    """Times (N,) in order, and columns by joint and field; NaN where a message does not have it."""
-    stamp, received = (np.concatenate([getattr(s, what) for s in states]) for what in ("stamp", "received"))
-    order = np.lexsort((received, stamp))
-    place = {name: k for k, name in enumerate(dict.fromkeys(name for s in states for name in s.joints))}
-    table = {field: np.full((len(stamp), len(place)), np.nan) for field in dict.fromkeys(f for s in states for f in s.values)}
-    start = 0
-    for s in states:
-        at = [place[name] for name in s.joints]
-        for field, values in s.values.items():
-            table[field][start : start + len(s), at] = values
-        start += len(s)
-    by_field = {field: table[field] for field in dict.fromkeys((*FIELDS, *table)) if field in table}
-    return stamp[order], {f"{name}.{field}": values[order, k] for field, values in by_field.items() for name, k in place.items()}
-
-
-def _onto(clock: Array, messages: Sequence[JointStates]) -> dict[str, Array]:
-    """Columns of messages with another clock, linear between them, NaN before the first and after the last."""
-    t, columns = _table(messages)
-    out: dict[str, Array] = {}
-    for name, values in columns.items():
-        known = np.isfinite(values)
-        if known.any():
-            out[name] = np.interp(clock, t[known], values[known], left=np.nan, right=np.nan)
-    return out
-
-
 def _chunks(path: Path) -> Chunked:
     """The messages that name most joints, in the order of their stamps, of the topic that is measured.
 
     What else stands on that topic, and what was asked for, is brought to their clock by the whole of it: it is read whole."""
-    topic, joints, filled, rows = _surveyed(path)
+    said: list[str] = []
+    topic, joints, filled, rows = _surveyed(path, said)
     names = ("t", *(f"{joint}.{field}" for field in FIELDS if field in filled for joint in joints))
 
     def read(wanted: Sequence[str], first: int) -> Iterator[dict[str, Array]]:
@@ -190,25 +160,31 @@ def _chunks(path: Path) -> Chunked:
                 parts.append(part if every == 1 and rows <= 2 * CHUNK else {name: v[:STRETCH] for name, v in part.items()})
         return {name: np.concatenate([part[name] for part in parts]) for name in wanted}
 
-    return Chunked(names, read, sample, rows)
+    return Chunked(names, read, sample, rows, notes=tuple(said))
 
 
-def _surveyed(path: Path) -> tuple[str, tuple[str, ...], set[str], int]:
-    """Topic, joints in the order in which they are first named, fields that hold anything, and number of messages."""
+def _surveyed(path: Path, said: list[str]) -> tuple[str, tuple[str, ...], set[str], int]:
+    """Topic, joints in the order in which they are first named, fields that hold anything, and number of messages; `said` as of
+    `blocks`."""
+    senders: dict[str, set[tuple[int, tuple[str, ...]]]] = defaultdict(set)
     seen: dict[str, Counter[tuple[str, ...]]] = defaultdict(Counter)
     filled: dict[str, set[str]] = defaultdict(set)
-    for channel, received, raw in _by_library(path, _is_state):
+    for channel, received, raw in _by_library(path, _is_state, said):
         for s in _states(channel, received, raw):
+            senders[channel.topic].add((s.sender, tuple(sorted(s.values))))
             seen[channel.topic][s.joints] += len(s)
             filled[channel.topic] |= {field for field, v in s.values.items() if np.isfinite(v).any()}
     if not seen:
-        raise DataError(f"log {path}: holds no message of type JointState; its topics: {', '.join(sorted(topics_of(path))) or 'none'}.")
+        raise _without_states(path)
     topic = _measured({name: sum(own.values()) for name, own in seen.items()})
     groups: Counter[frozenset[str]] = Counter()
     for joints, count in seen[topic].items():
         groups[frozenset(joints)] += count
-    if len(groups) > 1:
-        raise UnsupportedError(f"log {path}: messages on {topic} name different joints; they are brought together by reading it whole.")
+    if len(groups) > 1 or len(senders[topic]) > 1:
+        raise UnsupportedError(
+            f"log {path}: messages on {topic} name different joints, or come from several senders; they are brought together by"
+            " reading it whole."
+        )
     return topic, next(iter(seen[topic])), filled[topic], sum(groups.values())
 
 
@@ -224,11 +200,11 @@ def _in_order(path: Path, topic: str, joints: frozenset[str]) -> Iterator[tuple[
         until = float(np.partition(stamps, len(stamps) - _WAITING)[len(stamps) - _WAITING])
         ready = [s.of(s.stamp < until) for s in waiting]
         waiting = [s.of(s.stamp >= until) for s in waiting]
-        yield _after(told, _table([s for s in ready if len(s)]), path)
+        yield _after(told, table_of([s for s in ready if len(s)]), path)
         told = until
         waiting = [s for s in waiting if len(s)]
     if waiting:
-        yield _after(told, _table(waiting), path)
+        yield _after(told, table_of(waiting), path)
 
 
 def _after(told: float, part: tuple[Array, dict[str, Array]], path: Path) -> tuple[Array, dict[str, Array]]:
@@ -237,12 +213,12 @@ def _after(told: float, part: tuple[Array, dict[str, Array]], path: Path) -> tup
     return part
 
 
-def _by_library(path: Path, wanted: Callable[[Channel], bool]) -> Iterator[Block]:
+def _by_library(path: Path, wanted: Callable[[Channel], bool], said: list[str] | None = None) -> Iterator[Block]:
     """`blocks`, with what other libraries say of damaged files as DataError."""
     if find_spec("rosbags") is None:
         raise ConfigurationError(f"log {path}: reading bags needs rosbags: pip install 'ident[bags]'. Or export the joint states as CSV.")
     try:
-        yield from blocks(path, wanted)
+        yield from blocks(path, wanted, said)
     except IdentError:
         raise
     except Exception as error:  # noqa: BLE001 - what a damaged bag brings up in another library

@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
 import io
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
 from ...errors import DataError
 from .damage import DAMAGED, reason
 from .header import Header, is_number, once
+from .moments import MOMENT, is_moment
 from .packed import bounded_lines, open_binary
 
 #: A first line by which spreadsheets are told what separates fields; what else may, and of how many columns at least.
 _SEPARATOR = re.compile(r'"?sep=([,;\t])"?', re.IGNORECASE)
-_OTHER = re.compile(r"\s*\|\s*|\s+")
+_SPACES = re.compile(r"\s+")
 _COLUMNS = 2
+#: Marks of a comment.
+_COMMENT = re.compile(r"#|//|%(?=\s)")
 #: Lines in which a header behind others is looked for.
 _PREAMBLE = 80
 #: Longest word that a row of units holds.
 _UNIT = 8
+#: Of a joint state as text: the place of its frame, and the fields of numbers behind the names.
+_FRAME, _ECHOED = 2, ("position", "velocity", "effort")
 
 
 def text_header(path: Path) -> Header:
@@ -31,41 +36,56 @@ def text_header(path: Path) -> Header:
     try:
         return _header_of(path, "utf-8-sig")
     except UnicodeDecodeError as error:
-        wide = error.object[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-        remedy = " It begins as UTF-16 does: save it as UTF-8." if wide else ""
-        if not wide and b"\x00" not in error.object[:4096]:
+        if b"\x00" not in error.object[:4096]:
             with suppress(UnicodeDecodeError):
                 return _header_of(path, "cp1252")
-        raise DataError(f"log {path}: is not a text table ({error}).{remedy}") from None
+        raise DataError(f"log {path}: is not a text table ({error}).") from None
+
+
+@dataclass(frozen=True)
+class _Beginning:
+    """The first line that is no comment, its number (from 1), the lines behind it, the comment right before it, and the separator told."""
+
+    line: str
+    number: int
+    rows: tuple[str, ...]
+    comment: str
+    told: str
+
+
+def _beginning(path: Path, encoding: str) -> _Beginning:
+    try:
+        with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=encoding, newline="") as text:
+            told, said = "", (0, "")
+            lines = bounded_lines(text, path)
+            for number, line in enumerate(lines, 1):
+                if mark := _COMMENT.match(line):
+                    said = number, line[mark.end() :].lstrip("#%/").strip()
+                elif found := _SEPARATOR.fullmatch(line.strip(" \r\n")):
+                    told = found[1]
+                elif line.strip():
+                    rows = tuple(row for row in islice(lines, 4) if row.strip())
+                    return _Beginning(line, number, rows, said[1] if said[0] == number - 1 else "", told)
+    except DAMAGED as error:
+        raise DataError(f"log {path}: is not a text table ({reason(error)}).") from None
+    raise DataError(f"log {path}: the file holds no header row.")
 
 
 def _header_of(path: Path, encoding: str) -> Header:
-    try:
-        with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=encoding, newline="") as text:
-            number, told, said = 0, "", (0, "")
-            lines = bounded_lines(text, path)
-            for line in lines:
-                number += 1
-                if line.startswith("#"):
-                    said = number, line.lstrip("#").strip()
-                if found := _SEPARATOR.fullmatch(line.strip(" \r\n")):
-                    told = found[1]
-                elif line.strip() and not line.startswith("#"):
-                    break
-            else:
-                raise DataError(f"log {path}: the file holds no header row.")
-            rows = [row for row in islice(lines, 4) if row.strip()]
-            more = bool(rows)
-    except DAMAGED as error:
-        raise DataError(f"log {path}: is not a text table ({reason(error)}).") from None
-    delimiter = told or next((d for d in (",", ";", "\t") if d in line), ",")
-    if delimiter not in line and len(_OTHER.split(line.strip())) > _COLUMNS:
-        if "|" in line or not rows or len(rows[0].split()) != len(line.split()):
-            mark = "'|'" if "|" in line else "spaces"
-            raise DataError(f"log {path}: its columns are separated by {mark} (line {number}); write it with commas, semicolons or tabs.")
-        delimiter = " "
+    begin = _beginning(path, encoding)
+    line, number, rows = begin.line, begin.number, begin.rows
     if "\x00" in line:
         raise DataError(f"log {path}: line {number} holds NUL characters: it is no text, or UTF-16 without its mark. Save it as UTF-8.")
+    delimiter = begin.told or next((d for d in (",", ";", "\t", "|") if d in line), ",")
+    spaced = delimiter not in line and len(_SPACES.split(line.strip())) > _COLUMNS
+    if spaced and (not rows or len(rows[0].split()) != len(line.split())):
+        if rows and (begins := _behind_preamble(path, encoding, (line,))):
+            return begins
+        raise DataError(
+            f"log {path}: its columns are separated by spaces (line {number}), but the rows have another number of them; write it with"
+            " commas, semicolons or tabs."
+        )
+    delimiter = " " if spaced else delimiter
     if line.count('"') % 2:
         raise DataError(f"log {path}: line {number}: a column name opens quotes that it does not close. Close them, or leave them out.")
     names = _fields(line, delimiter, path)
@@ -73,21 +93,46 @@ def _header_of(path: Path, encoding: str) -> Header:
         return begins
     if all(is_number(n) for n in names):
         # What numpy.savetxt writes: the header behind a sign of comment, right before the numbers.
-        behind = _fields(said[1], delimiter, path) if said[0] == number - 1 else ()
+        behind = _fields(begin.comment, delimiter, path) if begin.comment else ()
         if len(behind) == len(names) and not any(is_number(n) for n in behind):
-            return Header(once(behind), said[0], delimiter)
+            return Header(once(behind), number - 1, delimiter)
         numbered = tuple(f"#{k}" for k in range(len(names)))
         return Header(numbered, number - 1, delimiter, unnamed=True)
-    if not more:
+    if echoed := _echoed(names):
+        return Header(echoed, number - 1, delimiter, encoding=encoding)
+    if not rows:
         raise DataError(f"log {path}: there is a header, but no row of data.")
-    decimal, units = ".", tuple[str, ...]()
-    first = _fields(rows[0], delimiter, path) if rows else ()
+    return _with_rows(names, [_fields(row, delimiter, path) for row in rows], number, delimiter, encoding)
+
+
+def _with_rows(names: tuple[str, ...], rows: list[tuple[str, ...]], number: int, delimiter: str, encoding: str) -> Header:
+    """The header on line `number`, with what the first rows behind it tell: units, the decimal sign, moments, separators at the end."""
+    decimal, units, first = ".", tuple[str, ...](), rows[0]
     if len(rows) > 1 and len(first) == len(names) and not any(is_number(x.replace(",", ".")) for x in first) and _is_units(first):
-        units, number, first = first, number + 1, _fields(rows[1], delimiter, path)
+        units, number, first = first, number + 1, rows[1]
+    if len(first) == len(names) + 1 and not any(row[len(names) :] != ("",) for row in rows[bool(units) :] if len(row) > len(names)):
+        names, units = (*names, ""), (*units, "") if units else ()  # every row ends with a separator
     numbers = [x for x in first if x]
-    if delimiter in ";\t" and any("," in x for x in numbers) and not any("." in x for x in numbers):
+    # With commas between fields a decimal comma stands in quotes.
+    if delimiter in ",;\t|" and any("," in x for x in numbers) and not any("." in x for x in numbers):
         decimal = "," if all(is_number(x.replace(",", ".", 1)) for x in numbers if "," in x) else "."
-    return Header(once(names), number, delimiter, decimal, units, encoding)
+    moments = tuple(name for name, x in zip(names, first, strict=False) if is_moment(x))
+    if moments:
+        units = tuple(MOMENT if name in moments else unit for name, unit in zip(names, units or ("",) * len(names), strict=False))
+    return Header(once(names), number, delimiter, decimal, units, encoding, moments=moments)
+
+
+def _echoed(fields: tuple[str, ...]) -> tuple[str, ...]:
+    """The columns of joint states as `ros2 topic echo --csv` writes them, without a header: stamp, frame, names, then the numbers of each
+    field; () for another line."""
+    text = [k for k, x in enumerate(fields) if not is_number(x)]
+    joints = [k for k in text if k > _FRAME]
+    n, rest = len(joints), len(fields) - 1 - _FRAME - len(joints)
+    whole = len(fields) > _FRAME and all(x.isdecimal() for x in fields[:_FRAME])
+    if not whole or not n or joints != list(range(_FRAME + 1, _FRAME + 1 + n)) or rest % n or not 1 <= rest // n <= len(_ECHOED):
+        return ()
+    told = [f"{word}{k}" for word in ("name", *_ECHOED[: rest // n]) for k in range(n)]
+    return ("header.stamp.sec", "header.stamp.nanosec", "header.frame_id", *told)
 
 
 def _behind_preamble(path: Path, encoding: str, names: tuple[str, ...]) -> Header | None:

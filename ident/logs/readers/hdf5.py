@@ -23,6 +23,8 @@ _MAGIC = b"\x89HDF\r\n\x1a\n"
 _MATLAB = b"MATLAB 7.3"
 #: A dataset of more numbers than this is none of a robot's channels.
 _LARGEST = 1 << 28
+#: A list of more names than this is none of joints; the mark of an object of MATLAB's classes, which only MATLAB can read.
+_NAMES, _OBJECT = 1024, "MATLAB_object_decode"
 
 
 @contextmanager
@@ -37,21 +39,61 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _datasets(group: Any) -> dict[str, Any]:
-    """Datasets of numbers below a group that may be channels over time, by path."""
+    """Datasets of numbers below a group that may be channels over time, by path; fields of tables, and lists of names, as arrays."""
     found: dict[str, Any] = {}
 
     def visit(name: str, item: Any) -> None:
-        if hasattr(item, "shape") and item.dtype.kind in "fiub" and len(item.shape) in (1, 2) and 0 < item.size <= _LARGEST:
+        if not hasattr(item, "shape") or not 0 < item.size <= _LARGEST:
+            return
+        if item.dtype.names and len(item.shape) == 1:
+            found.update({f"{name}/{field}": item[field] for field in item.dtype.names if item.dtype[field].base.kind in "fiub"})
+        elif item.dtype.kind in "fiub" and len(item.shape) in (1, 2):
             found[name] = item
+        elif item.dtype.kind in "OS" and len(item.shape) == 1 and item.size <= _NAMES and (told := _texts(item)) is not None:
+            found[name] = told
 
     group.visititems(visit)
+    return _pandas(found)
+
+
+def _texts(item: Any) -> Array | None:
+    """A short dataset of texts; None for one of something else."""
+    values = item[()].tolist()
+    if all(isinstance(x, (bytes, str)) for x in values):
+        return np.array([x.decode("utf-8", "replace") if isinstance(x, bytes) else x for x in values])
+    return None
+
+
+def _pandas(found: dict[str, Any]) -> dict[str, Any]:
+    """The same with the blocks of a DataFrame (`block0_items`, `block0_values`) as columns by their names."""
+    out = dict(found)
+    for name, item in found.items():
+        block = re.match(r"^(?P<stem>.*block\d+)_values$", name)
+        items = found.get(f"{block['stem']}_items") if block else None
+        if items is not None and items.dtype.kind == "U" and len(item.shape) == 2 and item.shape[1] == len(items):
+            values = np.asarray(out.pop(name)[()])
+            out |= {str(column): values[:, k] for k, column in enumerate(items)}
+    return out
+
+
+def _units(file: Any, inside: str = "") -> dict[str, str]:
+    """Units that datasets tell as an attribute, by path."""
+    found: dict[str, str] = {}
+
+    def visit(name: str, item: Any) -> None:
+        told = item.attrs.get("units", item.attrs.get("unit")) if hasattr(item, "shape") else None
+        told = told.decode("utf-8", "replace") if isinstance(told, bytes) else told
+        if isinstance(told, str) and told.strip():
+            found[name] = told.strip()
+
+    (file[inside] if inside else file).visititems(visit)
     return found
 
 
 def _recordings(path: Path) -> Sequence[str]:
     """Groups beside each other that hold the same datasets (`data/demo_0`, `data/demo_1` …), if there are several."""
     with _opened(path) as file:
-        rows = {name: item.shape[0] for name, item in _datasets(file).items()}
+        rows = {name: item.shape[0] for name, item in _datasets(file).items() if item.dtype.kind != "U"}
     alike: dict[tuple[str, str], dict[str, set[str]]] = {}
     for name in rows:
         parts = name.split("/")
@@ -80,9 +122,11 @@ def _read(path: Path) -> Stored:
         for item in found.values():
             unpacked.add(item.size * item.dtype.itemsize)
         arrays = {name: np.asarray(item[()]) for name, item in found.items()}
+        units = _units(file, inside)
     if not inside:
-        arrays = _one_level_up(arrays)
-    return Stored(columns_of(arrays, f"log {path}"))
+        places = _one_level_up({name: name for name in arrays})
+        arrays, units = {k: arrays[own] for k, own in places.items()}, {k: units.get(own, "") for k, own in places.items()}
+    return columns_of(arrays, f"log {path}", units=units)
 
 
 def _chunks(path: Path) -> Chunked:
@@ -103,8 +147,10 @@ def _chunks(path: Path) -> Chunked:
             return table(file).sample(names)
 
     with _opened(outer) as file:
-        whole = table(file)
-        return Chunked(tuple(whole.places), read, sample, whole.rows)
+        whole, told = table(file), _units(file, inside)
+        places = {name: name for name in _datasets(file[inside] if inside else file)}
+        units = whole.units({k: told.get(own, "") for k, own in (places if inside else _one_level_up(places)).items()})
+        return Chunked(tuple(whole.places), read, sample, whole.rows, units, whole.notes(f"log {path}"))
 
 
 def _one_level_up(arrays: Mapping[str, Any]) -> dict[str, Any]:
@@ -119,8 +165,10 @@ def _one_level_up(arrays: Mapping[str, Any]) -> dict[str, Any]:
 def _read_matlab(path: Path) -> Stored:
     unpacked = Expansion(path)
     with _opened(path) as file:
-        content = {name: _value(file, item, unpacked) for name, item in file.items() if not name.startswith("#")}
-    return matlab_columns(leaves(content), path)
+        plain = {name: item for name, item in file.items() if not name.startswith("#")}
+        objects = [name for name, item in plain.items() if _OBJECT in item.attrs]
+        content = {name: _value(file, item, unpacked) for name, item in plain.items()}
+    return matlab_columns(leaves(content), path, objects)
 
 
 def _value(file: Any, item: Any, unpacked: Expansion) -> Any:
@@ -138,7 +186,7 @@ def _value(file: Any, item: Any, unpacked: Expansion) -> Any:
         return [_value(file, file[reference], unpacked) for reference in np.asarray(item[()]).reshape(-1)]
     if kind == b"char":
         return "".join(chr(int(c)) for c in np.asarray(item[()]).reshape(-1, order="F"))
-    if item.attrs.get("MATLAB_empty", 0) or item.size > _LARGEST or item.dtype.kind not in "fiub":
+    if _OBJECT in item.attrs or item.attrs.get("MATLAB_empty", 0) or item.size > _LARGEST or item.dtype.kind not in "fiub":
         return np.zeros(0)
     array = np.asarray(item[()])
     return array.T if array.ndim > 1 else array

@@ -11,7 +11,10 @@ import numpy as np
 from ...errors import DataError
 
 Array = np.ndarray
-MISSING = {"", "nan", "na", "n/a", "null", "none", "-nan", "+nan", "#n/a", "<na>"}
+MISSING = {
+    "", "nan", "na", "n/a", "null", "none", "-nan", "+nan", "#n/a", "<na>", "-", "--", "nan(ind)", "-nan(ind)", "nan(snan)", "-nan(snan)",
+    "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan", "1.#inf", "-1.#inf", "1.#snan", "-1.#snan",
+}  # fmt: skip
 #: What stands between the name of a column that occurs again and its number; longest line (characters) of a table.
 AGAIN = "\x00again "
 
@@ -19,7 +22,9 @@ AGAIN = "\x00again "
 @dataclass(frozen=True)
 class Header:
     """Column names of a table; for text, on which line they end (from 1), what separates fields (" ": runs of spaces) and the digits of a
-    number, the units that are told of columns, and the encoding. `unnamed`: the file names no column; `#0`, `#1` … stand for them."""
+    number, the units that are told of columns, and the encoding.
+
+    `unnamed`: the file names no column; `#0`, `#1` … stand for them; `moments`: columns of dates with times, or times of day."""
 
     names: tuple[str, ...]
     line: int = 0
@@ -28,6 +33,7 @@ class Header:
     units: tuple[str, ...] = ()
     encoding: str = "utf-8-sig"
     unnamed: bool = False
+    moments: tuple[str, ...] = ()
 
 
 def check_file(path: Path) -> None:

@@ -15,12 +15,13 @@ FIELDS = ("position", "velocity", "effort")
 @dataclass(frozen=True, eq=False)
 class JointStates:
     """m messages that name the same `joints`: `stamp` (m,) s, the sender's (of receipt, where that is zero); `received` (m,) s; `values`:
-    field → (m, joints), of those that are filled."""
+    field → (m, joints), of those that are filled; `sender`: number of the connection, where a file tells it."""
 
     joints: tuple[str, ...]
     stamp: Array
     received: Array
     values: Mapping[str, Array]
+    sender: int = 0
 
     def __len__(self) -> int:
         return len(self.stamp)

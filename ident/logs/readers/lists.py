@@ -13,14 +13,20 @@ from typing import Any
 import numpy as np
 
 from ...errors import ConfigurationError, DataError, UnsupportedError
+from ..words import words_of
 from .arrays import CHUNK, STRETCH, element, stretches
 from .damage import damage_told
 from .header import numeric
+from .moments import MOMENT
 from .parquet import arrow_values, parquet_file, parquet_table
 from .stored import Chunked, LogFormat, Stored, register_log_format
 
 Array = np.ndarray
 _MAGIC, _DAMAGED = b"PAR1", "the file is damaged"
+#: Mark of a stream that is cut off.
+_CUT = b"cut off"
+#: Words for a column that names joints.
+_NAMES = {"name", "names", "joint", "joints"}
 
 
 def _is_one(path: Path, start: bytes) -> bool:
@@ -28,25 +34,89 @@ def _is_one(path: Path, start: bytes) -> bool:
 
 
 def _read(path: Path) -> Stored:
-    columns = columns_of_arrow(parquet_table(path), path, _described(path))
+    with damage_told(path, _DAMAGED):
+        columns = columns_of_arrow(parquet_table(path), path, _described(path))
+        moments = _moments(parquet_file(path).schema_arrow, columns)
     if not columns:
         raise DataError(f"log {path}: holds no column of numbers.")
-    return Stored(columns)
+    return Stored(columns, moments)
+
+
+def _moments(schema: Any, columns: Mapping[str, Array]) -> dict[str, str]:
+    """What stands for the unit of columns that are times by their type."""
+    import pyarrow as pa
+
+    return {f.name: MOMENT for f in schema if pa.types.is_timestamp(f.type) and f.name in columns}
 
 
 def columns_of_arrow(table: Any, path: Path, told: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
     """Columns of numbers of an Arrow table; those of lists by element, named as they are `told` to be; structs by field."""
+    import pyarrow as pa
+
     columns: dict[str, Array] = {}
-    while any("struct" in str(f.type) and "list" not in str(f.type) for f in table.schema):
+    while any(pa.types.is_struct(f.type) for f in table.schema):
         table = table.flatten()
+    named = _names_beside(table, path)
     for name in table.column_names:
         column = table.column(name)
-        if "list" in str(column.type):
-            columns |= _elements(name, column, told.get(name, ()))
+        if _is_list(column.type) and pa.types.is_struct(column.type.value_type):
+            columns |= _structs(name, column, path)
+        elif _is_list(column.type):
+            columns |= _elements(name, column, told.get(name, ()) or named.get(name.rpartition(".")[0], ()))
         else:
             with suppress(DataError, ValueError):
                 columns[name] = numeric(arrow_values(column), path, name)
     return columns
+
+
+def _is_list(kind: Any) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
+
+
+def _names_beside(table: Any, path: Path) -> dict[str, tuple[str, ...]]:
+    """Names of joints that stand as a list in every row, by the path of their struct ("" for none). Raises DataError where rows name them
+    in another order than the first."""
+    import pyarrow as pa
+
+    out = {}
+    for name in table.column_names:
+        column = table.column(name)
+        if (
+            _is_list(column.type)
+            and pa.types.is_string(column.type.value_type)
+            and words_of(name.rpartition(".")[2]) & _NAMES
+            and len(column)
+        ):
+            first = column[0].as_py()
+            flat = column.combine_chunks().flatten()
+            if not first or len(flat) != len(first) * len(column) or flat.to_pylist() != first * len(column):
+                raise DataError(
+                    f"log {path}: column {name!r} names other joints in some rows than in the first, or in another order: write one order."
+                )
+            out[name.rpartition(".")[0]] = _names(first)
+    return out
+
+
+def _structs(name: str, column: Any, path: Path) -> dict[str, Array]:
+    """Columns of lists of structs (`joints: [{name, position}]`): by their names where they tell them, alike in every row."""
+    import pyarrow as pa
+
+    flat, rows = column.combine_chunks().flatten(), len(column)
+    width = len(flat) // rows if rows and len(flat) % rows == 0 else 0
+    if not width:
+        return {}
+    fields = {flat.type.field(k).name: flat.field(k) for k in range(flat.type.num_fields)}
+    told = tuple(fields["name"][:width].to_pylist()) if "name" in fields and pa.types.is_string(fields["name"].type) else ()
+    if told and fields["name"].to_pylist() != list(told) * rows:
+        raise DataError(f"log {path}: column {name!r} names its elements in another order in some rows than in the first: write one order.")
+    out: dict[str, Array] = {}
+    for field, values in fields.items():
+        with suppress(TypeError, ValueError):
+            table = np.asarray(values, float).reshape(rows, width)
+            out |= {f"{name}[{told[j] if told else j}].{field}": table[:, j] for j in range(width)}
+    return out
 
 
 def _chunks(path: Path) -> Chunked:
@@ -141,7 +211,7 @@ DATASET = register_log_format(LogFormat("Parquet with lists", _is_one, _read, ch
 
 def _is_arrow(path: Path, start: bytes) -> bool:
     return start.startswith((b"ARROW1", b"FEA1")) or (
-        start.startswith(b"\xff\xff\xff\xff") and path.suffix.lower() in (".arrow", ".arrows")
+        start.startswith(b"\xff\xff\xff\xff") and len(start) > 8 and start[8:12] in (b"\x10\x00\x00\x00", b"\x0c\x00\x00\x00")
     )
 
 
@@ -157,7 +227,21 @@ def _opened(path: Path) -> Any:
         if start.startswith(b"FEA1"):  # of which Arrow believes every place in the file: damage ends the whole process
             raise DataError(f"log {path}: is of Feather's first version, which is read no more; write it anew (Feather 2, Parquet).")
         source = pa.memory_map(str(path))
-        return pa.ipc.open_file(source) if start == b"ARROW1" else pa.ipc.open_stream(source).read_all()
+        return pa.ipc.open_file(source) if start == b"ARROW1" else _stream(pa.ipc.open_stream(source))
+
+
+def _stream(reader: Any) -> Any:
+    """The record batches of a stream that are whole, as a table; one that is cut off says so in the table's metadata."""
+    import pyarrow as pa
+
+    batches, cut = [], ""
+    try:
+        batches += iter(reader)
+    except (pa.ArrowInvalid, OSError) as error:
+        if not batches:
+            raise
+        cut = str(error)
+    return pa.Table.from_batches(batches, reader.schema.with_metadata({_CUT: cut} if cut else None))
 
 
 def _read_arrow(path: Path) -> Stored:
@@ -168,7 +252,8 @@ def _read_arrow(path: Path) -> Stored:
         columns = columns_of_arrow(table, path, _described(path))
     if not columns:
         raise DataError(f"log {path}: holds no column of numbers.")
-    return Stored(columns)
+    cut = _CUT in (table.schema.metadata or {})
+    return Stored(columns, _moments(table.schema, columns), (f"log {path}: ends in the middle; what is whole is read.",) if cut else ())
 
 
 def _arrow_chunks(path: Path) -> Chunked:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +31,7 @@ def _read(path: Path) -> Stored:
         _bound(path)
         content = loadmat(path, simplify_cells=True)
     plain = {name: value for name, value in content.items() if not str(name).startswith("__") and name != "None"}
-    return matlab_columns(leaves(plain), path)
+    return matlab_columns(leaves(plain), path, ("one",) if "None" in content else ())
 
 
 def _bound(path: Path) -> None:
@@ -50,11 +52,14 @@ def _bound(path: Path) -> None:
             file.seek(end)
 
 
-def matlab_columns(arrays: dict[str, Array], path: Path) -> Stored:
-    """Columns of MATLAB's arrays: of a matrix `q` of n columns q1 … qn, of `q_deg` q1_deg …; units from labels such as `q_meas [deg]`."""
+def matlab_columns(arrays: dict[str, Array], path: Path, objects: Sequence[str] = ()) -> Stored:
+    """Columns of MATLAB's arrays: of a matrix `q` of n columns q1 … qn, of `q_deg` q1_deg …; units from labels such as `q_meas [deg]`.
+    `objects`: variables that are objects of MATLAB's classes, which only MATLAB can read."""
+    arrays = {name: a.squeeze() if a.ndim > 2 else a for name, a in arrays.items()}  # Simulink's (n, 1, N)
     numeric = {name: a for name, a in arrays.items() if a.dtype.kind in "fiub" and a.ndim in (1, 2)}
-    if not numeric:
-        raise DataError(f"log {path}: holds no numeric variable.")
+    what = "it holds objects of MATLAB (timeseries, timetable, Dataset), which only MATLAB reads: save their Time and Data as arrays"
+    if not any(max(a.shape, default=0) > 1 for a in numeric.values()):
+        raise DataError(f"log {path}: holds no numeric variable{f'; {what}' if objects else ''}.")
     bare: dict[str, Array] = {}
     units: dict[str, str] = {}
     for name, a in shortest(numeric).items():
@@ -63,9 +68,9 @@ def matlab_columns(arrays: dict[str, Array], path: Path) -> Stored:
         bare[stem if told else name] = a
         if told:
             units[stem] = unit
-    columns = columns_of(bare, f"log {path}", _indexed)
-    owner = {_indexed(stem, j): unit for stem, unit in units.items() for j in range(len(columns))} | units
-    return Stored(columns, {name: owner[name] for name in columns if name in owner})
+    texts = {name: a for name, a in arrays.items() if a.dtype.kind in "US"}
+    stored = columns_of(bare | texts, f"log {path}", _indexed, units)
+    return replace(stored, notes=(*stored.notes, *([f"log {path}: {what}."] if objects else [])))
 
 
 def _indexed(name: str, k: int) -> str:

@@ -41,11 +41,12 @@ class McapFile:
         self._path = path
         self._schemas: dict[int, tuple[str, str]] = {}
         self._channels: dict[int, Channel] = {}
+        self.cut = False
 
     def blocks(self, wanted: Callable[[Channel], bool]) -> Iterator[tuple[Channel, Array, Array]]:
         """Messages of the wanted channels as they stand in the file: received (m,) ns, and raw (m, L) uint8, all of one length.
 
-        Raises DataError for a file that is cut off or damaged."""
+        Of a file that is cut off, what is whole; `cut` then is true. Raises DataError for one that is damaged."""
         for number, received, raw in self._blocks():
             channel = self._channels.get(number)
             if channel is not None and wanted(channel):
@@ -60,7 +61,8 @@ class McapFile:
                 (length,) = struct.unpack_from("<Q", head, 1)
                 body = file.read(length) if length <= _LARGEST else b""
                 if len(body) < length:
-                    raise DataError(f"log {self._path}: the file is cut off in its last record; repair it with `mcap recover`.")
+                    self.cut = True  # as a recorder leaves it that was ended
+                    break
                 if head[0] == _CHUNK:
                     yield from self._records(self._unpacked(body))
                 elif head[0] == _MESSAGE:
@@ -70,6 +72,8 @@ class McapFile:
                         pending = []
                 else:
                     self._told(head[0], body)
+            else:
+                self.cut = len(head) < _HEAD
             yield from self._records(b"".join(pending))
 
     def _unpacked(self, body: bytes) -> bytes:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...errors import DataError
-from .arrays import columns_of, element, leaves
+from .arrays import columns_of, element, leaves, names_told
 from .damage import DAMAGED, reason
 from .packed import bounded_lines, open_whole
 from .stored import LogFormat, Stored, register_log_format
@@ -37,24 +39,40 @@ def _read_json(path: Path) -> Stored:
     try:
         whole = json.loads(text)
     except (ValueError, RecursionError):
-        return _table(_lines(text, path), path)
+        cut: list[str] = []
+        stored = table_of_messages(_lines(text, path, cut), path)
+        return replace(stored, notes=(*stored.notes, *cut))
     if isinstance(whole, list) and whole and all(isinstance(m, dict) for m in whole):
-        return _table(iter(whole), path)
+        return table_of_messages(iter(whole), path)
     if isinstance(whole, dict):
         for value in whole.values():
             if isinstance(value, list) and len(value) > 1 and all(isinstance(m, dict) for m in value):
-                return _table(iter(value), path)
-        return Stored(columns_of(leaves(_arrays(whole)), f"log {path}"))
+                return table_of_messages(iter(value), path)
+        return columns_of(leaves(_arrays(_named_table(whole))), f"log {path}")
     raise DataError(f"log {path}: is JSON, but neither messages nor arrays by name.")
 
 
-def _lines(text: str, path: Path) -> Iterator[Any]:
-    for k, line in enumerate(bounded_lines(text.splitlines(), path), 1):
-        if line.strip():
-            try:
-                yield json.loads(line)
-            except (ValueError, RecursionError) as error:
-                raise DataError(f"log {path}: line {k} is no JSON message ({reason(error)}).") from None
+def _lines(text: str, path: Path, cut: list[str]) -> Iterator[Any]:
+    """Messages, a line each. A last line that ends in the middle is left out, and said in `cut`."""
+    lines = [(k, line) for k, line in enumerate(bounded_lines(text.splitlines(), path), 1) if line.strip()]
+    for k, line in lines:
+        try:
+            yield json.loads(line)
+        except (ValueError, RecursionError) as error:
+            if k == lines[-1][0] > lines[0][0] and not text.endswith("\n"):
+                cut.append(f"log {path}: line {k}, the last, ends in the middle of a message, and is left out.")
+                return
+            raise DataError(f"log {path}: line {k} is no JSON message ({reason(error)}).") from None
+
+
+def _named_table(whole: dict[str, Any]) -> dict[str, Any]:
+    """The same as lists by name, where it is a table with names of columns, or one value for each row's number, as pandas writes them."""
+    names, rows = whole.get("columns"), whole.get("data")
+    if isinstance(names, list) and isinstance(rows, list) and rows and all(isinstance(r, list) and len(r) == len(names) for r in rows):
+        return {str(name): list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+    if whole and all(isinstance(v, dict) and v and all(k.isdecimal() for k in v) for v in whole.values()):
+        return {name: list(v.values()) for name, v in whole.items()}
+    return whole
 
 
 def _arrays(content: Any, deep: int = 0) -> Any:
@@ -63,6 +81,11 @@ def _arrays(content: Any, deep: int = 0) -> Any:
         return {}
     if isinstance(content, dict):
         return {k: _arrays(v, deep + 1) for k, v in content.items()}
+    if isinstance(content, list) and names_told(content):
+        return [_arrays(item, deep + 1) for item in content]
+    if isinstance(content, list) and content and all(isinstance(x, str) for x in content):
+        stamps = [_stamp(x) for x in content]
+        return np.array(content) if None in stamps else np.array(stamps, float)
     if isinstance(content, list):
         try:
             array = np.array(
@@ -74,7 +97,7 @@ def _arrays(content: Any, deep: int = 0) -> Any:
     return content
 
 
-def _table(messages: Iterator[Any], path: Path) -> Stored:
+def table_of_messages(messages: Iterator[Any], path: Path) -> Stored:
     """Columns of messages: a row each; what some lack is NaN there."""
     rows = [_flat(message) for message in messages if isinstance(message, dict)]
     names: dict[str, None] = {}
@@ -99,8 +122,9 @@ def _flat(message: Mapping[str, Any], name: str = "", deep: int = 0) -> dict[str
         message = {k: v for k, v in message.items() if k not in ("name", *_FIELDS)}
     for key, value in message.items():
         items = enumerate(value) if isinstance(value, list) else ((None, value),)
+        named = names_told(value) if isinstance(value, list) else ()
         for k, item in items:
-            path = f"{name}{key}" if k is None else element(f"{name}{key}", k)
+            path = f"{name}{key}" if k is None else f"{name}{key}[{named[k]}]" if named else element(f"{name}{key}", k)
             if isinstance(item, dict):
                 out |= _flat(item, f"{path}.", deep + 1)
             elif (number := _number(item)) is not None:
@@ -116,7 +140,16 @@ def _number(value: Any) -> float | None:
         return float(value) if abs(value) < 1e300 or value != value else None
     if isinstance(value, str) and re.fullmatch(r"[+-]?(\d+(\.\d*)?([eE][+-]?\d+)?|NaN|nan|Infinity)", value.strip()):
         return float(value)
-    return None
+    return _stamp(value) if isinstance(value, str) else None
+
+
+def _stamp(text: str) -> float | None:
+    """A date with a time of day (ISO 8601) as seconds since 1970; None for another text."""
+    try:
+        moment = datetime.fromisoformat(text.strip()) if ":" in text and "-" in text else None
+        return None if moment is None else (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    except (ValueError, OverflowError):
+        return None
 
 
 def _read_xml(path: Path) -> Stored:
@@ -133,7 +166,7 @@ def _read_xml(path: Path) -> Stored:
     records = list(root)
     if len(records) == 1:
         records = list(records[0])
-    return _table((_attributes(record) for record in records), path)
+    return table_of_messages((_attributes(record) for record in records), path)
 
 
 def _attributes(record: Any, name: str = "", deep: int = 0) -> dict[str, Any]:

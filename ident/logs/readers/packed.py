@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import codecs
 import gzip
 import io
 import lzma
@@ -28,6 +29,9 @@ def open_binary(path: Path) -> IO[bytes]:
     for magic, opener in _OPENERS:
         if start.startswith(magic):
             return io.BufferedReader(_Told(opener(path, "rb"), path), _BLOCK)
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) and start[:4] != b"\xff\xff\xff\xff":
+        with damage_told(path, "begins as UTF-16, and is none"):
+            return io.BytesIO(path.read_bytes().decode("utf-16").encode())
     if start.startswith(_ZSTANDARD):
         return io.BufferedReader(_Told(_Zstandard(path), path), _BLOCK)
     return path.open("rb")
@@ -138,7 +142,7 @@ class _Unpacked(_Told):
 def open_whole(path: Path) -> IO[bytes]:
     """`open_binary` for those who keep all of it in memory."""
     stream = open_binary(path)
-    plain = isinstance(stream, io.BufferedReader) and isinstance(stream.raw, io.FileIO)
+    plain = isinstance(stream, io.BytesIO) or (isinstance(stream, io.BufferedReader) and isinstance(stream.raw, io.FileIO))
     return stream if plain else io.BufferedReader(_Unpacked(stream, path), _BLOCK)
 
 

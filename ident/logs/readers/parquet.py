@@ -55,3 +55,10 @@ def stored_names(file: Any) -> tuple[tuple[str, str], ...]:
         raise DataError("the names of the columns of a Parquet file are no text: the file is damaged.") from None
     bare = [name.strip() for name in stored]
     return tuple((name if bare.count(name) == 1 else own, own) for name, own in zip(bare, stored, strict=True))
+
+
+def time_columns(file: Any) -> set[str]:
+    """The columns that are times by their type, as they are called in the file."""
+    import pyarrow as pa
+
+    return {field.name for field in file.schema_arrow if pa.types.is_timestamp(field.type)}

@@ -11,17 +11,24 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import DataError
-from . import arrays, bag, hdf5, lists, mat, messages, scope  # the formats that are registered
+from . import arrays, bag, cells, hdf5, lists, mat, messages, scope, unread  # the formats that are registered
+from .damage import damage_told
 from .dialect import text_header
 from .header import MISSING, Header, check_file, is_number, numeric, seconds
-from .parquet import arrow_values, parquet_file, parquet_table, stored_names
+from .moments import MOMENT, seconds_of
+from .parquet import arrow_values, parquet_file, parquet_table, stored_names, time_columns
 from .stored import Stored, format_of, split_inside
 from .text import read_text_columns, rows_of_text, text_columns
 
 Array = np.ndarray
 #: The formats that come with the package.
-BUILT_IN = (arrays.NPZ, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, lists.ARROW, scope.SCOPE, bag.BAG)
+BUILT_IN = (
+    arrays.NPZ, arrays.NPY, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, lists.ARROW, scope.SCOPE,
+    cells.CELLS, bag.BAG, unread.UNREAD,
+)  # fmt: skip
 _PARQUET = (".parquet", ".pq")
+#: Rows that tell the size of a time.
+_FIRST = 5
 
 
 def read_header(path: Path) -> Header:
@@ -31,7 +38,12 @@ def read_header(path: Path) -> Header:
     if (stored := stored_table(path)) is not None:
         return Header(stored.names, units=tuple(stored.units.get(name, "") for name in stored.names))
     if path.suffix.lower() in _PARQUET:
-        return Header(tuple(name for name, _ in stored_names(parquet_file(path))))
+        file = parquet_file(path)
+        with damage_told(path, "the file is damaged"):
+            times = time_columns(file)
+        return Header(
+            tuple(name for name, _ in stored_names(file)), units=tuple(MOMENT if own in times else "" for _, own in stored_names(file))
+        )
     return text_header(path)
 
 
@@ -61,6 +73,20 @@ def read_labels(path: Path, header: Header, name: str) -> list[str]:
     return [str(x).strip() for x in read_text_columns(path, header, [name])[name]]
 
 
+def first_values(path: Path, header: Header, name: str) -> Array:
+    """A column's numbers in the first rows of a text or a plain Parquet file; times and what is no number are none."""
+    if path.suffix.lower() in _PARQUET:
+        file = parquet_file(path)
+        own = dict(stored_names(file))[name]
+        with damage_told(path, "the file is damaged"):
+            batch = next(iter(file.iter_batches(_FIRST, columns=[own])), None)
+        values = np.asarray(batch.column(0)) if batch is not None else np.zeros(0)
+        return values.astype(float) if values.dtype.kind in "fiu" else np.zeros(0)
+    at = header.names.index(name)
+    fields = [row[at].strip().replace(header.decimal, ".") for _, row in islice(rows_of_text(path, header), _FIRST) if at < len(row)]
+    return np.array([float(x) for x in fields if is_number(x)])
+
+
 def recordings_in(path: Path) -> list[Path]:
     """The recordings of a file: itself, or one path inside it for each."""
     try:
@@ -71,8 +97,10 @@ def recordings_in(path: Path) -> list[Path]:
     return [path / name for name in inside] or [path]
 
 
-def read_columns(path: Path, header: Header, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
-    """The named columns as float arrays (missing entries are NaN), and those of `optional` that are numbers.
+def read_columns(
+    path: Path, header: Header, names: Sequence[str], optional: Sequence[str] = (), said: list[str] | None = None
+) -> dict[str, Array]:
+    """The named columns as float arrays (missing entries are NaN), and those of `optional` that are numbers. `said`: as of `text_columns`.
 
     Raises DataError naming file, column and row."""
     if (stored := stored_table(path)) is not None:
@@ -90,12 +118,13 @@ def read_columns(path: Path, header: Header, names: Sequence[str], optional: Seq
     first = [fields for _, fields in islice(rows_of_text(path, header), 5)]
     place = {name: header.names.index(name) for name in optional}
     numbers = [n for n, i in place.items() if all(i < len(f) and _number_or_none(f[i], header) for f in first)]
-    if not numbers:
-        return text_columns(path, header, names)
-    try:
-        return text_columns(path, header, [*names, *numbers])
-    except DataError:
-        return text_columns(path, header, names)
+    texts = [n for n in (*names, *optional) if n in header.moments]
+    moments = {n: seconds_of(x, path, n) for n, x in read_text_columns(path, header, texts).items()} if texts else {}
+    names = [n for n in names if n not in moments]
+    if numbers:
+        with suppress(DataError):
+            return text_columns(path, header, [*names, *numbers], said) | moments
+    return (text_columns(path, header, names, said) if names or not moments else {}) | moments
 
 
 def _number_or_none(text: str, header: Header) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
-from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
@@ -15,14 +14,18 @@ import numpy as np
 from ...errors import DataError, IdentError
 from .damage import DAMAGED, damage_told, reason
 from .header import MISSING, Header, is_number
+from .moments import is_moment
 from .packed import open_binary, open_whole
 from .parquet import arrow_values
+from .strangers import is_stranger, without_strangers
 
 Array = np.ndarray
 #: Characters of a field that messages show.
 _SHOWN = 40
 #: Bytes at the beginning in which the kind of line ends is looked for.
 _HEAD = 1 << 16
+#: What stands for a missing number, beside what pandas knows.
+_NONE = [text for lower in MISSING if lower for text in {lower, lower.upper(), lower.replace("nan", "NaN").replace("ind", "IND")}]
 #: What pandas says of quotes that are open at the end of the text.
 _NEVER_CLOSED = "EOF inside string"
 
@@ -60,8 +63,29 @@ def body_of(path: Path, header: Header) -> IO[bytes]:
     return stream
 
 
-def text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
-    """The named columns as float arrays. Raises DataError naming line and column."""
+def text_columns(path: Path, header: Header, names: Sequence[str], said: list[str] | None = None) -> dict[str, Array]:
+    """The named columns as float arrays. Raises DataError naming line and column. What is left out between the rows is added to `said`
+    (without which nothing is)."""
+    try:
+        return _text_columns(path, header, names)
+    except DataError:
+        if said is None:
+            raise
+        with body_of(path, header) as stream:
+            rows, left = without_strangers(stream, header)
+        if not left:
+            raise
+        try:
+            columns = pandas_columns(io.BytesIO(rows), header, names, 0)
+        except (ValueError, OverflowError):
+            columns = None
+        if columns is None:
+            raise
+        said += [note for note in left.notes(f"log {path}") if note not in said]
+        return columns
+
+
+def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
     if find_spec("pyarrow") is not None and header.delimiter != " ":
         found = _arrow_columns(path, header, names)
         if found is not None:
@@ -96,6 +120,7 @@ def pandas_columns(stream: IO[bytes], header: Header, names: Sequence[str], skip
         skipinitialspace=True,
         low_memory=False,
         decimal=header.decimal,
+        na_values=_NONE,
         encoding=header.encoding,
         encoding_errors="replace",  # of columns that are not read; a number with a foreign letter is none
         **exact,
@@ -203,7 +228,8 @@ def bad_text(
     """Find the first row that cannot be read and say what is wrong with it. `rows`: those to look at, beginning with data row
     `first`; by default all."""
     index, last = [(header.names.index(n), n) for n in names], (first, 0)
-    for row, (line, fields) in enumerate(rows_of_text(path, header) if rows is None else rows, first):
+    own = ((line, fields) for line, fields in (rows_of_text(path, header) if rows is None else rows) if not is_stranger(fields, header))
+    for row, (line, fields) in enumerate(own, first):
         if len(fields) > len(header.names):
             return DataError(
                 f"log {path}: line {line} (data row {row}) has {len(fields)} fields, but the header has {len(header.names)}; mend that"
@@ -224,7 +250,7 @@ def bad_text(
                     continue
                 if is_number(text.replace(",", ".", 1)):
                     remedy = "It has a decimal comma: write the file with decimal points."
-                elif _is_moment(text):
+                elif is_moment(text):
                     remedy = "It is a date with a time: write times as seconds (since any moment), in every row."
                 return DataError(f"log {path}: column {name!r}, line {line} (data row {row}): {shown!r} is not a number. {remedy}")
         last = row, line
@@ -234,12 +260,3 @@ def bad_text(
             " or leave them out."
         )
     return DataError(f"log {path}: cannot be read as a table of numbers: {reason}.")
-
-
-def _is_moment(text: str) -> bool:
-    """Whether a text is a date with a time, as ISO 8601 writes them."""
-    try:
-        datetime.fromisoformat(text)
-    except ValueError:
-        return False
-    return ":" in text

@@ -34,11 +34,15 @@ def _parts(path: Path) -> list[Path]:
     return sorted(found, key=lambda p: [int(x) if x.isdecimal() else -1 for x in p.stem.split("_")[-1:]])
 
 
-def blocks(path: Path, wanted: Callable[[Channel], bool]) -> Iterator[Block]:
-    """Messages of the wanted topics of a bag, roughly in the order of receipt."""
+def blocks(path: Path, wanted: Callable[[Channel], bool], said: list[str] | None = None) -> Iterator[Block]:
+    """Messages of the wanted topics of a bag, roughly in the order of receipt; `said`: gathers what there is to say of files that are cut
+    off."""
     if files := _parts(path):
-        for file in files:
-            yield from McapFile(file).blocks(wanted)
+        for part in files:
+            file = McapFile(part)
+            yield from file.blocks(wanted)
+            if file.cut and said is not None:
+                said.append(f"log {part}: the file ends in the middle of a record (its recorder was ended); what is whole is read.")
         return
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
@@ -66,11 +70,12 @@ def _block(channel: Channel, messages: list[tuple[int, bytes]]) -> Block:
 
 
 def topics_of(path: Path) -> dict[str, str]:
-    """Message type of every topic that has messages."""
+    """Message type (and encoding, where it is another than ROS has) of every topic that has messages."""
     found: dict[str, str] = {}
 
     def noted(channel: Channel) -> bool:
-        found[channel.topic] = channel.msgtype
+        other = "" if channel.encoding in ("cdr", "ros1") else f", {channel.encoding or 'no encoding'}"
+        found[channel.topic] = f"{channel.msgtype or 'no schema'}{other}"
         return False
 
     for _ in blocks(path, noted):
@@ -83,7 +88,9 @@ def decoder(channel: Channel) -> Callable[[bytes], Any]:
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     if channel.encoding not in ("cdr", "ros1"):
-        raise DataError(f"topic {channel.topic}: messages encoded as {channel.encoding or 'nothing'} are not read; only CDR and ROS 1.")
+        raise DataError(
+            f"topic {channel.topic}: messages encoded as {channel.encoding or 'nothing'} are not read; only CDR, ROS 1 and JSON."
+        )
     store = get_typestore(Stores.ROS2_HUMBLE if channel.encoding == "cdr" else Stores.ROS1_NOETIC)
     if channel.definition:
         read = get_types_from_idl if "module " in channel.definition else lambda text: get_types_from_msg(text, channel.msgtype)

@@ -1,0 +1,90 @@
+"""Effects by their names: the built-in ones, and those of plugins."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import pkgutil
+from typing import Any, TypeVar
+
+from .._utils.plugins import load_installed
+from ..errors import ConfigurationError, unknown_name
+from .base import Effect
+
+_E = TypeVar("_E", bound=Effect)
+_REGISTRY: dict[str, type[Effect]] = {}
+
+
+def register(effect: type[_E]) -> type[_E]:
+    """Class decorator: make an effect known by its name (study files, command line, diagnosis)."""
+    known = _REGISTRY.get(effect.name)
+    if known is not None and (known.__module__, known.__qualname__) != (effect.__module__, effect.__qualname__):
+        raise ConfigurationError(f"two effects are named {effect.name!r}: {known.__module__} and {effect.__module__}.")
+    _REGISTRY[effect.name] = effect
+    return effect
+
+
+def _load_all() -> None:
+    for package_name in ("ident.effects", "ident.friction"):
+        package = importlib.import_module(package_name)
+        for module in pkgutil.iter_modules(package.__path__):
+            importlib.import_module(f"{package_name}.{module.name}")
+
+
+def effect_types() -> dict[str, type[Effect]]:
+    """Every registered effect by name, the built-in ones and the user's."""
+    _load_all()
+    load_installed()
+    return dict(sorted(_REGISTRY.items()))
+
+
+def effect_names() -> tuple[str, ...]:
+    """Names of all registered effects, the built-in ones and those of plugins.
+
+    Returns
+    -------
+    tuple of str
+        In alphabetical order.
+
+    Examples
+    --------
+    >>> import ident
+    >>> "stribeck" in ident.effect_names()
+    True
+    """
+    return tuple(effect_types())
+
+
+def make_effect(name: str, **configuration: Any) -> Effect:
+    """An effect by its name, as study files give it.
+
+    Parameters
+    ----------
+    name : str
+        See `effect_names`.
+    **configuration
+        Fields of the effect: joints, side, shape parameters.
+
+    Returns
+    -------
+    Effect
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown name or key, with the nearest known ones.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.make_effect("stribeck", joints=["joint3"], v_s=0.2).v_s
+    0.2
+    """
+    types = effect_types()
+    if name not in types:
+        raise unknown_name("effect", name, types)
+    known = {f.name for f in dataclasses.fields(types[name])}
+    for key in configuration:
+        if key not in known:
+            raise unknown_name(f"key of effect {name!r}", key, known)
+    return types[name](**configuration)

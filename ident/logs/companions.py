@@ -1,0 +1,113 @@
+"""What belongs to the positions of a recording: velocities, torques and currents of the same joints, and what is said of the rest."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from .channels import ChannelGroup, bare_name, known_scale
+from .clocks import RecordedTime, rate_ratio
+
+Array = np.ndarray
+Reader = Callable[[Sequence[str]], Mapping[str, Array]]
+#: Motors that turn so many times as fast as the joints have gears.
+_GEARED = 3.0
+#: Two encoders of a joint differ by less than this share of its range.
+SAME = 0.05
+
+
+def companions(
+    q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, Array], names: Sequence[str], joints: Sequence[str] | None
+) -> tuple[dict[str, ChannelGroup], list[str]]:
+    """Velocities, and torque or current, of the same joints, and what is said of such that are not taken; nothing where torque is there for
+    some joints only. A torque that is computed counts only where there is neither another nor a current."""
+    chosen, notes = {"q": q}, list[str]()
+    n = len(q.columns)
+    at_rest = all(np.ptp(table[c][np.isfinite(table[c])]) < 1e-3 for c in q.columns if np.isfinite(table[c]).any())
+    for quantity in ("dq", "i", "tau"):
+        plain = [g for g in found if g.quantity == quantity and not g.wanted and not g.estimated]
+        same = [g for g in plain if len(g.columns) == n and (moves(table, g) or (quantity == "dq" and at_rest))]
+        if quantity == "tau" and not same and any(moves(table, g) and len(g.columns) != n for g in plain):
+            return {}, []
+        notes += [f"{g} do not tell the joints that {q} tell, and are not used." for g in same if g.along(q, names) is None]
+        same = [g for one in same if (g := one.along(q, names)) is not None]
+        read = [g for g in same if not g.unread and not (quantity == "dq" and g.of_motors and not q.of_motors)]
+        notes += [_unread(g) for g in same if g.unread]
+        notes += [f"{g} are of the motors, and not used for the joints." for g in same if not g.unread and g not in read]
+        if quantity == "tau" and "i" in chosen and all(g.computed for g in read):
+            continue
+        if read:
+            chosen[quantity] = max(read, key=lambda g: (not g.computed, len(g.words & q.words), g.measured, -len(g.stem)))
+    if "tau" in chosen:
+        chosen.pop("i", None)
+        g = chosen["tau"]
+        if g.computed:
+            notes.append(f"{g} say that they are computed: parameters are those of what computed them, as far as it is right.")
+    elif "i" not in chosen:
+        asked = [g for g in found if g.quantity == "tau" and g.wanted and not g.estimated and len(g.columns) == n and moves(table, g)]
+        notes += [
+            f"{g} are torques that were asked for, not measured: to use them, say so under [columns] ({_as_torque(g)})." for g in asked[:1]
+        ]
+    return chosen, [*notes, *_of_other_names(q, joints), *_others(q, found, table)]
+
+
+def side_of_motors(
+    g: ChannelGroup,
+    speeds: Sequence[ChannelGroup],
+    q: ChannelGroup,
+    table: Mapping[str, Array],
+    scale: float,
+    time: RecordedTime,
+    read: Reader,
+) -> tuple[bool, str]:
+    """Whether torques that are called the motors' are before the gears, as the speeds of the motors tell; and what to say of them."""
+    for dq in [dq for dq in speeds if dq.unit and len(dq.columns) == len(q.columns) and time.column]:
+        ratio = rate_ratio(time.factor * np.asarray(read([time.column])[time.column], float), table, q, dq, (scale, known_scale(dq.unit)))
+        if ratio is not None and ratio < 1 / _GEARED:
+            return True, f"{g} are torques before the gears: {dq} turn about {1 / ratio:.3g} times as fast as the joints ([drive] ratio)."
+    return (
+        False,
+        f'{g} are called the motors\', but are taken as torques of the joints; if they are before the gears, say [drive] torque = "motor".',
+    )
+
+
+def _as_torque(g: ChannelGroup) -> str:
+    return f'tau1 = "{g.columns[0]}" …'
+
+
+def _unread(g: ChannelGroup) -> str:
+    """What is said of channels in a unit that nobody knows."""
+    key, si = {"dq": ("dq1", "rad/s"), "tau": ("tau1", "N m"), "i": ("i1", "A")}[g.quantity]
+    return (
+        f"{g} are in {g.unread!r}, which is no unit that is known, and are not used: say what one of it is in {si} under [columns] of a"
+        f' study file, {key} = {{ column = "{g.columns[0]}", scale = … }} ….'
+    )
+
+
+def _of_other_names(q: ChannelGroup, joints: Sequence[str] | None) -> list[str]:
+    """What is said of joints that the file names otherwise than the robot does."""
+    own = {bare_name(name) for name in joints or ()}
+    told = [name for name in q.joints if re.search("[A-Za-z]", bare_name(name))]
+    if not joints or not told or {bare_name(name) for name in q.joints} == own or all(re.search(r"\d", x) for x in told):
+        return []
+    return [f"its joints are named {', '.join(q.joints)}; the robot's, {', '.join(joints)}, are taken to come in that order."]
+
+
+def _others(q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, Array]) -> list[str]:
+    """What is said of other joints' positions (another arm's)."""
+    own = np.stack([table[c] for c in q.columns])
+    for g in [g for g in found if g.quantity == "q" and not g.wanted and not g.estimated]:
+        if g is not q and len(g.columns) == len(q.columns) and not set(g.columns) & set(q.columns) and not g.computed and moves(table, g):
+            other = np.stack([table[c] for c in g.columns])
+            with np.errstate(invalid="ignore"):
+                apart = np.nanmax(np.abs(own - other), initial=0.0) > SAME * np.nanmax(np.ptp(own, axis=1), initial=0.0)
+            if apart:
+                return [f"{g} hold positions too (of another arm?), and are not used; those of {q} are read: map others under [columns]."]
+    return []
+
+
+def moves(table: Mapping[str, Array], group: ChannelGroup) -> bool:
+    """Whether a group holds anything: arrays that are present and all zero are none."""
+    return any(np.nanmax(np.abs(table[c]), initial=0.0) > 0.0 for c in group.columns)
