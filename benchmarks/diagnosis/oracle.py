@@ -19,7 +19,8 @@ from ident import estimators as es
 from ident.diagnosis.analysed import prepared
 from ident.diagnosis.design.places import choices, covers, grid, joints_of, placements
 from ident.diagnosis.inference.refinement import refined
-from ident.effects.base import Effect, effect_types
+from ident.effects.base import Effect
+from ident.effects.registry import effect_types
 from ident.model import Model
 from ident.problem.problem import Problem
 from ident.signals import Signals

@@ -16,7 +16,7 @@ from ..diagnosis.inference.decide import decide
 from ..diagnosis.inference.scores import Scores
 from ..diagnosis.scoring.fit import Fit, prior_rows
 from ..diagnosis.scoring.known import Known
-from ..effects.base import effect_types
+from ..effects.registry import effect_types
 from ..effects.rigid_body import RigidBody
 
 if TYPE_CHECKING:

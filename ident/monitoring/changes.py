@@ -10,7 +10,7 @@ import numpy as np
 
 from ..diagnosis.confidence import confidence
 from ..diagnosis.uncertainty import found_parameters
-from ..effects.base import Need
+from ..effects.kinds import Need
 from ..problem.problem import Problem
 from .before import LABEL
 from .result import Change, ChangedParameter, How

@@ -9,8 +9,8 @@ import pytest
 from effect_robots import pendulum
 
 from ident.diagnosis import Verdict, diagnose
-from ident.effects.base import make_effect
 from ident.effects.motion import Motion
+from ident.effects.registry import make_effect
 from ident.errors import ConfigurationError
 from ident.estimate.estimate import Estimate
 from ident.estimators import WeightedLeastSquares

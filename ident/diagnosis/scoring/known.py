@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.base import Nature
+from ...effects.kinds import Nature
 from ..thresholds import BOUND
 
 if TYPE_CHECKING:
