@@ -12,7 +12,9 @@ from ident import friction as fr
 from ident.model import Model
 from ident.robots import DriveParameters, drive_parameters, nominal_values
 from ident.robots.transmission import Side, Transmission
-from ident.simulation.trajectory import FourierTrajectory
+from ident.simulation.trajectory import FourierTrajectory, Trajectory
+
+from . import motions
 
 Array = np.ndarray
 
@@ -21,7 +23,8 @@ Array = np.ndarray
 class Arm:
     """A robot with its declared model (rigid body, rotor inertia, viscous and Coulomb friction) and the true values of it.
 
-    `top_speed` (n,) rad/s (m/s) and `limits` (n, 2): the room that motions use; `counts`: encoder counts a motor turn."""
+    `top_speed` (n,) rad/s (m/s) and `limits` (n, 2): the room that motions use; `counts`: encoder counts a motor turn; `style`:
+    of its motion."""
 
     name: str
     model: Model
@@ -30,6 +33,7 @@ class Arm:
     top_speed: Array
     counts: float
     frequency_hz: float
+    style: str = "fourier"
 
     @property
     def robot(self) -> ident.Robot:
@@ -41,8 +45,10 @@ class Arm:
         names = self.model.names
         return {s: np.array([self.values[names.index(f"{s}_{j}")] for j in self.robot.joint_names]) for s in ("Ia", "Fv", "Fc")}
 
-    def motion(self, seed: int, seconds: float) -> FourierTrajectory:
-        """A random motion of many frequencies that never repeats, within limits and speeds."""
+    def motion(self, seed: int, seconds: float) -> Trajectory:
+        """A random motion within limits and speeds; by default of many frequencies, and never repeats."""
+        if self.style != "fourier":
+            return motions.motion(self, self.style, seed, seconds)
         rng = np.random.default_rng([seed, 7])
         n = self.robot.n
         base = 1.0 / seconds
@@ -122,12 +128,48 @@ def six() -> Arm:
     return _geared("ur5", np.full(6, 101.0), Side.MOTOR, drive, limits, np.full(6, 1.8), 4096.0)
 
 
-ARMS = {"puma560": puma, "xarm7": seven, "scara": scara, "ur5": six}
+def _typical(name: str, ratio: float, limits: Array, speed: Array, counts: float, frequency: float, measured: Side) -> Arm:
+    """Any robot with drives in proportion to the torque that its links ask for."""
+    links = ident.load_robot(name)
+    robot = links.with_transmission(Transmission.from_ratio(np.full(links.n, ratio), measured))
+    body = robot.rigid_body()
+    rng = np.random.default_rng(0)
+    q = rng.uniform(limits[:, 0], limits[:, 1], (400, robot.n))
+    dq, ddq = 0.6 * speed * rng.normal(size=q.shape), 3.0 * speed * rng.normal(size=q.shape)
+    tau = robot.transmission.torque(body.inverse_dynamics(q, dq, ddq, nominal_values(body)), robot.transmission.measured, Side.JOINT)
+    torque = np.sqrt(np.mean(tau**2, axis=0)) / ratio
+    drive = {
+        "Ia": (0.2 * torque / (3.0 * speed * ratio)).tolist(),
+        "Fv": (0.15 * torque / (speed * ratio)).tolist(),
+        "Fc": (0.12 * torque).tolist(),
+    }
+    return replace(_geared(name, np.full(robot.n, ratio), measured, drive, limits, speed, counts), frequency_hz=frequency)
+
+
+def direct_drive() -> Arm:
+    """Two joints without gears."""
+    return _typical("double_pendulum", 1.0, np.tile([-2.5, 2.5], (2, 1)), np.full(2, 5.0), 65536.0, 6.0, Side.JOINT)
+
+
+def leg() -> Arm:
+    """Three joints behind gears of nine, as in light legs."""
+    limits = np.array([[-1.2, 1.2], [-1.4, 1.4], [-2.6, 0.2]])
+    return _typical("finger_edu", 9.0, limits, np.array([5.0, 6.0, 7.0]), 4096.0, 10.0, Side.MOTOR)
+
+
+def ten() -> Arm:
+    """UR10, torque on the joint side."""
+    limits = np.tile([-2.2, 2.2], (6, 1))
+    return _typical("ur10", 101.0, limits, np.full(6, 1.6), 4096.0, 7.0, Side.JOINT)
+
+
+ARMS = {"puma560": puma, "xarm7": seven, "scara": scara, "ur5": six, "direct_drive": direct_drive, "leg": leg, "ur10": ten}
 
 
 def arm(name: str) -> Arm:
-    """One of the arms by its name."""
-    return ARMS[name]()
+    """One of the arms by its name, after a point the style of its motion: `puma560.task`."""
+    plain, _, style = name.partition(".")
+    return replace(ARMS[plain](), style=style or "fourier")
 
 
 def with_robot(a: Arm, robot: ident.Robot) -> Arm:

@@ -87,7 +87,7 @@ def faults(a: Arm, case: Case) -> list[Fault] | None:
 def simulate_cases(a: Arm, cases: Sequence[Case], made: Sequence[list[Fault]]) -> list[dict[str, Array]]:
     """Logs of cases on one arm, all of one length."""
     robot = a.robot
-    runs = _runs(a, [_lane(a, case, own) for case, own in zip(cases, made, strict=True)], cases[0].seconds)
+    runs = _runs(a, [lane_of(a, case, own) for case, own in zip(cases, made, strict=True)], cases[0].seconds)
     logs = []
     for case, own, run in zip(cases, made, runs, strict=True):
         rms = settings(a, case)[1]
@@ -117,7 +117,8 @@ def _runs(a: Arm, lanes: Sequence[Lane], seconds: float) -> list[Run]:
     return [out[i] for i in range(len(lanes))]
 
 
-def _lane(a: Arm, case: Case, own: list[Fault]) -> Lane:
+def lane_of(a: Arm, case: Case, own: list[Fault]) -> Lane:
+    """One run of a case with its faults."""
     n = a.robot.n
     limits = [f.limit for f in own if f.limit is not None]
     return Lane(
@@ -141,7 +142,7 @@ def generate(folder: Path, cases: Iterable[Case]) -> None:
     start, done = time.monotonic(), 0
     for (name, _), group in groupby(sorted(wanted, key=_alike), key=_alike):
         a = arm(name)
-        own = [(c, made) for case in group for c, made in _possible(a, case) if c.id not in known]
+        own = [(c, made) for case in group for c, made in possible(a, case) if c.id not in known]
         for batch in [own[i : i + _LANES] for i in range(0, len(own), _LANES)]:
             try:
                 logs = simulate_cases(a, [c for c, _ in batch], [m for _, m in batch])
@@ -153,18 +154,22 @@ def generate(folder: Path, cases: Iterable[Case]) -> None:
                     print(f"{case.id}: the simulated motion grows without bound", flush=True)
                     continue
                 np.savez_compressed(folder / f"{case.id}.npz", **log)
-                record = {
-                    "id": case.id,
-                    "arm": case.arm,
-                    "kind": case.kind,
-                    "seed": case.seed,
-                    "parts": [_record(f) for f in made],
-                    "case": asdict(case),
-                }
                 with index.open("a") as out:
-                    out.write(json.dumps(record) + "\n")
+                    out.write(json.dumps(record_of(case, made)) + "\n")
             done += len(batch)
             print(f"{done} of {len(wanted)} cases, {time.monotonic() - start:.0f} s", flush=True)
+
+
+def record_of(case: Case, made: Sequence[Fault]) -> dict[str, object]:
+    """What is in a case, as it is written down beside its log."""
+    return {
+        "id": case.id,
+        "arm": case.arm,
+        "kind": case.kind,
+        "seed": case.seed,
+        "parts": [_record(f) for f in made],
+        "case": asdict(case),
+    }
 
 
 def _out_of_hand(a: Arm, made: Sequence[Fault], log: dict[str, Array]) -> bool:
@@ -173,7 +178,7 @@ def _out_of_hand(a: Arm, made: Sequence[Fault], log: dict[str, Array]) -> bool:
     return any(f.limit is not None and bool(np.any(np.abs(tau) > _LOST * f.limit)) for f in made)
 
 
-def _possible(a: Arm, case: Case) -> list[tuple[Case, list[Fault]]]:
+def possible(a: Arm, case: Case) -> list[tuple[Case, list[Fault]]]:
     """The case with its faults; a single fault that cannot be on that joint goes to the next one that can have it; else nothing."""
     turns = a.robot.n if len(case.parts) == 1 else 1
     for turn in range(turns):

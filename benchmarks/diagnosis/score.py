@@ -42,7 +42,8 @@ _NAMED = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """A case at hand: the arm, the declared model, both parts of the log, the noise of the torque reading (n,)."""
+    """A case at hand: the arm, the declared model, both parts of the log, the standard deviation (n,) of the torque
+    reading's noise, or all that disturbs it (N, n)."""
 
     arm: Arm
     model: Model
@@ -61,7 +62,8 @@ def load(folder: Path, record: dict[str, Any]) -> Loaded:
     with np.load(folder / f"{record['id']}.npz") as data:
         a = _arm(record["arm"])
         tau = {a.robot.transmission.measured.value: data["tau"]}
-        logs = LogSet((Log(record["id"], data["t"], q=data["q"], tau=tau),), robot=a.robot)
+        wanted = {f"q_ref{j + 1}": data["q_ref"][:, j] for j in range(a.robot.n)} if "q_ref" in data else {}
+        logs = LogSet((Log(record["id"], data["t"], q=data["q"], tau=tau, extra=wanted),), robot=a.robot)
         noise = data["noise"]
     fit, held = logs.split(by="fraction", held=HELD)
     model = a.robot.rigid_body()
@@ -123,8 +125,12 @@ def run(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
 
 
 def _floor(signals: Signals, noise: Array) -> Array:
-    """Standard deviation (n,) that the torque noise of the generator (colour 0.3) has behind the row filter."""
+    """Standard deviation (n,) behind the row filter of what disturbs the torque (N, n), or of its noise (n,), whose colour is 0.3."""
     from scipy.signal import lfilter
+
+    if noise.ndim == 2:
+        rows = signals.row_filter.apply(noise) if signals.row_filter is not None else noise
+        return np.asarray(np.std(rows, axis=0))
 
     rng = np.random.default_rng(0)
     x = lfilter([np.sqrt(1 - 0.3**2)], [1.0, -0.3], rng.normal(size=200_000))

@@ -2,7 +2,7 @@
 
 Leapfrog steps: torque is held from half a period before an instant to half a period after it, so that what is logged at the
 instant is its mean (no delay of half a period). Dry friction is solved as a contact at the new speed (projected Gauss-Seidel),
-so that it holds at rest and never has to be smoothed."""
+so that it holds at rest and never has to be smoothed. A drive (`drive.Drive`) turns what the motors do into what is asked of them."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from ident.effects.motion import Coordinates
 from ident.simulation.trajectory import Trajectory
 
 from .arms import Arm
+from .drive import Drive, Wanted
 from .laws import Law, Soft
 
 Array = np.ndarray
@@ -39,23 +40,25 @@ class Lane:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What happened: `t` (N,), link positions `q`, motor positions `phi`, `torque` asked of the motors, (N, n) each; NaN from where
-    the motion grew without bound."""
+    """What happened: `t` (N,), link positions `q`, motor positions `phi`, `torque` of the motors, what dry friction had beside its
+    level (`restless`), (N, n) each; NaN from where the motion grew without bound."""
 
     t: Array
     q: Array
     phi: Array
     torque: Array
+    restless: Array
 
 
-def simulate(declared: Arm, lanes: Sequence[Lane], seconds: float, rate: float, steps: int) -> list[Run]:
-    """Runs of arms that share declared controller and number of joints. `steps` integration (and control) steps a sample."""
-    world = _World(declared, lanes, seconds, 1.0 / (rate * steps))
+def simulate(declared: Arm, lanes: Sequence[Lane], seconds: float, rate: float, steps: int, drive: Drive | None = None) -> list[Run]:
+    """Runs of arms that share declared controller and number of joints. `steps` integration steps a sample; `drive`: by default one
+    that knows the motion at every step and gives what is asked."""
+    world = _World(declared, lanes, seconds, 1.0 / (rate * steps), drive or Drive())
     return world.run(round(seconds * rate) + 1, steps)
 
 
 class _World:
-    def __init__(self, declared: Arm, lanes: Sequence[Lane], seconds: float, h: float) -> None:
+    def __init__(self, declared: Arm, lanes: Sequence[Lane], seconds: float, h: float, how: Drive) -> None:
         from ident.model import Model
         from ident.robots.transmission import Side
         from ident.simulation.controller import typical_inertia
@@ -72,20 +75,20 @@ class _World:
         rigid = Model(declared.robot, declared.model.effects[:2])
         w = 2.0 * np.pi * declared.frequency_hz
         inertia = typical_inertia(rigid, declared.values[:keep], Side.MOTOR)
-        self.kp, self.kd = w**2 * inertia, 2.0 * 0.8 * w * inertia
+        kp, kd = w**2 * inertia, 2.0 * 0.8 * w * inertia
         count = round(seconds / h) + 2
         t = np.arange(count) * h
         drive = declared.robot.transmission
-        self.ahead, self.phi_d, self.w_d = [], [], []
+        ahead, phi_d, w_d = [], [], []
         start = []
         for lane in lanes:
             c = lane.motion.sample(t)
             tau = rigid.inverse_dynamics(c.q, c.dq, c.ddq, declared.values[:keep])
-            self.ahead.append(drive.torque(tau, drive.measured, Side.MOTOR))
-            self.phi_d.append(drive.motor_position(c.q))
-            self.w_d.append(drive.motor_rate(c.dq))
+            ahead.append(drive.torque(tau, drive.measured, Side.MOTOR))
+            phi_d.append(drive.motor_position(c.q))
+            w_d.append(drive.motor_rate(c.dq))
             start.append(c.q[0])
-        self.ahead, self.phi_d, self.w_d = (np.stack(x, axis=1) for x in (self.ahead, self.phi_d, self.w_d))
+        self.asked = how.begin(Wanted(*(np.stack(x, axis=1) for x in (phi_d, w_d, ahead)), kp, kd), h)
         self.limit = np.stack([np.full(n, np.inf) if lane.limit is None else lane.limit for lane in lanes])
         self.loss = np.stack([np.zeros(n) if lane.loss is None else lane.loss for lane in lanes])
         # Generalised coordinates: the links, and the motor end of a soft joint (of no consequence where there is none).
@@ -112,7 +115,7 @@ class _World:
         import pinocchio as pin
 
         n, B, h = self.n, len(self.lanes), self.h
-        out = np.empty((3, samples, B, n))
+        out = np.empty((4, samples, B, n))
         y, v, before = self.y, self.v, self.v
         H, bias = np.zeros((B, n, n)), np.zeros((B, n))
         upper = np.triu(np.ones((n, n), bool))
@@ -136,13 +139,14 @@ class _World:
             M[:, n, n] += ~(np.abs(self.J[:, :, n]).max(axis=1) > 0)
             phi = (self.J @ (y - np.concatenate([self.zero, np.zeros((B, 1))], axis=1))[..., None])[..., 0]
             speed = (self.J @ now[..., None])[..., 0]
-            asked = self.ahead[k] + self.kp * (self.phi_d[k] - phi) + self.kd * (self.w_d[k] - (self.J @ v[..., None])[..., 0])
+            asked = self.asked.torque(k, phi, (self.J @ v[..., None])[..., 0])
+            share = self.asked.friction(phi)
             if k % steps == 0:
-                out[:, k // steps] = y[:, :n], phi, asked
+                out[:, k // steps] = y[:, :n], phi, asked, share * self.Fc * np.sign(speed)
             force = ((np.clip(asked, -self.limit, self.limit) - self.Fv * speed)[:, None] @ self.J)[:, 0]
             force[:, :n] -= bias
             levels = np.zeros((B, 2 * n))
-            levels[:, :n] = self.Fc + self.loss * np.abs(self.load)
+            levels[:, :n] = self.Fc * (1.0 + share) + self.loss * np.abs(self.load)
             self._laws(t, y, now, phi, speed, force, levels, last_y)
             free = v + h * np.linalg.solve(M, force[..., None])[..., 0]
             # Contacts that carry friction: A s = change of their speeds for levels s.
@@ -171,7 +175,7 @@ class _World:
             y = y + h * v
             out[:, (k + steps - 1) // steps :, lost] = np.nan
         times = np.arange(samples) * steps * h
-        return [Run(times, out[0, :, b].copy(), out[1, :, b].copy(), out[2, :, b].copy()) for b in range(B)]
+        return [Run(times, *(x[:, b].copy() for x in out)) for b in range(B)]
 
     def _laws(self, t: float, y: Array, now: Array, phi: Array, speed: Array, force: Array, levels: Array, last_y: Array) -> None:
         n = self.n

@@ -22,7 +22,7 @@ from .confidence import confidence
 from .data.quality import jumps, lost
 from .described import LeftoverDescription, told
 from .detectability import undetectable
-from .held_out import contradicted, louder, presence
+from .held_out import contradicted, contradicted_heap, heaps, louder, presence
 from .pictures import diagnosis_figure, diagnosis_frame, findings_section
 from .refits import estimator_of, fitted, fitted_without, plainly_named
 from .result import Finding, Hidden, Unexplained
@@ -217,11 +217,15 @@ def diagnose(
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     report = signals if held is None else held
-    without = tuple(compare(fitted_without(i, decision, declared, estimator, signals), after, report) for i in range(len(decision.named)))
+    without = tuple(compare(fitted_without({i}, decision, declared, estimator, signals), after, report) for i in range(len(decision.named)))
     shares = [presence(c.before, after, held) if held is not None else (np.nan, np.nan) for c in without]
     verdict, unexplained = _verdict(decision, signals)
-    if held is not None and (worse := (*contradicted(decision.named, shares), *louder(after, signals, held))):
-        verdict, unexplained = Verdict.UNEXPLAINED, (*unexplained, *worse)
+    if held is not None:
+        worse = [*contradicted(decision.named, shares), *louder(after, signals, held)]
+        for own in heaps(decision.named):
+            fewer = fitted_without(set(own), decision, declared, estimator, signals)
+            worse += contradicted_heap([decision.named[i] for i in own], presence(fewer, after, held))
+        verdict, unexplained = (Verdict.UNEXPLAINED, (*unexplained, *worse)) if worse else (verdict, unexplained)
     _LOG.info("verdict %s; %s", verdict.value, "; ".join(decision.trail[-3:]))
     findings = _findings(decision, declared.model.robot, without, shares, verdict)
     description = _described(decision.laws, after, report, estimator, signals)

@@ -43,16 +43,36 @@ def presence(without: Estimate, whole: Estimate, data: Signals) -> tuple[float, 
 
 def contradicted(named: Sequence[AcceptedEffect], shares: Sequence[tuple[float, float]]) -> tuple[Unexplained, ...]:
     """Accepted effects that are not there as predicted on data held out: the whole is ruled out, and less than half is seen."""
-    found = []
-    for x, (share, std) in zip(named, shares, strict=True):
-        if share < HALF and share + WORSE * std < 1.0:
-            where = ", ".join(x.joints) or "the whole robot"
-            said = (
-                f"{where}: of what {x.effect.name} predicts on data held out, {share:.2f} ± {std:.1g} is there:"
-                " it stands for something else that the data fitted hold"
-            )
-            found.append(Unexplained(x.joints[0] if x.joints else "", "data held out", said, 0.0))
-    return tuple(found)
+    return tuple(_missing(x.effect.name, x.joints, share) for x, share in zip(named, shares, strict=True) if _ruled_out(share))
+
+
+def heaps(named: Sequence[AcceptedEffect]) -> list[list[int]]:
+    """Which accepted effects share one joint, two or more."""
+    of_joint: dict[tuple[str, ...], list[int]] = {}
+    for i, x in enumerate(named):
+        if len(x.joints) == 1:
+            of_joint.setdefault(x.joints, []).append(i)
+    return [own for own in of_joint.values() if len(own) > 1]
+
+
+def contradicted_heap(named: Sequence[AcceptedEffect], share: tuple[float, float]) -> tuple[Unexplained, ...]:
+    """The same of all that is accepted on one joint, by the share of what it predicts together: each may borrow from the others."""
+    names = ", ".join(x.effect.name for x in named)
+    return (_missing(f"{names} together", named[0].joints, share),) if _ruled_out(share) else ()
+
+
+def _ruled_out(share: tuple[float, float]) -> bool:
+    return share[0] < HALF and share[0] + WORSE * share[1] < 1.0
+
+
+def _missing(name: str, joints: tuple[str, ...], share: tuple[float, float]) -> Unexplained:
+    where = ", ".join(joints) or "the whole robot"
+    predict = "predict" if name.endswith("together") else "predicts"
+    said = (
+        f"{where}: of what {name} {predict} on data held out, {share[0]:.2f} ± {share[1]:.1g} is there:"
+        " it stands for something else that the data fitted hold"
+    )
+    return Unexplained(joints[0] if joints else "", "data held out", said, 0.0)
 
 
 def louder(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained, ...]:

@@ -44,9 +44,9 @@ def fitted(model: Model, signals: Signals, estimator: Estimator, reference: Arra
     return replace(found, inputs=otherwise.inputs, signals_config=otherwise.signals_config)
 
 
-def fitted_without(i: int, decision: Decision, declared: Estimate, estimator: Estimator, signals: Signals) -> Estimate:
-    """The estimate of the model with all findings but the i-th."""
-    others = tuple(y.effect for k, y in enumerate(decision.named) if k != i)
+def fitted_without(out: set[int], decision: Decision, declared: Estimate, estimator: Estimator, signals: Signals) -> Estimate:
+    """The estimate of the model with all findings but those."""
+    others = tuple(y.effect for k, y in enumerate(decision.named) if k not in out)
     if not others:
         return declared
     part = decision.fit.with_effects(others)

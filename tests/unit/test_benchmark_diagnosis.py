@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,9 +24,12 @@ run = pytest.importorskip("benchmarks.diagnosis.run")
 from benchmarks.diagnosis import arms, world  # noqa: E402
 from benchmarks.diagnosis import oracle as oracle_module  # noqa: E402
 from benchmarks.diagnosis.counts import Rate, Requirement, confusion, named_as, requirements  # noqa: E402
-from benchmarks.diagnosis.generate import FINE_STEPS, NOISE, RATE, Case, _lane, faults, settings, suite  # noqa: E402
+from benchmarks.diagnosis.drive import SampledDrive  # noqa: E402
+from benchmarks.diagnosis.feedback.suite import Setup  # noqa: E402
+from benchmarks.diagnosis.feedback.suite import generate as generate_setups  # noqa: E402
+from benchmarks.diagnosis.generate import FINE_STEPS, NOISE, RATE, Case, faults, lane_of, settings, suite  # noqa: E402
 from benchmarks.diagnosis.oracle import Gain, Oracle  # noqa: E402
-from benchmarks.diagnosis.score import is_part, part_is_named, right  # noqa: E402
+from benchmarks.diagnosis.score import is_part, part_is_named, read_cases, right  # noqa: E402
 
 
 def finding(effect: str, joint: str, confidence: float = 0.99, rivals: tuple[tuple[str, str, float], ...] = ()) -> dict[str, Any]:
@@ -269,7 +273,7 @@ def test_a_gear_with_play_is_simulated_in_steps_fine_enough(name: str, joint: in
     arm = arms.arm(name)
     case = Case(arm.name, (("backlash", joint, 0.5),), 21, "single", 1.5)
     (fault,) = faults(arm, case) or ()
-    coarse, fine = (world.simulate(arm, [_lane(arm, case, [fault])], 1.5, RATE, n)[0] for n in (FINE_STEPS, 4 * FINE_STEPS))
+    coarse, fine = (world.simulate(arm, [lane_of(arm, case, [fault])], 1.5, RATE, n)[0] for n in (FINE_STEPS, 4 * FINE_STEPS))
     noise = NOISE * settings(arm, case)[1]
     later = coarse.t > 0.5
     off = np.abs(coarse.torque - fine.torque)[later] / noise
@@ -277,3 +281,34 @@ def test_a_gear_with_play_is_simulated_in_steps_fine_enough(name: str, joint: in
     # What moves it is the same; between its flanks the link is in no other place than at one of them, or on its way.
     apart = coarse.q[:, joint] - coarse.phi[:, joint] / arm.robot.transmission.K_inverse[joint, joint]
     assert np.abs(apart).max() < 0.6 * fault.truth["gap"]
+
+
+def test_a_sampled_drive_does_what_an_ideal_one_does_but_for_its_counts_and_its_restless_friction() -> None:
+    arm = arms.arm("leg.trapezoid")
+    lanes = [lane_of(arm, Case(arm.name, (), 31, "clean", 4.0), [])]
+    ideal = world.simulate(arm, lanes, 4.0, 1000.0, 2)[0]
+    fine, restless = (
+        world.simulate(arm, lanes, 4.0, 1000.0, 2, SampledDrive(2000.0, 1e7, 1e-4, 1e-4, share, 0.05))[0] for share in (0.0, 0.2)
+    )
+    reach = np.ptp(ideal.q, axis=0)
+    assert np.all(np.abs(fine.q - ideal.q).max(axis=0) < 2e-3 * reach)
+    assert not ideal.restless.any()
+    assert not fine.restless.any()
+    moving = np.abs(np.gradient(ideal.phi, ideal.t, axis=0)) > 0.1
+    for j in range(arm.robot.n):
+        share = restless.restless[moving[:, j], j] / arm.drive["Fc"][j]
+        assert 0.1 < share.std() < 0.3
+
+
+def test_setups_under_feedback_come_with_logs_of_their_own_rate_and_what_disturbs_them(tmp_path: Path) -> None:
+    drawn = next(s for k in range(100) if (s := Setup.drawn(k)).arm.startswith("direct_drive") and s.reference and not s.jitter)
+    setup = replace(drawn, seconds=4.0)
+    generate_setups(tmp_path, [setup], {"clean": 1, "single": 1, "pair": 0, "outside": 1})
+    generate_setups(tmp_path, [setup], {"clean": 1, "single": 1, "pair": 0, "outside": 1})
+    records = read_cases(tmp_path)
+    assert sorted(r["kind"] for r in records) in (["clean", "outside", "single"], ["clean", "single"], ["clean", "outside"])
+    for r in records:
+        with np.load(tmp_path / f"{r['id']}.npz") as log:
+            assert np.allclose(np.diff(log["t"]), 1.0 / setup.rate)
+            assert log["q"].shape == log["tau"].shape == log["noise"].shape == log["q_ref"].shape == (len(log["t"]), 2)
+            assert np.all(log["noise"].std(axis=0) < 0.2 * log["tau"].std(axis=0))

@@ -12,7 +12,7 @@ import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
 from ident.diagnosis import Verdict
 from ident.diagnosis.data.band import Band
-from ident.diagnosis.held_out import contradicted, presence
+from ident.diagnosis.held_out import contradicted, contradicted_heap, heaps, presence
 from ident.diagnosis.inference.confidence_set import AcceptedEffect
 from ident.diagnosis.inference.scores import z_of
 from ident.diagnosis.scoring.whitening import density
@@ -40,8 +40,13 @@ def cases(arm: tuple[ident.Robot, dict[str, Array]], missing: list[tuple[ident.E
     return simulated(robot, drive, missing, seeds, seconds=24.0, rate=250.0)
 
 
-def test_nothing_is_found_where_friction_fluctuates_under_feedback(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
-    for case in cases(arm, [], [101, 102]):
+@pytest.fixture(scope="module")
+def nothing_missing(arm: tuple[ident.Robot, dict[str, Array]]) -> list[Case]:
+    return cases(arm, [], [101, 102])
+
+
+def test_nothing_is_found_where_friction_fluctuates_under_feedback(nothing_missing: list[Case]) -> None:
+    for case in nothing_missing:
         found = diagnosed(case)
         assert found.verdict is Verdict.CLEAN, str(found)
         assert not found.findings
@@ -164,6 +169,43 @@ def test_a_finding_of_which_nothing_is_there_on_data_held_out_is_said() -> None:
     offset = AcceptedEffect(ident.make_effect("offset"), ("joint1",), 10.0)
     cases = [(0.97, 0.02), (0.02, 0.1), (0.02, 0.6), (0.35, 0.11), (0.6, 0.01), (np.nan, np.nan)]
     assert [len(contradicted([offset], [x])) for x in cases] == [0, 1, 0, 1, 0, 0]
+
+
+def test_what_is_named_on_one_joint_together_is_judged_together() -> None:
+    names = (("offset", "joint1"), ("cogging", "joint2"), ("stribeck", "joint1"))
+    named = [AcceptedEffect(ident.make_effect(name, joints=[j]), (j,), 10.0) for name, j in names]
+    assert heaps(named) == [[0, 2]]
+    (said,) = contradicted_heap([named[0], named[2]], (0.2, 0.2))
+    assert said.joint == "joint1"
+    assert not contradicted_heap([named[0], named[2]], (0.8, 0.2))
+
+
+def _with_torque(case: Case, joint: int, extra: Array) -> Case:
+    """The case with torque added to one reading of the log that is fitted."""
+    ((side, tau),) = case.log.tau.items()
+    added = np.array(tau)
+    added[:, joint] += extra
+    return replace(case, log=ident.Log(case.log.name, t=case.log.t, q=case.log.q, tau={side: added}))
+
+
+def test_a_tone_is_said_with_its_frequency(arm: tuple[ident.Robot, dict[str, Array]], nothing_missing: list[Case]) -> None:
+    case = nothing_missing[0]
+    size = 0.3 * float(arm[1]["Fc"][1]) * 50.0
+    found = diagnosed(_with_torque(case, 1, size * np.sin(2 * np.pi * 3.3 * case.log.t)))
+    assert found.verdict is Verdict.UNEXPLAINED, str(found)
+    (said,) = [u for u in found.unexplained if "tone" in u.signature]
+    assert said.joint == case.robot.joint_names[1]
+    assert abs(float(said.signature.split()[-2]) - 3.3) < 0.1
+
+
+def test_slow_knocks_are_seen_beneath_fast_noise(arm: tuple[ident.Robot, dict[str, Array]], nothing_missing: list[Case]) -> None:
+    case = nothing_missing[1]
+    rng, t = np.random.default_rng(5), case.log.t
+    level = 1.2 * float(arm[1]["Fc"][1]) * 50.0 * rng.choice([-1.0, 1.0], 9)
+    at = t[-1] * (np.arange(9) + 0.5 + rng.uniform(-0.3, 0.3, 9)) / 9.0
+    found = diagnosed(_with_torque(case, 1, (level * np.exp(-0.5 * ((t[:, None] - at) / 0.1) ** 2)).sum(axis=1)))
+    assert found.verdict is Verdict.UNEXPLAINED, str(found)
+    assert case.robot.joint_names[1] in {u.joint for u in found.unexplained}
 
 
 def test_what_acts_is_there_once_and_what_does_not_is_not(arm: tuple[ident.Robot, dict[str, Array]]) -> None:

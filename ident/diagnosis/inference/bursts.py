@@ -16,50 +16,72 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 _WINDOW = 0.5
+#: Hz below which bursts are looked for apart: what is slow and loud drowns in the noise of all frequencies.
+_SLOW_HZ = 4.0
 _USED = 0.9
 #: Windows (half of one apart) on either side of the loudest that belong to its event.
 _NEAR = 3
 _BINS = 5
 #: Quantile of the energies from which on they are the tail.
 _TAIL = 0.8
-#: Share of the windows that is often.
-_OFTEN = 0.05
+#: Separate events that are often.
+_OFTEN = 4
 
 
 def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
     """The motor whose residual bursts, and the family-wise probability that noise does so; None where none does.
 
-    Energies of windows are compared with a gamma law fitted to the middle of their distribution."""
-    from scipy.stats import gamma
-
+    Energies of windows, of the whole residual and of its slow part, are compared with a gamma law fitted to the middle of their
+    distribution."""
     found: tuple[int, float] | None = None
     n = frame.residual.shape[1]
-    for m in range(n):
-        energies, paces = [], []
-        places: list[Array] = []
-        for run, a, b in zip(fit.runs, frame.edges[:-1], frame.edges[1:], strict=True):
-            width = max(int(_WINDOW * run.band.row_rate), 1)
-            speed = np.abs(run.instrument.motor.dq[:, [m]])
-            paces.append(_windows(np.clip(run.band.rows(speed)[run.band.inner, 0], 0.0, None), width))
-            used = np.clip(run.band.rows(run.use[:, [m]])[run.band.inner, 0], 0.0, 1.0)
-            energy, share = (_windows(x, width) for x in (frame.residual[a:b, m] ** 2, used / width))
-            good = (share > _USED) & ~_at_a_moment(fit, m, run.instrument.clock, run.band.time, width)
-            paces[-1] = paces[-1][good]
-            energies.append(energy[good] / share[good])
-            places.append(np.flatnonzero(good) + (places[-1][-1] + _NEAR + 1 if places and len(places[-1]) else 0))
-        e = _at_like_speed(np.concatenate(energies), np.concatenate(paces))
-        if len(e) < 12 or not np.median(e) > 0:
-            continue
-        low, middle, high = np.quantile(e, [0.16, 0.5, 0.84])
-        shape = max((middle / max((high - low) / 2.0, 1e-300)) ** 2, 1.5)
-        scale = middle / gamma.ppf(0.5, shape)
-        p = min(float(gamma.sf(e.max() / scale / (1.0 + MATERIAL) ** 2, shape)) * len(e) * n, 1.0)
-        p = max(p, min(_by_its_own_tail(e, np.concatenate(places)) * n, 1.0))
-        if float(np.mean(e[e >= np.quantile(e, 1.0 - _OFTEN)])) > LOUD**2 * float(np.median(e)):
-            p = 0.0  # no tail of one noise: it is quiet, and often it is not
-        if p < LEVEL and (found is None or p < found[1]):
-            found = (m, p)
+    for residual in (frame.residual, _slow(fit, frame)):
+        for m in range(n):
+            p = min(2.0 * n * _chance(fit, frame, residual, m), 1.0)
+            if p < LEVEL and (found is None or p < found[1]):
+                found = (m, p)
     return found
+
+
+def _slow(fit: Fit, frame: Solved) -> Array:
+    """The residual's slow part."""
+    from scipy.signal import butter, sosfiltfilt
+
+    parts = []
+    for run, a, b in zip(fit.runs, frame.edges[:-1], frame.edges[1:], strict=True):
+        rate, own = run.band.row_rate, frame.residual[a:b]
+        plain = _SLOW_HZ >= 0.4 * rate or len(own) < 30
+        parts.append(own if plain else sosfiltfilt(butter(2, _SLOW_HZ, fs=rate, output="sos"), own, axis=0))
+    return np.concatenate(parts)
+
+
+def _chance(fit: Fit, frame: Solved, residual: Array, m: int) -> float:
+    """Probability that noise makes what is loudest in a motor's residual."""
+    from scipy.stats import gamma
+
+    energies, paces = [], []
+    places: list[Array] = []
+    for run, a, b in zip(fit.runs, frame.edges[:-1], frame.edges[1:], strict=True):
+        width = max(int(_WINDOW * run.band.row_rate), 1)
+        speed = np.abs(run.instrument.motor.dq[:, [m]])
+        paces.append(_windows(np.clip(run.band.rows(speed)[run.band.inner, 0], 0.0, None), width))
+        used = np.clip(run.band.rows(run.use[:, [m]])[run.band.inner, 0], 0.0, 1.0)
+        energy, share = (_windows(x, width) for x in (residual[a:b, m] ** 2, used / width))
+        good = (share > _USED) & ~_at_a_moment(fit, m, run.instrument.clock, run.band.time, width)
+        paces[-1] = paces[-1][good]
+        energies.append(energy[good] / share[good])
+        places.append(np.flatnonzero(good) + (places[-1][-1] + _NEAR + 1 if places and len(places[-1]) else 0))
+    e = _at_like_speed(np.concatenate(energies), np.concatenate(paces))
+    if len(e) < 12 or not np.median(e) > 0:
+        return 1.0
+    place = np.concatenate(places)
+    loud = place[e > LOUD**2 * float(np.median(e))]
+    if len(loud) and 1 + int(np.sum(np.diff(loud) > _NEAR)) >= _OFTEN:
+        return 0.0  # no tail of one noise: it is quiet, and often it is not
+    low, middle, high = np.quantile(e, [0.16, 0.5, 0.84])
+    shape = max((middle / max((high - low) / 2.0, 1e-300)) ** 2, 1.5)
+    scale = middle / gamma.ppf(0.5, shape)
+    return max(float(gamma.sf(e.max() / scale / (1.0 + MATERIAL) ** 2, shape)) * len(e), _by_its_own_tail(e, place))
 
 
 def _by_its_own_tail(energy: Array, place: Array) -> float:

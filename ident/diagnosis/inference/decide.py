@@ -14,8 +14,9 @@ from ..thresholds import LEVEL, MOST
 from .bursts import burst
 from .candidates import Kind, best
 from .confidence_set import AcceptedEffect, accepted_effect, competing, drop_unnecessary
-from .described import describing
+from .described import describing, outdone
 from .search import EffectSearch
+from .tones import tone
 
 if TYPE_CHECKING:
     from ...effects.described import Described
@@ -84,6 +85,8 @@ def decide(
     tell(0.85)
     _swap(state, say)
     _withdraw(state, say)
+    tell(0.87)
+    _give_way(state, say)
     tell(0.9)
     left = _left(state)
     laws = _described(state, say) if most else ()
@@ -151,6 +154,16 @@ def _withdraw(state: EffectSearch, say: Callable[[str], None]) -> None:
         state.solve()
 
 
+def _give_way(state: EffectSearch, say: Callable[[str], None]) -> None:
+    """Take back what is named on a joint where one smooth law of another quantity accounts for more with less: it stood for that law."""
+    for joints in dict.fromkeys(j for _, j in state.accepted if len(j) == 1):
+        named = [x for x in state.accepted if x[1] == joints]
+        if outdone(state, joints[0]):
+            say(f"retracted: {', '.join(e.name for e, _ in named)} on {joints[0]}: a law of another quantity accounts for more with less")
+            state.accepted = [x for x in state.accepted if x[1] != joints]
+            state.solve()
+
+
 def _left(state: EffectSearch) -> list[Left]:
     """What is left beside the accepted effects, largest first; bursts where nothing else is."""
     scores = state.scores
@@ -162,6 +175,8 @@ def _left(state: EffectSearch) -> list[Left]:
     ]
     if not left and (found := burst(state.fit, state.frame)) is not None:
         left.append(Left("bursts", (state.fit.robot.joint_names[found[0]],), state.critical, False))
+    if not left and (sound := tone(state.fit, state.frame)) is not None:
+        left.append(Left(f"a tone of {sound[1]:.3g} Hz", (state.fit.robot.joint_names[sound[0]],), state.critical, False))
     return left
 
 

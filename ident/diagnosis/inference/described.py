@@ -11,17 +11,20 @@ import numpy as np
 from ...effects.described import DESCRIPTIONS, Described, Turned
 from ...effects.kinds import Need
 from ..design.catalogue import Catalogue
-from ..thresholds import MATERIAL
+from ..thresholds import COMPETES, MATERIAL
 from .scores import Scores
 from .significance import parametric
 
 if TYPE_CHECKING:
     from ..scoring.fit import Fit, Solved
+    from .search import EffectSearch
 
 Array = np.ndarray
 #: Intervals of a described function that are tried, coarse to fine; laws that are added up at most.
 _INTERVALS = (2, 4, 7, 12)
 _LAWS = 2
+#: Quantities that are compared by a refit, at most.
+_TRIED = 4
 
 
 def describing(fit: Fit, frame: Solved, joints: tuple[str, ...], say: Callable[[str], None]) -> tuple[Described, ...]:
@@ -39,6 +42,25 @@ def describing(fit: Fit, frame: Solved, joints: tuple[str, ...], say: Callable[[
     return found
 
 
+def outdone(state: EffectSearch, joint: str) -> bool:
+    """Whether one smooth law, of another quantity than the joint's own motion, accounts for more with less than all that is named there.
+
+    Both are refits at one noise, by Schwarz's criterion; what a likelihood gains by chance, or by less than what is material, does not
+    count."""
+    named = [e for e, j in state.accepted if j == (joint,)]
+    rest = state.fit.with_effects(tuple(e for e, j in state.accepted if j != (joint,)))
+    law = _best(rest, rest.solved(2), (joint,), ())
+    if law is None or law.own_motion:
+        return False
+    fit = rest.with_effects((*rest.effects, law))
+    frame = fit.solved(2)
+    gains = [np.maximum(a, b) for a, b in zip(frame.gains, state.frame.gains, strict=True)]
+    robot = state.fit.robot
+    more = sum(len(e.parameters(robot)) + len(e.shape()) for e in named) - len(law.parameters(robot))
+    gain = state.fit.energy(state.frame, gains) - fit.energy(frame, gains) + np.log(max(frame.rows, 2)) * more
+    return bool(gain > state.critical**2)
+
+
 def _best(fit: Fit, frame: Solved, joints: tuple[str, ...], taken: tuple[Described, ...]) -> Described | None:
     """The function that accounts best for what is left on some joints: quantity first, then how fine."""
     taken_kinds = {_kind(e) for e in taken}
@@ -50,19 +72,23 @@ def _best(fit: Fit, frame: Solved, joints: tuple[str, ...], taken: tuple[Describ
         return None
     share = fit.share
     critical = parametric(scores) + MATERIAL * float(np.sqrt(frame.rows * share[share > 0].mean()))
-    k = int(np.argmax(scores.z))
-    if scores.z[k] <= critical:
+    ranked = [k for k in np.argsort(-scores.z).tolist() if scores.z[k] > max(critical, COMPETES * float(scores.z.max()))]
+    if not ranked:
         return None
-    chosen = scores.group(k).effect
-    assert isinstance(chosen, Described)
-    finer = [e for count in _INTERVALS for e in _candidates(fit, joints, count) if _kind(e) == _kind(chosen)]
-    fits = [fit.with_effects((*fit.effects, e)) for e in finer]
+    # Scores are taken at the noise of a model that lacks something: what a refit leaves tells more.
+    chosen = _cheapest(fit, [e for k in ranked[:_TRIED] if isinstance(e := scores.group(k).effect, Described)])
+    return _cheapest(fit, [e for count in _INTERVALS for e in _candidates(fit, joints, count) if _kind(e) == _kind(chosen)])
+
+
+def _cheapest(fit: Fit, laws: list[Described]) -> Described:
+    """The law of the least cost by Schwarz's criterion, refits at one noise."""
+    fits = [fit.with_effects((*fit.effects, e)) for e in laws]
     frames = [f.solved(1) for f in fits]
     gains = [np.max([x.gains[i] for x in frames], axis=0) for i in range(len(fit.runs))]
-    # Schwarz's criterion: what a parameter must gain grows with the logarithm of the rows.
-    each = np.log(max(frame.rows, 2))
-    cost = [f.energy(x, gains) + each * len(e.parameters(fit.robot)) for f, x, e in zip(fits, frames, finer, strict=True)]
-    return finer[int(np.argmin(cost))]
+    # What a parameter must gain grows with the logarithm of the rows.
+    each = np.log(max(frames[0].rows, 2))
+    cost = [f.energy(x, gains) + each * len(e.parameters(fit.robot)) for f, x, e in zip(fits, frames, laws, strict=True)]
+    return laws[int(np.argmin(cost))]
 
 
 def _kind(law: Described) -> tuple[object, ...]:
