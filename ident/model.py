@@ -118,7 +118,7 @@ class Model(ShortRepr):
         measured = robot.transmission.measured
         for effect, part in zip(self.effects, self.slices, strict=True):
             values = effect.columns(motion, robot)
-            if effect.side != measured:
+            if effect.side != measured and not robot.transmission.is_trivial:
                 values = np.matmul(robot.transmission.torque_map(effect.side, measured), values)
             out[:, :, part] = values
         return out
@@ -159,7 +159,8 @@ class Model(ShortRepr):
             own, added = effect.affine(motion, robot, np.asarray(values)[part])
             bias += robot.transmission.torque(own, effect.side, measured)
             if added is not None:
-                inertia += added if effect.side == measured else np.matmul(robot.transmission.torque_map(effect.side, measured), added)
+                as_is = effect.side == measured or robot.transmission.is_trivial
+                inertia += added if as_is else np.matmul(robot.transmission.torque_map(effect.side, measured), added)
         return inertia, bias
 
     def _affine_whole(self, q: Array, dq: Array, values: Array) -> tuple[Array, Array]:

@@ -48,10 +48,9 @@ class JointEffect(Effect):
     def columns(self, motion: Motion, robot: Robot) -> Array:
         at = self.at(robot)
         width = len(self.symbols)
-        out = np.zeros((len(motion), robot.n, width * len(at)))
+        out, own = np.zeros((len(motion), robot.n, width * len(at))), width * np.arange(len(at))
         for s, values in enumerate(self.basis(motion.on(self.side).of(at), motion, at)):
-            for i, j in enumerate(at):
-                out[:, j, i * width + s] = values[:, i]
+            out[:, at, own + s] = values
         return out
 
     def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:

@@ -140,6 +140,11 @@ class Transmission(ShortRepr):
         """Joint velocities or accelerations (..., n) from those of the motors."""
         return dq_motor @ self.K.T
 
+    @cached_property
+    def is_trivial(self) -> bool:
+        """Whether motors and joints turn alike: every map between the sides is the identity."""
+        return bool(np.array_equal(self.K, np.eye(self.n)))
+
     def torque_map(self, source: Side, target: Side) -> Array:
         """Matrix T (n, n) with `torque on target side = T @ torque on source side`."""
         if source == target:

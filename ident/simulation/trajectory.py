@@ -120,8 +120,8 @@ def _end_polynomial(t: Array, T: float, kind: int) -> tuple[Array, Array, Array,
     three derivatives."""
     s = t / T
     c = _quintic(0.0, 0.0, T, T, 0.0, 0.0) if kind == 0 else _quintic(0.0, 0.0, 0.0, 0.0, T**2, T**2)
-    p = np.polynomial.polynomial.Polynomial(c)
-    return p(s), p.deriv()(s) / T, p.deriv(2)(s) / T**2, p.deriv(3)(s) / T**3
+    value, derivative = np.polynomial.polynomial.polyval, np.polynomial.polynomial.polyder
+    return value(s, c), value(s, derivative(c)) / T, value(s, derivative(c, 2)) / T**2, value(s, derivative(c, 3)) / T**3
 
 
 def _quintic(p0: float, p1: float, v0: float, v1: float, a0: float, a1: float) -> Array:
