@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from commanded import LEG, PENDULUM, commanded_log
 
 import ident
+from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from ident.drives import DriveFit, DriveLaw, DriveLog, fit_drives
 from ident.drives.plant import DrivePlant
 from ident.exporting.actuators import actuator_text, export_actuators

@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from commanded import LEG, PENDULUM, commanded_log
 
 import ident
+from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from ident.drives import DriveFit, DriveLaw, fit_drives, simulate
 from ident.drives.determined import Standing
 from ident.drives.torque import with_torque
@@ -88,7 +88,7 @@ def test_without_any_known_scale_only_ratios_are_determined(robot):
     assert Standing.DETERMINED not in {v for k, v in verdicts(fit).items() if k != "delay"}
 
 
-def test_two_joints_that_act_on_each_other():
+def test_two_joints_that_act_on_each_other(tmp_path):
     robot = ident.Robot.from_urdf(LEG)
     logs = LogSet((commanded_log(robot, TRUTH, seed=4),))
     fit = fit_drives(logs, model_of(robot), DriveLaw.of(robot, kp=25.0, kd=0.8))
@@ -96,6 +96,9 @@ def test_two_joints_that_act_on_each_other():
         assert fit.value(f"Ia_{joint}") == pytest.approx(0.012, rel=0.08)
         assert fit.value(f"Fc_{joint}") == pytest.approx(0.15, rel=0.05)
     assert fit.fit_rms == pytest.approx([5e-4, 5e-4], rel=0.15)
+    again = DriveFit.load(fit.save(tmp_path / "fit.json"))
+    assert again.replay(logs)["run"] == pytest.approx(fit.replay(logs)["run"], abs=1e-12)
+    assert again.delay_interval()["delay"] == pytest.approx(fit.delay_interval()["delay"])
 
 
 def test_saturation_is_part_of_the_law(robot):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 import ident
@@ -46,18 +49,20 @@ def command(seed: int, seconds: float, rate: float, n: int, rest: float = 0.5) -
 
 
 def commanded_log(
-    robot: ident.Robot, truth: dict[str, float], *, seed: int = 0, seconds: float = 5.0, rate: int = 100, noise: float = 5e-4,
-    speed_command: bool = False, name: str = "run",
+    robot: ident.Robot, truth: Mapping[str, Any], *, seed: int = 0, seconds: float = 5.0, rate: int = 100, noise: float = 5e-4,
+    speed_command: bool = False, name: str = "run", before: float = 0.0,
 ) -> ident.Log:  # fmt: skip
-    """A log of positions and commands. `truth`: Ia, Fv, Fc, offset, kp, kd, delay and limit, the same for every joint."""
+    """A log of positions and commands. `truth`: Ia, Fv, Fc, offset, kp, kd and limit, a number or one per joint each, and delay.
+    `before`: seconds at rest that are not in the log; without, the joints drop from zero where gravity pulls."""
     model = robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
     model = model + ident.make_effect("offset")
     values = nominal_values(model)
     for i, parameter in enumerate(model.parameters):
-        symbol = parameter.name.split("_")[0]
+        symbol, _, joint = parameter.name.partition("_")
         if symbol in ("Ia", "Fv", "Fc", "offset"):
-            values[i] = truth.get(symbol, 0.0)
-    wanted = command(seed, seconds, rate, robot.n)
+            values[i] = np.broadcast_to(truth.get(symbol, 0.0), robot.n)[robot.joint_index(joint)]
+    lead = round(before * rate)
+    wanted = np.concatenate([np.zeros((lead, robot.n)), command(seed, seconds, rate, robot.n)])
     speed = np.gradient(wanted, 1.0 / rate, axis=0) if speed_command else np.zeros_like(wanted)
     every = DRIVE_HZ // rate
     late = round(truth.get("delay", 0.0) * DRIVE_HZ)
@@ -70,13 +75,14 @@ def commanded_log(
     compiled = CompiledPlant.of(dynamics)
     assert compiled is not None
     n = robot.n
-    gains = (np.full(n, truth["kp"]), np.full(n, truth["kd"]))
-    limit = np.full(n, truth.get("limit", np.inf))
+    gains = [np.ones(n) * truth[key] for key in ("kp", "kd")]
+    limit = np.ones(n) * truth.get("limit", np.inf)
     script = Script(ident.Side.JOINT, np.zeros((len(wanted) * every, 1, n)), sent(wanted), sent(speed), *gains, limit)
     state = dynamics.start(np.zeros(1), np.zeros((1, n)), np.zeros((1, n)))
     kept, *_ = compiled.run(script, state, None, period=1.0 / DRIVE_HZ, substeps=1, every=every)
     rng = np.random.default_rng([seed, 1])
     q = kept.q[:, 0] + noise * rng.standard_normal((len(wanted), n))
+    q, wanted, speed = q[lead:], wanted[lead:], speed[lead:]
     extra = {f"q_cmd{j + 1}": wanted[:, j] for j in range(n)}
     if speed_command:
         extra |= {f"dq_cmd{j + 1}": speed[:, j] for j in range(n)}
