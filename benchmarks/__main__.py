@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio
 import scipy
 
-TOPICS = ("real", "actuators", "methods", "diagnosis", "performance", "physical", "excitation")
+TOPICS = ("real", "actuators", "methods", "diagnosis", "performance", "physical", "excitation", "monitoring")
 
 
 def main() -> int:

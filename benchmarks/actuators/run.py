@@ -16,10 +16,16 @@ import numpy as np
 
 import ident
 from ident._utils.json import jsonable
-from ident.drives import DriveFit, DriveLaw, DriveLog, fit_drives
-from ident.drives.folds import HeldOut, best, held_out
+from ident.drives import DriveFit, DriveLaw
+from ident.drives.fit import finished
+from ident.drives.folds import best, held_out
 from ident.drives.plant import DrivePlant
+from ident.drives.search import Fitted
+from ident.drives.search import fitted as search
+from ident.drives.space import drive_logs
 from ident.drives.starts import starts
+
+from . import coverage
 
 DRIVE = ("rotor_inertia", "viscous", "coulomb", "offset")
 LOADED = (*DRIVE, "load_dependent_friction")
@@ -27,6 +33,10 @@ SPRUNG = (*LOADED, "linear_spring")
 #: Friction that follows the drive's torque: with its square, and with more of it at low speed (the speed as published for this servo).
 GEAR = {"gear_loss": "identify", "gear_loss_square": "identify"}
 SLOW = {**GEAR, "gear_loss_slow": "identify", "slow_speed": 0.78}
+#: A delay of each joint of its own.
+EACH = {"delay_s": ["identify"] * 12}
+#: The AK80's feed-forward moves, so that the scale of its torque can be seen beside kp and kd.
+AK80: tuple[tuple[tuple[str, ...], Mapping[str, Any]], ...] = ((DRIVE, {}), (DRIVE, {"torque_scale": "identify"}), (LOADED, {}))
 #: Share of full voltage per rad and unit of the XL330's firmware gain.
 _XL330 = 4096 / (2 * np.pi) / (256 * 885)
 
@@ -51,8 +61,8 @@ def cases(short: bool) -> list[Case]:
     """All of them; the short run leaves out those that take minutes."""
     gains = {"*april*": {"kp": [20.0, 20.0, 40.0] * 4, "kd": [1.0, 1.0, 2.0] * 4}, "*march*": {"kp": 20.0, "kd": 1.5}}
     found = [
-        Case(f"AK80 {one} -> {other}", "ak80_pendulum/ak80_pendulum.urdf", (f"ak80_{one}",), {f"ak80_{other}": 0.010}, both)
-        for both in ({"kp": "identify", "kd": "identify"},)
+        Case(f"AK80 {one} -> {other}", "ak80_pendulum/ak80_pendulum.urdf", (f"ak80_{one}",), {f"ak80_{other}": 0.010}, both, AK80)
+        for both in ({"kp": "identify", "kd": "identify", "effort_limit": 12.0},)
         for one, other in (("sysid_stiff", "dircol"), ("dircol", "sysid_stiff"))
     ]
     for number, joint, kp, kd in (
@@ -66,7 +76,7 @@ def cases(short: bool) -> list[Case]:
     if short:
         return found
     duty = {f"*kp{k}_*": {"kp": _XL330 * k} for k in (100, 200, 400, 800)}
-    servo = ((LOADED, {}), (DRIVE, GEAR), (DRIVE, SLOW), (LOADED, GEAR))
+    servo = tuple((effects, more) for effects in (DRIVE, LOADED) for more in ({}, GEAR, SLOW))
     every = sorted(f.name.removesuffix(".csv.gz") for f in (data() / "xl330_pendulum").glob("*.csv.gz"))
     for held in ("kp100_sin_sin", "kp200_up_and_down", "kp400_lift_and_drop", "kp400_sin_time_square", "kp800_up_and_down"):
         rest = tuple(name for name in every if name != f"xl330_{held}")
@@ -83,7 +93,7 @@ def cases(short: bool) -> list[Case]:
             ("go2_april_traj1",),
             april,
             {"by_log": gains},
-            ((DRIVE, {}), (LOADED, {}), (SPRUNG, {})),
+            ((DRIVE, {}), (LOADED, {}), (SPRUNG, {}), (SPRUNG, EACH)),
         )
     )
     return found
@@ -105,8 +115,22 @@ def fitted(case: Case) -> tuple[DriveFit, int]:
     else:
         train, held = logs, _logs(folder, tuple(case.held), robot)
     pairs = [(_model(robot, effects), DriveLaw.of(robot, case.kind, **{**case.law, **more})) for effects, more in case.options]
-    chosen = 0 if len(pairs) == 1 else best([_crossed(train, *pair) for pair in pairs])
-    return fit_drives(train, *pairs[chosen], held=held), chosen
+    found = []
+    for model, law in pairs:
+        plant = DrivePlant(model, law, drive_logs(train, robot, law))
+        at, sizes = starts(plant)
+        found.append((plant, search(plant, _from(found[0], plant, at) if found else at, sizes), sizes))
+    chosen = 0 if len(found) == 1 else best([held_out(*one) for one in found])
+    return finished(*found[chosen], train.inputs).with_heldout(held), chosen
+
+
+def _from(first: tuple[DrivePlant, Fitted, np.ndarray], plant: DrivePlant, at: np.ndarray) -> np.ndarray:
+    """Starts (S, p) of a wider plant beside what the first one was fitted to."""
+    known = dict(zip((u.name for u in first[0].unknowns), first[1].values, strict=True))
+    near = at[:1].copy()
+    for i, unknown in enumerate(plant.unknowns):
+        near[0, i] = known.get(unknown.name, near[0, i])
+    return near
 
 
 def _model(robot: ident.Robot, effects: Sequence[str]) -> ident.Model:
@@ -116,17 +140,14 @@ def _model(robot: ident.Robot, effects: Sequence[str]) -> ident.Model:
     return model
 
 
-def _crossed(logs: ident.LogSet, model: ident.Model, law: DriveLaw) -> HeldOut:
-    plant = DrivePlant(model, law, tuple(DriveLog.of(log, model.robot, law) for log in logs))
-    return held_out(plant, *starts(plant))
-
-
 def _logs(folder: Path, names: Sequence[str], robot: ident.Robot) -> ident.LogSet:
     return ident.read_logs([str(folder / f"{name}.csv.gz") for name in names], robot)
 
 
 def main(short: bool, folder: Path) -> int:
-    """Print one line per held-out log, the summary of each fit to `folder`."""
+    """Print the table of known truths, and one line per held-out real log; the summary of each fit goes to `folder`."""
+    coverage.main(short, folder)
+    print()
     if not data().is_dir():
         print(f"not run: no logs in {data()}; set IDENT_DATA")
         return 0
@@ -136,7 +157,7 @@ def main(short: bool, folder: Path) -> int:
         begin = time.perf_counter()
         fit, chosen = fitted(case)
         spent = time.perf_counter() - begin
-        (delay,) = [f"{1e3 * v:.1f} ({1e3 * a:.1f} … {1e3 * b:.1f})" for v, a, b in fit.delay_interval().values()]
+        delay = ", ".join(f"{1e3 * v:.1f} ({1e3 * a:.1f} … {1e3 * b:.1f})" for v, a, b in fit.delay_interval().values())
         for name, target in case.held.items():
             held = _rms(fit.heldout_logs[name])
             met = "met" if held <= target else "not met"

@@ -10,21 +10,25 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import ident
 from ident import estimators as es
+from ident.diagnosis.analysed import prepared
+from ident.diagnosis.design.places import choices, covers, grid, joints_of, placements
+from ident.diagnosis.inference.refinement import refined
 from ident.effects.base import Effect
+from ident.effects.registry import effect_types
 from ident.model import Model
-from ident.monitoring.stages.analysis import thinned, without_reversals
-from ident.monitoring.stages.bank import Bank
-from ident.monitoring.stages.candidates import Candidate, candidates
-from ident.monitoring.stages.stage import start
 from ident.problem.problem import Problem
 from ident.signals import Signals
+from ident.signals.reversing import without_reversals
 from ident.statistics.torque_error import number
+
+if TYPE_CHECKING:
+    from ident.diagnosis.scoring.fit import Fit, Solved
 
 Array = np.ndarray
 #: A gain counts if it lowers the held-out loss by this much (twice a log-likelihood; chance reaches it once in a thousand), and if
@@ -37,6 +41,17 @@ SURE = 10.0 * DETECTABLE
 _BLOCKS = 12
 #: Fits of a model with known responses, each of columns at the last one's prediction.
 _PASSES = 4
+#: Shapes of a rival that are tried where the diagnosis did not say which.
+_SHAPES = 12
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that the model may lack, in some shapes; `joints` are those it sits on."""
+
+    name: str
+    joints: tuple[str, ...]
+    variants: tuple[Effect, ...]
 
 
 @dataclass(frozen=True)
@@ -157,7 +172,7 @@ class Oracle:
 
         Shapes of which the truth tells no value (the rotor's inertia behind a spring) are the best of the grid, or what the fitted part
         has them at if they are all sought there."""
-        robot, search = self.found.before.model.robot, self._stage.search
+        robot = self.found.before.model.robot
         tried = []
         for candidate in self._candidates:
             variants = candidate.variants
@@ -174,7 +189,8 @@ class Oracle:
                 except ident.IdentError:
                     continue
             if len(shapes) < len(names):
-                tried.append(search.refined(search.first(candidate)).effect)
+                fit, frame = self._searched
+                tried.append(refined(variants[0], candidate.joints, fit, frame))
         return self._best(tried)
 
     def rival(self, name: str, joints: Sequence[str]) -> Effect | None:
@@ -217,11 +233,28 @@ class Oracle:
 
     @cached_property
     def _candidates(self) -> tuple[Candidate, ...]:
-        return candidates(self._stage.problem.model, self._stage.motions)
+        fit, _ = self._searched
+        motions, out = fit.motions(instrument=True), []
+        for name, kind in effect_types().items():
+            if not kind.cause or name == "rigid_body":
+                continue
+            for place in placements(kind, fit.robot):
+                if any(covers(e, place, fit.robot) for e in fit.declared.effects):
+                    continue
+                for choice in choices(place):
+                    try:
+                        variants = tuple(grid(choice, fit.declared, motions))
+                        choice.parameters(fit.robot)
+                    except ident.IdentError:
+                        continue  # an effect that this robot cannot have (a payload without a link to hold it)
+                    if variants:
+                        out.append(Candidate(name, joints_of(place), variants[:: -(-len(variants) // _SHAPES)]))
+        return tuple(out)
 
     @cached_property
-    def _stage(self) -> Any:
-        return start(self.found.before.model, thinned(without_reversals(self.fit)), self.found.before.all_values, Bank())
+    def _searched(self) -> tuple[Fit, Solved]:
+        fit, _, _ = prepared(self.found.before.model, self.fit)
+        return fit, fit.solved(1)
 
 
 def residual(estimate: Any, held: Signals) -> Array:

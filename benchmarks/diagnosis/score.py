@@ -19,16 +19,17 @@ from ident import friction as fr
 from ident.effects.base import Effect
 from ident.logs.log import Log, LogSet
 from ident.model import Model
-from ident.monitoring.stages.analysis import analysis_signals, without_reversals
 from ident.problem.problem import Problem
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side
 from ident.signals import Signals, ZeroPhase
+from ident.signals.reversing import without_reversals
 from ident.statistics.torque_error import number
 from ident.study.session import like
 
 from .arms import Arm, arm
 from .oracle import Oracle, residual, same_place
+from .wide_band import analysis_signals
 
 Array = np.ndarray
 #: The last part of each log, which neither fit nor selection sees.

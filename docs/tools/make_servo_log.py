@@ -1,5 +1,5 @@
 """Makes docs/data/servo.urdf, servo.csv and servo_check.csv: a leg of two servo joints that holds position commands, with a known truth.
-`python docs/tools/make_servo_log.py`; the simulation is that of the tests (tests/commanded.py)."""
+`python docs/tools/make_servo_log.py`; the simulation is that of the tests (benchmarks/actuators/commanded.py)."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
-
-from commanded import LEG, commanded_log  # noqa: E402
+sys.path.insert(0, str(ROOT))
 
 import ident  # noqa: E402
+from benchmarks.actuators.commanded import LEG, commanded_log  # noqa: E402
 
 TRUTH = {"Ia": 0.012, "Fv": 0.08, "Fc": 0.15, "offset": 0.0, "kp": 25.0, "kd": 0.8, "delay": 0.006}
 

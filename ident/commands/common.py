@@ -26,6 +26,9 @@ from ..study.study import Study, read_study
 if TYPE_CHECKING:
     from ..robots.robot import Robot
 
+#: From this share of the work on, and after so many seconds, what is left is told.
+_TOLD_FROM, _TOLD_AFTER = 0.03, 3.0
+
 
 def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -> None:
     """A study file, or flags for the same."""
@@ -281,6 +284,14 @@ def _print(text: object, stream: TextIO) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
+def time_left(passed: float, share: float) -> str:
+    """ ", about 3 min left" after so many seconds for a share of the work; "" where too little is done to tell."""
+    if not _TOLD_FROM <= share < 1.0 or passed < _TOLD_AFTER:
+        return ""
+    left = passed * (1.0 - share) / share
+    return f", about {left:.0f} s left" if left < 100 else f", about {left / 60:.0f} min left"
+
+
 def _line_progress(label: str) -> Callable[[float], None]:
     start = time.monotonic()
     shown = [-1]
@@ -289,20 +300,21 @@ def _line_progress(label: str) -> Callable[[float], None]:
         percent = int(100 * share)
         if percent != shown[0] and (time.monotonic() - start > 0.5):
             shown[0] = percent
-            end = "\n" if share >= 1 else ""
-            print(f"\r{label} {percent:3d} %  {time.monotonic() - start:.0f} s", end=end, file=sys.stderr, flush=True)
+            end, passed = "\n" if share >= 1 else "", time.monotonic() - start
+            print(f"\r{label} {percent:3d} %  {passed:.0f} s{time_left(passed, share):<22}", end=end, file=sys.stderr, flush=True)
 
     return show
 
 
 def _slow_progress(label: str) -> Callable[[float], None]:
     """For logs of a terminal: a line every ten seconds."""
-    last = [time.monotonic()]
+    start = time.monotonic()
+    last = [start]
 
     def show(share: float) -> None:
         now = time.monotonic()
         if now - last[0] > 10:
             last[0] = now
-            print(f"{label} {100 * share:.0f} %", file=sys.stderr, flush=True)
+            print(f"{label} {100 * share:.0f} %{time_left(now - start, share)}", file=sys.stderr, flush=True)
 
     return show

@@ -1,4 +1,4 @@
-"""`ident export`: a saved fit as URDF (patched in place), MJCF, MJCF with actuators, or JSON."""
+"""`ident export`: a saved fit as a file for simulators and other programs; the formats are the targets of `ident.exporting`."""
 
 from __future__ import annotations
 
@@ -6,41 +6,60 @@ import argparse
 from pathlib import Path
 
 from .._utils.json import result
+from .._utils.plugins import load_modules
 from .._utils.structured import read_json
 from ..drives import DriveFit
 from ..drives.result import is_drive_fit
-from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
-from ..exporting.actuators import FORMAT, export_actuators
 from ..exporting.export import export
+from ..exporting.target import target_types
+from ..logs.reading import read_logs
 from .common import Output, add_output_arguments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("fit", help="saved fit (fit.json)")
-    parser.add_argument("target", help="file to write; the suffix says the format (.urdf, .xml or .mjcf, .json)")
+    known = target_types()
+    parser.add_argument("fit", help="saved fit (fit.json), of measured torque or under a drive law")
+    parser.add_argument("target", help="file to write; the suffix says the format (.urdf, .xml, .mjcf, .json, .usda, .c)")
     parser.add_argument(
         "--to",
-        choices=("urdf", "mjcf", "json", FORMAT),
-        help="format, where the suffix does not say it (mujoco_actuator: a fit with [drive] law)",
+        metavar="TARGET",
+        help="format, where the suffix does not say it: " + "; ".join(f"{name}: {kind.title}" for name, kind in known.items()),
     )
+    parser.add_argument("--plugin", nargs="+", metavar="FILE", help="your own targets, effects: Python files (docs/simulators.md)")
     parser.add_argument("--urdf", help="URDF to patch; by default the one that was fitted")
     parser.add_argument("--allow-inconsistent", action="store_true", help="write links that are no real bodies, too")
+    parser.add_argument("--log", nargs="+", metavar="FILE", help="motion on which the errors of what is left out are computed")
+    parser.add_argument("--supply", type=float, metavar="V", help="supply voltage at which the gains of a pwm law are told")
+    parser.add_argument("--units", nargs="+", metavar="FIT", help="ranges: saved fits of further units of the same robot")
+    parser.add_argument("--samples", type=int, default=500, help="ranges: sets of parameters to draw (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="ranges: seed of the draw")
     add_output_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
-    target, found = Path(args.target), read_json(Path(args.fit), "fit")
-    if is_drive_fit(found) or args.to == FORMAT:
-        if args.to not in (None, FORMAT):
-            raise ConfigurationError(f"fit {args.fit} is one under a drive law; it is exported as {FORMAT} only, so far.")
-        fit = DriveFit.load(args.fit)
-        written, inputs = export_actuators(fit, target, force=args.force), fit.inputs
-    else:
-        estimate = Estimate.load(args.fit)
-        kind = {"kind": args.to, "urdf": args.urdf, "allow_inconsistent": args.allow_inconsistent, "force": args.force}
-        written, inputs = export(estimate, target, **kind), estimate.inputs
+    load_modules(args.plugin or (), Path.cwd(), "--plugin")
+    fit = saved(args.fit)
+    logs = None if args.log is None else read_logs(args.log, fit.model.robot)
+    written = export(
+        fit,
+        Path(args.target),
+        kind=args.to,
+        urdf=args.urdf,
+        allow_inconsistent=args.allow_inconsistent,
+        logs=logs,
+        units=[saved(unit) for unit in args.units or ()],
+        samples=args.samples,
+        seed=args.seed,
+        supply=args.supply,
+        force=args.force,
+    )
     out.say(written.text())
-    out.result(result("ident.export/1", written.to_dict(), inputs=inputs, warnings=written.notes), "export")
+    out.result(result("ident.export/1", written.to_dict(), inputs=fit.inputs, warnings=written.notes), "export")
     return 0
+
+
+def saved(path: str) -> Estimate | DriveFit:
+    """A saved fit of either kind."""
+    return DriveFit.load(path) if is_drive_fit(read_json(Path(path), "fit")) else Estimate.load(path)

@@ -37,6 +37,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
     )
+    parser.add_argument(
+        "--look",
+        type=int,
+        default=1,
+        metavar="K",
+        help="this is the K-th look since the fit: all looks together raise a false alarm with a probability of 1 %% at most (default: 1)",
+    )
     parser.add_argument("--strict", action="store_true", help="exit with 1 unless nothing changed")
     add_output_arguments(parser)
 
@@ -54,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError("no log is given; name the new logs with --log FILE (or --study FILE with [logs] fit).")
     signals = like(estimate.signals_config)(_read(files, study, estimate))
     reference, warning = _reference(args, study, estimate)
-    found = monitor(estimate, signals, reference=reference, progress=out.progress("comparing"))
+    found = monitor(estimate, signals, reference=reference, look=args.look, progress=out.progress("comparing"))
     found = replace(found, warnings=(*found.warnings, *([warning] if warning else ())))
     out.say(found)
     out.result(found.to_dict())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,23 +87,38 @@ def _reference_columns(log, n: int) -> Array | None:  # type: ignore[no-untyped-
 
 
 def analysed(
-    model: Model, signals: Signals, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None
+    model: Model,
+    signals: Signals,
+    note: Callable[[str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+    *,
+    values: Array | None = None,
 ) -> tuple[Decision, Instrument]:
-    """Decide what a model lacks on signals. Raises DataError where no run is long enough or no joint has rows."""
+    """Decide what a model lacks on signals. `values` (k,): of its parameters, for effects that follow what the model predicts. Raises
+    DataError where no run is long enough or no joint has rows."""
+    fit, instrument, speeds = prepared(model, signals, values)
+    return decide(fit, speeds, note, progress), instrument
+
+
+def prepared(model: Model, signals: Signals, values: Array | None = None, *, without: Array | None = None) -> tuple[Fit, Instrument, Array]:
+    """The fit that a decision starts from, at `values` (k,), its instrument, and the motors' usual speeds (n,). `without` (n,) bool: joints
+    whose torque is left out. Raises DataError where no run is long enough or no joint has rows."""
     robot = model.robot
     full = full_rate(signals)
+    if without is not None and without.any():
+        full = replace(full, torque=np.where(without, np.nan, full.torque))
     reference = desired(full)
     runs = _runs(full, model, START_HZ, reference)
-    first = Fit(runs, model)
+    first = Fit(runs, model, (), values)
     band = _ABOVE * reference_band(first, first.solved(2))
-    fit = Fit(_runs(full, model, band, reference), model)
+    fit = Fit(_runs(full, model, band, reference), model, (), values)
     if not fit.share.any():
         raise DataError(
             "no stretch of the logs in which a joint moves and its torque is there is long enough for a diagnosis; `ident check` says what"
             " is missing of which joint."
         )
-    speeds = usual_speed(robot.transmission.motor_rate(full.dq))
-    return decide(fit, speeds, note, progress), Instrument("low_band" if reference is None else "q_ref", band)
+    instrument = Instrument("low_band" if reference is None else "q_ref", band)
+    return fit, instrument, usual_speed(robot.transmission.motor_rate(full.dq))
 
 
 def _runs(full: Signals, model: Model, band_hz: float, reference: Sequence[Array] | None) -> list[RunRows]:

@@ -18,13 +18,14 @@ from ..evaluation.comparison import Comparison, compare
 from ..statistics.torque_error import number
 from .advice import advice_for
 from .analysed import Instrument, analysed
+from .confidence import confidence
 from .data.quality import jumps, lost
 from .described import LeftoverDescription, told
 from .detectability import undetectable
 from .held_out import contradicted, contradicted_heap, heaps, louder, presence
 from .pictures import diagnosis_figure, diagnosis_frame, findings_section
 from .refits import estimator_of, fitted, fitted_without, plainly_named
-from .result import Finding, Hidden, Imitator, Unexplained
+from .result import Finding, Hidden, Unexplained
 from .text import diagnosis_text
 from .uncertainty import found_parameters
 from .verdict import Verdict
@@ -38,17 +39,10 @@ if TYPE_CHECKING:
     from ..model import Model
     from ..robots.robot import Robot
     from ..signals.signals import Signals
-    from .inference.confidence_set import AcceptedEffect
     from .inference.decide import Decision
 
 Array = np.ndarray
 _LOG = logging.getLogger(__name__)
-#: Confidence in a finding without a competing model, beside nothing left and beside something left.
-_SURE, _BESIDE = 0.99, 0.45
-#: What a member of the confidence set is worth at least, beside the effect that was accepted.
-_LEAST = 0.35
-#: And those together that are the same on this motion by a name that asks for more.
-_SAME = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +210,7 @@ def diagnose(
     estimator = estimator or estimator_of(before)
     tell = progress or (lambda _: None)
     tell(0.0)
-    decision, instrument = analysed(before.model, signals, note, lambda share: tell(0.9 * share))
+    decision, instrument = analysed(before.model, signals, note, lambda share: tell(0.9 * share), values=before.all_values)
     declared = fitted(before.model, signals, estimator, None, before)
     effects = tuple(x.effect for x in decision.named)
     after = declared if not effects else fitted(plainly_named(before.model, effects), signals, estimator, decision.fit.values, declared)
@@ -274,11 +268,7 @@ def _findings(
     for x, c, share in zip(decision.named, without, shares, strict=True):
         error, final = c.error_before.relative_all, c.error_after.relative_all
         gain = 1.0 - (final / error) ** 2 if error > 0 else 0.0
-        weights = _weights(x)
-        most = _SURE if verdict != Verdict.UNEXPLAINED else _BESIDE
-        own = most / (1.0 + sum(weights))
-        ranked = sorted(zip(x.competing, weights, strict=True), key=lambda pair: -pair[1])
-        others = tuple(Imitator(m.effect.name, m.joints, own * w) for m, w in ranked)
+        own, others = confidence(x, beside=verdict == Verdict.UNEXPLAINED)
         finding = Finding(x.effect, x.joints, values[x.effect], float(gain), float(x.z**2), own, others, presence=share)
         found.append(replace(finding, advice=advice_for(finding, robot, verdict)))
     return tuple(found)
@@ -297,15 +287,6 @@ def _described(
     values = dict(zip(model.names, estimate.all_values, strict=True))
     own = [values[p.name] for law in laws for p in law.parameters(model.robot)]
     return LeftoverDescription(told(model.robot, laws, np.array(own)), estimate, compare(after, estimate, report))
-
-
-def _weights(accepted: AcceptedEffect) -> list[float]:
-    """What each member of an accepted effect's set is worth beside it; the same by names that ask for more share a part."""
-    renamed = sum(m.renamed for m in accepted.competing)
-    return [
-        _SAME / renamed if m.renamed else 1.0 if m.same else max(float(np.exp(min((m.z**2 - accepted.z**2) / 2.0, 0.0))), _LEAST)
-        for m in accepted.competing
-    ]
 
 
 def _of_the_declared(before: Estimate, findings: tuple[Finding, ...]) -> list[str]:

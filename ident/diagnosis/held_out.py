@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .result import Unexplained
-from .thresholds import LOUD, STRETCH, WORSE
+from .thresholds import HALF, LOUD, STRETCH, WORSE
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 
 #: Rows of a joint below which its error on data held out says nothing.
 _ROWS = 50
-#: Blocks of time of each run over which standard errors are taken; share of an effect between what is there (1) and what is not (0).
+#: Blocks of time of each run over which standard errors are taken.
 _BLOCKS = 20
-_HALF = 0.5
 
 
 def presence(without: Estimate, whole: Estimate, data: Signals) -> tuple[float, float]:
@@ -63,7 +62,7 @@ def contradicted_heap(named: Sequence[AcceptedEffect], share: tuple[float, float
 
 
 def _ruled_out(share: tuple[float, float]) -> bool:
-    return share[0] < _HALF and share[0] + WORSE * share[1] < 1.0
+    return share[0] < HALF and share[0] + WORSE * share[1] < 1.0
 
 
 def _missing(name: str, joints: tuple[str, ...], share: tuple[float, float]) -> Unexplained:

@@ -34,3 +34,9 @@ MOST = 5
 WORSE = 2.33
 #: z of what a whole order may leave beside a better one: the critical value of a usual catalogue (5.2 to 5.5), below which it is not seen.
 SEEN = 5.0
+#: Times its rms on a fit's own logs that a residual may have on new ones: unchanged arms have up to 1.7 (motions differ).
+LOUDER = 2.0
+#: Share of an effect between what is there (1) and what is not (0).
+HALF = 0.5
+#: Rows for each parameter below which a change is not told from chance.
+ROWS_EACH = 4

@@ -8,7 +8,7 @@ import numpy as np
 
 from .design.places import is_order
 from .result import FoundParameter
-from .scoring.fit import Fit, effect_columns, rows_of
+from .scoring.fit import Fit, deviations, effect_columns, rows_of
 
 if TYPE_CHECKING:
     from ..effects.base import Effect
@@ -38,14 +38,11 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
     if slopes:
         X = np.concatenate([X, *(fit.filtered(np.split(s[2], _cuts(fit)), frame.gains) for s in slopes)], axis=2)
         Z = np.concatenate([Z, *(fit.filtered(np.split(s[3], _cuts(fit)), frame.gains) for s in slopes)], axis=2)
-    flat = [a.reshape(-1, a.shape[2]) for a in (X, Z)]
+    known = fit.known_rows(X.shape[2])
+    flat = [np.concatenate([a.reshape(-1, a.shape[2]), known]) for a in (X, Z)]
     scale = np.linalg.norm(flat[1], axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
-    inverse = np.linalg.pinv((flat[1] / scale).T @ (flat[0] / scale), rcond=1e-9)
-    covariance = inverse @ ((flat[1] / scale).T @ (flat[1] / scale)) @ inverse.T / np.outer(scale, scale)
-    # A column that nothing moves tells nothing.
-    moved = np.any(flat[1] != 0.0, axis=0)
-    std = np.where(moved, np.sqrt(np.maximum(np.diag(covariance), 0.0)), np.inf)
+    std = deviations((flat[1] / scale).T @ (flat[0] / scale), (flat[1] / scale).T @ (flat[1] / scale)) / scale
     shape_std = {(s[0], s[1]): float(std[frame.X.shape[2] + i]) for i, s in enumerate(slopes)}
     out: dict[Effect, tuple[FoundParameter, ...]] = {}
     start = b

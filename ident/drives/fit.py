@@ -65,11 +65,14 @@ def fit_drives(
     robot = model.robot
     plant = DrivePlant(model, law, drive_logs(logs, robot, law))
     at, sizes = starts(plant)
-    found = fitted(plant, at, sizes, progress=progress)
-    fit = result_of(plant, found, sizes, logs.inputs)
-    precision = Precision.of(found, np.maximum(np.abs(found.values), sizes))
-    fit = replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision))
+    fit = finished(plant, fitted(plant, at, sizes, progress=progress), sizes, logs.inputs)
     return fit if held is None else fit.with_heldout(held)
+
+
+def finished(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[str, str], ...] = ()) -> DriveFit:
+    """`result_of` with the delay's interval by profile likelihood, which takes about as long as the search."""
+    precision = Precision.of(found, np.maximum(np.abs(found.values), sizes))
+    return replace(result_of(plant, found, sizes, inputs), delay_ends=delay_profiles(plant, found, sizes, precision))
 
 
 def result_of(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[str, str], ...] = ()) -> DriveFit:

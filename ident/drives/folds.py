@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .plant import DrivePlant
-from .search import Fitted, fitted
+from .search import Fitted, refitted
 
 Array = np.ndarray
 #: From so many logs on, they are held out whole, in so many turns at most; below, every other stretch of time in two turns.
@@ -20,10 +20,11 @@ _SECONDS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Squared error (N, n) of each reading, simulated with what was fitted to the others; NaN where a reading is a repeat."""
+    """Squared error (N, n) of each reading, simulated with what was fitted to the others; NaN where a reading is a repeat.
+    `logs` (N,): number of the log of each."""
 
     squares: Array
-    fits: tuple[Fitted, ...]
+    logs: Array
 
     @property
     def rms(self) -> Array:
@@ -42,23 +43,33 @@ def turns(plant: DrivePlant) -> Array:
     return np.concatenate(parts)
 
 
-def held_out(plant: DrivePlant, starts: Array, sizes: Array, *, steps: int = 40) -> HeldOut:
-    """Fit with a part of the readings held out, from starts (S, p), and look at it; each part in its turn."""
+def held_out(plant: DrivePlant, fit: Fitted, sizes: Array, *, steps: int = 12) -> HeldOut:
+    """Fit again with a part of the readings held out, from a fit to all of them on, and look at that part; each in its turn."""
     turn = turns(plant)
-    fresh = np.concatenate([log.fresh for log in plant.logs])
-    squares = np.full(fresh.shape, np.nan)
-    found = []
+    squares = np.full(fit.residual.shape, np.nan)
     for number in range(int(turn.max()) + 1):
         other = turn == number
-        fit = fitted(plant, starts, sizes, counted=fresh & ~other[:, None], steps=steps)
-        squares[other] = np.where(fresh[other], np.square(fit.residual[other]), np.nan)
-        found.append(fit)
-    return HeldOut(squares, tuple(found))
+        found = refitted(plant, fit.values, sizes, fit.weights * ~other[:, None], steps=steps)
+        squares[other] = np.where(fit.weights[other] > 0, np.square(found.residual[other]), np.nan)
+    logs = np.repeat(np.arange(len(plant.logs)), [len(log.t) for log in plant.logs])
+    return HeldOut(squares, logs)
 
 
 def best(options: Sequence[HeldOut]) -> int:
-    """Which has the least error, every joint's in units of that of the first. The first wins where no other is better by 1 %."""
-    scale = np.nanmean(options[0].squares, axis=0)
-    errors = np.array([float(np.mean(np.nanmean(o.squares, axis=0) / scale)) for o in options])
+    """Which is the most likely, each joint's error in each log of a size of its own: by Σ N log(rms). The first wins where no other is
+    better by 1 % of the error."""
+    errors = np.array([_log_error(option) for option in options])
     least = int(np.argmin(errors))
-    return least if errors[least] < 0.99 * errors[0] else 0
+    return least if errors[least] < errors[0] - 0.01 else 0
+
+
+def _log_error(option: HeldOut) -> float:
+    """Mean logarithm of the error, over readings."""
+    total = count = 0.0
+    for log in np.unique(option.logs):
+        own = option.squares[option.logs == log]
+        read = np.sum(np.isfinite(own), axis=0)
+        mean = np.nansum(own, axis=0) / np.maximum(read, 1)
+        total += float(np.sum(read * 0.5 * np.log(np.maximum(mean, 1e-300))))
+        count += float(np.sum(read))
+    return total / max(count, 1.0)

@@ -107,6 +107,18 @@ class DrivePlant:
         blocks = [self._together(sets[i : i + most], h, counts) for i in range(0, len(sets), most)]
         return [np.concatenate(parts) for parts in zip(*blocks, strict=True)]
 
+    def possible(self, sets: Array) -> Array:
+        """(Q,) whether joints with sets of unknowns (Q, p) have mass in every direction: large steps may hide that they have not."""
+        if self.law.links_known:
+            return np.ones(len(sets), bool)
+        log = self.logs[0]
+        _, drive, inertial = self._split(log, sets)
+        assert inertial is not None
+        H, _ = FreeLinks(self.robot, inertial).terms(np.tile(log.origin, (len(sets), 1)), np.zeros((len(sets), self.robot.n)))
+        diagonal = np.arange(self.robot.n)
+        H[:, diagonal, diagonal] += drive["armature"]
+        return np.asarray(np.linalg.eigvalsh(0.5 * (H + np.swapaxes(H, 1, 2))).min(axis=1) > 0.0)
+
     def _step(self) -> float:
         """Seconds of a step: a whole number of them in a sample, where the logs agree on one."""
         periods = [log.period for log in self.logs]

@@ -189,7 +189,8 @@ class DriveFit(ShortRepr):
             found = DriveLaw.of(model.robot, law.pop("law"), links=law.pop("links"), by_log=_logs(law.pop("by_log")), **_numbers(law))
             replayed = data["replay"]["heldout"]["rms"]
             values = np.array(state["values"], float)
-            free = unknowns(model, replace(found, shared=frozenset({"delay_s"} if "delay" in state["names"] else ())))
+            found = replace(found, shared=frozenset({"delay_s"} if "delay" in state["names"] else ()))
+            free = unknowns(model, found)
             return cls(
                 model, found, free, values, np.array(state["covariance"], float), None, np.array(data["replay"]["fit"]["rms"]),
                 float(state["period"]), int(data["samples"]), data["status"]["code"] == "ok", tuple(data["inputs"]),

@@ -38,7 +38,6 @@ def starts(plant: DrivePlant) -> tuple[Array, Array]:
 def expected(plant: DrivePlant) -> tuple[Array, Array]:
     """What is expected of the unknowns (p,) before any log, and how far off it may be (p,): inertials of the URDF, no offset; inf where
     nothing is. Of what the logs do not show, the simulation then keeps this."""
-    inertia = moved_inertia(plant)
     at, _ = starts(plant)
     symbols = [u.name.split("_")[0][0] if u.place == "link" else "" for u in plant.unknowns]
     centre, width = at[0].copy(), np.full(len(at[0]), np.inf)
@@ -48,8 +47,6 @@ def expected(plant: DrivePlant) -> tuple[Array, Array]:
             width[i] = _DOUBT * max(alike)
         elif unknown.place == "offset":
             centre[i], width[i] = 0.0, 1e3 * _DOUBT * max(abs(x[i]) for x in at)
-        elif unknown.place == "armature":
-            centre[i], width[i] = 0.0, _DOUBT * float(inertia[unknown.joint])
     return centre, width
 
 

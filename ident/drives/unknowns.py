@@ -93,7 +93,9 @@ def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
                 f"effect {effect.name!r} is not simulated under a drive law; known: {', '.join(sorted(e.name for e in _PLACES))}."
             )
         at = effect.at(robot)
-        place |= {part.start + i: (kind if i < len(at) else "offset", at[i % len(at)]) for i in range(part.stop - part.start)}
+        # Joint by joint: what the effect is, then what holds at every position (a spring's torque at zero).
+        each = (part.stop - part.start) // max(len(at), 1)
+        place |= {part.start + i: (kind if i % each == 0 else "offset", at[i // each]) for i in range(part.stop - part.start)}
     # A spring's rest position is an offset over again where one is declared.
     offsets = [(where, i) for i, where in place.items() if where[0] == "offset"]
     doubled = {i for where, i in offsets if i != next(k for other, k in offsets if other == where)}

@@ -30,6 +30,9 @@ class JointEffect(Effect):
     symbols: ClassVar[tuple[tuple[str, str, float], ...]]
     #: For each column what it is; empty where one is something else. What is declared here is simulated by compiled code.
     factors: ClassVar[tuple[Factor, ...]] = ()
+    #: For each column what it is as a formula of `q`, `dq`, `ddq` (on the effect's side), `load`, `x` (position on the side `angle`) and
+    #: the shape parameters, with sgn, abs, exp, sin, cos, sqrt, tanh; empty where it is none. What is declared here is written as code.
+    formulas: ClassVar[tuple[str, ...]] = ()
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         found = []

@@ -79,6 +79,15 @@ class Payload(_Carried):
         tau = inverse_dynamics(robot.tree, inertia, *_tree_motion(motion, robot)) @ robot.loop.W
         return robot.transmission.torque(tau, Side.JOINT, self.side)
 
+    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
+        """Why there is no body that added, or taken away, would change the ten parameters by so much; "" if one might."""
+        blocks = zip(np.reshape(values, (-1, 10)), np.reshape(std, (-1, 10)), strict=True)
+        for own, deviation in blocks:
+            added, taken_away = _no_body(own, deviation), _no_body(-own, deviation)
+            if added and taken_away:
+                return added if own[0] >= 0.0 else taken_away
+        return ""
+
     def _on_side(self, columns: Array, robot: Robot) -> Array:
         return columns if self.side == Side.JOINT else np.matmul(robot.transmission.torque_map(Side.JOINT, self.side), columns)
 
@@ -114,15 +123,6 @@ class PayloadStep(Payload):
 
     def torque(self, motion: Motion, robot: Robot, values: Array) -> Array:
         return super().torque(motion, robot, values) * after(motion, self.t_0)[:, None]
-
-    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
-        """Why there is no body that added, or taken away, would change the ten parameters by so much; "" if one might."""
-        blocks = zip(np.reshape(values, (-1, 10)), np.reshape(std, (-1, 10)), strict=True)
-        for own, deviation in blocks:
-            added, taken_away = _no_body(own, deviation), _no_body(-own, deviation)
-            if added and taken_away:
-                return added if own[0] >= 0.0 else taken_away
-        return ""
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         return self.bounded(t_0=inside(motion))

@@ -56,6 +56,7 @@ class NonlinearSpring(JointEffect):
         ("kc2", "{tau}/{q}^2", -np.inf),
         ("kc3", "{tau}/{q}^3", -np.inf),
     )
+    formulas = ("1", "q", "q ** 2", "q ** 3")
 
     side: Side = Side.JOINT
 
@@ -80,6 +81,7 @@ class Counterbalance(JointEffect):
     axis: ClassVar[Axis] = Axis.POSITION
     nature: ClassVar[Nature] = Nature.LINK
     symbols = (("kar", "{tau}", 0.0), ("kal", "{tau}", 0.0))
+    formulas = ("sin(q - angle)", "-sin(q - angle) / sqrt(1 + ratio**2 - 2 * ratio * cos(q - angle))")
 
     side: Side = Side.JOINT
     angle: float = 0.0

@@ -18,6 +18,8 @@ Array = np.ndarray
 _FACTOR, _LEFT = 3.0, 0.3
 #: What the URDF asks for, or what is fitted, must stand so far above the noise of the fit.
 _CLEAR = 10.0
+#: A parameter that is, even by so many standard deviations less, so many times the sum of its kind over all links of the URDF is no link's.
+_SURELY, _MANY = 5.0, 30.0
 #: A last link is the URDF's, turned, where turning takes away that much of the distance between both (squared standard deviations), and
 #: leaves no more than this share; by less than so many radians it is not turned. Angles that are tried, and how often the step is halved.
 _CLEAR_OFF, _LEFT_OFF, _TURNED, _ANGLES, _NARROWER = 100.0, 0.25, 0.05, 72, 8
@@ -119,6 +121,28 @@ def factor_doubt(estimate: Estimate) -> str:
     return (
         f"torque is many times, or a small part of, what the URDF's inertials ask for on some joints alone: {listed}. Look at its unit,"
         " its gear ratio and its torque constant there."
+    )
+
+
+def size_doubt(estimate: Estimate) -> str:
+    """A sentence where what is told of a link is many times what all links of the URDF have together, whatever its pattern; "" otherwise.
+
+    Positions in another unit leave no pattern to compare: within small angles gravity is another function of them."""
+    beside = _beside(estimate)
+    if beside is None:
+        return ""
+    units = np.array([beside.estimate.base.parameters[i].unit for i in beside.estimate.base.independent])
+    least = np.where(beside.plain, np.abs(estimate.values) - _SURELY * estimate.std, 0.0)
+    found: list[str] = []
+    for unit in dict.fromkeys(units.tolist()):
+        whole = float(np.sum(np.abs(beside.nominal[beside.plain & (units == unit)])))
+        large = np.flatnonzero((units == unit) & (least > _MANY * whole)) if whole > 0.0 else np.zeros(0, int)
+        found += [f"{estimate.names[i]} = {estimate.values[i]:.3g} {unit} ({whole:.2g} in all links of the URDF)" for i in large]
+    if not found:
+        return ""
+    return (
+        f"parameters are many times what the URDF's links have: {', '.join(found[:3])}{' …' if len(found) > 3 else ''}. Positions or times"
+        " in another unit do that: look at the units of both, and at rate_hz; or the URDF's inertials are made up."
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import DataError
 from ..problem.opposite_signs import negative_share, opposite_sign
-from .against_nominal import factor_doubt, zero_doubt
+from .against_nominal import factor_doubt, size_doubt, zero_doubt
 from .misreadings import misreading
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def _turned(estimate: Estimate) -> str:
 
 def _cause(estimate: Estimate) -> str:
     """What the log has wrong, the surest first: what follows from one cause is not blamed on the next."""
-    return _turned(estimate) or misreading(estimate) or zero_doubt(estimate) or factor_doubt(estimate)
+    return _turned(estimate) or misreading(estimate) or zero_doubt(estimate) or factor_doubt(estimate) or size_doubt(estimate)
 
 
 def _bounds(estimate: Estimate) -> tuple[Array, Array]:

@@ -1,7 +1,19 @@
-"""Export of an identified robot: URDF patched in place, MJCF, JSON."""
+"""Export of an identified robot to simulators and other programs: one target each."""
 
 from __future__ import annotations
 
-from .export import Exported, Identified, export, export_urdf
+from .export import Exported, export, export_urdf
+from .identified import Identified
+from .target import ExportOptions, ExportTarget, Expressed, WrittenFile, register_target
 
-__all__ = ["Exported", "Identified", "export", "export_urdf"]
+__all__ = [
+    "ExportOptions",
+    "ExportTarget",
+    "Exported",
+    "Expressed",
+    "Identified",
+    "WrittenFile",
+    "export",
+    "export_urdf",
+    "register_target",
+]

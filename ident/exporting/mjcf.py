@@ -6,7 +6,7 @@ length is the motor's angle, so that rotor inertia and friction act through K ex
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,20 +20,19 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-def mjcf_text(robot: Robot, inertial: Array, drive: Mapping[str, Array]) -> tuple[str, tuple[str, ...]]:
-    """MJCF text and notes. `inertial` (10 nb,); `drive`: "armature", "damping", "frictionloss" -> (n,) per motor, on the motor side.
+def mjcf_text(
+    robot: Robot, inertial: Array, drive: Mapping[str, Array], beside: Mapping[str, Array] | None = None
+) -> tuple[str, tuple[str, ...]]:
+    """MJCF text and notes. `inertial` (10 nb,); `drive`: "armature", "damping", "frictionloss" -> (n,) per motor, on the motor side;
+    `beside`: attributes of the joints themselves -> (n,), "armature", "damping", "frictionloss", "stiffness", "springref".
 
     Raises ConfigurationError where a body is not real, UnsupportedError for loop closures with several masters."""
     from lxml import etree
 
     tree = robot.tree
+    real_bodies(robot, inertial, "MuJoCo")
     parameters = np.asarray(inertial, float).reshape(-1, 10)
     names = _body_names(robot)
-    bad = [names[i] for i in np.flatnonzero(smallest_eigenvalues(parameters) <= 0)]
-    if bad:
-        raise ConfigurationError(
-            f"the parameters of {', '.join(bad)} are not those of a real body, and MuJoCo refuses such; export standard parameters."
-        )
     root = etree.Element("mujoco", model=robot.name)
     # Angles in radians; inertia as given, not balanced.
     etree.SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="false")
@@ -52,7 +51,7 @@ def mjcf_text(robot: Robot, inertial: Array, drive: Mapping[str, Array]) -> tupl
             "body",
             name=names[i],
             pos=_words(tree.translation[i]),
-            quat=_words(_quaternion(tree.rotation[i])),
+            quat=_words(quaternion(tree.rotation[i])),
         )
         nodes.append(body)
         mass, com, inertia_c = centre_of_mass(parameters[i])
@@ -65,18 +64,38 @@ def mjcf_text(robot: Robot, inertial: Array, drive: Mapping[str, Array]) -> tupl
         node = etree.SubElement(body, "joint", name=joint.name, type="slide" if joint.prismatic else "hinge", axis=_words(tree.axis[i]))
         if np.isfinite(joint.lower) and np.isfinite(joint.upper):
             node.set("range", _words([joint.lower, joint.upper]))
-        if diagonal and joint.name in robot.joint_names:
+        if joint.name in robot.joint_names:
             j = robot.joint_index(joint.name)
-            k = K[j, j]
-            for key, power in (("armature", 2), ("damping", 2), ("frictionloss", 1)):
-                if key in drive and drive[key][j] != 0.0:
-                    node.set(key, repr(float(drive[key][j] / abs(k) ** power)))
+            _attributes(node, j, abs(K[j, j]) if diagonal else 0.0, drive, beside or {})
     notes = ["the MJCF holds no geometry: add it to the bodies, which stand in the joint frames."]
     notes += _closure(root, robot)
     if not diagonal and any(np.any(v != 0) for v in drive.values()):
         _tendons(root, robot, drive)
         notes.append("the coupled transmission is written as one fixed tendon per motor, with its rotor inertia and friction.")
+        notes += _across_branches(robot, drive)
     return etree.tostring(root, pretty_print=True, encoding="unicode"), tuple(notes)
+
+
+def real_bodies(robot: Robot, inertial: Array, reader: str) -> None:
+    """Raises ConfigurationError where links (10 nb,) are no real bodies."""
+    names = link_names(robot.model)
+    bad = [names[i] for i in np.flatnonzero(smallest_eigenvalues(np.asarray(inertial, float).reshape(-1, 10)) <= 0)]
+    if bad:
+        raise ConfigurationError(
+            f"the parameters of {', '.join(bad)} are not those of a real body, and {reader} refuses such; export standard parameters."
+        )
+
+
+def _attributes(node: Any, j: int, k: float, drive: Mapping[str, Array], beside: Mapping[str, Array]) -> None:
+    """What a joint's element says beside its place; k: joint turns per motor turn, 0 where motors act through tendons."""
+    own = {key: float(values[j]) for key, values in beside.items()}
+    if k:
+        for key, power in (("armature", 2), ("damping", 2), ("frictionloss", 1)):
+            if key in drive:
+                own[key] = own.get(key, 0.0) + float(drive[key][j] / k**power)
+    for key, value in own.items():
+        if value != 0.0:
+            node.set(key, repr(value))
 
 
 def _tendons(root: object, robot: Robot, drive: Mapping[str, Array]) -> None:
@@ -91,6 +110,29 @@ def _tendons(root: object, robot: Robot, drive: Mapping[str, Array]) -> None:
         for j, coefficient in enumerate(row):
             if coefficient != 0.0:
                 etree.SubElement(tendon, "joint", joint=robot.joint_names[j], coef=repr(float(coefficient)))
+
+
+def _across_branches(robot: Robot, drive: Mapping[str, Array]) -> list[str]:
+    """MuJoCo's inertia matrix has no place for pairs of joints of which none moves the other: tendons' inertia between those is lost."""
+    back = robot.transmission.K_inverse
+    inertia = back.T @ np.diag(drive.get("armature", np.zeros(robot.n))) @ back
+    names = [joint.name for joint in robot.tree_joints]
+    moved: list[set[int]] = []  # bodies from the base to each one
+    for i, up in enumerate(robot.tree.parent):
+        moved.append({i} | (moved[up] if up >= 0 else set()))
+    bodies = [names.index(name) + int(robot.tree.floating) for name in robot.joint_names]
+    lost = [
+        (abs(float(inertia[i, j])), f"{robot.joint_names[i]} and {robot.joint_names[j]}")
+        for i in range(robot.n)
+        for j in range(i)
+        if inertia[i, j] != 0.0 and bodies[i] not in moved[bodies[j]] and bodies[j] not in moved[bodies[i]]
+    ]
+    if not lost:
+        return []
+    worst = max(lost)
+    pairs = ", ".join(pair for _, pair in lost)
+    size = f"up to {worst[0]:.3g} kg m^2 ({worst[1]}), so many N m per rad/s^2 of the other joint"
+    return [f"not expressible: rotor inertia between joints of different branches ({pairs}): {size}."]
 
 
 def _closure(root: object, robot: Robot) -> list[str]:
@@ -132,7 +174,7 @@ def _words(values: object) -> str:
     return " ".join(repr(float(x)) for x in np.asarray(values, float).reshape(-1))
 
 
-def _quaternion(R: Array) -> Array:
+def quaternion(R: Array) -> Array:
     """Unit quaternion w x y z of a rotation matrix, from its largest component (Shepperd, 1978)."""
     squares = np.array(
         [1 + R[0, 0] + R[1, 1] + R[2, 2], 1 + R[0, 0] - R[1, 1] - R[2, 2], 1 - R[0, 0] + R[1, 1] - R[2, 2], 1 - R[0, 0] - R[1, 1] + R[2, 2]]

@@ -29,6 +29,7 @@ class AsymmetricCoulomb(JointEffect):
     axis: ClassVar[Axis] = Axis.VELOCITY
     nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("dFc", "{tau}", -np.inf),)
+    formulas = ("abs(sgn(dq))",)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         yield np.abs(own.direction)
@@ -47,6 +48,7 @@ class AsymmetricViscous(JointEffect):
     axis: ClassVar[Axis] = Axis.VELOCITY
     nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("dFv", "{tau} s/{q}", -np.inf),)
+    formulas = ("abs(dq)",)
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         yield own.direction * own.dq

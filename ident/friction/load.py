@@ -38,6 +38,7 @@ class LoadDependentFriction(JointEffect):
     nature: ClassVar[Nature] = Nature.FRICTION
     needs: ClassVar[frozenset[Need]] = frozenset({Need.LOAD})
     symbols = (("Fl", "1", 0.0),)
+    formulas = ("sgn(dq) * abs(load - rotor * ddq)",)
 
     rotor: float = 0.0
 

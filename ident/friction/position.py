@@ -35,6 +35,7 @@ class PositionDependentFriction(JointEffect):
     axis: ClassVar[Axis] = Axis.POSITION
     nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("Fps", "{tau}", -np.inf), ("Fpc", "{tau}", -np.inf))
+    formulas = ("sgn(dq) * sin(order * x)", "sgn(dq) * cos(order * x)")
 
     angle: Side = Side.JOINT
     order: float = 1.0
@@ -68,6 +69,7 @@ class JointSideFriction(JointEffect):
     axis: ClassVar[Axis] = Axis.VELOCITY
     nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("Fc_link", "{tau}", 0.0), ("Fv_link", "{tau} s/{q}", 0.0))
+    formulas = ("sgn(dq)", "dq")
 
     side: Side = Side.JOINT
 

@@ -35,6 +35,7 @@ class Stribeck(JointEffect):
     axis: ClassVar[Axis] = Axis.VELOCITY
     nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("Fs", "{tau}", 0.0),)
+    formulas = ("sgn(dq) * exp(-((dq / v_s) ** 2))",)
 
     v_s: float = 0.1
 
@@ -63,6 +64,7 @@ class NonlinearViscous(JointEffect):
     axis: ClassVar[Axis] = Axis.VELOCITY
     nature: ClassVar[Nature] = Nature.FRICTION
     symbols = (("Fn", "{tau} (s/{q})^{a}", 0.0),)
+    formulas = ("sgn(dq) * abs(dq) ** a",)
 
     a: float = 0.5
 

@@ -23,7 +23,8 @@ Array = np.ndarray
 @dataclass(frozen=True)
 class ColumnPlan:
     """The resolved columns of a log. `joints`: names, where the header gives them; `extra`: columns that are nothing of ours; `hint`:
-    where there is no torque, which of those look like it, as a question; `where`: the file, for messages."""
+    where there is no torque, which of those look like it, as a question; `where`: the file, for messages; `wanted`: columns of desired
+    motion (`q_ref`, `q_cmd` …) that are read with them."""
 
     columns: tuple[Column, ...]
     n: int
@@ -32,11 +33,17 @@ class ColumnPlan:
     notes: tuple[str, ...] = field(default=())
     hint: str = ""
     where: str = "log"
+    wanted: tuple[Column, ...] = ()
 
     @property
     def sources(self) -> tuple[str, ...]:
         """Columns of the file that must be read."""
-        return tuple(dict.fromkeys(c.source for c in self.columns))
+        return tuple(dict.fromkeys(c.source for c in self.read))
+
+    @property
+    def read(self) -> tuple[Column, ...]:
+        """All that is read."""
+        return (*self.columns, *self.wanted)
 
     def on_clock(self, *columns: Column) -> ColumnPlan:
         """The same with other columns for the time, which add up."""
@@ -49,8 +56,8 @@ class ColumnPlan:
     def arrays(self, table: Mapping[str, Array]) -> dict[str, Array]:
         """SI arrays from raw columns (any number of rows): "t" (N,), every other quantity present (N, n), NaN where a joint has none."""
         out: dict[str, Array] = {}
-        for quantity in QUANTITIES:
-            columns = self.quantity(quantity)
+        for quantity in (*QUANTITIES, *dict.fromkeys(c.quantity for c in self.wanted)):
+            columns = tuple(c for c in self.read if c.quantity == quantity)
             if not columns:
                 continue
             if quantity == "t" and len(columns) > 1:  # seconds, and a fraction of one

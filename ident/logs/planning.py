@@ -44,6 +44,18 @@ class PlannedLog:
     table: Mapping[str, Array] | None = None
 
 
+def with_desired(found: PlannedLog) -> ColumnPlan:
+    """The plan of a log, with the columns of its desired motion where each joint has one, as `read_logs` keeps them beside the log."""
+    told = {key: Column(name, "", 0, scale, offset) for key, (name, scale, offset) in found.reference.items()}
+    told |= {name: Column(name, "", 0) for name in found.plan.extra if _IS_REFERENCE.fullmatch(name)}
+    columns: dict[str, list[Column]] = {}
+    for key, column in told.items():
+        quantity = key.rstrip("0123456789")
+        columns.setdefault(quantity, []).append(replace(column, quantity=quantity, joint=int(key[len(quantity) :]) - 1))
+    whole = [own for own in columns.values() if sorted(c.joint for c in own) == list(range(found.plan.n))]
+    return replace(found.plan, wanted=tuple(c for own in whole for c in own))
+
+
 def planned(
     source: TableSource, joints: JointNames | None, columns: Mapping[str, Any] | None = None, rate_hz: float | None = None
 ) -> PlannedLog:

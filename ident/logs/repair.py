@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +15,11 @@ _ISOLATED = 10
 #: Beyond this, a number of a log is none: squares and sums of it would overflow, and no quantity of a robot is so large.
 _LARGEST = 1e30
 #: Share of rows up to which repeats are a recorder's; more of them are the stream itself, held.
-_REPEATS = 0.3
+REPEATS = 0.3
+#: A log of fewer rows does not tell a repeat.
+FEWEST = 100
+#: Sizes of steps that are told apart: the first bits of a number that is not negative.
+_SIZES = 1 << 15
 #: Positions that stay within this (rad, m) may have velocities that are all zero.
 _AT_REST = 1e-3
 _SHARE = 0.01
@@ -77,21 +81,52 @@ def repeated_rows(arrays: Mapping[str, Array]) -> Array:
     `arrays`: "t" and other channels (N, n). Without a torque, or where every other row repeats, nothing tells a repeat from rest."""
     channels = [a for k, a in arrays.items() if k != "t" and a.ndim == 2]
     none = np.zeros(len(arrays["t"]), bool)
-    if not any(k.startswith("tau") for k in arrays) or len(none) < 100:
+    if not any(k.startswith("tau") for k in arrays) or len(none) < FEWEST:
         return none
-    same = none.copy()
-    same[1:] = np.all([np.all((a[1:] == a[:-1]) | (np.isnan(a[1:]) & np.isnan(a[:-1])), axis=1) for a in channels], axis=0)
-    if not same.any() or same.mean() > _REPEATS:
+    same = same_rows(channels)
+    if not same.any() or same.mean() > REPEATS:
         return none
     q = next(a for k, a in arrays.items() if k in ("q", "q_motor"))
-    step = np.abs(np.diff(q, axis=0))
-    usual = np.array([np.median(moves) if len(moves := column[column > 0]) else np.inf for column in step.T])
-    before, after = np.zeros_like(q), np.zeros_like(q)
-    before[2:] = np.abs(q[1:-1] - q[:-2])
+    return same & moving_rows(q, usual_steps(step_sizes(q)))
+
+
+def same_rows(channels: Sequence[Array]) -> Array:
+    """Rows (N,) that are, in every channel (N, n), what the row before them is."""
+    same = np.zeros(len(channels[0]), bool)
+    same[1:] = np.all([np.all((a[1:] == a[:-1]) | (np.isnan(a[1:]) & np.isnan(a[:-1])), axis=1) for a in channels], axis=0)
+    return same
+
+
+def step_sizes(positions: Array) -> Array:
+    """How often each size of a step occurs, of positions (N, n): (n, sizes), in sixteenths of a power of two; counts of pieces add up."""
+    step = np.abs(np.diff(positions, axis=0))
+    sizes = (np.ascontiguousarray(step).view(np.int64) >> 48).reshape(step.shape)
+    return np.stack([np.bincount(own[moved > 0], minlength=_SIZES) for own, moved in zip(sizes.T, step.T, strict=True)])
+
+
+def usual_steps(counts: Array) -> Array:
+    """The middle size (n,) of the steps that were counted; infinite where there is none."""
+    whole = np.cumsum(counts, axis=1)
+    middle = np.argmax(whole >= 0.5 * whole[:, -1:], axis=1)
+    return np.where(whole[:, -1] > 0, (middle.astype(np.int64) << 48).view(np.float64), np.inf)
+
+
+def moving_rows(positions: Array, usual: Array) -> Array:
+    """Rows (N,) before and after which a joint makes a step of its `usual` size (n,)."""
+    step = np.abs(np.diff(positions, axis=0))
+    before, after = np.zeros_like(positions), np.zeros_like(positions)
+    before[2:] = step[:-1]
     after[:-1] = step
     with np.errstate(invalid="ignore"):
-        moving = np.any((before > 0.2 * usual) & (after > 0.2 * usual), axis=1)
-    return same & moving
+        return np.asarray(np.any((before > 0.2 * usual) & (after > 0.2 * usual), axis=1))
+
+
+def repeats_told(count: int, where: str) -> str:
+    """What to say of rows that repeat the row before them."""
+    return (
+        f"{where}: {count} rows repeat the row before them in every column but the time while the joints move (the recorder took a slower"
+        " stream's sample again); they are left out as gaps of one sample."
+    )
 
 
 def usable_numbers(values: Array) -> Array:
@@ -123,10 +158,7 @@ def usable_rows(t: Array, positions: Mapping[str, Array], where: str, *, missing
     notes = missing_rows(unstamped, holes, len(t), where, missing=missing)
     if repeated is not None and repeated.any():
         present &= ~repeated
-        notes.append(
-            f"{where}: {int(repeated.sum())} rows repeat the row before them in every column but the time while the joints move (the"
-            " recorder took a slower stream's sample again); they are left out as gaps of one sample."
-        )
+        notes.append(repeats_told(int(repeated.sum()), where))
 
     def moved(rows: Array) -> Array:
         return np.any([values[rows] != values[rows - 1] for values in positions.values()], axis=0)

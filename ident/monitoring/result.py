@@ -52,11 +52,12 @@ class ChangedParameter(FoundParameter):
 
 @dataclass(frozen=True, eq=False)
 class Change(Finding):
-    """One thing that changed: a finding of the diagnosis with `how` it came about. `heldout_gain` and `evidence` are of blocks of the
-    new logs that its fit did not see; `confidence` counts against it what its joints leave beyond the usual."""
+    """One thing that changed: a finding of the diagnosis with `how` it came about. `heldout_gain` is of blocks of the new logs that its fit
+    did not see; `since`: of several new logs the first that has it ("": there is one, or it is not told)."""
 
     parameters: tuple[ChangedParameter, ...]
     how: How = How.CHANGED
+    since: str = ""
 
     @property
     def brief(self) -> str:
@@ -91,7 +92,7 @@ class Change(Finding):
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         found = {key: value for key, value in super().to_dict().items() if key != "advice"}
-        return {**found, "how": self.how.value, "text": str(self)}
+        return {**found, "how": self.how.value, "since": self.since, "text": str(self)}
 
 
 @dataclass(frozen=True)

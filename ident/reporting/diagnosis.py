@@ -12,8 +12,8 @@ from ..diagnosis.result import by_effect
 from ..diagnosis.text import undecided
 from ..drawing.document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from ..effects.places import on, place_of
-from ..monitoring.stages.analysis import without_reversals
 from ..robots.transmission import Side
+from ..signals.reversing import without_reversals
 from ..signals.timeline import Timeline
 from .replayed import replay_sections
 

@@ -19,19 +19,20 @@ from ..logs.columns import ColumnPlan
 from ..logs.files import content_file
 from ..logs.log import log_of
 from ..logs.names import JointNames
-from ..logs.planning import planned
+from ..logs.planning import planned, with_desired
 from ..logs.readers.header import Header
 from ..logs.readers.ros import joint_state_columns
 from ..logs.readers.stored import split_inside
 from ..logs.readers.strangers import Strangers
 from ..logs.readers.tables import read_header
-from ..logs.repair import Holes, blank_unusable, drop_empty, missing_rows, rising_runs, usable_numbers
+from ..logs.repair import Holes, blank_unusable, drop_empty, missing_rows, repeats_told, rising_runs, usable_numbers
 from ..logs.source import TableSource
 from ..logs.torque import as_meant
 from ..robots.robot import Robot
 from .digest import FileDigest
 from .disk import DiskArray, DiskWriter
-from .stored import StoredLog, survey_of
+from .repeats import repeated_places
+from .stored import StoredLog, is_desired, survey_of
 from .survey import Survey, Surveyed
 from .tables import PieceOfFile, chunked_file, pieces, shows_bytes
 from .unwrapping import joined_positions, moved_into_limits
@@ -144,7 +145,7 @@ class Reading:
             found = planned(source, JointNames.of(self.robot), self.columns, self.rate_hz)
             if found.table is not None:
                 raise UnsupportedError(f"log {path}: a table with a row for each joint is read as a whole only; take --stream away.")
-            return file, replace(found.plan, notes=(*file.notes, *found.plan.notes))
+            return file, replace(with_desired(found), notes=(*file.notes, *found.plan.notes))
         if self.rate_hz is not None:
             raise UnsupportedError(
                 f"log {path}: a rate_hz in the place of a time is not counted in streaming; read it whole (--no-stream)."
@@ -157,7 +158,7 @@ class Reading:
         found = planned(TableSource.of(path), JointNames.of(self.robot), self.columns)
         if found.table is not None:
             raise UnsupportedError(f"log {path}: a table with a row for each joint is read as a whole only; take --stream away.")
-        return header, found.plan
+        return header, with_desired(found)
 
 
 def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[float], None] | None = None) -> tuple[StoredLog, ...]:
@@ -168,7 +169,7 @@ def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[f
     header, plan = reading.plan(path)
     folder.mkdir(parents=True, exist_ok=True)
     record = folder / "read.json"
-    present = {c.quantity: np.zeros((1, plan.n)) for c in plan.columns}
+    present = {c.quantity: np.zeros((1, plan.n)) for c in plan.read}
     meant = reading.as_meant(present, where)
     state = _State.from_json(record.read_text()) if record.exists() else _State()
     with FileDigest(content_file(path), shown=not state.done and shows_bytes(path)) as digest:
@@ -183,7 +184,10 @@ def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[f
     empty = _without_empty(arrays, state, where)
     hint = "what stands there for a torque is zero in every row" if empty and not any(k.startswith("tau") for k in arrays) else plan.hint
     log = StoredLog(stem, arrays, str(outer), sums, (), () if empty else tuple(state.blocks), hint=hint)
-    runs = [log] if state.rising and state.kept >= 2 else _runs(log, state, where, notes)
+    again = repeated_places(arrays, _places(state) if state.unstamped or any(state.holes.values()) else None, state.place.rows)
+    if len(again):
+        notes.append(repeats_told(len(again), where))
+    runs = [log] if state.rising and state.kept >= 2 and not len(again) else _runs(log, state, again, where, notes)
     noted = (*state.left.notes(where), *plan.notes, *meant, *empty, *notes)
     named = [replace(r, notes=noted, origin=None, name=stem if len(runs) == 1 else f"{stem} run {i + 1}") for i, r in enumerate(runs)]
     if "q" in arrays:
@@ -209,6 +213,8 @@ def _read(
     quantities: list[str] = [
         q for q in ("t", "q", "q_motor", "dq", "ddq", "dq_motor", "tau_joint", "tau_motor", "tau_current") if q in present
     ]
+    desired = list(dict.fromkeys(c.quantity for c in plan.wanted))
+    quantities += desired
     side = "q" if "q" in quantities else "q_motor"
     sources = {c.joint: c.source for c in plan.quantity(side)}
     writers = {q: DiskWriter(folder / f"{q}.f64", 0 if q == "t" else plan.n, state.kept) for q in quantities}
@@ -229,7 +235,7 @@ def _read(
                     state.blocks.append(Surveyed(state.kept, found))
                 for q in quantities:
                     writers[q].append(rows[q])
-                    if q != "t":
+                    if q != "t" and q not in desired:
                         state.widen(q, rows[q])
                 state.kept += len(rows["t"])
                 state.last_t, state.last_q = float(rows["t"][-1]), rows[side][-1].tolist()
@@ -250,7 +256,7 @@ def _without_empty(arrays: dict[str, DiskArray], state: _State, where: str) -> l
     if not bounds:
         return []
     notes = drop_empty(bounds, where)
-    for name in [name for name in arrays if name != "t" and name not in bounds]:
+    for name in [name for name in arrays if name != "t" and name not in bounds and not is_desired(name)]:
         del arrays[name]
     return notes
 
@@ -265,7 +271,7 @@ def _record(writers: Mapping[str, DiskWriter], state: _State, record: Path) -> N
 def _present(table: dict[str, Array], side: str, sources: Mapping[int, str], state: _State) -> dict[str, Array]:
     """The rows with a time stamp and every position, torque finite or NaN; the other rows are noted."""
     first = state.place.rows
-    blank_unusable(table)
+    blank_unusable({name: values for name, values in table.items() if not is_desired(name)})
     good = usable_numbers(table["t"])
     positions = usable_numbers(table[side])
     if good.all() and positions.all():
@@ -277,16 +283,24 @@ def _present(table: dict[str, Array], side: str, sources: Mapping[int, str], sta
     return {k: v[good] for k, v in table.items()}
 
 
-def _runs(log: StoredLog, state: _State, where: str, notes: list[str]) -> list[StoredLog]:
-    """A file in which time starts again or repeats: its runs, copied where rows are dropped. Holds the time stamps in memory."""
+def _places(state: _State) -> Array:
+    """The rows of the file that were stored."""
     gone = state.unstamped.flag(state.place.rows)
     for hole in state.holes.values():
         gone |= hole.flag(state.place.rows)
-    index = np.flatnonzero(~gone)
+    return np.flatnonzero(~gone)
+
+
+def _runs(log: StoredLog, state: _State, again: Array, where: str, notes: list[str]) -> list[StoredLog]:
+    """A file in which time starts again or repeats, or in which some stored rows repeat (`again`): its runs, copied where rows are dropped.
+    Holds the time stamps in memory."""
+    places = _places(state)
     t = np.full(state.place.rows, np.nan)
-    t[index] = log.t[:]
+    t[places] = log.t[:]
+    index = np.delete(places, again)
     # Places among the rows that were stored.
-    stored = np.cumsum(~gone) - 1
+    stored = np.zeros(state.place.rows, np.int64)
+    stored[places] = np.arange(len(places))
     positions = log.arrays["q" if "q" in log.arrays else "q_motor"]
 
     def moved(rows: Array) -> Array:

@@ -20,8 +20,8 @@ Array = np.ndarray
 @dataclass(frozen=True, eq=False)
 class StoredLog:
     """One run as recorded, its arrays in files. `arrays`: "t" (N,), and "q" or "q_motor", "dq", "ddq", "dq_motor", "tau_joint",
-    "tau_motor", "tau_current" (N, n), those that were logged. `blocks`: surveys of stretches of rows, in order (they need not
-    cover all rows). `origin`: time at which the recording began. The rest as in `Log`."""
+    "tau_motor", "tau_current" (N, n), those that were logged, and desired motion ("q_ref" …). `blocks`: surveys of stretches of rows, in
+    order (they need not cover all rows). `origin`: time at which the recording began. The rest as in `Log`."""
 
     name: str
     arrays: Mapping[str, DiskArray]
@@ -63,7 +63,8 @@ class StoredLog:
     def read(self, start: int, stop: int) -> Log:
         """Some rows in memory."""
         piece = {k: a[start:stop] for k, a in self.arrays.items()}
-        return replace(log_of(self.name, piece, self.source, self.sha256, self.notes, self.began), hint=self.hint)
+        extra = {f"{k}{j + 1}": a[:, j] for k, a in piece.items() if is_desired(k) for j in range(a.shape[1])}
+        return replace(log_of(self.name, piece, self.source, self.sha256, self.notes, self.began), hint=self.hint, extra=extra)
 
     def part(self, start: int, stop: int, name: str | None = None) -> StoredLog:
         """Some rows, still on disk."""
@@ -87,6 +88,11 @@ class StoredLog:
         for a in range(start, stop, PASS):
             piece = self.read(a, min(a + PASS, stop))
             yield survey_of(piece, transmission, self.positions[a - 1] if a else None)
+
+
+def is_desired(name: str) -> bool:
+    """Whether an array holds what was asked for, not what was measured."""
+    return name.endswith(("_ref", "_cmd"))
 
 
 def survey_of(log: Log, transmission: Transmission, before: Array | None = None) -> Survey:

@@ -59,7 +59,7 @@ class TextParser:
     @cached_property
     def _targets(self) -> tuple[dict[str, int], bytes] | None:
         """Width of each quantity's array, and the array and column to which each field of a line goes; None where one goes to several."""
-        columns = self.plan.columns
+        columns = self.plan.read
         if len({c.source for c in columns}) < len(columns) or len(self.header.delimiter) != 1 or len(self.plan.quantity("t")) > 1:
             return None
         widths = {q: 1 if q == "t" else self.plan.n for q in dict.fromkeys(c.quantity for c in columns)}
@@ -71,8 +71,8 @@ class TextParser:
     @cached_property
     def _absent(self) -> tuple[tuple[str, int], ...]:
         """Columns of the arrays that no field fills."""
-        given = {(c.quantity, c.joint) for c in self.plan.columns}
-        matrices = {c.quantity for c in self.plan.columns if c.quantity != "t"}
+        given = {(c.quantity, c.joint) for c in self.plan.read}
+        matrices = {c.quantity for c in self.plan.read if c.quantity != "t"}
         return tuple((q, j) for q in sorted(matrices) for j in range(self.plan.n) if (q, j) not in given)
 
     def _plain(self, text: memoryview) -> dict[str, Array] | None:
@@ -88,7 +88,7 @@ class TextParser:
             return None
         for quantity, j in self._absent:
             arrays[quantity][:, j] = np.nan
-        for c in self.plan.columns:
+        for c in self.plan.read:
             values = arrays[c.quantity][:rows, c.joint]
             if c.scale != 1.0:
                 values *= c.scale

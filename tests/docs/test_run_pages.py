@@ -35,6 +35,7 @@ ELSEWHERE = {
     "logs.md": "tests/unit/test_recordings.py",
     "study.md": "tests/unit/test_study_file.py",
     "actuators.md": "tests/unit/test_actuator_export.py",
+    "simulators.md": "tests/unit/test_actuator_export.py",
     "architecture.md": "contracts in short, which are no code",
     "index.md": "one line of installation",
     "reliability.md": "what a run of the fuzzer printed",

@@ -12,7 +12,7 @@ import pytest
 
 from ident.estimate.estimate import Estimate
 from ident.estimators import make_estimator
-from ident.exporting.export import Identified, export
+from ident.exporting import Identified, export
 from ident.physical import Repair, judge, repair_estimate
 from ident.regressor.rigid import inverse_dynamics
 from ident.robots.robot import Robot

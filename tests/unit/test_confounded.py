@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 
-import commanded
 import numpy as np
 import pytest
-from commanded import LEG, PENDULUM, commanded_log
 from scipy.integrate import solve_ivp
 
 import ident
+from benchmarks.actuators import commanded
+from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from ident.drives import DriveFit, DriveLaw, DriveLog, fit_drives
 from ident.drives.space import foreign_commands
 from ident.logs.log import LogSet

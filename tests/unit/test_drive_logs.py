@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from commanded import LEG, PENDULUM
 
 import ident
+from benchmarks.actuators.commanded import LEG, PENDULUM
 from ident.cli import main
 from ident.drives import DriveLaw, DriveLog
 from ident.drives.commands import commanded
+from ident.drives.folds import HeldOut, best
+from ident.drives.plant import DrivePlant
 from ident.drives.seen import seen_in
 
 
@@ -106,3 +108,28 @@ def test_diagnose_by_regression_says_in_one_line_why_there_is_no_torque(tmp_path
     assert len(said.splitlines()) == 1
     assert "delay_s is to be identified" in said
     assert "ident fit" in said
+
+
+def test_the_choice_between_models_counts_each_log_by_its_own_error():
+    """A loud log does not outvote quiet ones: what halves a small error is more likely than what takes a tenth off a large one."""
+    logs = np.repeat([0, 1, 2], 100)
+    size = np.where(logs == 0, 0.5, 0.01)[:, None]
+    plain = HeldOut(size**2, logs)
+    quiet = HeldOut(np.where(logs[:, None] == 0, 1.05 * size, 0.5 * size) ** 2, logs)
+    loud = HeldOut(np.where(logs[:, None] == 0, 0.9 * size, size) ** 2, logs)
+    assert best([plain, quiet, loud]) == 1
+    assert best([plain, HeldOut(0.99 * size**2, logs)]) == 0
+
+
+def test_links_without_mass_are_not_possible():
+    """Where the links are free, a set of parameters that leaves a joint no inertia is never simulated as if it had some."""
+    robot = ident.Robot.from_urdf(PENDULUM)
+    model = robot.rigid_body() + ident.make_effect("rotor_inertia")
+    t = np.arange(100) * 0.01
+    log = ident.Log("run", t=t, q=np.zeros((100, 1)), extra={"q_cmd1": np.zeros(100)})
+    law = DriveLaw.of(robot, kp=20.0, delay_s=0.0, links="identify")
+    plant = DrivePlant(model, law, (DriveLog.of(log, robot, law),))
+    sets = np.zeros((2, len(plant.unknowns)))
+    (inertia,) = [i for i, u in enumerate(plant.unknowns) if u.name.startswith("Iyy")]
+    sets[:, inertia] = 0.01, -1e-6
+    assert list(plant.possible(sets)) == [True, False]

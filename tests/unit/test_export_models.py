@@ -13,7 +13,7 @@ from physical_models import puma_model, random_links
 
 from ident import friction as fr
 from ident.errors import ConfigurationError, UnsupportedError
-from ident.exporting.export import Identified, export, export_urdf
+from ident.exporting import Identified, export, export_urdf
 from ident.exporting.mjcf import mjcf_text
 from ident.exporting.urdf import patch_urdf, source_text
 from ident.physical.pseudo_inertia import smallest_eigenvalues
@@ -338,7 +338,7 @@ def test_mjcf_diagonal_gears_loops_and_refusals() -> None:
 
 
 def test_quaternions() -> None:
-    from ident.exporting.mjcf import _quaternion
+    from ident.exporting.mjcf import quaternion as _quaternion
 
     rng = np.random.default_rng(0)
     for _ in range(50):

@@ -13,7 +13,7 @@ from physical_models import random_links
 
 from ident.effects import rigid_body
 from ident.errors import UnsupportedError
-from ident.exporting.export import Identified, export
+from ident.exporting import Identified, export
 from ident.exporting.urdf import source_text
 from ident.model import Model
 from ident.regressor.rigid import inverse_dynamics

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import ident
+from benchmarks.robustness.mistakes import MISTAKES, World, ended
 from ident.estimators import WeightedLeastSquares
-from ident.evaluation.against_nominal import factor_doubt, zero_doubt
+from ident.evaluation.against_nominal import factor_doubt, size_doubt, zero_doubt
 from ident.evaluation.doubts import doubts
 from ident.evaluation.misreadings import misreading
 from ident.problem.problem import Problem
@@ -116,6 +118,14 @@ def test_the_zero_of_the_last_joint_shows_in_its_link_alone() -> None:
     assert factor_doubt(estimate) == ""
     assert "reads 0.5 rad too far" in zero_doubt(estimate)
     assert zero_doubt(fitted("puma560", t, q, tau)) == ""
+
+
+def test_positions_many_times_too_small_leave_links_that_no_robot_has(tmp_path: Path) -> None:
+    """Radians under a name that says degrees: within small angles gravity follows another pattern than the URDF's, and only sizes tell."""
+    world, rng = World.of("ur5"), np.random.default_rng([20261127, 166])
+    found = ended(world, MISTAKES["radians, said to be degrees"](world.log(rng), world, rng), tmp_path)
+    assert any("parameters are many times what the URDF's links have" in said and "kg m^2" in said for said in found.warnings)
+    assert size_doubt(fitted("ur5", *recorded("ur5"))) == ""
 
 
 @pytest.mark.parametrize(("j", "samples"), [(2, 8), (4, -6)])

@@ -13,7 +13,7 @@ from ident.effects.motion import Motion
 from ident.errors import ConfigurationError
 from ident.estimate.status import StatusCode
 from ident.estimators import WeightedLeastSquares, make_estimator
-from ident.exporting.export import Identified, export_urdf
+from ident.exporting import Identified, export_urdf
 from ident.logs.log import Log, LogSet
 from ident.physical import judge, payload_of, repair_estimate, standard_parameters, subject_of, with_repair
 from ident.physical.pseudo_inertia import from_centre_of_mass, smallest_eigenvalues

@@ -241,6 +241,44 @@ def test_lines_that_are_no_rows_are_left_out_and_said(robot: Robot, tmp_path: Pa
     assert isinstance(alike(written(tmp_path / "mixed.csv", mixed), robot, tmp_path / "wrong"), str)
 
 
+@pytest.mark.parametrize("holes", [False, True])
+def test_rows_that_repeat_the_row_before_are_left_out_in_streaming_too(
+    holes: bool, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ident.streaming.repeats.PASS", 37)
+    rng = np.random.default_rng(5)
+    t = np.arange(400) / 100
+    phase = np.outer(3 * t, 1 + np.arange(JOINTS)) + np.arange(JOINTS)
+    values = np.column_stack([t, np.sin(phase), np.cos(phase) + 0.01 * rng.standard_normal(phase.shape)])[:, : len(NAMES)]
+    values = np.column_stack([values, np.zeros((400, len(NAMES) - values.shape[1]))])
+    again = np.sort(rng.choice(np.arange(5, 395), 40, replace=False))
+    for k in again:
+        values[k, 1:] = values[k - 1, 1:]
+    rows = [[repr(float(x)) for x in row] for row in values]
+    if holes:
+        for k in (*again[:3] - 1, 200, 201, 300):
+            rows[k][2] = ""
+    found = alike(written(tmp_path / "log.csv", rows), robot, tmp_path / "scratch", missing="gap")
+    assert not isinstance(found, str)
+    assert any("rows repeat the row before them in every column but the time" in note for note in found[0].notes)
+    assert 355 <= len(found[0]) + (6 if holes else 0) <= 375
+
+
+def test_desired_motion_is_streamed_too(robot: Robot, tmp_path: Path) -> None:
+    own = [*(f"q_ref{j + 1}" for j in range(JOINTS)), *(f"dq_ref{j + 1}" for j in range(JOINTS))]
+    other = [*(f"target_pos_{j}" for j in range(1, JOINTS + 1)), *(f"target_vel_{j}" for j in range(1, JOINTS + 1))]
+    rows = [[*row, *(repr(0.01 * k + j) for j in range(2 * JOINTS))] for k, row in enumerate(numbers())]
+    for name, more in (("own", own), ("other", other)):
+        header = [*NAMES, *more] if name == "own" else ["time", *(n.replace("q", "actual_pos_") for n in NAMES[1:]), *more]
+        path = written(tmp_path / f"{name}.csv", rows, header=header)
+        found = alike(path, robot, tmp_path / name)
+        assert not isinstance(found, str)
+        whole = read_logs(path, robot)[0]
+        assert set(own) <= set(found[0].extra)
+        for key in own:
+            np.testing.assert_allclose(found[0].extra[key], whole.extra[key], rtol=1e-15)
+
+
 def test_headers(robot: Robot, tmp_path: Path) -> None:
     long = [*NAMES, *(f"a_rather_long_name_of_a_column_that_nobody_needs_{i}" for i in range(300))]
     wide = [[*row, *("word" for _ in range(300))] for row in numbers(40)]

@@ -16,7 +16,8 @@ from ident.estimators import WeightedLeastSquares
 from ident.evaluation.comparison import compare
 from ident.evaluation.validation import validate
 from ident.excitation import sample_noise
-from ident.exporting.export import Identified, _urdf_dynamics
+from ident.exporting import Identified
+from ident.exporting.targets.urdf_file import urdf_dynamics as _urdf_dynamics
 from ident.logs.log import Log, LogSet
 from ident.monitoring import monitor
 from ident.physical.estimates import known_rows, repair_estimate, with_repair

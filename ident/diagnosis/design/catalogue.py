@@ -128,6 +128,8 @@ def _rows(fit: Fit, effect: Effect, motions: Sequence[Motion]) -> dict[int, list
 
 def _effects(fit: Fit) -> Iterator[tuple[Effect, tuple[str, ...]]]:
     motions = fit.motions(instrument=True)
+    if fit.known is not None:
+        yield from fit.known.own
     for name, kind in effect_types().items():
         if kind.cause and name != "rigid_body":
             yield from places(kind, fit.declared, motions)

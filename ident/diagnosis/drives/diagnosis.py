@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...drives.fit import result_of
+from ...drives.folds import held_out
 from ...drives.plant import DrivePlant
 from ...drives.search import Fitted, fitted, refitted
 from ...drives.space import drive_logs
@@ -16,7 +17,7 @@ from ...drives.starts import moved_inertia, starts
 from ..verdict import Verdict
 from .candidates import values_in
 from .result import DriveDiagnosis, DriveFinding, DriveRival
-from .screening import FORETOLD, SIGNIFICANT, Screened, screened, structure
+from .screening import FORETOLD, LEAST, SIGNIFICANT, Screened, screened, structure
 
 if TYPE_CHECKING:
     from ...drives.law import DriveLaw
@@ -28,6 +29,8 @@ Array = np.ndarray
 _FINDINGS, _FITTED, _STEPS = 3, 8, 30
 #: Squared standard deviations below which one model is as good as another.
 _ALIKE = 9.0
+#: So many of the best are held against readings that they were not fitted to.
+_CONFIRMED = 2
 
 
 def diagnose_drives(
@@ -58,7 +61,7 @@ def diagnose_drives(
     findings: list[DriveFinding] = []
     while len(findings) < _FINDINGS:
         tried = [_tried(*now, one, inertia) for one in screened(now[0], now[1], inertia)[:_FITTED]]
-        better = [one for one in tried if one is not None]
+        better = _believed(now, [one for one in tried if one is not None])
         if not better:
             break
         finding, now = _decided(now, better)
@@ -85,6 +88,19 @@ def _tried(plant: DrivePlant, fit: Fitted, sizes: Array, one: Screened, inertia:
     spread = _spread(found)
     gained = fit.cost - found.cost > SIGNIFICANT**2 * spread and np.isfinite(found.cost)
     return (one, (wider, found, wide)) if gained else None
+
+
+def _believed(now: _Stage, tried: list[tuple[Screened, _Stage]]) -> list[tuple[Screened, _Stage]]:
+    """Those that do better on readings held out, the best of the rest first, with what they take off those: nothing else is believed."""
+    counts, out = np.square(now[1].weights), []
+    before = np.nansum(held_out(*now).squares * counts) if tried else 0.0
+    for one, stage in sorted(tried, key=lambda pair: pair[1][1].cost):
+        gain = float(1.0 - np.nansum(held_out(*stage).squares * counts) / max(before, 1e-300))
+        if np.isfinite(gain) and gain > LEAST:
+            out.append((replace(one, gain=gain), stage))
+        if len(out) == _CONFIRMED:
+            break
+    return out
 
 
 def _spread(fit: Fitted) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..._utils.json import jsonable, result
 from ..._utils.text import wrapped
+from ...drives.determined import SHARE
 from ...drives.result import DriveFit
 from ..verdict import Verdict
 
@@ -39,7 +40,7 @@ class DriveFinding:
 
     def text(self) -> str:
         """One paragraph for people."""
-        numbers = ", ".join(f"{name} {value:.4g} ± {std:.2g} {unit}" for name, value, std, unit in self.values)
+        numbers = ", ".join(_told(*value) for value in self.values)
         told = f"{self.effect} on {', '.join(self.joints)}: {numbers}"
         if self.declared is not None:
             told += f" (declared: {self.declared:.4g})"
@@ -82,7 +83,7 @@ class DriveDiagnosis:
             {
                 "effect": f.effect,
                 "joints": list(f.joints),
-                "parameters": [{"name": n, "value": v, "std": s, "unit": u} for n, v, s, u in f.values],
+                "parameters": [_parameter(*value) for value in f.values],
                 "declared": f.declared,
                 "heldout_gain": f.gain,
                 "confidence": f.confidence,
@@ -106,6 +107,17 @@ _MEANS = {
     Verdict.AMBIGUOUS: "something is missing, and more than one thing accounts for it equally well",
     Verdict.UNEXPLAINED: "something is left that no candidate accounts for",
 }
+
+
+def _told(name: str, value: float, std: float, unit: str) -> str:
+    if std <= SHARE * abs(value):
+        return f"{name} {value:.4g} ± {std:.2g} {unit}"
+    return f"{name} not determined ({value - 1.96 * std:.2g} to {value + 1.96 * std:.2g} {unit})"
+
+
+def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": name, "unit": unit, "interval": [value - 1.96 * std, value + 1.96 * std]}
+    return {**entry, "value": value, "std": std} if std <= SHARE * abs(value) else entry
 
 
 def _rms(by_joint: Array) -> float:

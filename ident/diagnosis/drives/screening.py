@@ -16,7 +16,8 @@ Array = np.ndarray
 #: Standard deviations from which on a candidate is worth a fit, or the share of the squared error of readings held out that it takes off:
 #: where a constant is far off, what one step leaves is no noise, and its size in standard deviations says little. What takes less off than
 #: the last is none.
-SIGNIFICANT, _GAIN, _LEAST = 4.5, 0.02, 0.01
+SIGNIFICANT, _GAIN, LEAST = 4.5, 0.02, 0.01
+_DOUBTED = ("kp", "kd", "delay_s", "load", "gear_loss")
 #: Share of a direction that the fitted unknowns must leave over, for it to be one of its own.
 _OWN = 1e-4
 #: Lags at which a residual is looked at, the share of it that its past may predict, and how improbable that must be by chance.
@@ -78,8 +79,9 @@ class _Base:
 def screened(plant: DrivePlant, fit: Fitted, inertia: Array) -> list[Screened]:
     """Candidates that count, those first that take most off.
 
-    Where the residual is no noise, declared gains and delay count in any case: one step from a gain that is far off may lead nowhere."""
-    doubted = ("kp", "kd", "delay_s") if structure(fit) > FORETOLD else ()
+    Where the residual is no noise, declared gains and delay, and friction that follows the load, count in any case: one step from a gain
+    that is far off, or to friction that is large, may lead nowhere."""
+    doubted = _DOUBTED if structure(fit) > FORETOLD else ()
     n = plant.robot.n
     weights = fit.weights.reshape(-1)
     J = (fit.slopes * fit.weights[..., None]).reshape(-1, fit.slopes.shape[2])
@@ -101,7 +103,7 @@ def screened(plant: DrivePlant, fit: Fitted, inertia: Array) -> list[Screened]:
             if doubt or size > SIGNIFICANT or (size > 0.0 and base.gain(J, columns[:, [k]]) > _GAIN):
                 kept.append(int(k))
                 moves.append(step)
-        if kept and ((gain := base.gain(J, columns[:, kept])) > _LEAST or candidate.place in doubted):
+        if kept and ((gain := base.gain(J, columns[:, kept])) > LEAST or candidate.place in doubted):
             found.append(Screened(candidate, tuple(steps[k] for k in kept), np.array(moves), gain))
     return _best_settings(found)
 

@@ -75,9 +75,12 @@ def _chance(fit: Fit, frame: Solved, residual: Array, m: int) -> float:
     if len(e) < 12 or not np.median(e) > 0:
         return 1.0
     place = np.concatenate(places)
-    loud = place[e > LOUD**2 * float(np.median(e))]
+    much = LOUD**2 * float(np.median(e))
+    loud = place[e > much]
     if len(loud) and 1 + int(np.sum(np.diff(loud) > _NEAR)) >= _OFTEN:
         return 0.0  # no tail of one noise: it is quiet, and often it is not
+    if float(np.mean(e)) > much:
+        return 0.0  # seldom, but most of all that is left
     low, middle, high = np.quantile(e, [0.16, 0.5, 0.84])
     shape = max((middle / max((high - low) / 2.0, 1e-300)) ** 2, 1.5)
     scale = middle / gamma.ppf(0.5, shape)

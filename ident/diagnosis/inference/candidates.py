@@ -51,15 +51,21 @@ def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
     """The effect that accounts best for what is left: of those whose scores come near the largest, by a refit with each.
 
     Scores are taken at the noise of a model that lacks something, and so are compressed: what a refit leaves tells more."""
-    groups = _candidates(state, refused)
-    trials = [_trial(state, g) for g in groups]
+    trials = [_trial(state, g) for g in _candidates(state, refused)]
     if not trials:
         return None
-    chosen = _chosen(state, trials)
-    tried = {g.kind for g in groups}
-    if simpler := [g for g in _inside(state, chosen) if g.kind not in tried | refused]:
-        chosen = _chosen(state, [*trials, *(_trial(state, g) for g in simpler)])
-    return chosen.effect, chosen.joints
+    return _simplest(state, _chosen(state, trials), trials, refused)
+
+
+def _simplest(state: EffectSearch, chosen: _Trial, trials: list[_Trial], refused: set[Kind]) -> Placed:
+    """The chosen effect, or a simpler one inside it beside which nothing is left: by scores along the instrument, because what a refit
+    leaves falls by feedback, too."""
+    inner = _inside(state, chosen)
+    known = {(t.effect.name, t.joints): t for t in trials}
+    pool = [known[g.kind] if g.kind in known else _trial(state, g) for g in inner if g.kind not in refused]
+    enough = [t for t in pool if _left(state, t, chosen.frame.gains) <= state.critical]
+    found = min(enough, key=lambda t: t.rank) if enough else chosen
+    return found.effect, found.joints
 
 
 def _chosen(state: EffectSearch, trials: list[_Trial]) -> _Trial:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..design.catalogue import Catalogue
-from ..thresholds import MOST
+from ..thresholds import LEVEL, MOST
 from .bursts import burst
 from .candidates import Kind, best
 from .confidence_set import AcceptedEffect, accepted_effect, competing, drop_unnecessary
@@ -56,8 +56,17 @@ class Decision:
     laws: tuple[Described, ...] = ()
 
 
-def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, progress: Callable[[float], None] | None = None) -> Decision:
-    """Decide what a fit's model lacks. `speeds` (n,): usual speeds of the motors."""
+def decide(
+    fit: Fit,
+    speeds: Array,
+    note: Callable[[str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+    *,
+    level: float = LEVEL,
+    most: int = MOST,
+) -> Decision:
+    """Decide what a fit's model lacks. `speeds` (n,): usual speeds of the motors; `level`: how often chance may do so; `most`: effects that
+    are accepted at most (0: it is only told whether something is left)."""
     trail: list[str] = []
 
     def say(text: str) -> None:
@@ -67,10 +76,10 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
 
     tell = progress or (lambda _: None)
     fit.solved(1)
-    state = EffectSearch(fit, Catalogue.of(fit, speeds))
+    state = EffectSearch(fit, Catalogue.of(fit, speeds), level)
     tell(0.3)
     state.solve()
-    _forward(state, say, lambda share: tell(0.3 + 0.45 * share))
+    _forward(state, say, lambda share: tell(0.3 + 0.45 * share), most)
     tell(0.75)
     drop_unnecessary(state, say)
     tell(0.85)
@@ -80,7 +89,7 @@ def decide(fit: Fit, speeds: Array, note: Callable[[str], None] | None = None, p
     _give_way(state, say)
     tell(0.9)
     left = _left(state)
-    laws = _described(state, say)
+    laws = _described(state, say) if most else ()
     tell(0.95)
     # What is described is told as it was seen before.
     return replace(_decision(state, left if laws else _left(state), tuple(trail)), laws=laws)
@@ -104,21 +113,20 @@ def _described(state: EffectSearch, say: Callable[[str], None]) -> tuple[Describ
     return laws
 
 
-def _forward(state: EffectSearch, say: Callable[[str], None], tell: Callable[[float], None]) -> None:
+def _forward(state: EffectSearch, say: Callable[[str], None], tell: Callable[[float], None], most: int) -> None:
     """Accept effects while a named score is beyond the critical value."""
     refused: set[Kind] = set()
     for step in range(2 * MOST):
         state.calibrate()
         tell(1.0 - 0.6**step)
         say(f"    step {step}: {_told(state)}; critical {state.critical:.1f}")
-        found = best(state, refused) if len(state.accepted) < MOST else None
+        found = best(state, refused) if len(state.accepted) < most else None
         if found is None:
             return
         effect, joints = found
         if effect.name not in _REPEATABLE:
             refused.add((effect.name, joints))
-        state.accepted.append(found)
-        state.solve()
+        state.accept(found)
         state.reprofile()
         say(f"accepted: {effect.name} on {', '.join(joints) or 'the whole robot'}")
 

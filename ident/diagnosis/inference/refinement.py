@@ -15,7 +15,6 @@ from .scores import Scores
 if TYPE_CHECKING:
     from ...effects.base import Effect
     from ...robots.parameters import ShapeParameter
-    from ...robots.robot import Robot
     from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
@@ -31,7 +30,7 @@ _NEAR = 0.06
 
 def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False) -> Effect:
     """An effect at the shape that scores best beside a frame; `near`: only around the one it has."""
-    if is_order(effect) and not on_a_slide(effect, fit):
+    if is_order(effect) and not on_a_slide(effect, fit) and _free(effect, fit):
         return _order(effect, joints, fit, frame)
     free = _free(effect, fit)
     if not free:
@@ -78,18 +77,23 @@ def scored(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solv
     scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, joints) for e in effects]))
     out = np.zeros(len(effects))
     for i, (z, k) in enumerate(zip(scores.plain, scores.kept, strict=True)):
-        out[k] = z if can_be(effects[k], fit.robot, *scores.values(i)) else 0.0
+        out[k] = z if can_be(effects[k], fit, *scores.values(i)) else 0.0
     return out
 
 
-def can_be(effect: Effect, robot: Robot, values: Array, std: Array) -> bool:
+def can_be(effect: Effect, fit: Fit, values: Array, std: Array) -> bool:
     """Whether values lie within an effect's bounds as far as their deviations tell, and are those of something that can be."""
+    robot = fit.robot
+    if fit.known is not None and (told := fit.known.can_be(effect, robot, values, std)) is not None:
+        return told
     inside = all(p.lower - BOUND * s <= v <= p.upper + BOUND * s for p, v, s in zip(effect.parameters(robot), values, std, strict=True))
     return inside and not effect.implausible(robot, values, std)
 
 
 def _free(effect: Effect, fit: Fit) -> tuple[ShapeParameter, ...]:
     """Shapes that may be anything between their bounds: no delay taken as a slope."""
+    if fit.known is not None and fit.known.holds(effect):
+        return ()
     if effect.response(fit.robot) is not None and any(getattr(effect, p.name) == 0.0 for p in effect.shape()):
         return ()
     return tuple(p for p in effect.shape() if p.points != 1)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..thresholds import MATERIAL
+from ..thresholds import LEVEL, MATERIAL
 from .refinement import can_be, refined
 from .scores import Scores
 from .significance import parametric
@@ -29,6 +29,7 @@ class EffectSearch:
 
     fit: Fit
     catalogue: Catalogue
+    level: float = LEVEL
     accepted: list[Placed] = field(default_factory=list)
     frame: Solved = field(init=False)
     scores: Scores = field(init=False)
@@ -41,9 +42,16 @@ class EffectSearch:
         self.catalogue.updated(self.fit)
         self.scores = Scores.of(self.fit, self.frame, self.catalogue)
 
+    def accept(self, placed: Placed) -> None:
+        """Take an effect into the model; in the place of another name of changes of the model's own, these."""
+        parts = self.fit.known.own_parts(placed[0]) if self.fit.known is not None else []
+        there = {(e.name, joints) for e, joints in self.accepted}
+        self.accepted += [(self.labelled(e), joints) for e, joints in parts if (e.name, joints) not in there] or [placed]
+        self.solve()
+
     def calibrate(self) -> None:
         """Take the largest score that chance explains, for these scores."""
-        self.chance = parametric(self.scores)
+        self.chance = parametric(self.scores, self.level)
 
     @property
     def critical(self) -> float:
@@ -83,18 +91,16 @@ class EffectSearch:
 
     def possible(self, scores: Scores, k: int) -> bool:
         """Whether the values that a scored group would have can be those of such an effect."""
-        effect, robot = scores.group(k).effect, self.fit.robot
-        if effect is None:
-            return False
-        return can_be(effect, robot, *scores.values(k))
+        effect = scores.group(k).effect
+        return effect is not None and can_be(effect, self.fit, *scores.values(k))
 
     def impossible(self) -> int | None:
         """An accepted effect that beside the others has values which no such effect can have; None where there is none."""
-        std = np.linalg.norm(self.frame.inverse, axis=1) / self.frame.scale
+        std = self.frame.std
         start = self.fit.declared.base.count
         for i, (effect, _) in enumerate(self.accepted):
             own = slice(start, start + len(effect.parameters(self.fit.robot)))
             start = own.stop
-            if not can_be(effect, self.fit.robot, self.frame.theta[own], std[own]):
+            if not can_be(effect, self.fit, self.frame.theta[own], std[own]):
                 return i
         return None

@@ -19,9 +19,9 @@ _PARTS = 20
 _EULER = 0.5772156649
 
 
-def parametric(scores: Scores) -> float:
-    """Quantile of the maximum for normal scores of this covariance, each taken as the scores are: without the stretch that speaks for it
-    most. Gumbel's law by moments of the draws.
+def parametric(scores: Scores, level: float = LEVEL) -> float:
+    """Quantile (1 − `level`) of the maximum for normal scores of this covariance, each taken as the scores are: without the stretch that
+    speaks for it most. Gumbel's law by moments of the draws.
 
     Groups of one motor are drawn together, and apart from those of others: their noise is another one. What correlation the model's own
     columns make between them is left out, which can only raise the maximum (Slepian's lemma)."""
@@ -36,9 +36,9 @@ def parametric(scores: Scores) -> float:
         parts = (L @ normal).reshape(len(ix), _PARTS, _DRAWS)
         starts = np.cumsum(np.concatenate([[0], degrees[:-1]]))
         largest = np.maximum(largest, z_of(least_squares_left(parts, starts).astype(float), degrees).max(axis=0))
-    return _quantile(largest)
+    return _quantile(largest, level)
 
 
-def _quantile(largest: Array) -> float:
+def _quantile(largest: Array, level: float) -> float:
     spread = float(largest.std()) * np.sqrt(6.0) / np.pi
-    return float(largest.mean() - _EULER * spread - spread * np.log(-np.log(1.0 - LEVEL)))
+    return float(largest.mean() - _EULER * spread - spread * np.log(-np.log1p(-level)))

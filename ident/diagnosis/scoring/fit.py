@@ -20,11 +20,14 @@ from .whitening import density
 
 if TYPE_CHECKING:
     from ..data.instruments import RunRows
+    from .known import Known
 
 Array = np.ndarray
 _DEPENDENT = frozenset({Need.LOAD, Need.REFERENCE, Need.TORQUE})
 #: Singular values of the instrumental equations that are as good as zero.
 _SINGULAR = 1e-9
+#: Part that a coefficient has in directions which the equations leave open, from which on it is open itself.
+_OPEN = 1e-3
 #: Periods of an angle after which what a disturbance adds to it averages out.
 _PERIODS = 5.0
 #: Sizes of a link that are one standard deviation of the prior.
@@ -81,7 +84,8 @@ class Solved:
     """A solved stage. R rows, n motors, p columns (base parameters, then effects).
 
     `X`, `Z` (R, n, p): columns of measured motion and instrument, whitened; `residual` (R, n); `theta` (p,); `scale` (p,): of Z's columns;
-    `inverse` (p, R n): (X'Z)⁻¹ X' of scaled columns; `prior` (p,): what the prior's rows add to Z'e; `gains`: whitening filters."""
+    `inverse` (p, R n): (X'Z)⁻¹ X' of scaled columns; `prior` (p,): what the prior's rows add to Z'e; `equations` (p, p): Z'X of scaled
+    columns, `gram` (p, p): Z'Z, both with the prior's rows; `gains`: whitening filters."""
 
     X: Array
     Z: Array
@@ -90,6 +94,7 @@ class Solved:
     scale: Array
     inverse: Array
     prior: Array
+    equations: Array
     gram: Array
     gains: tuple[Array, ...]
     edges: tuple[int, ...]
@@ -98,22 +103,36 @@ class Solved:
     def rows(self) -> int:
         return len(self.residual)
 
+    @cached_property
+    def std(self) -> Array:
+        """Standard deviations (p,) of the coefficients; infinite where the rows leave one open."""
+        return deviations(self.equations, self.gram) / self.scale
+
+    def knowledge(self) -> tuple[Array, Array]:
+        """What the frame tells of its coefficients, as rows (k, p) of unit variance and their values (k,)."""
+        w, U = np.linalg.eigh(self.gram)
+        good = w > _SINGULAR * w[-1]
+        rows = (U[:, good] / np.sqrt(w[good])).T @ self.equations * self.scale
+        return rows, rows @ self.theta
+
 
 @dataclass(eq=False)
 class Fit:
-    """Model and rows; `solve` makes a frame. `runs`: of one robot; `declared`: its model; `effects`: accepted beside it."""
+    """Model and rows; `solve` makes a frame. `runs`: of one robot; `declared`: its model; `effects`: accepted beside it; `known`: what is
+    known of the declared model from before, in the place of a weak prior."""
 
     runs: Sequence[RunRows]
     declared: Model
     effects: tuple[Effect, ...] = ()
     values: Array | None = field(default=None, repr=False)
+    known: Known | None = field(default=None, repr=False)
     _kept: dict[Effect | None, tuple[list[Array], list[Array]]] = field(default_factory=dict, repr=False)
     _torque: list[Array] = field(default_factory=list, repr=False)
     _motions: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Fit:
         """The same rows with other effects beside the declared model; values are taken over as far as parameters are the same."""
-        other = Fit(self.runs, self.declared, effects, None, dict(self._kept), self._torque)
+        other = Fit(self.runs, self.declared, effects, None, self.known, dict(self._kept), self._torque)
         if self.values is not None:
             known = dict(zip(self.model.names, self.values, strict=True))
             other.values = np.array([known.get(name, 0.0) for name in other.model.names])
@@ -190,7 +209,7 @@ class Fit:
     def solved(self, passes: int = 2) -> Solved:
         """The frame at the noise that its own residual shows, with columns taken at the values that it yields."""
         frame = self._solve(self._flat(None))
-        best = np.inf
+        best, free = np.inf, self._freed_of_knowledge()
         for _ in range(passes):
             before = (dict(self._kept), self.values)
             dependent = [e for e in self.effects if depends(e)]
@@ -198,20 +217,31 @@ class Fit:
                 self.rows(effect, fresh=True)
             # Whitening must not feed on itself: the density is that of the residual of a fit with one weight for each motor.
             flat = self._solve(self._flat(frame))
+            loose = flat if free is self else free._solve(flat.gains)
             size = self._size(flat)
             if size > best + _WORSE:
                 # Columns that follow the values do not settle by repetition: the values before were better.
                 self._kept, self.values = before
                 break
             best = min(best, size)
-            frame = self._solve(self._white(flat))
+            frame = self._solve(free._white(loose))
         return frame
+
+    def _freed_of_knowledge(self) -> Fit:
+        """The same without what is known before: what parameters that moved leave is no noise, so that it is told where all are free."""
+        if self.known is None:
+            return self
+        return Fit(self.runs, self.declared, self.effects, self.values, None, self._kept, self._torque)
 
     def _size(self, frame: Solved) -> float:
         """Sum over the motors of the log of what a frame leaves."""
-        inner = [x[run.band.inner] for run, x in zip(self.runs, self.raw_residual(frame), strict=True)]
-        power = np.mean(np.concatenate(inner) ** 2, axis=0)
+        power = self.noise(frame) ** 2
         return float(np.sum(np.log(power[power > 0])))
+
+    def noise(self, frame: Solved) -> Array:
+        """Root mean square (n,) of what a frame leaves of each motor's torque, where it is in use."""
+        inner = [x[run.band.inner] for run, x in zip(self.runs, self.raw_residual(frame), strict=True)]
+        return np.asarray(np.sqrt(np.mean(np.concatenate(inner) ** 2, axis=0) / np.maximum(self.share, 1e-9)))
 
     def behind(self, gains: tuple[Array, ...]) -> Solved:
         """The frame behind given whitening filters: at the noise that another model leaves."""
@@ -276,7 +306,7 @@ class Fit:
         """What each motor's residual (n,) lacks of the noise, because parameters took it up: a factor of its power."""
         R = frame.rows
         scaled = frame.X / frame.scale
-        inverse = np.linalg.pinv(np.einsum("rnp,rnq->pq", frame.Z / frame.scale, scaled), rcond=_SINGULAR)
+        inverse = np.linalg.pinv(frame.equations, rcond=_SINGULAR)
         taken = np.einsum("rnp,pq,rnq->n", scaled, inverse, frame.Z / frame.scale)
         rows = R * self.share * min(1.0, 2.0 * self.runs[0].band.top_hz / self.runs[0].band.row_rate)
         return 1.0 / np.clip(1.0 - taken / np.maximum(rows, 1.0), 0.1, 1.0)
@@ -287,24 +317,47 @@ class Fit:
         y = self.filtered([t[:, :, None] for t in self.torque], gains)[:, :, 0]
         R, n, p = X.shape
         Xf, Zf, yf = X.reshape(-1, p), Z.reshape(-1, p), y.reshape(-1)
-        known = prior_rows(self.declared)
-        known = np.concatenate([known, np.zeros((len(known), p - known.shape[1]))], axis=1)
-        Xa, Za, ya = np.concatenate([Xf, known]), np.concatenate([Zf, known]), np.concatenate([yf, np.zeros(len(known))])
+        known, told = self.known_rows(p), self._prior[1]
+        Xa, Za, ya = np.concatenate([Xf, known]), np.concatenate([Zf, known]), np.concatenate([yf, told])
         scale = np.linalg.norm(Za, axis=0)
         scale = np.where(scale > 0, scale, 1.0)
-        theta = np.linalg.lstsq((Za / scale).T @ (Xa / scale), (Za / scale).T @ ya, rcond=_SINGULAR)[0] / scale
+        equations = (Za / scale).T @ (Xa / scale)
+        theta = np.linalg.lstsq(equations, (Za / scale).T @ ya, rcond=_SINGULAR)[0] / scale
         residual = ya - Xa @ theta
-        inverse = np.linalg.pinv((Xa / scale).T @ (Za / scale), rcond=_SINGULAR) @ (Xf / scale).T
+        inverse = np.linalg.pinv(equations.T, rcond=_SINGULAR) @ (Xf / scale).T
         self.values = self._expanded(theta)
         edges = np.cumsum([0, *(run.band.inner.stop - run.band.inner.start for run in self.runs)]).tolist()
         return Solved(
             X, Z, residual[: R * n].reshape(R, n), theta, scale, inverse, (known / scale).T @ residual[R * n :],
-            (Za / scale).T @ (Za / scale), gains, tuple(edges),
+            equations, (Za / scale).T @ (Za / scale), gains, tuple(edges),
         )  # fmt: skip
+
+    def known_rows(self, count: int) -> Array:
+        """Rows (k, count) over the coefficients that do not come from the log."""
+        rows, _ = self._prior
+        return np.concatenate([rows, np.zeros((len(rows), count - rows.shape[1]))], axis=1)
+
+    @cached_property
+    def _prior(self) -> tuple[Array, Array]:
+        """Rows (k, b) over the declared model's base parameters that do not come from the log, and their values (k,)."""
+        if self.known is not None:
+            return self.known.rows, self.known.told
+        rows = prior_rows(self.declared)
+        return rows, np.zeros(len(rows))
 
     def _expanded(self, theta: Array) -> Array:
         b = self.declared.base.count
         return np.concatenate([self.declared.base.expand(theta[:b]), theta[b:]])
+
+
+def deviations(equations: Array, gram: Array) -> Array:
+    """Standard deviations (p,) of the solution of instrumental equations (p, p) whose right side has the covariance `gram` (p, p): infinite
+    for coefficients that have a part in a direction which the equations leave open."""
+    U, s, Vt = np.linalg.svd(equations)
+    good = s > _SINGULAR * max(float(s[0]), 1e-300)
+    inverse = (Vt[good].T / s[good]) @ U[:, good].T
+    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", inverse, gram, inverse), 0.0))
+    return np.where(np.sum(Vt[~good] ** 2, axis=0) > _OPEN, np.inf, std)
 
 
 def prior_rows(model: Model) -> Array:

@@ -1,0 +1,1 @@
+"""Monitoring: pairs of logs, before and after a known change."""

@@ -1,0 +1,36 @@
+"""How far an accepted effect is to be believed, beside what could stand in its place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .result import Imitator
+
+if TYPE_CHECKING:
+    from .inference.confidence_set import AcceptedEffect
+
+#: Confidence in a finding without a competing model, beside nothing left and beside something left.
+_SURE, _BESIDE = 0.99, 0.45
+#: What a member of the confidence set is worth at least, beside the effect that was accepted.
+_LEAST = 0.35
+#: And those together that are the same on this motion by a name that asks for more.
+_SAME = 0.15
+
+
+def confidence(accepted: AcceptedEffect, *, beside: bool) -> tuple[float, tuple[Imitator, ...]]:
+    """Confidence in an accepted effect, and its competing models with theirs. `beside`: something is left that nothing accounts for."""
+    weights = _weights(accepted)
+    own = (_BESIDE if beside else _SURE) / (1.0 + sum(weights))
+    ranked = sorted(zip(accepted.competing, weights, strict=True), key=lambda pair: -pair[1])
+    return own, tuple(Imitator(m.effect.name, m.joints, own * w) for m, w in ranked)
+
+
+def _weights(accepted: AcceptedEffect) -> list[float]:
+    """What each member of an accepted effect's set is worth beside it; the same by names that ask for more share a part."""
+    renamed = sum(m.renamed for m in accepted.competing)
+    return [
+        _SAME / renamed if m.renamed else 1.0 if m.same else max(float(np.exp(min((m.z**2 - accepted.z**2) / 2.0, 0.0))), _LEAST)
+        for m in accepted.competing
+    ]

@@ -1,0 +1,72 @@
+"""The drive law of a fit as numbers per joint, all known, in the units in which simulators have them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..drives.law import VelocityCommand
+from ..errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from ..drives.result import DriveFit
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """τ = kp (q_cmd(t − delay_s) − q) + kd (dq_cmd(t − delay_s) − dq) within ±effort_limit, less back_emf dq; (n,) each, N m and rad.
+
+    `gear_loss`, `gear_loss_square`, `gear_loss_slow`, `slow_speed`: dry friction that follows τ; `joint_stiffness`, `joint_damping`: of
+    the spring between motor and link (infinite: none). `velocity_command`: whether the drive is sent a velocity too."""
+
+    kp: Array
+    kd: Array
+    effort_limit: Array
+    delay_s: Array
+    back_emf: Array
+    gear_loss: Array
+    gear_loss_square: Array
+    gear_loss_slow: Array
+    slow_speed: Array
+    joint_stiffness: Array
+    joint_damping: Array
+    kind: str = "pd_position"
+    velocity_command: bool = False
+
+    @classmethod
+    def of(cls, fit: DriveFit, supply: float | None = None) -> ClosedLoop:
+        """Constants of a fit; those of a pwm law at a supply voltage. Raises ConfigurationError where one is not known."""
+        found, scale = fit.constants(), 1.0
+        if fit.law.kind == "pwm":
+            if supply is None:
+                raise ConfigurationError(
+                    "the torque of a pwm law follows the supply voltage: give the one to export at (--supply V, supply=)."
+                )
+            scale = float(supply)
+        strength = scale * found["torque_scale"]
+        own = {f.name: found[f.name] for f in fields(cls) if f.name in found}
+        own |= {key: strength * found[key] for key in ("kp", "kd", "effort_limit")}
+        for key, values in own.items():
+            for joint, value in zip(fit.model.robot.joint_names, values, strict=True):
+                if np.isnan(value):
+                    raise ConfigurationError(
+                        f"{key} of joint {joint!r} is known for single logs only ([drive.by_log]); give the one to be written in [drive]."
+                    )
+        rates = fit.law.kind == "pd_velocity" or fit.law.velocity_command == VelocityCommand.DERIVATIVE
+        return cls(**own, kind=fit.law.kind, velocity_command=rates)
+
+    def losses(self, torque: Array, dq: Array) -> Array:
+        """Level (N, n) of dry friction that follows the drive's torque (N, n)."""
+        size = np.abs(torque)
+        slow = np.exp(-np.square(dq / self.slow_speed))
+        return size * (self.gear_loss + self.gear_loss_square * size + self.gear_loss_slow * slow)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; infinite values are None."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("kind", "velocity_command")}
+        plain = {key: [float(x) if np.isfinite(x) else None for x in values] for key, values in arrays.items()}
+        return {"kind": self.kind, "velocity_command": self.velocity_command, **plain}
