@@ -102,7 +102,9 @@ def _header_of(path: Path, encoding: str) -> Header:
         return Header(echoed, number - 1, delimiter, encoding=encoding)
     if not rows:
         raise DataError(f"log {path}: there is a header, but no row of data.")
-    return _with_rows(names, [_fields(row, delimiter, path) for row in rows], number, delimiter, encoding)
+    # A row that cannot be split tells nothing here; who reads the rows says which line it is.
+    told = [_fields(row, delimiter, path) for row in rows if len(row) < csv.field_size_limit()]
+    return _with_rows(names, told or [()], number, delimiter, encoding)
 
 
 def _with_rows(names: tuple[str, ...], rows: list[tuple[str, ...]], number: int, delimiter: str, encoding: str) -> Header:
