@@ -118,13 +118,13 @@ def test_the_gallery_is_made_from_the_classes() -> None:
 
 @pytest.mark.parametrize("page", ["README.md", "docs/excitation.md"])
 def test_python_of_a_page_runs(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    mpl = pytest.importorskip("matplotlib")
-    mpl.use("Agg")
+    pytest.importorskip("matplotlib").use("Agg")
+    plt = pytest.importorskip("matplotlib.pyplot")
     (code,) = re.findall(r"```python\n(import ident\n.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
     names: dict[str, object] = {}
     exec(compile(code, page, "exec"), names)
     assert "ident" in names
-    mpl.pyplot.close("all")
+    plt.close("all")
 
 
 def test_flags_of_the_page_on_safe_motions_exist() -> None:
