@@ -33,6 +33,8 @@ _ELEMENT = re.compile(r"^(?P<stem>.*)\[(?P<joint>[^\[\]]*[A-Za-z][^\[\]]*)\](?P<
 _BY_NAME = re.compile(r"^(?P<joint>.+)[./](?P<word>position|velocity|acceleration|effort|torque|current)$", re.IGNORECASE)
 _INDEXED = re.compile(r"\[\d+\]$")
 _DIMENSIONS = {"angle": "q", "rate": "dq", "acceleration": "ddq", "torque": "tau", "current": "i"}
+#: Dimensions that joints of one robot may have side by side.
+_ALIKE = ({"angle", "length"}, {"rate", "speed"}, {"acceleration", "linear acceleration"}, {"torque", "force"}, {"current"})
 #: Names of a frame's axes, which are no joints' where no robot says so.
 _AXES = {"x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw"} | NOT_JOINTS - {"base"}
 #: What stands in brackets and is no unit: which joint, side or sensor it is of.
@@ -48,7 +50,8 @@ _WRITTEN = {
 @dataclass(frozen=True)
 class ChannelGroup:
     """Columns of one quantity over the joints, in their order. `joints`: their names, "" where only numbers tell them; `unit`: as told;
-    `unread`: what is told for a unit and is none that is known."""
+    `unread`: what is told for a unit and is none that is known; `units`: of each column, where they differ (degrees of some joints,
+    millimetres of others)."""
 
     stem: str
     columns: tuple[str, ...]
@@ -57,6 +60,7 @@ class ChannelGroup:
     words: frozenset[str]
     unit: str = ""
     unread: str = ""
+    units: tuple[str, ...] = ()
 
     @property
     def wanted(self) -> bool:
@@ -98,7 +102,12 @@ class ChannelGroup:
             self.words,
             self.unit,
             self.unread,
+            tuple(self.units[k] for k in keep) if self.units else (),
         )
+
+    def in_si(self, table: Mapping[str, Array]) -> dict[str, Array]:
+        """Its columns of a table as they are to be looked at: in SI units where these differ from column to column."""
+        return {c: np.asarray(table[c], float) * known_scale(u) for c, u in zip(self.columns, self.units, strict=False)}
 
     def along(self, q: ChannelGroup, names: Sequence[str]) -> ChannelGroup | None:
         """In the order of the positions' joints; None where they are put in another order than that of the columns (`names`), and nothing
@@ -151,9 +160,29 @@ def groups(
                 stems.setdefault(stem, []).append((int(found.group()), name, ""))
     stems |= _around_names([name for name in names if not (_BY_NAME.match(name) or name in elements)], joints, stems)
     known = {template.replace("{}", "#"): quantity for quantity, template in (told or {}).items()}
+    stems = _of_all_units(stems, names)
     out = [made for stem, members in stems.items() if (made := _group(stem, members, units, known.get(stem, "")))]
     if not any(g.quantity == "q" for g in out):
         out += [made for name in names if (made := _group(name, [(0, name, "")], units, ""))]
+    return out
+
+
+def _of_all_units(stems: Mapping[str, list[tuple[int, str, str]]], names: Sequence[str]) -> dict[str, list[tuple[int, str, str]]]:
+    """Groups of which each holds some joints only, and that differ in their unit alone, as one: angles of some joints, ways of others."""
+    alike: dict[str, list[str]] = {}
+    for stem in stems:
+        bare, unit = bracketed(stem)
+        if unit_suffix(unit) and stems[stem]:
+            alike.setdefault(re.sub(r"\bforces?\b", "torque", bare.lower()), []).append(stem)
+    out = dict(stems)
+    for bare, own in alike.items():
+        members = [m for stem in own for m in stems[stem]]
+        who = [joint or str(number) for number, _, joint in members]
+        if len(own) < 2 or len(set(who)) < len(who):
+            continue
+        if len({number for number, *_ in members}) < len(members):  # names of which no robot tells the order
+            members = [(k, name, joint) for k, (_, name, joint) in enumerate(sorted(members, key=lambda m: names.index(m[1])))]
+        out = {stem: found for stem, found in out.items() if stem not in own} | {bare: members}
     return out
 
 
@@ -189,9 +218,12 @@ def _around_names(
         stem = " ".join(said).lower() + (f" [{unit}]" if unit else "")
         _put(stems, stem, name, known.get(bare_name(joint), joint), joints)
     of_stem = {stem: {joint for *_, joint in members} for stem, members in stems.items()}
+    of_words: dict[str, set[str]] = {}
+    for stem, own in of_stem.items():
+        of_words.setdefault(stem.partition(" [")[0], set()).update(own)
     placed = [
         own
-        for stem, own in of_stem.items()
+        for stem, own in of_words.items()
         if words_of(stem) & QUANTITY_WORDS["q"] and len(own) > 1 and any(not re.search(r"\d", x) for x in own)
     ]
     # Without a robot, joints are those that have positions.
@@ -224,7 +256,9 @@ def _group(stem: str, members: list[tuple[int, str, str]], units: Mapping[str, s
         return None
     members = sorted(members)
     columns = tuple(m[1] for m in members)
-    unit = unit_suffix(units.get(columns[0], "")) or _unit_in(stem)
+    own = tuple(unit_suffix(units.get(c, "")) or _unit_in(c) for c in columns)
+    differ = len(set(own)) > 1 and any({unit_of(u).dimension for u in own if u} <= alike for alike in _ALIKE) and all(own)
+    unit = unit_suffix(units.get(columns[0], "")) or _unit_in(stem) or (own[0] if differ else "")
     unread = "" if unit else unread_unit(units.get(columns[0], "")) or _unread_in(stem)
     quantity = told.removesuffix("_ref") or quantity_of(words)
     if words in ({"observation", "state"}, {"action"}):  # LeRobot: positions, and what was asked for
@@ -233,7 +267,7 @@ def _group(stem: str, members: list[tuple[int, str, str]], units: Mapping[str, s
         quantity = _DIMENSIONS.get(unit_of(unit).dimension, "")
     if not quantity:
         return None
-    return ChannelGroup(stem, columns, tuple(m[2] for m in members), quantity, words, unit, unread)
+    return ChannelGroup(stem, columns, tuple(m[2] for m in members), quantity, words, unit, unread, own if differ else ())
 
 
 def _unit_in(stem: str) -> str:

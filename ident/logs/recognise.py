@@ -69,7 +69,7 @@ def recognised(
         raise _other_number(wide[0], joints or ())
     if not positions:
         return None
-    table = read([c for g in fitting for c in g.columns])
+    table = _in_si(read, fitting)
     q = _best(positions, table)
     chosen, beside = companions(q, fitting, table, names, joints) if moves(table, q) else ({}, [])
     if not chosen:
@@ -85,7 +85,7 @@ def recognised(
         beside.append(about)
         chosen = {"tau_m" if geared and k == "tau" else k: g for k, g in chosen.items()}
     factors = {k: (scale, offset) if k == "q" else (_factor(k, g, scale, counted, recorder), 0.0) for k, g in chosen.items()}
-    mapping = {f"{k}{j + 1}": _entry(column, k, *factors[k]) for k, g in chosen.items() for j, column in enumerate(g.columns)}
+    mapping = _mapping(chosen, factors)
     if time.column:
         mapping["t"] = _entry(time.column, "t", time.factor)
     said = _said(chosen, time, _in(scale, counted))
@@ -156,6 +156,26 @@ def _put_in_order(order: Sequence[str], joints: Sequence[str] | None) -> tuple[s
     return (f"its joints come as {', '.join(order)}, and are put into the robot's order by these names.",)
 
 
+def _in_si(read: Reader, found: Sequence[ChannelGroup]) -> dict[str, Array]:
+    """Columns of all groups; in SI units where those of a group differ in theirs."""
+    table = dict(read([c for g in found for c in g.columns]))
+    for g in found:
+        table |= g.in_si(table)
+    return table
+
+
+def _mapping(chosen: Mapping[str, ChannelGroup], factors: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    """The [columns] of what was chosen; `factors`: (factor, offset) of each group."""
+    return {
+        f"{k}{j + 1}": _entry(column, k, *_of_column(g, j, *factors[k])) for k, g in chosen.items() for j, column in enumerate(g.columns)
+    }
+
+
+def _of_column(g: ChannelGroup, j: int, factor: float, offset: float) -> tuple[float, float]:
+    """Factor and offset of a group's j-th column as the file holds it."""
+    return (known_scale(g.units[j]), 0.0) if g.units else (factor, offset)
+
+
 def _entry(column: str, quantity: str, factor: float, offset: float = 0.0) -> str | dict[str, Any]:
     """An entry of [columns]: SI value = factor * x + offset, of which the unit that the column's own name tells is taken already."""
     own = split_unit(column)[1]
@@ -204,7 +224,7 @@ def _position_scale(q: ChannelGroup, table: Mapping[str, Array], recorder: Recor
     """(factor, offset) to radians, and whether positions are counts: as the unit is told; else whole numbers are counts, and what goes
     beyond two turns is in degrees. Raises DataError for counts of which nobody knows how many are a turn."""
     if q.unit:
-        return known_scale(q.unit), 0.0, False
+        return 1.0 if q.units else known_scale(q.unit), 0.0, False
     values = [np.asarray(table[c], float) for c in q.columns]
     reach = max(float(np.nanmax(np.abs(v), initial=0.0)) for v in values)
     whole = all(np.all(v[np.isfinite(v)] == np.round(v[np.isfinite(v)])) for v in values)
@@ -226,7 +246,9 @@ def _position_scale(q: ChannelGroup, table: Mapping[str, Array], recorder: Recor
 
 
 def _factor(quantity: str, g: ChannelGroup, scale: float, counted: bool, recorder: Recorder | None) -> float:
-    """Factor to SI of velocities, torques and currents."""
+    """Factor to SI of velocities, torques and currents, as the table holds them."""
+    if g.units:
+        return 1.0
     if quantity in ("tau", "tau_m", "i"):
         return known_scale(g.unit) if g.unit else recorder.effort_scale if recorder is not None else 1.0
     if g.unit:

@@ -29,13 +29,14 @@ def references(
         if not wanted:
             continue
         g = max(wanted, key=lambda g: len(g.words & q.words))
-        factor, offset = (known_scale(g.unit), 0.0) if g.unit else (scale[0], scale[1] if quantity == "q" else 0.0)
+        told = 1.0 if g.units else known_scale(g.unit) if g.unit else None
+        factor, offset = (told, 0.0) if told is not None else (scale[0], scale[1] if quantity == "q" else 0.0)
         if (by_name := _by_name(g, q)) is not None:
             order = by_name
         elif quantity == "q":
             order, notes = _order(g, q, table, factor / scale[0], (offset - scale[1]) / scale[0])
         for j, k in enumerate(order):
-            out[f"{quantity}_ref{j + 1}"] = g.columns[int(k)], factor, offset
+            out[f"{quantity}_ref{j + 1}"] = g.columns[int(k)], known_scale(g.units[int(k)]) if g.units else factor, offset
     return out, notes
 
 

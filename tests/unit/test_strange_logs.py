@@ -405,3 +405,41 @@ def test_a_stream_of_arrow_that_is_cut_off(tmp_path: Path) -> None:
     is_the_motion(log)
     assert len(log) == N - 50
     assert any("ends in the middle" in note for note in log.notes)
+
+
+_MIXED = {
+    "joints' names": ("turn pos [°]", "lift pos [mm]", "tilt pos [°]", "turn torque [Nm]", "lift force [N]", "tilt torque [Nm]"),
+    "numbers": ("J1 pos [deg]", "J2 pos [mm]", "J3 pos [deg]", "J1 torque [Nm]", "J2 force [N]", "J3 torque [Nm]"),
+    "a row of units": ("turn pos", "lift pos", "tilt pos", "turn torque", "lift torque", "tilt torque"),
+}
+_PICKER = """<robot name="picker"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>
+<joint name="turn" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/></joint>
+<joint name="lift" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<limit lower="0" upper="1" velocity="1" effort="9"/></joint>
+<joint name="tilt" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" velocity="9" effort="9"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("told", list(_MIXED))
+@pytest.mark.parametrize("with_robot", [True, False], ids=["robot", "no robot"])
+def test_joints_may_have_units_of_their_own(tmp_path: Path, told: str, with_robot: bool) -> None:
+    """Ways in millimetres beside angles in degrees: of a row of units the first was once taken for all, in silence."""
+    t = np.arange(200) / 100.0
+    q = np.stack([1.2 * np.sin(2 * t), 0.3 + 0.2 * np.cos(3 * t), 0.8 * np.cos(t)], axis=1)
+    tau = np.stack([np.sin(t), 40.0 + np.cos(t), np.cos(2 * t)], axis=1)
+    table = np.concatenate([t[:, None], np.degrees(q[:, [0]]), 1e3 * q[:, [1]], np.degrees(q[:, [2]]), tau], axis=1)
+    units = "s,deg,mm,deg,Nm,N,Nm\n" if told == "a row of units" else ""
+    rows = "".join(",".join(f"{x:.9g}" for x in row) + "\n" for row in table)
+    (tmp_path / "a.csv").write_text("time," + ",".join(_MIXED[told]) + "\n" + units + rows, encoding="utf-8")
+    (log,) = ident.read_logs(tmp_path / "a.csv", ident.Robot.from_urdf(_PICKER) if with_robot else None)
+    assert np.allclose(log.q, q, atol=1e-6)
+    assert np.allclose(log.tau["joint"], tau, atol=1e-6)
+
+
+def test_positions_in_two_units_of_all_joints_are_not_put_together(tmp_path: Path) -> None:
+    t = np.arange(200) / 100.0
+    q = np.stack([np.sin(2 * t), 0.8 * np.cos(t)], axis=1)
+    header = "time,J1 pos [deg],J2 pos [deg],J1 pos [rad],J2 pos [rad],J1 torque [Nm],J2 torque [Nm]"
+    np.savetxt(tmp_path / "a.csv", np.column_stack([t, np.degrees(q), q, q]), delimiter=",", header=header, comments="")
+    (log,) = ident.read_logs(tmp_path / "a.csv")
+    assert np.allclose(log.q, q, atol=1e-6)
