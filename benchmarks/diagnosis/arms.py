@@ -48,7 +48,7 @@ class Arm:
     def motion(self, seed: int, seconds: float) -> Trajectory:
         """A random motion within limits and speeds; by default of many frequencies, and never repeats."""
         if self.style != "fourier":
-            return motions.motion(self, self.style, seed, seconds)
+            return motions.motion(motions.Room(self.limits, self.top_speed), self.style, seed, seconds)
         rng = np.random.default_rng([seed, 7])
         n = self.robot.n
         base = 1.0 / seconds

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
-#: Half width (share of the frequency, and Hz) of the band that says what noise a line stands in; bins of a line itself.
-_AROUND, _LEAST_HZ, _OWN = 0.25, 0.75, 3
+#: Half width (share of the frequency, Hz and bins at least) of the band whose median says what noise a line stands in.
+_AROUND, _LEAST_HZ, _LEAST_BINS = 0.25, 0.75, 12
 #: Lowest frequency looked at, in cycles of the run.
 _CYCLES = 12.0
 #: Share of the rows' band beyond which their filter bends the spectrum.
@@ -54,14 +54,17 @@ def tone(fit: Fit, frame: Solved) -> tuple[int, float] | None:
 def _over_smooth(x: Array, frequency: Array) -> tuple[Array, Array]:
     """Periodogram over the mean that noise has in the neighbourhood (from its median), and the probability that noise has as much."""
     power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)))) ** 2
-    step = frequency[1]
-    out, chance = np.zeros_like(power), np.ones_like(power)
-    for k in range(len(power)):
-        half = max(int(max(_AROUND * frequency[k], _LEAST_HZ) / step), 4 * _OWN)
-        around = np.concatenate([power[max(k - half, 1) : max(k - _OWN, 1)], power[k + _OWN + 1 : k + half + 1]])
-        level = float(np.median(around)) / np.log(2.0) if len(around) else np.inf
-        out[k] = power[k] / level if level > 0 else 0.0
-        # A window makes neighbours alike in pairs, and a median knows half of what a mean knows.
-        known = max(len(around) / 4.0, 1.0)
-        chance[k] = (1.0 + out[k] / known) ** -known
-    return out, chance
+    centres, levels, counts = [], [], []
+    k = 1
+    while k < len(power):
+        half = max(int(max(_AROUND * frequency[k], _LEAST_HZ) / frequency[1]), _LEAST_BINS)
+        around = power[max(k - half, 1) : k + half + 1]
+        centres.append(k)
+        levels.append(float(np.median(around)) / np.log(2.0))
+        counts.append(len(around))
+        k += max(half // 2, 1)
+    bins = np.arange(len(power))
+    out = power / np.maximum(np.interp(bins, centres, levels), 1e-300)
+    # A window makes neighbours alike in pairs, and a median knows half of what a mean knows.
+    known = np.maximum(np.interp(bins, centres, counts) / 4.0, 1.0)
+    return out, (1.0 + out / known) ** -known
