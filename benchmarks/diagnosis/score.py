@@ -169,12 +169,12 @@ def _named(oracle: Oracle, findings: Sequence[Any], part: dict[str, Any], i: int
         if is_part(f.name, f.joints, getattr(f.effect, "motors", None), part, names):
             if not f.ambiguous:
                 return told("found", place, None)
-            rival = max(f.imitators, key=lambda m: m.confidence)
+            rival = max(f.competing, key=lambda m: m.confidence)
             return told("found, ambiguous", place, oracle.rival(rival.effect, rival.joints))
     for place, f in enumerate(findings):
         if not f.ambiguous:
             continue
-        if any(m.confidence >= _NAMED and is_part(m.effect, m.joints, None, part, names) for m in f.imitators):
+        if any(m.confidence >= _NAMED and is_part(m.effect, m.joints, None, part, names) for m in f.competing):
             return told("rival", place, f.effect)
     return {"how": "no", "finding": None, "as_good": None}
 

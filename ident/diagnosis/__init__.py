@@ -2,9 +2,18 @@
 
 from .diagnosis import Diagnosis, diagnose
 from .next_motion import NextMotion, next_motion
-from .result import Finding, FoundParameter, Hidden, Imitator, Unexplained
+from .result import CompetingModel, Finding, FoundParameter, Hidden, Unexplained
 from .verdict import Verdict
 
 __all__ = [
-    "Diagnosis", "Finding", "FoundParameter", "Hidden", "Imitator", "NextMotion", "Unexplained", "Verdict", "diagnose", "next_motion",
+    "CompetingModel",
+    "Diagnosis",
+    "Finding",
+    "FoundParameter",
+    "Hidden",
+    "NextMotion",
+    "Unexplained",
+    "Verdict",
+    "diagnose",
+    "next_motion",
 ]  # fmt: skip

@@ -30,7 +30,7 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
     joint = finding.joints[0] if finding.joints else "every joint"
     title = finding.effect.title
     if finding.ambiguous:
-        competing = finding.imitators[0]
+        competing = finding.competing[0]
         other = effect_types().get(competing.effect)
         where = competing.joints[0] if competing.joints else "every joint"
         if other is not None and other.axis == finding.effect.axis and competing.joints == finding.joints:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .result import Imitator
+from .result import CompetingModel
 
 if TYPE_CHECKING:
     from .inference.confidence_set import AcceptedEffect
@@ -19,12 +19,12 @@ _LEAST = 0.35
 _SAME = 0.15
 
 
-def confidence(accepted: AcceptedEffect, *, beside: bool) -> tuple[float, tuple[Imitator, ...]]:
+def confidence(accepted: AcceptedEffect, *, beside: bool) -> tuple[float, tuple[CompetingModel, ...]]:
     """Confidence in an accepted effect, and its competing models with theirs. `beside`: something is left that nothing accounts for."""
     weights = _weights(accepted)
     own = (_BESIDE if beside else _SURE) / (1.0 + sum(weights))
     ranked = sorted(zip(accepted.competing, weights, strict=True), key=lambda pair: -pair[1])
-    return own, tuple(Imitator(m.effect.name, m.joints, own * w) for m, w in ranked)
+    return own, tuple(CompetingModel(m.effect.name, m.joints, own * w) for m, w in ranked)
 
 
 def _weights(accepted: AcceptedEffect) -> list[float]:

@@ -38,7 +38,7 @@ class FoundParameter:
 
 
 @dataclass(frozen=True)
-class Imitator:
+class CompetingModel:
     """A competing model of a finding and its probability; `motors`: joints whose motors a coupling ties in.
 
     `share`: how much of what the finding explains it takes up in its place (NaN: not known), with the `values` (name, value, unit) of its
@@ -80,7 +80,7 @@ class Finding:
     heldout_gain: float
     evidence: float
     confidence: float
-    imitators: tuple[Imitator, ...]
+    competing: tuple[CompetingModel, ...]
     advice: str = ""
     presence: tuple[float, float] = (float("nan"), float("nan"))
 
@@ -102,7 +102,7 @@ class Finding:
     @property
     def ambiguous(self) -> bool:
         """Whether its competing models account for the same about as well."""
-        return sum(i.confidence for i in self.imitators) >= AMBIGUOUS
+        return sum(i.confidence for i in self.competing) >= AMBIGUOUS
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -117,7 +117,7 @@ class Finding:
             "presence_std": number(self.presence[1]),
             "evidence": self.evidence,
             "confidence": self.confidence,
-            "imitators": [i.to_dict() for i in self.imitators],
+            "imitators": [i.to_dict() for i in self.competing],
             "advice": self.advice,
         }
 

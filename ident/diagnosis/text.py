@@ -91,10 +91,10 @@ def diagnosis_text(d: Told) -> str:
             lines.append(f"     {p.name} = {p.value:.4g}{doubt} {p.unit}")
         if f.configuration:
             lines.append("     " + ", ".join(f"{name}: {value}" for name, value in f.configuration.items()))
-        if likely := [m for m in f.imitators if m.likely]:
+        if likely := [m for m in f.competing if m.likely]:
             named = "; ".join(f"{m.effect}{on(m.place)} ({m.confidence:.2f})" for m in likely)
             lines.append(f"     alternative explanations: {named}")
-        if unlikely := sorted((m for m in f.imitators if not m.likely), key=lambda m: -m.share):
+        if unlikely := sorted((m for m in f.competing if not m.likely), key=lambda m: -m.share):
             named = "; ".join(f"{m.effect}{on(m.place)}{_with(m.values)} {100 * m.share:.0f} %" for m in unlikely)
             lines.append(f"     in its place would take up, of what it explains: {named}")
         if np.isfinite(f.presence[1]):

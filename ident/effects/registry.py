@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import pkgutil
 from typing import Any, TypeVar
 
-from .._utils.plugins import load_installed
+from .._utils.registered import load_registering
 from ..errors import ConfigurationError, unknown_name
 from .base import Effect
 
@@ -24,17 +22,9 @@ def register(effect: type[_E]) -> type[_E]:
     return effect
 
 
-def _load_all() -> None:
-    for package_name in ("ident.effects", "ident.friction"):
-        package = importlib.import_module(package_name)
-        for module in pkgutil.iter_modules(package.__path__):
-            importlib.import_module(f"{package_name}.{module.name}")
-
-
 def effect_types() -> dict[str, type[Effect]]:
     """Every registered effect by name, the built-in ones and the user's."""
-    _load_all()
-    load_installed()
+    load_registering("ident.effects", "ident.friction")
     return dict(sorted(_REGISTRY.items()))
 
 

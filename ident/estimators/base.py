@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import logging
-import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
-from .._utils.plugins import load_installed
+from .._utils.registered import load_registering
 from ..effects.kinds import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .own_prediction import standing
@@ -170,10 +168,7 @@ def register(estimator: type[_S]) -> type[_S]:
 
 def estimator_types() -> dict[str, type[Estimator]]:
     """Every registered estimator by name."""
-    package = importlib.import_module("ident.estimators")
-    for module in pkgutil.iter_modules(package.__path__):
-        importlib.import_module(f"ident.estimators.{module.name}")
-    load_installed()
+    load_registering("ident.estimators")
     return dict(sorted(_REGISTRY.items()))
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
-from .._utils.plugins import load_installed
+from .._utils.registered import load_registering
 from ..errors import unknown_name
 from .urdf import Attached, BodyExport
 
@@ -85,10 +83,7 @@ def register_target(target: _T) -> _T:
 
 def target_types() -> dict[str, type[ExportTarget]]:
     """Every target by name."""
-    package = importlib.import_module("ident.exporting.targets")
-    for module in pkgutil.iter_modules(package.__path__):
-        importlib.import_module(f"{package.__name__}.{module.name}")
-    load_installed()
+    load_registering("ident.exporting.targets")
     return dict(sorted(_REGISTRY.items()))
 
 

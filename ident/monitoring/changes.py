@@ -38,7 +38,7 @@ def changes_of(estimate: Estimate, before: Before, decision: Decision, since: st
         known = decision.fit.known
         assert known is not None
         own = known.holds(accepted.effect)
-        believed, imitators = confidence(_favoured(accepted, known, decision.fit.robot) if own else accepted, beside=beside)
+        believed, competing = confidence(_favoured(accepted, known, decision.fit.robot) if own else accepted, beside=beside)
         told = tuple(_changed(p, estimate, before, own=own) for p in values[accepted.effect])
         # A change of what the model has keeps its shape: there is nothing to tell of it.
         told = tuple(p for p in told if not own or p.name not in {s.name for s in accepted.effect.shape()})
@@ -50,7 +50,7 @@ def changes_of(estimate: Estimate, before: Before, decision: Decision, since: st
                 heldout_gain=gain,
                 evidence=float(accepted.z**2),
                 confidence=believed,
-                imitators=imitators,
+                competing=competing,
                 how=_how(accepted, told, decision, own=own),
                 since=since,
             )

@@ -149,9 +149,9 @@ class Monitoring(ShortRepr):
         lines = [f"verdict: {said(self)}"]
         for i, change in enumerate(self.changes, 1):
             lines.append(f"{i}. {change}; confidence {change.confidence:.2f}")
-            if change.imitators:
-                rivals = (f"{m.effect}{on(', '.join(m.joints))} ({m.confidence:.2f})" for m in change.imitators)
-                lines.append(f"     could also be: {'; '.join(rivals)}")
+            if change.competing:
+                others = (f"{m.effect}{on(', '.join(m.joints))} ({m.confidence:.2f})" for m in change.competing)
+                lines.append(f"     could also be: {'; '.join(others)}")
         lines += [f"left: {u.evidence}" for u in self.unexplained]
         lines += [f"no change, in the logs of the fit too: {name}" for name in self.known]
         errors = {"fit": self.estimate.fit_error, "new logs": self.error}

@@ -1,4 +1,4 @@
-"""Where in the new logs a change is: from which log on, and how much of what they hold it foretells on parts that were not fitted."""
+"""Where in the new logs a change is: from which log on, and which share of the residual it predicts on parts that were not fitted."""
 
 from __future__ import annotations
 

@@ -48,8 +48,8 @@ def monitor(
     reference : Signals, optional
         The logs of the fit itself, prepared likewise; with them an effect that the model never had is distinguished from a new one.
     look : int
-        The how-manieth look at this robot since the fit it is: each has a smaller share of the false alarms, so that all looks together,
-        however many, raise one with a probability of 1 % at most.
+        Number of this look at the robot, counted from the fit (1, 2, …): each has a smaller share of the false alarms, so that all looks
+        together, however many, raise one with a probability of 1 % at most.
     progress : callable, optional
         Called with the share done.
 

@@ -35,7 +35,7 @@ def diagnosis_report(d: Diagnosis, *, replay: bool = True) -> Report:
     """Verdict, findings, errors, residuals before and after, competing models, advice, shifts, replayed motion, and what was used."""
     robot = d.before.model.robot
     sections: list[Section] = [*findings_section(d), *_left(d), *_hidden(d), _errors(d), *finding_figures(d), _over_time(d)]
-    sections += [*_imitators(d), *_advice(d), *_shifts(d)]
+    sections += [*_competing(d), *_advice(d), *_shifts(d)]
     if replay and d.findings and robot.n <= _REPLAYED_JOINTS:
         sections += replay_sections(d.before, d.after, d.signals if d.held is None else d.held, data_of(d))
     sections += [_source(d), *_warnings(d)]
@@ -132,7 +132,7 @@ def _worst(d: Diagnosis) -> list[int]:
     return sorted(np.argsort(-ratio)[:_JOINTS].tolist())
 
 
-def _imitators(d: Diagnosis) -> list[Section]:
+def _competing(d: Diagnosis) -> list[Section]:
     rows = [
         (
             f"{i}. {f.name}{on(place_of(f.effect, f.joints))}",
@@ -142,7 +142,7 @@ def _imitators(d: Diagnosis) -> list[Section]:
             f"{m.confidence:.3f}" if m.confidence >= _LEAST else f"< {_LEAST}",
         )
         for i, f in enumerate(d.findings, 1)
-        for m in f.imitators
+        for m in f.competing
     ]
     if not rows:
         return []

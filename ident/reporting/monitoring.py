@@ -45,7 +45,7 @@ def _changes(found: Monitoring) -> list[Section]:
             size = uncertain(p.value, p.std) if np.isfinite(p.std) else f"{plain(p.value, 4)} (not determined)"
             rows.append((*head, p.name, size, p.unit, before, after, *tail))
             head, tail = ("", ""), ("", "")
-        competing += [(name, f"{m.effect}{on(joined(m.joints))}", f"{m.confidence:.3f}") for m in change.imitators]
+        competing += [(name, f"{m.effect}{on(joined(m.joints))}", f"{m.confidence:.3f}") for m in change.competing]
     if not rows:
         return []
     names = ("what", "joints", "parameter", "change ± std", "unit", "before", "after", "confidence", "held-out gain")

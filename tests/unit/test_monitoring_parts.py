@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident import make_effect
-from ident.diagnosis import Finding, Imitator
+from ident.diagnosis import CompetingModel, Finding
 from ident.effects.places import motors_of, on, place_of
 from ident.monitoring import Change, ChangedParameter, How
 
@@ -16,7 +16,7 @@ def change(effect: str, values: dict[str, tuple[float, float, float | None]], ho
     made = make_effect(effect, joints=("elbow",), **more)
     return Change(
         effect=made, joints=("elbow",), parameters=parameters, heldout_gain=0.5, evidence=100.0, confidence=0.9,
-        imitators=(Imitator("offset", ("elbow",), 0.05),), how=how,
+        competing=(CompetingModel("offset", ("elbow",), 0.05),), how=how,
     )  # fmt: skip
 
 

@@ -137,15 +137,17 @@ def test_points_and_bins_leave_nothing_odd():
 
 def test_the_motor_of_a_coupling_is_named():
     from ident import make_effect
-    from ident.diagnosis import Finding, Imitator
+    from ident.diagnosis import CompetingModel, Finding
     from ident.diagnosis.pictures import findings_section
-    from ident.reporting.diagnosis import _imitators, headline
+    from ident.reporting.diagnosis import _competing, headline
 
     effect = make_effect("gear_coupling", joints=("j6",), motors=("j5",))
-    finding = Finding(effect, ("j6",), (), 0.5, 100.0, 0.9, (Imitator("offset", ("j6",), 0.05, (), 0.8, (("offset_j6", -3.2, "N m"),)),))
+    finding = Finding(
+        effect, ("j6",), (), 0.5, 100.0, 0.9, (CompetingModel("offset", ("j6",), 0.05, (), 0.8, (("offset_j6", -3.2, "N m"),)),)
+    )
     d = SimpleNamespace(verdict="explained", findings=(finding,), unexplained=())
     assert headline(d) == "Explained: the model lacks gear_coupling on j6 (motor of j5)"
-    assert _imitators(d)[0].rows[0] == ("1. gear_coupling on j6 (motor of j5)", "offset on j6", "-3.2 N m", "80 %", "0.050")
+    assert _competing(d)[0].rows[0] == ("1. gear_coupling on j6 (motor of j5)", "offset on j6", "-3.2 N m", "80 %", "0.050")
     assert findings_section(replace_parameters(d))[0].rows[0][2] == "j6 (motor of j5)"
 
 

@@ -52,7 +52,7 @@ class DriveFinding:
 
 @dataclass(frozen=True, eq=False)
 class DriveDiagnosis:
-    """Verdict, findings, the fit as declared and with the findings; `left`: share of the last residual that its own past foretells."""
+    """Verdict, findings, the fit as declared and with the findings; `left`: share of the last residual that its own past predicts."""
 
     verdict: Verdict
     findings: tuple[DriveFinding, ...]
