@@ -8,6 +8,10 @@ from pathlib import Path
 import pytest
 from command_line import arm, ident, saved_fit  # noqa: F401 - fixtures of tests/cli
 
+# One BLAS thread each: xdist's workers begin with this environment, and two that share two cores wait for each other else.
+for _key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_key, "1")
+
 
 def shared_data() -> Path:
     """The folder of real logs: `IDENT_DATA`, or `../shared/data` beside the checkout. Skips where it is absent."""
