@@ -11,10 +11,16 @@ from scipy.stats import chi2, norm
 import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
 from ident.diagnosis import Verdict
+from ident.diagnosis.analysed import prepared
 from ident.diagnosis.data.band import Band
+from ident.diagnosis.design.catalogue import Catalogue
 from ident.diagnosis.held_out import contradicted, contradicted_heap, heaps, presence
+from ident.diagnosis.inference import candidates
+from ident.diagnosis.inference.bursts import burst
 from ident.diagnosis.inference.confidence_set import AcceptedEffect
+from ident.diagnosis.inference.described import outdone
 from ident.diagnosis.inference.scores import z_of
+from ident.diagnosis.inference.search import EffectSearch
 from ident.diagnosis.scoring.whitening import density
 from ident.effects.motion import Motion
 
@@ -206,6 +212,56 @@ def test_slow_knocks_are_seen_beneath_fast_noise(arm: tuple[ident.Robot, dict[st
     found = diagnosed(_with_torque(case, 1, (level * np.exp(-0.5 * ((t[:, None] - at) / 0.1) ** 2)).sum(axis=1)))
     assert found.verdict is Verdict.UNEXPLAINED, str(found)
     assert case.robot.joint_names[1] in {u.joint for u in found.unexplained}
+
+
+def _search(case: Case, *effects: ident.Effect) -> EffectSearch:
+    """The search's state with effects accepted."""
+    signals = ident.fit(case.log, case.robot, model=case.model, held=0).problem.signals  # type: ignore[union-attr]
+    fit, _, speeds = prepared(case.model, signals)
+    fit.solved(1)
+    state = EffectSearch(fit, Catalogue.of(fit, speeds), accepted=[(e, e.joints or ()) for e in effects])
+    state.solve()
+    state.calibrate()
+    return state
+
+
+def test_a_name_gives_way_to_a_law_of_another_quantity_and_not_where_it_is_right(nothing_missing: list[Case]) -> None:
+    case = nothing_missing[0]
+    joint, names = case.robot.joint_names[1], ("offset", "asymmetric_viscous")
+    size = 0.5 * float(np.std(next(iter(case.log.tau.values()))[:, 1]))
+    other = np.gradient(case.log.q[:, 0], case.log.t)  # type: ignore[index]
+    crosstalk = _with_torque(case, 1, 4.0 * size * other / np.abs(other).max())
+    constant = _with_torque(case, 1, np.full(len(case.log.t), size))
+    for name in names:
+        effect = ident.make_effect(name, joints=[joint], label="+")
+        assert outdone(_search(crosstalk, effect), joint)
+    assert not outdone(_search(constant, ident.make_effect("offset", joints=[joint], label="+")), joint)
+
+
+def test_of_a_constant_torque_the_constant_is_named_and_nothing_that_holds_one(nothing_missing: list[Case]) -> None:
+    case = nothing_missing[1]
+    size = 0.5 * float(np.std(next(iter(case.log.tau.values()))[:, 1]))
+    state = _search(_with_torque(case, 1, np.full(len(case.log.t), size)))
+    found = candidates.best(state, set())
+    assert found is not None
+    assert (found[0].name, found[1]) == ("offset", (case.robot.joint_names[1],))
+    # The same where only what holds a constant, and bends, is looked at first.
+    kept = candidates._candidates
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(candidates, "_candidates", lambda s, refused: [g for g in kept(s, refused) if g.name == "linear_spring"])
+        found = candidates.best(state, set())
+    assert found is not None
+    assert found[0].name == "offset"
+
+
+def test_what_is_seldom_and_most_of_all_that_is_left_is_a_burst(nothing_missing: list[Case]) -> None:
+    case = nothing_missing[0]
+    t = case.log.t
+    size = 3.0 * float(np.std(next(iter(case.log.tau.values()))[:, 1]))
+    shaken = size * np.exp(-0.5 * ((t - 0.4 * t[-1]) / 0.3) ** 2) * np.sin(2 * np.pi * 5.0 * t)
+    for extra, seen in ((np.zeros(len(t)), False), (shaken, True)):
+        state = _search(_with_torque(case, 1, extra))
+        assert (burst(state.fit, state.frame) is not None) is seen
 
 
 def test_what_acts_is_there_once_and_what_does_not_is_not(arm: tuple[ident.Robot, dict[str, Array]]) -> None:

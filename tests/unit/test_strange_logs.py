@@ -443,3 +443,9 @@ def test_positions_in_two_units_of_all_joints_are_not_put_together(tmp_path: Pat
     np.savetxt(tmp_path / "a.csv", np.column_stack([t, np.degrees(q), q, q]), delimiter=",", header=header, comments="")
     (log,) = ident.read_logs(tmp_path / "a.csv")
     assert np.allclose(log.q, q, atol=1e-6)
+
+
+def test_logs_in_a_list_are_fitted_like_a_set_of_them() -> None:
+    train, test = ident.demo_logs()
+    logs = [train[0], test[0]]
+    assert np.array_equal(ident.fit(logs, "puma560", held=0).values, ident.fit(ident.LogSet(tuple(logs)), "puma560", held=0).values)

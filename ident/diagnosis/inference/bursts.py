@@ -35,7 +35,9 @@ def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
     distribution."""
     found: tuple[int, float] | None = None
     n = frame.residual.shape[1]
-    for residual in (frame.residual, _slow(fit, frame)):
+    # Whitened by its own mean spectrum, a burst would be divided by itself.
+    whole = fit.at_usual_noise(frame)
+    for residual in (whole, _slow(fit, frame, whole)):
         for m in range(n):
             p = min(2.0 * n * _chance(fit, frame, residual, m), 1.0)
             if p < LEVEL and (found is None or p < found[1]):
@@ -43,13 +45,13 @@ def burst(fit: Fit, frame: Solved) -> tuple[int, float] | None:
     return found
 
 
-def _slow(fit: Fit, frame: Solved) -> Array:
-    """The residual's slow part."""
+def _slow(fit: Fit, frame: Solved, residual: Array) -> Array:
+    """A residual's slow part."""
     from scipy.signal import butter, sosfiltfilt
 
     parts = []
     for run, a, b in zip(fit.runs, frame.edges[:-1], frame.edges[1:], strict=True):
-        rate, own = run.band.row_rate, frame.residual[a:b]
+        rate, own = run.band.row_rate, residual[a:b]
         plain = _SLOW_HZ >= 0.4 * rate or len(own) < 30
         parts.append(own if plain else sosfiltfilt(butter(2, _SLOW_HZ, fs=rate, output="sos"), own, axis=0))
     return np.concatenate(parts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -278,7 +278,12 @@ class Fit:
         X, _ = self._stacked()
         return [y - x @ frame.theta for x, y in zip(X, self.torque, strict=True)]
 
-    def _white(self, frame: Solved) -> tuple[Array, ...]:
+    def at_usual_noise(self, frame: Solved) -> Array:
+        """The residual (R, n) of a frame over the noise that most of the time has: what is loud now and then stands out."""
+        raw = [x[:, :, None] for x in self.raw_residual(frame)]
+        return self.filtered(raw, self._white(frame, "median"))[:, :, 0]
+
+    def _white(self, frame: Solved, average: Literal["mean", "median"] = "mean") -> tuple[Array, ...]:
         raw = self.raw_residual(frame)
         n = self.robot.n
         freed = self._freed(frame)
@@ -287,7 +292,7 @@ class Fit:
             if self.share[m] <= FEW:
                 continue
             laws = [
-                density(x[run.band.inner, m] / np.sqrt(max(run.share[m], 1e-9)), run.band.row_rate, run.band.top_hz)
+                density(x[run.band.inner, m] / np.sqrt(max(run.share[m], 1e-9)), run.band.row_rate, run.band.top_hz, average)
                 for run, x in zip(self.runs, raw, strict=True)
             ]
             for gain, run in zip(gains, self.runs, strict=True):

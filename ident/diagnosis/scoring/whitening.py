@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 
@@ -14,15 +15,16 @@ _SEGMENT = 8.0
 _TOLD = 1.5
 
 
-def density(e: Array, rate: float, top_hz: float) -> Callable[[Array], Array]:
-    """Two-sided spectral density of rows e (M,), as a function of frequency (Hz).
+def density(e: Array, rate: float, top_hz: float, average: Literal["mean", "median"] = "mean") -> Callable[[Array], Array]:
+    """Two-sided spectral density of rows e (M,), as a function of frequency (Hz). `average` of the stretches of time: their "mean", or
+    their "median", which what is loud in few of them does not lift.
 
     A sum of white noise, 1/f and first-order terms, all weights ≥ 0, fitted to Welch's estimate; not below that estimate, smoothed, from
     1.5 Hz on."""
     from scipy.optimize import nnls
     from scipy.signal import welch
 
-    f, power = welch(e, rate, nperseg=min(int(_SEGMENT * rate), len(e)), detrend=False)
+    f, power = welch(e, rate, nperseg=min(int(_SEGMENT * rate), len(e)), detrend=False, average=average)
     power = power / 2.0
     inside = (f <= 0.9 * top_hz) & (f >= 0.24)
     x, y = f[inside], power[inside]
