@@ -231,11 +231,11 @@ def test_a_name_gives_way_to_a_law_of_another_quantity_and_not_where_it_is_right
     size = 0.5 * float(np.std(next(iter(case.log.tau.values()))[:, 1]))
     other = np.gradient(case.log.q[:, 0], case.log.t)  # type: ignore[index]
     crosstalk = _with_torque(case, 1, 4.0 * size * other / np.abs(other).max())
-    constant = _with_torque(case, 1, np.full(len(case.log.t), size))
+    drift = _with_torque(case, 1, size * case.log.t / case.log.t[-1])
     for name in names:
         effect = ident.make_effect(name, joints=[joint], label="+")
         assert outdone(_search(crosstalk, effect), joint)
-    assert not outdone(_search(constant, ident.make_effect("offset", joints=[joint], label="+")), joint)
+    assert not outdone(_search(drift, ident.make_effect("offset_drift", joints=[joint], label="+")), joint)
 
 
 def test_of_a_constant_torque_the_constant_is_named_and_nothing_that_holds_one(nothing_missing: list[Case]) -> None:
@@ -254,14 +254,15 @@ def test_of_a_constant_torque_the_constant_is_named_and_nothing_that_holds_one(n
     assert found[0].name == "offset"
 
 
-def test_what_is_seldom_and_most_of_all_that_is_left_is_a_burst(nothing_missing: list[Case]) -> None:
+def test_bursts_stand_out_against_what_the_rest_of_the_time_has(nothing_missing: list[Case]) -> None:
+    """One; and a few of which each makes the others likely, which are most of all that is left."""
     case = nothing_missing[0]
     t = case.log.t
-    size = 3.0 * float(np.std(next(iter(case.log.tau.values()))[:, 1]))
-    shaken = size * np.exp(-0.5 * ((t - 0.4 * t[-1]) / 0.3) ** 2) * np.sin(2 * np.pi * 5.0 * t)
-    for extra, seen in ((np.zeros(len(t)), False), (shaken, True)):
-        state = _search(_with_torque(case, 1, extra))
-        assert (burst(state.fit, state.frame) is not None) is seen
+    std = float(np.std(next(iter(case.log.tau.values()))[:, 1]))
+    for size, places in ((0.0, ()), (3.0, (0.4,)), (100.0, (0.2, 0.45, 0.8))):
+        level = sum((np.exp(-0.5 * ((t - place * t[-1]) / 0.3) ** 2) for place in places), np.zeros(len(t)))
+        state = _search(_with_torque(case, 1, size * std * level * np.sin(2 * np.pi * 5.0 * t)))
+        assert (burst(state.fit, state.frame) is not None) is bool(places), places
 
 
 def test_what_acts_is_there_once_and_what_does_not_is_not(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
