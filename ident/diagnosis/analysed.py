@@ -24,6 +24,8 @@ Array = np.ndarray
 _ABOVE = 2.0
 #: Desired positions count as such where the joints follow them to this share of their motion (rms).
 _FOLLOWED = 0.2
+#: Cut-off of what counts as recorded, as a share of the rate.
+_RAW = 0.45
 
 
 @dataclass(frozen=True)
@@ -40,17 +42,31 @@ class Instrument:
 
 def full_rate(signals: Signals) -> Signals:
     """The logs at full rate in the widest band, where they are at hand; else the signals as they were prepared."""
+    wide = _below(signals, kept_hz(_rate(signals)))
+    return reduced(signals if wide is None else wide)
+
+
+def _below(signals: Signals, cutoff_hz: float) -> Signals | None:
+    """The logs at full rate below a frequency; None where they are not at hand, or too short."""
     if signals.source is None:
-        return reduced(signals)
+        return None
     config = signals.report.config
     options = {k: config[k] for k in ("resample_hz", "max_gap_s") if config.get(k) is not None}
-    rate = _rate(signals)
+    prepare = ZeroPhase(cutoff_hz=cutoff_hz, decimate=False, standstill=None, saturated="keep", **options)
     try:
-        prepare = ZeroPhase(cutoff_hz=kept_hz(rate), decimate=False, standstill=None, saturated="keep", **options)
-        wide = prepare(signals.source, signals.robot)
+        return prepare(signals.source, signals.robot)
     except DataError:
-        return reduced(signals)
-    return reduced(wide)
+        return None
+
+
+def readings(signals: Signals, full: Signals) -> list[Array] | None:
+    """The torque's reading (N, n) along each run as it was recorded: what is cut off is cut off before any filter. None where the logs are
+    not at hand."""
+    raw = _below(signals, _RAW * _rate(signals))
+    if raw is None or len(raw.runs) != len(full.runs):
+        return None
+    pairs = zip(raw.runs, full.runs, strict=True)
+    return [np.stack([np.interp(full.t[at], raw.t[run], x) for x in raw.torque[run].T], axis=1) for run, at in pairs]
 
 
 def _rate(signals: Signals) -> float:
@@ -108,10 +124,11 @@ def prepared(model: Model, signals: Signals, values: Array | None = None, *, wit
     if without is not None and without.any():
         full = replace(full, torque=np.where(without, np.nan, full.torque))
     reference = desired(full)
-    runs = _runs(full, model, START_HZ, reference)
+    reading = readings(signals, full)
+    runs = _runs(full, model, START_HZ, reference, reading)
     first = Fit(runs, model, (), values)
     band = _ABOVE * reference_band(first, first.solved(2))
-    fit = Fit(_runs(full, model, band, reference), model, (), values)
+    fit = Fit(_runs(full, model, band, reference, reading), model, (), values)
     if not fit.share.any():
         raise DataError(
             "no stretch of the logs in which a joint moves and its torque is there is long enough for a diagnosis; `ident check` says what"
@@ -121,8 +138,8 @@ def prepared(model: Model, signals: Signals, values: Array | None = None, *, wit
     return fit, instrument, usual_speed(robot.transmission.motor_rate(full.dq))
 
 
-def _runs(full: Signals, model: Model, band_hz: float, reference: Sequence[Array] | None) -> list[RunRows]:
-    runs = run_rows(full, model.robot, band_hz, reference)
+def _runs(full: Signals, model: Model, band_hz: float, reference: Sequence[Array] | None, reading: Sequence[Array] | None) -> list[RunRows]:
+    runs = run_rows(full, model.robot, band_hz, reference, reading)
     if not runs:
         raise DataError("no stretch of the logs is long enough for a diagnosis: 4 s without a gap are needed.")
     return runs

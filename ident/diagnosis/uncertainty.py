@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .design.places import is_order
+from .inference.scores import blocks
 from .result import FoundParameter
-from .scoring.fit import Fit, deviations, effect_columns, rows_of
+from .scoring.fit import SINGULAR, Fit, deviations, effect_columns, rows_of
 
 if TYPE_CHECKING:
     from ..effects.base import Effect
@@ -42,7 +43,9 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
     flat = [np.concatenate([a.reshape(-1, a.shape[2]), known]) for a in (X, Z)]
     scale = np.linalg.norm(flat[1], axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
-    std = deviations((flat[1] / scale).T @ (flat[0] / scale), (flat[1] / scale).T @ (flat[1] / scale)) / scale
+    equations = (flat[1] / scale).T @ (flat[0] / scale)
+    white = deviations(equations, (flat[1] / scale).T @ (flat[1] / scale))
+    std = np.maximum(white, _uneven(fit, frame, Z / scale, equations)) / scale
     shape_std = {(s[0], s[1]): float(std[frame.X.shape[2] + i]) for i, s in enumerate(slopes)}
     out: dict[Effect, tuple[FoundParameter, ...]] = {}
     start = b
@@ -59,6 +62,18 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
         ]
         out[effect] = (*linear, *shapes)
     return out
+
+
+def _uneven(fit: Fit, frame: Solved, Z: Array, equations: Array) -> Array:
+    """Standard deviations (p,) from the scores of blocks of time: noise that is louder where the instrument is large counts as it is.
+
+    H. White, "A heteroskedasticity-consistent covariance matrix estimator", Econometrica 48(4), 1980, with sums over blocks."""
+    cuts = blocks(fit, frame)
+    scores = np.add.reduceat(np.einsum("rnp,rn->rp", Z, frame.residual), cuts, axis=0)
+    scores = scores - scores.mean(axis=0)
+    inverse = np.linalg.pinv(equations, rcond=SINGULAR)
+    count = len(cuts)
+    return np.sqrt(np.sum((scores @ inverse.T) ** 2, axis=0) * count / max(count - 1, 1))
 
 
 def _cuts(fit: Fit) -> list[int]:

@@ -57,6 +57,12 @@ class Cogging(_Periodic):
     title: ClassVar[str] = "cogging (torque that repeats with the angle)"
     symbols = (("cogs", "{tau}", -np.inf), ("cogc", "{tau}", -np.inf))
 
+    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
+        """Behind a gear from twice a turn of the joint on: a conservative torque once a turn is a weight's, a spring's or a tilt's."""
+        at = self.at(robot)
+        geared = all(abs(float(robot.transmission.K[j, j])) != 1.0 for j in at)
+        return self.bounded(order=((2.0 if geared else 1.0) * slowest_order(robot, at, self.angle), np.inf))
+
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         phase = self.phase(motion, at)
         yield np.sin(phase)

@@ -116,9 +116,11 @@ class Saturation(JointEffect):
             yield -self._excess(motion.predicted_on(self.side)[:, at])
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
-        """From a torque that a fifth of the samples exceed to one that the largest exceeds by more than the noise of the reading.
+        """From a torque that half of the samples exceed (of what the model predicts: a fifth) to one that the largest exceeds by more
+        than the noise of the reading.
 
-        The excess of a noisy reading holds that noise, which then follows it one to one as well."""
+        The excess of a noisy reading holds that noise, which then follows it one to one as well. A model that does not foretell the
+        reading below the limit knows nothing of its noise."""
         torque = motion.measured_on(self.side) if self.clipped == Clipping.DRIVE else motion.predicted_on(self.side)
         at = self.at(robot)
         size = np.abs(torque[:, at])
@@ -128,14 +130,15 @@ class Saturation(JointEffect):
             return self.bounded()
         top, noise = float(size.max()), 0.0
         # A drive that is mostly off has no usual torque among its zeros.
-        low = min((float(np.quantile(x[x > 0.0], 0.8)) for x in size.T if (x > 0.0).any()), default=top)
+        usual = 0.5 if self.clipped == Clipping.DRIVE else 0.8
+        low = min((float(np.quantile(x[x > 0.0], usual)) for x in size.T if (x > 0.0).any()), default=top)
         if motion.reference is not None and motion.torque is not None:
             measured, predicted = motion.measured_on(self.side)[:, at][use], motion.predicted_on(self.side)[:, at][use]
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)  # a joint without torque
                 noise = 1.4826 * float(np.nanmax(np.nanmedian(np.abs(measured - predicted), axis=0)))
             if not _follows(measured, predicted, size <= low):
-                low = top
+                low, noise = (low, 0.0) if self.clipped == Clipping.DRIVE else (top, noise)
         high = top - _CLEAR * noise
         # Nothing stands out: no limit below the largest torque is worth a look.
         return self.bounded(limit=(low, high) if high > low else (top, 2.0 * top))

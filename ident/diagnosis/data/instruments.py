@@ -31,12 +31,13 @@ _TOP_HZ = 20.0
 
 @dataclass(frozen=True, eq=False)
 class RunRows:
-    """One run. `measured`, `instrument`: motions of N samples; `torque` (N, n) on the motor side; `use` (N, n): motor m's friction is a
-    function of the motion there; `band`: makes rows."""
+    """One run. `measured`, `instrument`: motions of N samples; `torque` (N, n) on the motor side; `reading` (N, n): the same on the side
+    that is measured, as recorded; `use` (N, n): motor m's friction is a function of the motion there; `band`: makes rows."""
 
     measured: Motion
     instrument: Motion
     torque: Array = field(repr=False)
+    reading: Array = field(repr=False)
     use: Array = field(repr=False)
     band: Band
 
@@ -91,8 +92,15 @@ def _derivative(x: Array, rate: float) -> Array:
     return out
 
 
-def run_rows(signals: Signals, robot: Robot, cutoff_hz: float, reference: Sequence[Array] | None = None) -> list[RunRows]:
-    """The runs of full-rate signals with an instrument below `cutoff_hz`. `reference`: desired positions (N, n) of each run, if logged."""
+def run_rows(
+    signals: Signals,
+    robot: Robot,
+    cutoff_hz: float,
+    reference: Sequence[Array] | None = None,
+    reading: Sequence[Array] | None = None,
+) -> list[RunRows]:
+    """The runs of full-rate signals with an instrument below `cutoff_hz`. `reference`: desired positions (N, n) of each run, if logged;
+    `reading`: torque (N, n) of each as recorded, if that is at hand."""
     from scipy.signal import butter, sosfiltfilt
 
     rate, transmission = signals.rate, robot.transmission
@@ -118,7 +126,8 @@ def run_rows(signals: Signals, robot: Robot, cutoff_hz: float, reference: Sequen
         ends = int(ENDS * rate)
         slow[:ends] = slow[len(slow) - ends :] = True
         use = ~_widened(slow, int(SETTLE * rate))
-        found.append(RunRows(measured, instrument, torque, use.astype(float), Band(len(t), rate, factor, top_hz)))
+        raw = np.nan_to_num(signals.torque[run] if reading is None else reading[i])
+        found.append(RunRows(measured, instrument, torque, raw, use.astype(float), Band(len(t), rate, factor, top_hz)))
     return found
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...effects.base import Effect
+from ...effects.kinds import Need
 from ...effects.registry import effect_types
 from ...errors import IdentError
 from ..scoring.fit import Fit, depends, effect_columns
@@ -63,6 +64,12 @@ class Catalogue:
         made = cls([], [], [], 0)
         made._fill(fit, effects, None)
         return made
+
+    @classmethod
+    def of_readings(cls, fit: Fit) -> Catalogue:
+        """Effects of the torque's reading itself (what a drive demands beyond its limit). No instrument knows it, so that any noise goes
+        with it: such a score says what to try, and never that something is left."""
+        return cls.of_effects(fit, [*_effects(fit, readings=True)])
 
     def updated(self, fit: Fit) -> None:
         """Columns that depend on what the model predicts, made anew from the fit's values."""
@@ -126,10 +133,9 @@ def _rows(fit: Fit, effect: Effect, motions: Sequence[Motion]) -> dict[int, list
     return {m: [run.masked(v[:, m], m) for run, v in zip(fit.runs, values, strict=True)] for m in live}
 
 
-def _effects(fit: Fit) -> Iterator[tuple[Effect, tuple[str, ...]]]:
-    motions = fit.motions(instrument=True)
-    if fit.known is not None:
+def _effects(fit: Fit, *, readings: bool = False) -> Iterator[tuple[Effect, tuple[str, ...]]]:
+    if fit.known is not None and not readings:
         yield from fit.known.own
     for name, kind in effect_types().items():
-        if kind.cause and name != "rigid_body":
-            yield from places(kind, fit.declared, motions)
+        if kind.cause and name != "rigid_body" and (Need.TORQUE in kind.needs) == readings:
+            yield from places(kind, fit.declared, fit.sought(kind))

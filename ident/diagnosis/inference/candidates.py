@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...effects.kinds import Nature
+from ..design.catalogue import Catalogue
+from ..design.places import search_range
 from ..scoring.fit import depends
 from ..thresholds import COMPETES, CONTAINED
 from .refinement import refined
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 _TRIED = 12
 #: Simpler ones inside the best that are tried beside them, at most.
 _SIMPLER = 4
+#: Times that the limit of a drive is sought over its whole range again.
+_ANEW = 2
 #: Passes of a refit whose columns follow the values.
 _PASSES = 3
 
@@ -51,7 +55,8 @@ def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
     """The effect that accounts best for what is left: of those whose scores come near the largest, by a refit with each.
 
     Scores are taken at the noise of a model that lacks something, and so are compressed: what a refit leaves tells more."""
-    trials = [_trial(state, g) for g in _candidates(state, refused)]
+    demanded = [t for g in _readings(state, refused) if _stands(state, t := _trial(state, g, anew=_ANEW))]
+    trials = [*demanded, *(_trial(state, g) for g in _candidates(state, refused))]
     if not trials:
         return None
     return _simplest(state, _chosen(state, trials), trials, refused)
@@ -134,18 +139,46 @@ def _candidates(state: EffectSearch, refused: set[Kind]) -> list[Group]:
     return [scores.group(k) for k in list(chosen)[:_TRIED]]
 
 
-def _trial(state: EffectSearch, group: Group) -> _Trial:
-    """A refit with a group's effect, its shape sought first at the noise before, then at the noise after it."""
+def _readings(state: EffectSearch, refused: set[Kind]) -> list[Group]:
+    """Effects of the reading itself, each where it scores best, that score at least as much as anything that is left."""
+    scores = Scores.of(state.fit, state.frame, Catalogue.of_readings(state.fit))
+    least = max(state.critical, COMPETES * float(state.scores.z.max(initial=0.0)))
+    found: dict[Kind, Group] = {}
+    for k in np.argsort(-scores.plain).tolist():
+        g = scores.group(k)
+        if scores.plain[k] > least and g.kind not in refused and state.possible(scores, k):
+            found.setdefault(g.kind, g)
+    return list(found.values())
+
+
+def _stands(state: EffectSearch, trial: _Trial) -> bool:
+    """Whether an effect of the reading is what it says, beside itself: its shape lies where it can for a model that has it, and what would
+    deny it is not there."""
+    effect, fit = trial.effect, trial.fit
+    ranges = search_range(effect, fit.declared, fit.motions(instrument=False))
+    if not all(low <= getattr(effect, name) <= high for name, (low, high) in ranges.items()):
+        return False
+    denial = effect.denied_by()
+    if denial is None:
+        return True
+    scores = Scores.of(fit, trial.frame, Catalogue.of_effects(fit, [(denial, trial.joints)]))
+    return not np.any(scores.plain > state.critical)
+
+
+def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
+    """A refit with a group's effect, its shape sought first at the noise before, then at the noise after it; `anew`: times that it is
+    sought over its whole range again, where what it accounts for drowns all else."""
     assert group.effect is not None
     joints, others = group.joints, tuple(e for e, _ in state.accepted)
     passes = _PASSES if depends(group.effect) else 1
     effect = state.labelled(refined(group.effect, joints, state.fit, state.frame))
     fit = state.fit.with_effects((*others, effect))
     frame = fit.solved(passes)
-    sharper = refined(effect, joints, state.fit, state.fit.behind(frame.gains), near=True)
-    if sharper != effect:
-        effect, fit = sharper, state.fit.with_effects((*others, sharper))
-        frame = fit.solved(passes)
+    for near in (*[False] * anew, True):
+        sharper = refined(effect, joints, state.fit, state.fit.behind(frame.gains), near=near)
+        if sharper != effect:
+            effect, fit = sharper, state.fit.with_effects((*others, sharper))
+            frame = fit.solved(passes)
     return _Trial(effect, joints, rank(group), fit, frame)
 
 

@@ -52,7 +52,7 @@ def drop_unnecessary(state: EffectSearch, say: Callable[[str], None], spared: in
     """Drop what the others make unnecessary, at the noise of the whole model: one that lacks an effect would hide it in its own. The last
     `spared` ones stay."""
     while len(state.accepted) > max(spared, 1):
-        tops = [float(state.without(i).z.max(initial=0.0)) for i in range(len(state.accepted) - spared)]
+        tops = [max(float(state.without(i).z.max(initial=0.0)), own_score(state, i)) for i in range(len(state.accepted) - spared)]
         least = int(np.argmin(tops))
         if tops[least] > state.critical:
             return
@@ -64,10 +64,14 @@ def drop_unnecessary(state: EffectSearch, say: Callable[[str], None], spared: in
 def accepted_effect(state: EffectSearch, i: int) -> AcceptedEffect:
     """The i-th accepted effect with its score beside the others, and what could stand in its place."""
     effect, joints = state.accepted[i]
+    return AcceptedEffect(effect, joints, own_score(state, i), competing(state, i))
+
+
+def own_score(state: EffectSearch, i: int) -> float:
+    """z of the i-th accepted effect beside the others, at the noise of the whole model."""
     fit = state.fit_without(i)
-    own = Scores.of(fit, fit.behind(state.frame.gains), Catalogue.of_effects(state.fit, [(effect, joints)]))
-    z = float(own.plain[0]) if len(own.kept) else 0.0
-    return AcceptedEffect(effect, joints, z, competing(state, i))
+    own = Scores.of(fit, fit.behind(state.frame.gains), Catalogue.of_effects(state.fit, [state.accepted[i]]))
+    return float(own.z[0]) if len(own.kept) else 0.0
 
 
 def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:

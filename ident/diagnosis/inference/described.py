@@ -43,14 +43,14 @@ def describing(fit: Fit, frame: Solved, joints: tuple[str, ...], say: Callable[[
 
 
 def outdone(state: EffectSearch, joint: str) -> bool:
-    """Whether one smooth law, of another quantity than the joint's own motion, accounts for more with less than all that is named there.
+    """Whether one smooth law accounts for more with less than all that is named on a joint: of any quantity, the joint's own among them.
 
     Both are refits at one noise, by Schwarz's criterion; what a likelihood gains by chance, or by less than what is material, does not
     count."""
     named = [e for e, j in state.accepted if j == (joint,)]
     rest = state.fit.with_effects(tuple(e for e, j in state.accepted if j != (joint,)))
     law = _best(rest, rest.solved(2), (joint,), ())
-    if law is None or law.own_motion:
+    if law is None:
         return False
     fit = rest.with_effects((*rest.effects, law))
     frame = fit.solved(2)

@@ -22,6 +22,10 @@ Array = np.ndarray
 _WHOLE, _EACH, _FINE = 25, 7, 9
 #: Rounds over the whole range, and around a shape found before; each looks at a quarter of the last.
 _ROUNDS, _NEAR_ROUNDS = 2, 5
+#: Share of an end of its range within which a shape stands there.
+_END = 1e-3
+#: Part that two shapes of an effect have in common, below which others between them are looked at; times that a step is halved at most.
+_ALIKE, _HALVED = 0.5, 3
 #: Rounds around an order, each at a third of the last.
 _ORDER_ROUNDS = 4
 #: Share of the range that is looked at around a shape that was found before.
@@ -35,20 +39,37 @@ def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *,
     free = _free(effect, fit)
     if not free:
         return effect
-    ranges = search_range(effect, fit.declared, fit.motions(instrument=True))
+    ranges = search_range(effect, fit.declared, fit.sought(effect))
     axes = [_Axis.of(p, *ranges[p.name]) for p in free]
     points, width = (_FINE, _NEAR) if near else (_WHOLE if len(axes) == 1 else _EACH, 1.0)
     if is_order(effect) and not near:
         points, width = _FINE, 1.0 / 8.0  # whole numbers of periods were looked at: this is between them
-    for _ in range(_NEAR_ROUNDS if near else _ROUNDS):
+    for turn in range(_NEAR_ROUNDS if near else _ROUNDS):
         for axis in axes:
-            options = [
-                effect,
-                *(effect.with_shape(**{axis.name: v}) for v in axis.around(float(getattr(effect, axis.name)), width, points)),
-            ]
+            values = axis.around(float(getattr(effect, axis.name)), width, points)
+            if not near and not turn:
+                values = _told_apart(effect, axis, values, joints, fit, frame)
+            options = [effect, *(effect.with_shape(**{axis.name: v}) for v in values)]
             effect = options[int(np.argmax(scored(options, joints, fit, frame)))]
         width, points = width * 2.5 / points, _FINE
     return effect
+
+
+def _told_apart(effect: Effect, axis: _Axis, values: list[float], joints: tuple[str, ...], fit: Fit, frame: Solved) -> list[float]:
+    """Values of a shape, with others between those that the rows tell apart: a step behind slow noise is seen near its own time alone."""
+    for _ in range(_HALVED):
+        one = [effect.with_shape(**{axis.name: v}) for v in values]
+        scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, joints) for e in one]))
+        place = {k: i for i, k in enumerate(scores.kept)}
+        between = [
+            axis.between(values[k], values[k + 1])
+            for k in range(len(values) - 1)
+            if k in place and k + 1 in place and scores.alike(place[k], place[k + 1]) < _ALIKE
+        ]
+        if not between:
+            break
+        values = sorted({*values, *between})
+    return values
 
 
 def _order(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved) -> Effect:
@@ -99,6 +120,21 @@ def _free(effect: Effect, fit: Fit) -> tuple[ShapeParameter, ...]:
     return tuple(p for p in effect.shape() if p.points != 1)
 
 
+def at_an_end(effect: Effect, fit: Fit) -> bool:
+    """Whether a length, speed or exponent stands at an end of the range in which such an effect is itself: it is another law's there.
+
+    Times are not meant: a process slower than the log is still that process; nor what turns round, or an order."""
+    shapes = [p for p in _free(effect, fit) if not p.unit.startswith("1/rad") and p.unit not in ("s", "rad")]
+    if not shapes or is_order(effect):
+        return False
+    ranges = search_range(effect, fit.declared, fit.sought(effect))
+    return any(
+        min(v / low - 1.0 if low > 0 else np.inf, 1.0 - v / high) < _END
+        for p in shapes
+        for v, (low, high) in [(float(getattr(effect, p.name)), ranges[p.name])]
+    )
+
+
 def on_a_slide(effect: Effect, fit: Fit) -> bool:
     """An order's positions are those of a slide, where no order is whole."""
     return fit.robot.position_unit(effect.at(fit.robot)[0], getattr(effect, "angle", effect.side)) != "rad"
@@ -126,3 +162,7 @@ class _Axis:
         ends = (self.low, self.high) if width >= 1.0 else (max(self.low, at - reach), min(self.high, at + reach))
         found = np.linspace(*ends, points)
         return np.clip(np.exp(found) if self.log else found, *self.bounds).tolist()
+
+    def between(self, low: float, high: float) -> float:
+        """The value half-way."""
+        return float(np.sqrt(low * high)) if self.log else 0.5 * (low + high)

@@ -73,7 +73,7 @@ class Scores:
         R, n, p = frame.Z.shape
         scaled = frame.Z / frame.scale
         inverse = frame.inverse.reshape(p, R, n)
-        cuts = _cuts(fit, frame)
+        cuts = blocks(fit, frame)
         count = catalogue.count
         G, A, CZ, S = np.zeros((count, count)), np.zeros((p, count)), np.zeros((count, p)), np.zeros((count, len(cuts)))
         for m in range(n):
@@ -164,6 +164,11 @@ class Scores:
         free = (U[:, ~good] ** 2).sum(axis=1) > _SHARED
         return inverse @ self.raw_scores[ix], np.where(free, np.inf, np.sqrt(np.maximum(np.diag(inverse), 0.0)))
 
+    def alike(self, k: int, other: int) -> float:
+        """Part of the directions of two groups that they have in common."""
+        shared = self.gram[np.ix_(self.slice_of(k), self.slice_of(other))]
+        return float(np.sum(shared**2) / max(self.degrees[k], self.degrees[other]))
+
     def beside(self, directions: Array) -> tuple[Array, Array]:
         """z (K,) of all groups after those directions have joined the model; and the share of each group's least direction that is left."""
         g = self.gram[:, directions]
@@ -198,7 +203,7 @@ def _by_motor(catalogue: Catalogue, kept: list[int]) -> list[Array]:
     return [x for x in found if len(x)]
 
 
-def _cuts(fit: Fit, frame: Solved) -> Array:
+def blocks(fit: Fit, frame: Solved) -> Array:
     """Where blocks of rows start; none reaches over the end of a run."""
     found: list[int] = []
     for run, a, b in zip(fit.runs, frame.edges[:-1], frame.edges[1:], strict=True):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..thresholds import LEVEL, MATERIAL
-from .refinement import can_be, refined
+from .refinement import at_an_end, can_be, refined
 from .scores import Scores
 from .significance import parametric
 
@@ -101,6 +101,6 @@ class EffectSearch:
         for i, (effect, _) in enumerate(self.accepted):
             own = slice(start, start + len(effect.parameters(self.fit.robot)))
             start = own.stop
-            if not can_be(effect, self.fit, self.frame.theta[own], std[own]):
+            if not can_be(effect, self.fit, self.frame.theta[own], std[own]) or at_an_end(effect, self.fit):
                 return i
         return None

@@ -47,8 +47,19 @@ def tone(fit: Fit, frame: Solved) -> tuple[int, float] | None:
             moved, _ = _over_smooth(motion[:, m], frequency)
             clear = np.where(inside & (moved < own / 2.0), chance, 1.0)
             k = int(np.argmin(clear))
-            best = min(best, (float(clear[k]), m, float(frequency[k])))
+            if clear[k] < best[0] and _at_any_speed(frame.residual[a:b, m], motion[:, m], frequency[k] / rate):
+                best = (float(clear[k]), m, float(frequency[k]))
     return (best[1], best[2]) if looked * best[0] < LEVEL else None
+
+
+def _at_any_speed(x: Array, speed: Array, cycles: float) -> bool:
+    """Whether a line of x (N,), `cycles` a row, is there with half its size and its phase in the slower and in the faster half of the
+    rows: counts of an encoder at a constant speed make a line, too, and of that speed alone."""
+    turning = x * np.exp(-2j * np.pi * cycles * np.arange(len(x)))
+    live = x != 0.0
+    slow = live & (np.abs(speed) <= np.median(np.abs(speed[live])))
+    whole, one, other = (turning[rows].mean() if rows.any() else 0.0 for rows in (live, slow, live & ~slow))
+    return bool(min(np.real(one * np.conj(whole)), np.real(other * np.conj(whole))) > 0.5 * abs(whole) ** 2)
 
 
 def _over_smooth(x: Array, frequency: Array) -> tuple[Array, Array]:

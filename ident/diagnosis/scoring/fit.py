@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 _DEPENDENT = frozenset({Need.LOAD, Need.REFERENCE, Need.TORQUE})
 #: Singular values of the instrumental equations that are as good as zero.
-_SINGULAR = 1e-9
+SINGULAR = 1e-9
 #: Part that a coefficient has in directions which the equations leave open, from which on it is open itself.
 _OPEN = 1e-3
 #: Periods of an angle after which what a disturbance adds to it averages out.
@@ -111,7 +111,7 @@ class Solved:
     def knowledge(self) -> tuple[Array, Array]:
         """What the frame tells of its coefficients, as rows (k, p) of unit variance and their values (k,)."""
         w, U = np.linalg.eigh(self.gram)
-        good = w > _SINGULAR * w[-1]
+        good = w > SINGULAR * w[-1]
         rows = (U[:, good] / np.sqrt(w[good])).T @ self.equations * self.scale
         return rows, rows @ self.theta
 
@@ -173,11 +173,15 @@ class Fit:
             ]
         if self.values is not None:
             reference = Reference(self.model, self.values)
-            for i, motion in enumerate(chosen):
+            for i, (motion, run) in enumerate(zip(chosen, self.runs, strict=True)):
                 told = motion.with_reference(reference)
-                chosen[i] = replace(told, torque=told.predicted).with_load(reference.load(told))
+                chosen[i] = replace(told, torque=run.reading).with_load(reference.load(told))
         self._motions[key] = chosen
         return chosen
+
+    def sought(self, kind: type[Effect] | Effect) -> list[Motion]:
+        """The motions along which ranges of an effect's shapes are taken: of what follows the reading, the measured ones."""
+        return self.motions(instrument=Need.TORQUE not in kind.needs)
 
     def rows(self, effect: Effect | None, *, fresh: bool = False) -> tuple[list[Array], list[Array]]:
         """Rows of an effect (None: the declared model's base columns) for each run: of the measured motion, of the instrument."""
@@ -311,7 +315,7 @@ class Fit:
         """What each motor's residual (n,) lacks of the noise, because parameters took it up: a factor of its power."""
         R = frame.rows
         scaled = frame.X / frame.scale
-        inverse = np.linalg.pinv(frame.equations, rcond=_SINGULAR)
+        inverse = np.linalg.pinv(frame.equations, rcond=SINGULAR)
         taken = np.einsum("rnp,pq,rnq->n", scaled, inverse, frame.Z / frame.scale)
         rows = R * self.share * min(1.0, 2.0 * self.runs[0].band.top_hz / self.runs[0].band.row_rate)
         return 1.0 / np.clip(1.0 - taken / np.maximum(rows, 1.0), 0.1, 1.0)
@@ -327,9 +331,9 @@ class Fit:
         scale = np.linalg.norm(Za, axis=0)
         scale = np.where(scale > 0, scale, 1.0)
         equations = (Za / scale).T @ (Xa / scale)
-        theta = np.linalg.lstsq(equations, (Za / scale).T @ ya, rcond=_SINGULAR)[0] / scale
+        theta = np.linalg.lstsq(equations, (Za / scale).T @ ya, rcond=SINGULAR)[0] / scale
         residual = ya - Xa @ theta
-        inverse = np.linalg.pinv(equations.T, rcond=_SINGULAR) @ (Xf / scale).T
+        inverse = np.linalg.pinv(equations.T, rcond=SINGULAR) @ (Xf / scale).T
         self.values = self._expanded(theta)
         edges = np.cumsum([0, *(run.band.inner.stop - run.band.inner.start for run in self.runs)]).tolist()
         return Solved(
@@ -359,7 +363,7 @@ def deviations(equations: Array, gram: Array) -> Array:
     """Standard deviations (p,) of the solution of instrumental equations (p, p) whose right side has the covariance `gram` (p, p): infinite
     for coefficients that have a part in a direction which the equations leave open."""
     U, s, Vt = np.linalg.svd(equations)
-    good = s > _SINGULAR * max(float(s[0]), 1e-300)
+    good = s > SINGULAR * max(float(s[0]), 1e-300)
     inverse = (Vt[good].T / s[good]) @ U[:, good].T
     std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", inverse, gram, inverse), 0.0))
     return np.where(np.sum(Vt[~good] ** 2, axis=0) > _OPEN, np.inf, std)
