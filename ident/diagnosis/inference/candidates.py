@@ -153,7 +153,7 @@ def _readings(state: EffectSearch, refused: set[Kind]) -> list[Group]:
 
 def _stands(state: EffectSearch, trial: _Trial) -> bool:
     """Whether an effect of the reading is what it says, beside itself: its shape lies where it can for a model that has it, and what would
-    deny it is not there."""
+    deny it is not there: not beyond chance, or not beyond the share of it that its law is exact to."""
     effect, fit = trial.effect, trial.fit
     ranges = search_range(effect, fit.declared, fit.motions(instrument=False))
     if not all(low <= getattr(effect, name) <= high for name, (low, high) in ranges.items()):
@@ -161,8 +161,9 @@ def _stands(state: EffectSearch, trial: _Trial) -> bool:
     denial = effect.denied_by()
     if denial is None:
         return True
-    scores = Scores.of(fit, trial.frame, Catalogue.of_effects(fit, [(denial, trial.joints)]))
-    return not np.any(scores.plain > state.critical)
+    against = Scores.of(fit, trial.frame, Catalogue.of_effects(fit, [(denial, trial.joints)])).plain.max(initial=0.0)
+    own = abs(float(trial.frame.theta[-1])) / float(trial.frame.std[-1])
+    return bool(against**2 <= max(state.critical, effect.tolerance**0.5 * own) ** 2)
 
 
 def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:

@@ -11,7 +11,7 @@ import numpy as np
 from ...effects.described import DESCRIPTIONS, Described, Turned
 from ...effects.kinds import Need
 from ..design.catalogue import Catalogue
-from ..thresholds import COMPETES, MATERIAL
+from ..thresholds import COMPETES, HALF, MATERIAL
 from .scores import Scores
 from .significance import parametric
 
@@ -43,7 +43,10 @@ def describing(fit: Fit, frame: Solved, joints: tuple[str, ...], say: Callable[[
 
 
 def outdone(state: EffectSearch, joint: str) -> bool:
-    """Whether one smooth law accounts for more with less than all that is named on a joint: of any quantity, the joint's own among them.
+    """Whether one smooth law accounts for more with less than all that is named on a joint.
+
+    A law of the joint's own motion can always do what an effect of that motion does: it speaks against several names together, or where
+    the one leaves twice the error (rms) that the law leaves.
 
     Both are refits at one noise, by Schwarz's criterion; what a likelihood gains by chance, or by less than what is material, does not
     count."""
@@ -58,6 +61,9 @@ def outdone(state: EffectSearch, joint: str) -> bool:
     robot = state.fit.robot
     more = sum(len(e.parameters(robot)) + len(e.shape()) for e in named) - len(law.parameters(robot))
     gain = state.fit.energy(state.frame, gains) - fit.energy(frame, gains) + np.log(max(frame.rows, 2)) * more
+    if law.own_motion and len(named) == 1:
+        left = [f.noise(x)[robot.joint_index(joint)] for f, x in ((fit, frame), (state.fit, state.frame))]
+        return bool(gain > state.critical**2 and left[0] < HALF * left[1])
     return bool(gain > state.critical**2)
 
 

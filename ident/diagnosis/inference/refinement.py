@@ -121,18 +121,12 @@ def _free(effect: Effect, fit: Fit) -> tuple[ShapeParameter, ...]:
 
 
 def at_an_end(effect: Effect, fit: Fit) -> bool:
-    """Whether a length, speed or exponent stands at an end of the range in which such an effect is itself: it is another law's there.
-
-    Times are not meant: a process slower than the log is still that process; nor what turns round, or an order."""
-    shapes = [p for p in _free(effect, fit) if not p.unit.startswith("1/rad") and p.unit not in ("s", "rad")]
-    if not shapes or is_order(effect):
-        return False
-    ranges = search_range(effect, fit.declared, fit.sought(effect))
-    return any(
-        min(v / low - 1.0 if low > 0 else np.inf, 1.0 - v / high) < _END
-        for p in shapes
-        for v, (low, high) in [(float(getattr(effect, p.name)), ranges[p.name])]
-    )
+    """Whether a distance stands at an end of the range in which such an effect is itself: there it is another law's (friction that takes a
+    tenth of the travel to build up is a hose that drags)."""
+    shapes = [p for p in _free(effect, fit) if p.unit.startswith("rad (")]
+    ranges = search_range(effect, fit.declared, fit.sought(effect)) if shapes else {}
+    ends = [(float(getattr(effect, p.name)), *ranges[p.name]) for p in shapes]
+    return any(value < (1.0 + _END) * low or value > (1.0 - _END) * high for value, low, high in ends)
 
 
 def on_a_slide(effect: Effect, fit: Fit) -> bool:

@@ -38,7 +38,7 @@ def density(e: Array, rate: float, top_hz: float, average: Literal["mean", "medi
     columns, level = terms(x), smooth.copy()
     weights = np.zeros(columns.shape[1])
     for _ in range(8):
-        weights = nnls(columns / level[:, None], y / level)[0]
+        weights = nnls(columns / level[:, None], y / level, maxiter=100 * columns.shape[1])[0]
         level = 0.5 * level + 0.5 * np.maximum(columns @ weights, 1e-3 * smooth)
 
     def told(g: Array) -> Array:
