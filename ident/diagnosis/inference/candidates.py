@@ -13,7 +13,7 @@ from ..design.catalogue import Catalogue
 from ..design.places import search_range
 from ..scoring.fit import depends
 from ..thresholds import COMPETES, CONTAINED
-from .refinement import refined
+from .refinement import refined, settled
 from .scores import Scores
 
 if TYPE_CHECKING:
@@ -180,6 +180,10 @@ def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
         if sharper != effect:
             effect, fit = sharper, state.fit.with_effects((*others, sharper))
             frame = fit.solved(passes)
+    if anew:
+        effect = settled(effect, others, state.fit)
+        fit = state.fit.with_effects((*others, effect))
+        frame = fit.solved(passes)
     return _Trial(effect, joints, rank(group), fit, frame)
 
 

@@ -111,7 +111,7 @@ def _candidates(fit: Fit, joints: tuple[str, ...], intervals: int) -> Iterator[D
                 continue
             for by in ("", *(j for j in robot.joint_names if kind.elsewhere and j != joint)):
                 for turned in Turned:
-                    law = kind(joints=(joint,), by=by, turned=turned, label=f"~{by}{turned[0]}")
+                    law = kind(joints=(joint,), by=by, turned=turned, label=f"~{kind.what[0]}{by}{turned[0]}")
                     x = np.concatenate([law.quantity(m, robot, robot.joint_index(law.followed)) for m in motions])
                     low, high = np.quantile(x, [0.002, 0.998])
                     if high > low:

@@ -26,6 +26,8 @@ _ROUNDS, _NEAR_ROUNDS = 2, 5
 _END = 1e-3
 #: Part that two shapes of an effect have in common, below which others between them are looked at; times that a step is halved at most.
 _ALIKE, _HALVED = 0.5, 3
+#: How far (logarithm) from where it scores best a limit is looked for by what it leaves.
+_REACH = 0.15
 #: Rounds around an order, each at a third of the last.
 _ORDER_ROUNDS = 4
 #: Share of the range that is looked at around a shape that was found before.
@@ -118,6 +120,21 @@ def _free(effect: Effect, fit: Fit) -> tuple[ShapeParameter, ...]:
     if effect.response(fit.robot) is not None and any(getattr(effect, p.name) == 0.0 for p in effect.shape()):
         return ()
     return tuple(p for p in effect.shape() if p.points != 1)
+
+
+def settled(effect: Effect, others: tuple[Effect, ...], fit: Fit) -> Effect:
+    """An effect at the shape near its own beside which the least is left: where all else is small beside it, a score hardly changes."""
+    from scipy.optimize import minimize_scalar
+
+    (p,) = effect.shape()
+
+    def left(log_value: float) -> float:
+        other = fit.with_effects((*others, effect.with_shape(**{p.name: float(np.exp(log_value))})))
+        return float(np.sum(np.log(np.maximum(other.noise(other.solved(1)), 1e-300))))
+
+    at = float(np.log(getattr(effect, p.name)))
+    found = minimize_scalar(left, bounds=(at - _REACH, at + _REACH), method="bounded", options={"xatol": 1e-4, "maxiter": 25})
+    return effect.with_shape(**{p.name: float(np.exp(found.x))}) if found.fun < left(at) else effect
 
 
 def at_an_end(effect: Effect, fit: Fit) -> bool:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...effects.kinds import Need
 from ..thresholds import LEVEL, MATERIAL
-from .refinement import at_an_end, can_be, refined
+from .refinement import at_an_end, can_be, refined, settled
 from .scores import Scores
 from .significance import parametric
 
@@ -76,6 +77,11 @@ class EffectSearch:
             if not effect.shape():
                 continue
             fit = self.fit_without(i)
+            if Need.TORQUE in effect.needs:
+                better = settled(effect, fit.effects, fit)
+                changed |= better != effect
+                self.accepted[i] = (better, joints)
+                continue
             better = refined(effect, joints, fit, fit.behind(self.frame.gains), near=len(self.accepted) == 1)
             changed |= better != effect
             self.accepted[i] = (better, joints)

@@ -1,0 +1,153 @@
+"""What a name must stand up to: a drive's limit, a law at the end of its range, a stop that no spring is, a tone of one speed alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ident
+from ident.diagnosis import Verdict
+
+Array = np.ndarray
+RATE, SECONDS = 200.0, 40.0
+INERTIA, GRAVITY, VISCOUS, COULOMB = 9.0, 30.0, 6.0, 4.0
+PENDULUM = """<robot name="one"><link name="a"/><link name="b"><inertial><origin xyz="0 0 -.3"/><mass value="10"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="j1" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
+<limit lower="-9" upper="9" velocity="9" effort="900"/></joint></robot>"""
+
+
+def motion(seed: int) -> tuple[Array, Array, Array, Array]:
+    """Time, position, speed and acceleration of eight harmonics."""
+    rng, t = np.random.default_rng(seed), np.arange(int(SECONDS * RATE)) / RATE
+    w = 4 * np.pi * np.arange(1, 9) / SECONDS
+    a, b = rng.normal(size=(2, 8)) / np.arange(1, 9)
+    angle = np.outer(t, w)
+    q = np.sin(angle) @ a + (np.cos(angle) - 1) @ b
+    v = np.cos(angle) @ (a * w) - np.sin(angle) @ (b * w)
+    return t, q, v, -np.sin(angle) @ (a * w**2) - np.cos(angle) @ (b * w**2)
+
+
+def needed(q: Array, v: Array, acceleration: Array) -> Array:
+    return INERTIA * acceleration + GRAVITY * np.sin(q) + VISCOUS * v + COULOMB * np.sign(v)
+
+
+def recorded(seed: int, more) -> ident.LogSet:  # type: ignore[no-untyped-def]
+    """A log of the motion with what `more(rng, t, q, v)` adds to the torque."""
+    t, q, v, acceleration = motion(seed)
+    rng = np.random.default_rng([seed, 1])
+    tau = needed(q, v, acceleration) + 0.3 * rng.normal(size=t.size) + more(rng, t, q, v)
+    return of(seed, t, q + 2e-6 * rng.normal(size=t.size), tau)
+
+
+def of(seed: int, t: Array, q: Array, tau: Array) -> ident.LogSet:
+    return ident.LogSet((ident.Log(f"run {seed}", t, q=q[:, None], tau={"joint": tau[:, None]}),), ident.Robot.from_urdf(PENDULUM))
+
+
+def diagnosed(train: ident.LogSet, held: ident.LogSet) -> ident.Diagnosis:
+    before = ident.fit(train, model=[ident.make_effect(e) for e in ("viscous", "coulomb")], held=0)
+    prepare = ident.ZeroPhase(cutoff_hz=8.0)
+    return ident.diagnose(before, prepare(held), fit=prepare(train))
+
+
+def cut_off(seed: int, limit: float) -> ident.LogSet:
+    """A loop whose drive gives no more than `limit`, and logs what the controller asks for; integrated at 2 kHz."""
+    t, wanted, speed, acceleration = motion(seed)
+    h, every = 1.0 / 2000.0, int(2000 / RATE)
+    q, v = float(wanted[0]), float(speed[0])
+    rng = np.random.default_rng([seed, 2])
+    position, asked = np.zeros(t.size), np.zeros(t.size)
+    for k in range(t.size * every):
+        i, part = divmod(k, every)
+        j = min(i + 1, t.size - 1)
+        x, dx, ddx = (s[i] + (s[j] - s[i]) * part / every for s in (wanted, speed, acceleration))
+        demand = needed(np.array(x), np.array(dx), np.array(ddx)) + 600.0 * (x - q) + 130.0 * (dx - v)
+        if part == 0:
+            position[i], asked[i] = q, float(demand)
+        given = float(np.clip(demand, -limit, limit))
+        v += h * (given - GRAVITY * np.sin(q) - VISCOUS * v - COULOMB * np.tanh(v / 1e-3)) / INERTIA
+        q += h * v
+    return of(seed, t, position + 2e-6 * rng.normal(size=t.size), asked + 0.1 * rng.normal(size=t.size))
+
+
+def test_a_drive_that_gives_no_more_is_named_with_its_limit() -> None:
+    """The torque that moves the arm never exceeds the limit, so that no instrument of the motion foretells what was asked beyond it."""
+    _, q, v, acceleration = motion(3)
+    limit = float(np.quantile(np.abs(needed(q, v, acceleration)), 0.95))
+    found = diagnosed(cut_off(3, limit), cut_off(4, limit))
+    (finding,) = found.findings
+    assert (finding.name, finding.joints) == ("saturation", ("j1",)), str(found)
+    values = {p.name: p.value for p in finding.parameters}
+    assert values["limit"] == pytest.approx(limit, rel=0.005)
+    assert values["sat_j1"] == pytest.approx(1.0, abs=0.01)
+
+
+def test_knocks_are_no_limit_of_a_drive() -> None:
+    """They drive the torque up as well, but it is no more than anything where they act."""
+
+    def knocks(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        at, size = rng.uniform(2.0, SECONDS - 2.0, 12), 60.0 * rng.choice([-1.0, 1.0], 12)
+        return np.asarray((size * np.exp(-0.5 * ((t[:, None] - at) / 0.08) ** 2)).sum(axis=1))
+
+    found = diagnosed(recorded(5, knocks), recorded(6, knocks))
+    assert "saturation" not in {f.name for f in found.findings}
+    assert found.verdict is Verdict.UNEXPLAINED
+
+
+def test_a_hose_that_drags_is_no_presliding() -> None:
+    """Hysteresis that builds up over a fifth of the travel: friction of bearings and gears does so over far less."""
+
+    def hose(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        z, width = np.zeros(q.size), 0.2 * float(np.ptp(q))
+        for k in range(1, q.size):
+            z[k] = np.clip(z[k - 1] + 2.0 * (q[k] - q[k - 1]) / width, -1.0, 1.0)
+        return 5.0 * z
+
+    found = diagnosed(recorded(7, hose), recorded(8, hose))
+    assert "presliding" not in {f.name for f in found.findings}
+    assert found.verdict is not Verdict.CLEAN
+
+
+def test_a_stop_is_no_spring() -> None:
+    """A cubic follows what a stop does in part; a function that is smooth leaves less than half of what is left, and is told instead."""
+
+    def stop(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        edge = float(np.quantile(q, 0.7))
+        return 25.0 * np.maximum(q - edge, 0.0)
+
+    found = diagnosed(recorded(9, stop), recorded(9, stop))
+    assert found.verdict is Verdict.UNEXPLAINED, str(found)
+    assert not any(f.confidence > 0.5 for f in found.findings)
+
+
+@pytest.mark.parametrize("only_fast", [False, True])
+def test_a_tone_knows_no_speed(only_fast: bool) -> None:
+    """A hum is there at any speed; a line that only the fast half of the log has is an encoder's counts, or a wheel's."""
+
+    def hum(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        there = np.abs(v) > np.median(np.abs(v)) if only_fast else np.ones(t.size)
+        return 0.15 * np.sin(2 * np.pi * 6.3 * t) * there
+
+    found = diagnosed(recorded(11, hum), recorded(12, hum))
+    said = " ".join(u.evidence for u in found.unexplained)
+    assert ("a tone of 6." in said) is not only_fast
+
+
+def test_noise_that_is_loud_where_an_effect_is_large_widens_its_interval() -> None:
+    """The same noise, once the same all along, once in proportion to what the effect does."""
+
+    def noise(uneven: bool):  # type: ignore[no-untyped-def]
+        def more(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+            return 2.0 * rng.normal(size=t.size) * (v**2 / np.sqrt(np.mean(v**4)) if uneven else 1.0)
+
+        return more
+
+    std = []
+    for uneven in (False, True):
+        train, held = recorded(13, noise(uneven)), recorded(14, noise(uneven))
+        before = ident.fit(train, model=[ident.make_effect("coulomb")], held=0)
+        prepare = ident.ZeroPhase(cutoff_hz=8.0)
+        found = ident.diagnose(before, prepare(held), fit=prepare(train))
+        (finding,) = [f for f in found.findings if f.name == "viscous"]
+        std.append(finding.parameters[0].std)
+    assert std[1] > 1.2 * std[0], std
