@@ -247,8 +247,8 @@ def _values(source: TableSource, found: PlannedLog, request: _Request) -> tuple[
         table = dict(found.table)
     else:
         table = source.read(stored, plan.extra if request.extra else ())
-    if request.rate_hz is not None and COUNTED in plan.sources:
-        table[COUNTED] = np.arange(len(table[stored[0]])) / request.rate_hz
+    if plan.rate_hz is not None:
+        table[COUNTED] = np.arange(len(table[stored[0]])) / plan.rate_hz
     extras = {name: table[name] for name in plan.extra if name in table}
     missing = [name for name, *_ in found.reference.values() if name not in table]
     table |= source.read(missing, ()) if missing else {}
