@@ -34,7 +34,7 @@ def test_numbers_that_are_none_are_refused(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_an_audit_does_not_end_where_the_fast_routine_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """One log in two thousand once ended `ident fit` with a fault of ours."""
-    log = ident.demo_logs()[0][0]
+    log = ident.demo_logs()[0]
     expected = [str(f) for f in ident.audit(log, ident.load_robot("puma560")).findings]
     monkeypatch.setattr(np.linalg, "svd", _gives_up)
     assert [str(f) for f in ident.audit(log, ident.load_robot("puma560")).findings] == expected
