@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .readers.moments import MOMENT
+from .readers.runs import RUNS
 from .stamps import fraction_of
 from .units import as_suffix, bracketed, is_unit, split_unit, unit_of
 from .words import (
@@ -31,6 +32,8 @@ Array = np.ndarray
 _NUMBER = re.compile(r"\d+")
 _ELEMENT = re.compile(r"^(?P<stem>.*)\[(?P<joint>[^\[\]]*[A-Za-z][^\[\]]*)\](?P<rest>.*)$")
 _BY_NAME = re.compile(r"^(?P<joint>.+)[./](?P<word>position|velocity|acceleration|effort|torque|current)$", re.IGNORECASE)
+#: A word for recordings right before a number, which then counts these, not joints.
+_COUNTS_RUNS = re.compile(rf"(^|[^a-z])({'|'.join(sorted(RUNS))})[ _\[(]*$", re.IGNORECASE)
 _INDEXED = re.compile(r"\[\d+\]$")
 _DIMENSIONS = {"angle": "q", "rate": "dq", "acceleration": "ddq", "torque": "tau", "current": "i"}
 #: Dimensions that joints of one robot may have side by side.
@@ -163,6 +166,8 @@ def groups(
             _put(stems, f"{element['stem']}[]{element['rest']}", name, element["joint"], joints)
         else:
             for found in _NUMBER.finditer(name):
+                if _COUNTS_RUNS.search(name[: found.start()]):
+                    continue
                 stem = name[: found.start()] + "#" + name[found.end() :]
                 stems.setdefault(stem, []).append((int(found.group()), name, ""))
     stems |= _around_names([name for name in names if not (_BY_NAME.match(name) or name in elements)], joints, stems)
