@@ -188,8 +188,8 @@ def test_damaged_protocol_buffers_are_told(tmp_path: Path) -> None:
     """Whatever stands on the wire, the reader ends with a message of ours."""
     pytest.importorskip("rosbags")
     rng = np.random.default_rng(0)
-    for kind in SCHEMAS:
-        whole = _mcap(tmp_path / "a.mcap", kind, SCHEMAS[kind]).read_bytes()
+    for kind, schema in SCHEMAS.items():
+        whole = _mcap(tmp_path / "a.mcap", kind, schema).read_bytes()
         first = whole.index(_sent(kind, 1))
         for _ in range(40):
             raw = bytearray(whole)
