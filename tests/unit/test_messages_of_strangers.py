@@ -198,7 +198,8 @@ def test_damaged_protocol_buffers_are_told(tmp_path: Path) -> None:
             with suppress(ident.DataError):
                 ident.read_logs(tmp_path / "b.mcap")
     raw = bytearray(whole)
-    raw[first + 11] = 2 << 3  # doubles, as a number of variable length
+    assert raw[first + 10] == 2 << 3 | 2
+    raw[first + 10] = 2 << 3  # doubles, as a number of variable length
     (tmp_path / "b.mcap").write_bytes(raw)
     with pytest.raises(ident.DataError, match="a message cannot be decoded"):
         ident.read_logs(tmp_path / "b.mcap")
