@@ -18,7 +18,7 @@ from .readers.header import Header
 from .readers.moments import MOMENT
 from .recognise import RecordedChannels, recognised
 from .recorders import recorder_of
-from .references import references
+from .references import numbered_reference, references
 from .sampling import sampling_of, with_summed_time
 from .source import TableSource
 from .stamps import fraction_beside, since_1970
@@ -49,6 +49,8 @@ def with_desired(found: PlannedLog) -> ColumnPlan:
     """The plan of a log, with the columns of its desired motion where each joint has one, as `read_logs` keeps them beside the log."""
     told = {key: Column(name, "", 0, scale, offset) for key, (name, scale, offset) in found.reference.items()}
     told |= {name: Column(name, "", 0) for name in found.plan.extra if _IS_REFERENCE.fullmatch(name)}
+    named = {key: name for name in found.plan.extra if (key := numbered_reference(name, found.plan.joints))}
+    told |= {key: Column(name, "", 0) for key, name in named.items()}
     columns: dict[str, list[Column]] = {}
     for key, column in told.items():
         quantity = key.rstrip("0123456789")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from .planning import COUNTED, PlannedLog, planned
 from .readers.frames import is_frame
 from .readers.ros import joint_state_columns, read_joint_states
 from .readers.stored import split_inside
+from .references import numbered_reference
 from .repair import blank_unusable, drop_empty, repeated_rows, usable_rows
 from .source import TableSource
 from .torque import as_meant
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 _LOG = logging.getLogger(__name__)
-_REFERENCE = re.compile(r"^(?P<joint>.+)\.(?P<word>position|velocity|acceleration)_reference$")
-_REFERENCE_KEYS = {"position": "q_ref", "velocity": "dq_ref", "acceleration": "ddq_ref"}
 
 
 @dataclass(frozen=True)
@@ -268,11 +266,4 @@ def _values(source: TableSource, found: PlannedLog, request: _Request) -> tuple[
 
 def _numbered_references(extras: dict[str, Array], names: Sequence[str]) -> dict[str, Array]:
     """Desired motion by joint name (`elbow.position_reference`) as by number (`q_ref3`)."""
-    out: dict[str, Array] = {}
-    for name, values in extras.items():
-        found = _REFERENCE.match(name)
-        if found and found["joint"] in names:
-            out[f"{_REFERENCE_KEYS[found['word']]}{list(names).index(found['joint']) + 1}"] = values
-        else:
-            out[name] = values
-    return out
+    return {numbered_reference(name, names) or name: values for name, values in extras.items()}
