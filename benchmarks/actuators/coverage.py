@@ -138,7 +138,7 @@ def counted(fit: DriveFit, truth: dict[str, Any], period: float, seconds: float)
             for key in ("kp", "kd", "Ia", "Fv", "Fc", "offset") for j, joint in enumerate(fit.model.robot.joint_names)}  # fmt: skip
     true["delay"] = truth["delay"]
     # The truth's drive holds its readings for 1/DRIVE_HZ: late by half of that, its kp damps less, and its kd takes inertia off.
-    for j, joint in enumerate(fit.model.robot.joint_names):
+    for joint in fit.model.robot.joint_names:
         true[f"Fv_{joint}"] -= true[f"kp_{joint}"] / (2 * DRIVE_HZ)
         true[f"Ia_{joint}"] -= true[f"kd_{joint}"] / (2 * DRIVE_HZ)
     decided = fit.determination
