@@ -39,7 +39,7 @@ def companions(
         if quantity == "tau" and "i" in chosen and all(g.computed for g in read):
             continue
         if read:
-            chosen[quantity] = max(read, key=lambda g: (not g.computed, len(g.words & q.words), g.measured, -len(g.stem)))
+            chosen[quantity] = max(read, key=lambda g: (not g.computed, len(g.words & q.words), g.measured, _shared(g, q), -len(g.stem)))
     if "tau" in chosen:
         chosen.pop("i", None)
         g = chosen["tau"]
@@ -51,6 +51,11 @@ def companions(
             f"{g} are torques that were asked for, not measured: to use them, say so under [columns] ({_as_torque(g)})." for g in asked[:1]
         ]
     return chosen, [*notes, *_of_other_names(q, joints), *_others(q, found, table)]
+
+
+def _shared(g: ChannelGroup, q: ChannelGroup) -> int:
+    """How many letters two names have in common at their beginning: `run2_tau` goes with `run2_q`."""
+    return next((k for k, (a, b) in enumerate(zip(g.stem, q.stem, strict=False)) if a != b), len(g.stem))
 
 
 def side_of_motors(
