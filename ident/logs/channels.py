@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .languages import english, in_english
 from .readers.moments import MOMENT
 from .readers.runs import RUNS
 from .stamps import fraction_of
@@ -224,10 +225,10 @@ def _around_names(
         plain, unit = bracketed(name)
         unit = unit_suffix(unit) or unread_unit(unit)
         plain = plain if unit else name
-        parts = [part for part in re.split(r"[^A-Za-z0-9%]+", plain) if part]
-        said = [part for part in parts if part.lower() in SAID]
+        parts = [part for part in re.split(r"(?:[^\w%]|_)+", plain if plain.isascii() else in_english(plain)) if part]
+        said = [part for part in parts if english(part.lower()) in SAID]
         joint = "_".join(part for part in parts if part not in said)
-        named = any(part.lower() in QUANTITIES for part in said) and re.search("[A-Za-z]", joint)
+        named = any(english(part.lower()) in QUANTITIES for part in said) and any(map(str.isalpha, joint))
         if not named or (known and bare_name(joint) not in known) or (not known and words_of(joint) & (_AXES | TIME - {"t"})):
             continue
         stem = " ".join(said).lower() + (f" [{unit}]" if unit else "")

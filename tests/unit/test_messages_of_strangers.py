@@ -101,6 +101,12 @@ def test_yaml_agrees_with_a_library(tmp_path: Path) -> None:
     is_the_motion(log)
 
 
+def test_arrays_by_name_in_yaml(tmp_path: Path) -> None:
+    rows = {name: "".join(f"- {[float(v) for v in row]}\n" for row in x) for name, x in (("q", Q), ("dq", DQ), ("tau", TAU))}
+    (tmp_path / "a.yaml").write_text("dt: 0.005\n" + "".join(f"{name}:\n{text}" for name, text in rows.items()))
+    is_the_motion(ident.read_logs(tmp_path / "a.yaml")[0])
+
+
 def _number(value: int) -> bytes:
     out = b""
     while value > 0x7F:

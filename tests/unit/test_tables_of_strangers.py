@@ -62,6 +62,7 @@ STACKED: dict[str, tuple[list[str], float, bool]] = {
         np.pi / 180,
         False,
     ),
+    "numbers below merged cells": (["time,position,,,velocity,,,torque,,", ",1,2,3,1,2,3,1,2,3"], 1.0, False),
     "units alone below merged cells": (
         ["time,position,,,velocity,,,torque,,", "s,deg,deg,deg,deg/s,deg/s,deg/s,Nm,Nm,Nm"],
         np.pi / 180,
@@ -164,6 +165,32 @@ def test_other_languages(tmp_path: Path, kind: str, own: bool) -> None:
     header = ",".join([time, *each(q), *each(dq), *each(tau)])
     path = table(tmp_path / "a.csv", [header], [T / clock, Q / unit, DQ / unit, TAU], encoding=encoding if own else "utf-8")
     is_the_motion(ident.read_logs(path)[0])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1250"])
+def test_names_of_joints_beside_words_of_other_languages(tmp_path: Path, encoding: str) -> None:
+    """The words broke at their accents, and one joint of three was read."""
+    joints = ("bark", "łokieć", "nadgarstek")
+    header = ",".join(["czas [s]", *(f"{x} położenie [°]" for x in joints), *(f"{x} moment [Nm]" for x in joints)])
+    log = ident.read_logs(table(tmp_path / "a.csv", [header], [T, np.rad2deg(Q), TAU], encoding=encoding))[0]
+    is_the_motion(log, rates=False)
+
+
+def test_motors_that_turn_farther_than_the_joints_have_gears(tmp_path: Path) -> None:
+    header = ",".join(["time", *each("motor_pos_{}"), *each("joint_pos_{}"), *each("motor_torque_{}")])
+    log = ident.read_logs(table(tmp_path / "a.csv", [header], [T, 100 * Q, Q, TAU]))[0]
+    is_the_motion(log, rates=False, side="motor")
+    assert any("turn about 100 times as far as the joints" in note for note in log.notes)
+    log = ident.read_logs(table(tmp_path / "b.csv", [header], [T, Q + 1e-4, Q, TAU]))[0]
+    assert list(log.tau) == ["joint"]
+
+
+def test_mujoco(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", time=T, qpos=Q, qvel=DQ, qfrc_actuator=TAU, qfrc_bias=0.7 * TAU, ctrl=2 * TAU)
+    log = ident.read_logs(tmp_path / "a.npz")[0]
+    is_the_motion(log)
+    assert log.recording is not None
+    assert log.recording.recorder == "MuJoCo"
 
 
 def test_commands_and_estimates_of_other_languages_are_no_measurements(tmp_path: Path) -> None:

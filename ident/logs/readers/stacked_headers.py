@@ -17,7 +17,7 @@ def stacked_names(names: Row, rows: Sequence[Row]) -> tuple[tuple[str, ...], tup
 
     None where the first row names every column by itself. A third row may tell units, or the name of the index alone (pandas)."""
     below = rows[0] if rows else ()
-    if len(below) != len(names) or not any(below) or any(is_number(x) for x in below):
+    if len(below) != len(names) or not any(below) or (any(is_number(x) for x in below) and not _counts(names, below)):
         return None
     merged = [k for k in range(1, len(names)) if not names[k] and below[k]]
     counts = Counter(x for x in names if x)
@@ -35,6 +35,17 @@ def stacked_names(names: Row, rows: Sequence[Row]) -> tuple[tuple[str, ...], tup
         if all(is_unit(_unit(x)) for x in third if x):
             return told, tuple(third), 2
     return told, (), 1
+
+
+def _counts(names: Row, below: Row) -> bool:
+    """Whether numbers below merged cells count what is in each: 1, 2, 3 below every one, and nothing below another."""
+    found: dict[int, list[str]] = {}
+    for k, text in enumerate(below):
+        begins = max((b for b in range(k + 1) if names[b]), default=0)
+        found.setdefault(begins, []).append(text)
+    wide = [texts for texts in found.values() if any(texts)]
+    counted = [[str(k + first) for k in range(len(wide[0]))] for first in (0, 1)] if wide else []
+    return len(wide) > 1 and len(wide[0]) > 1 and wide[0] in counted and all(texts == wide[0] for texts in wide) and len(wide) < len(found)
 
 
 def _unit(text: str) -> str:

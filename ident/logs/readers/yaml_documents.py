@@ -18,6 +18,7 @@ _KEY = re.compile(r"(?P<key>[A-Za-z_][\w./ -]*?|'[^']*'|\"[^\"]*\"):(?:\s+(?P<re
 #: A first line that opens a block, and one that holds a value before the end of a document.
 _BLOCK = re.compile(rb"(?:---\s*\n)?[A-Za-z_][\w./-]*:[ \t]*\r?\n(?:[ \t]+\S|- )")
 _VALUE = re.compile(rb"(?:---\s*\n)?[A-Za-z_][\w./-]*:[ \t]+\S[^\n]*\n(?:.*\n)?---[ \t]*\r?\n", re.DOTALL)
+_ANY = re.compile(rb"(?:---\s*\n)?[A-Za-z_][\w./-]*:")
 #: Levels to which documents are taken apart.
 _DEEP = 12
 
@@ -28,7 +29,8 @@ def _is_one(path: Path, start: bytes) -> bool:
     if not path.is_file() or b"\x00" in start:
         return False
     front = start.lstrip(b"\xef\xbb\xbf\r\n ")
-    return bool(_BLOCK.match(front) or _VALUE.match(front))
+    named = path.name.lower().removesuffix(".gz").endswith((".yaml", ".yml")) and _ANY.match(front)
+    return bool(named or _BLOCK.match(front) or _VALUE.match(front))
 
 
 def _read(path: Path) -> Stored:
