@@ -15,7 +15,7 @@ _TRIED = np.array([0.03, 0.3, 3.0, 30.0, 1000.0])
 SETTLED = 1e-5
 #: Share of a parameter's size by which it is moved for a derivative: of a step, and of an interval. Where a joint comes to rest a step of
 #: time earlier the motion has a small corner, and many of them make a derivative rough: over a wide difference they average out. Rough
-#: derivatives are never quite alike, and what a log hardly tells apart would seem told apart.
+#: derivatives are never quite alike, and what a log hardly distinguishes would seem distinguished.
 _NUDGE, _WIDE = 3e-3, 6e-2
 #: What scales with the torque of a joint, and the factors that are tried.
 _TORQUE = ("armature", "viscous", "dry", "excess", "offset", "spring", "kp", "kd", "back_emf", "torque_scale", "effort_limit")

@@ -120,7 +120,7 @@ def test_saturation_is_part_of_the_law(robot):
     assert right.fit_rms[0] == pytest.approx(5e-4, rel=0.2)
 
 
-def test_gains_that_are_badly_told_apart_keep_their_intervals():
+def test_gains_that_are_hardly_distinguished_keep_their_intervals():
     """Two joints act on each other and all gains are unknown: with derivatives over narrow differences, rough by the corners of dry
     friction, one gain is off by five of its standard deviations here."""
     found = coverage.one(coverage.MACHINES[1], "unknown", 500, 100)
