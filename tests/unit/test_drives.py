@@ -122,7 +122,7 @@ def test_saturation_is_part_of_the_law(robot):
 
 def test_gains_that_are_hardly_distinguished_keep_their_intervals():
     """Two joints act on each other and all gains are unknown: with derivatives over narrow differences, rough by the corners of dry
-    friction, one gain is off by five of its standard deviations here."""
+    friction, a value is off by 4.5 of its standard deviations here."""
     found = coverage.one(coverage.MACHINES[1], "unknown", 500, 100)
     errors = {name: z for name, z, _ in found.values if name != coverage.PROFILE}
     assert {"kp_joint1", "kp_joint2", "kp_joint3"} <= set(errors)
