@@ -129,7 +129,7 @@ def _compared(short: bool, out: Path) -> tuple[int, list[str]]:
         of_seeds = plain.plain_kinds(data.world)
         _heading("the source's plain IV: 12 seeds with motions of their own")
         print(plain.plain_table(of_seeds))
-        results["plain"] = [_plain(s) for s in of_seeds]
+        results["plain"] = [{**_plain(s), "kind": asdict(s.kind)} for s in of_seeds]
     swept = sweeps(data) if scale.everything else sweeps(data, methods=_SHORT_SWEPT)
     _heading("degradation: torque error on unseen motion")
     for sweep in swept.values():

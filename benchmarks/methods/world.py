@@ -117,5 +117,8 @@ class TorqueMeasure:
 
     def __call__(self, error: Array) -> float:
         """Relative error, rms over the joints, for parameter errors (b,)."""
-        share = np.linalg.norm(self.factors @ error, axis=1) / self.size
-        return float(np.sqrt(np.mean(share**2)))
+        return float(np.sqrt(np.mean(self.shares(error) ** 2)))
+
+    def shares(self, error: Array) -> Array:
+        """Relative error (n,) of every joint."""
+        return np.asarray(np.linalg.norm(self.factors @ error, axis=1) / self.size)

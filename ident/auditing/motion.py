@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._utils.singular_values import svd
 from ..errors import IdentError
 from ..logs.log import Log
 from ..logs.unwrap import unwrapped
@@ -269,7 +270,7 @@ def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
         keep = scale > 1e-9 * scale.max(initial=0.0)
         if not keep.any() or use.sum() < 20 * keep.sum():
             continue
-        U, S, Vt = np.linalg.svd(basis[:, keep] / scale[keep], full_matrices=False)
+        U, S, Vt = svd(basis[:, keep] / scale[keep], full_matrices=False)
         good = S > 1e-4 * S[0]
         U = U[:, good]
         shifted = np.stack([np.interp(t[use] + lag, m.run.t, m.torque[:, j]) for lag in lags], axis=1)

@@ -42,6 +42,7 @@ def estimate_summary(estimate: EstimateRecord, correlations: int = 5) -> str:
     if cut:
         lines.append("…: cut; `ident base` and the JSON result have the whole expressions.")
     lines += _insignificant(estimate)
+    lines += _held_shapes(estimate)
     lines += [
         "",
         error_table(estimate, {"fit": estimate.fit_error} | ({"held out": estimate.heldout_error} if estimate.heldout_error else {})),
@@ -71,6 +72,21 @@ def _insignificant(estimate: EstimateRecord) -> list[str]:
         " parameters are all here, and compare the error on held-out data."
     )
     return [*lines, wrapped(advice)]
+
+
+def _held_shapes(estimate: EstimateRecord) -> list[str]:
+    """The shape parameters of the model's effects, which a linear fit takes as they are declared."""
+    robot = estimate.model.robot
+    shapes = [
+        f"{p.name} = {getattr(effect, p.name):.4g} {effect.shape_unit(p, robot)} ({effect.name} on"
+        f" {', '.join(effect.joints or ('all joints',))})".replace("  ", " ")
+        for effect in estimate.model.effects
+        for p in effect.shape()
+    ]
+    if not shapes:
+        return []
+    advice = "A study file sets them; `ident diagnose` estimates them for an effect that the declared model lacks."
+    return ["", wrapped(f"shape parameters as declared, not fitted: {'; '.join(shapes)}. {advice}")]
 
 
 def _form(estimate: EstimateRecord) -> str:

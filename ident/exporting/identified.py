@@ -168,7 +168,7 @@ def _real_links(
         found = standard_parameters(structure, values, prior=prior, bounds=bounds, covariance=covariance)
     except InfeasibleError as error:
         raise ConfigurationError(
-            f"nothing was exported: {error} A fit with method='physical' is consistent from the start;"
+            f"nothing was exported: {error} A fit with method 'physical' (--method physical) is consistent from the start;"
             " `ident judge FIT --repair fit --out DIR` makes a saved one so."
         ) from None
     return found.values, notes + found.notes

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .languages import english, in_english
 from .readers.moments import MOMENT
+from .readers.runs import RUNS
 from .stamps import fraction_of
 from .units import as_suffix, bracketed, is_unit, split_unit, unit_of
 from .words import (
@@ -31,14 +33,23 @@ Array = np.ndarray
 _NUMBER = re.compile(r"\d+")
 _ELEMENT = re.compile(r"^(?P<stem>.*)\[(?P<joint>[^\[\]]*[A-Za-z][^\[\]]*)\](?P<rest>.*)$")
 _BY_NAME = re.compile(r"^(?P<joint>.+)[./](?P<word>position|velocity|acceleration|effort|torque|current)$", re.IGNORECASE)
+#: A word for recordings right before a number, which then counts these, not joints.
+_COUNTS_RUNS = re.compile(rf"(^|[^a-z])({'|'.join(sorted(RUNS))})[ _\[(]*$", re.IGNORECASE)
 _INDEXED = re.compile(r"\[\d+\]$")
 _DIMENSIONS = {"angle": "q", "rate": "dq", "acceleration": "ddq", "torque": "tau", "current": "i"}
 #: Dimensions that joints of one robot may have side by side.
 _ALIKE = ({"angle", "length"}, {"rate", "speed"}, {"acceleration", "linear acceleration"}, {"torque", "force"}, {"current"})
 #: Names of a frame's axes, which are no joints' where no robot says so.
 _AXES = {"x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw"} | NOT_JOINTS - {"base"}
+#: What the symbols of angles and ways, of torques and forces stand for: joints of both kinds may be written side by side.
+_SYMBOLS = {"position #": {"q", "theta", "th", "d", "x", "s", "l"}, "torque #": {"tau", "f", "t", "m"}}
 #: What stands in brackets and is no unit: which joint, side or sensor it is of.
 _BESIDE = {"joint", "axis", "motor", "link", "arm", "side", "raw", "left", "right", "sensor", "encoder", "si"}
+#: Words at a name's end that tell a share, or what a sensor counts: no unit whose size is known.
+_NO_UNITS = {
+    "percent", "pct", "prozent", "permille", "promille", "permil", "perthousand", "ticks", "tick", "counts", "count", "lsb", "inc", "incs",
+    "increments", "digits", "adc", "pu",
+}  # fmt: skip
 _LAST_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 #: What rows of units and labels write, beside the suffixes of our own.
 _WRITTEN = {
@@ -156,6 +167,8 @@ def groups(
             _put(stems, f"{element['stem']}[]{element['rest']}", name, element["joint"], joints)
         else:
             for found in _NUMBER.finditer(name):
+                if _COUNTS_RUNS.search(name[: found.start()]):
+                    continue
                 stem = name[: found.start()] + "#" + name[found.end() :]
                 stems.setdefault(stem, []).append((int(found.group()), name, ""))
     stems |= _around_names([name for name in names if not (_BY_NAME.match(name) or name in elements)], joints, stems)
@@ -168,12 +181,15 @@ def groups(
 
 
 def _of_all_units(stems: Mapping[str, list[tuple[int, str, str]]], names: Sequence[str]) -> dict[str, list[tuple[int, str, str]]]:
-    """Groups of which each holds some joints only, and that differ in their unit alone, as one: angles of some joints, ways of others."""
+    """Groups of which each holds some joints only, and that differ in their unit (and the symbol that goes with it) alone, as one: angles
+    of some joints, ways of others."""
     alike: dict[str, list[str]] = {}
-    for stem in stems:
-        bare, unit = bracketed(stem)
-        if unit_suffix(unit) and stems[stem]:
-            alike.setdefault(re.sub(r"\bforces?\b", "torque", bare.lower()), []).append(stem)
+    for stem, members in stems.items():
+        bare, unit = split_unit(stem)
+        if unit and members:
+            word = re.sub(r"[^a-z]", "", bare.lower())
+            symbol = next((stands for stands, written in _SYMBOLS.items() if word in written), "")
+            alike.setdefault(symbol or re.sub(r"(?<![a-z])forces?(?![a-z])", "torque", bare.lower()), []).append(stem)
     out = dict(stems)
     for bare, own in alike.items():
         members = [m for stem in own for m in stems[stem]]
@@ -209,10 +225,10 @@ def _around_names(
         plain, unit = bracketed(name)
         unit = unit_suffix(unit) or unread_unit(unit)
         plain = plain if unit else name
-        parts = [part for part in re.split(r"[^A-Za-z0-9%]+", plain) if part]
-        said = [part for part in parts if part.lower() in SAID]
+        parts = [part for part in re.split(r"(?:[^\w%]|_)+", plain if plain.isascii() else in_english(plain)) if part]
+        said = [part for part in parts if english(part.lower()) in SAID]
         joint = "_".join(part for part in parts if part not in said)
-        named = any(part.lower() in QUANTITIES for part in said) and re.search("[A-Za-z]", joint)
+        named = any(english(part.lower()) in QUANTITIES for part in said) and any(map(str.isalpha, joint))
         if not named or (known and bare_name(joint) not in known) or (not known and words_of(joint) & (_AXES | TIME - {"t"})):
             continue
         stem = " ".join(said).lower() + (f" [{unit}]" if unit else "")
@@ -257,6 +273,8 @@ def _group(stem: str, members: list[tuple[int, str, str]], units: Mapping[str, s
     members = sorted(members)
     columns = tuple(m[1] for m in members)
     own = tuple(unit_suffix(units.get(c, "")) or _unit_in(c) for c in columns)
+    if any(own) and not all(own):  # beside another that tells its unit, a single letter is one
+        own = tuple(found or split_unit(c)[1] or "" for found, c in zip(own, columns, strict=True))
     differ = len(set(own)) > 1 and any({unit_of(u).dimension for u in own if u} <= alike for alike in _ALIKE) and all(own)
     unit = unit_suffix(units.get(columns[0], "")) or _unit_in(stem) or (own[0] if differ else "")
     unread = "" if unit else unread_unit(units.get(columns[0], "")) or _unread_in(stem)
@@ -289,7 +307,8 @@ def unread_unit(text: str) -> str:
 def _unread_in(stem: str) -> str:
     bare = stem.replace("[#]", "").replace("[]", "").replace("#", "")
     found = _LAST_BRACKETS.search(bare)
-    return unread_unit(found[1]) if found else ""
+    last = re.split(r"[_\s]+", bare.strip("_ "))[-1].lower()
+    return unread_unit(found[1]) if found else last if last in _NO_UNITS else ""
 
 
 def known_scale(unit: str) -> float:

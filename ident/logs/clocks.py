@@ -12,10 +12,12 @@ from .channels import ChannelGroup, known_scale, scalar_time_names, unit_suffix,
 from .readers.header import seconds
 from .readers.moments import MOMENT
 from .stamps import fraction_beside, fraction_of, since_1970
-from .units import bracketed
+from .units import bracketed, split_unit, unit_of
 
 Array = np.ndarray
 Reader = Callable[[Sequence[str]], Mapping[str, Array]]
+#: The recorder's clock beside that of the sender.
+RECEIVED = "received"
 #: A ratio this near to a unit's is that unit's.
 _NEAR = 0.25
 
@@ -63,10 +65,12 @@ def time_of(
         return RecordedTime(doubt=doubts[0] if doubts else "")
     if units.get(next(iter(rising))) == MOMENT:
         return RecordedTime(next(iter(rising)))
+    if len(rising) > 1:
+        rising.pop(RECEIVED, None)  # where the sender has a clock of its own
     for name in rising:
         if name in paired:
             return RecordedTime(name)
-        if unit := unit_suffix(units.get(name, "")) or unit_suffix(bracketed(name)[1]):
+        if unit := unit_suffix(units.get(name, "")) or unit_suffix(bracketed(name)[1]) or _suffix(name):
             return RecordedTime(name, known_scale(unit))
     for name, values in rising.items():
         ratio = rate_ratio(values, table, q, dq, scales)
@@ -77,6 +81,12 @@ def time_of(
     if unread := unread_unit(units.get(name, "") or bracketed(name)[1]):
         return RecordedTime(doubt=f"column {name!r} is in {unread!r}, which is no unit of time that is known.")
     return RecordedTime(name, _seconds(name, values))
+
+
+def _suffix(name: str) -> str:
+    """The unit of time on which a name ends (`timestamp_ns`)."""
+    stem, unit = split_unit(name)
+    return unit if unit and stem and unit_of(unit).dimension == "time" else ""
 
 
 def _seconds(name: str, t: Array) -> float:

@@ -24,7 +24,7 @@ Array = np.ndarray
 class ColumnPlan:
     """The resolved columns of a log. `joints`: names, where the header gives them; `extra`: columns that are nothing of ours; `hint`:
     where there is no torque, which of those look like it, as a question; `where`: the file, for messages; `wanted`: columns of desired
-    motion (`q_ref`, `q_cmd` …) that are read with them."""
+    motion (`q_ref`, `q_cmd` …) that are read with them; `rate_hz`: samples per second by which the time is counted, where there is none."""
 
     columns: tuple[Column, ...]
     n: int
@@ -34,6 +34,7 @@ class ColumnPlan:
     hint: str = ""
     where: str = "log"
     wanted: tuple[Column, ...] = ()
+    rate_hz: float | None = None
 
     @property
     def sources(self) -> tuple[str, ...]:

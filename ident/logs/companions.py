@@ -14,6 +14,8 @@ Array = np.ndarray
 Reader = Callable[[Sequence[str]], Mapping[str, Array]]
 #: Motors that turn so many times as fast as the joints have gears.
 _GEARED = 3.0
+#: Correlation of a motor's position with its joint's.
+_WITH = 0.99
 #: Two encoders of a joint differ by less than this share of its range.
 SAME = 0.05
 
@@ -39,7 +41,7 @@ def companions(
         if quantity == "tau" and "i" in chosen and all(g.computed for g in read):
             continue
         if read:
-            chosen[quantity] = max(read, key=lambda g: (not g.computed, len(g.words & q.words), g.measured, -len(g.stem)))
+            chosen[quantity] = max(read, key=lambda g: (not g.computed, len(g.words & q.words), g.measured, _shared(g, q), -len(g.stem)))
     if "tau" in chosen:
         chosen.pop("i", None)
         g = chosen["tau"]
@@ -53,17 +55,27 @@ def companions(
     return chosen, [*notes, *_of_other_names(q, joints), *_others(q, found, table)]
 
 
+def _shared(g: ChannelGroup, q: ChannelGroup) -> int:
+    """How many letters two names have in common at their beginning: `run2_tau` goes with `run2_q`."""
+    return next((k for k, (a, b) in enumerate(zip(g.stem, q.stem, strict=False)) if a != b), len(g.stem))
+
+
 def side_of_motors(
     g: ChannelGroup,
-    speeds: Sequence[ChannelGroup],
+    motors: Sequence[ChannelGroup],
     q: ChannelGroup,
     table: Mapping[str, Array],
     scale: float,
     time: RecordedTime,
     read: Reader,
 ) -> tuple[bool, str]:
-    """Whether torques that are called the motors' are before the gears, as the speeds of the motors tell; and what to say of them."""
-    for dq in [dq for dq in speeds if dq.unit and len(dq.columns) == len(q.columns) and time.column]:
+    """Whether torques that are called the motors' are before the gears, as the speeds of the motors, or their positions (`motors`), tell;
+    and what to say of them."""
+    measured = [own for own in motors if len(own.columns) == len(q.columns) and not own.wanted and not own.estimated]
+    for own in [own for own in measured if own.quantity == "q" and own.unit == q.unit]:
+        if (far := _turns_as_far(own, q, table)) > _GEARED:
+            return True, f"{g} are torques before the gears: {own} turn about {far:.3g} times as far as the joints ([drive] ratio)."
+    for dq in [dq for dq in motors if dq.quantity == "dq" and dq.unit and len(dq.columns) == len(q.columns) and time.column]:
         ratio = rate_ratio(time.factor * np.asarray(read([time.column])[time.column], float), table, q, dq, (scale, known_scale(dq.unit)))
         if ratio is not None and ratio < 1 / _GEARED:
             return True, f"{g} are torques before the gears: {dq} turn about {1 / ratio:.3g} times as fast as the joints ([drive] ratio)."
@@ -71,6 +83,20 @@ def side_of_motors(
         False,
         f'{g} are called the motors\', but are taken as torques of the joints; if they are before the gears, say [drive] torque = "motor".',
     )
+
+
+def _turns_as_far(own: ChannelGroup, q: ChannelGroup, table: Mapping[str, Array]) -> float:
+    """How many times as far as the joints others turn that move with them; 0 where they do not, or count something."""
+    ratios = []
+    for a, b in zip(own.columns, q.columns, strict=True):
+        turned, moved = (np.asarray(table[c], float) for c in (a, b))
+        known = np.isfinite(turned) & np.isfinite(moved)
+        if not known.any() or np.ptp(moved[known]) == 0 or np.ptp(turned[known]) == 0 or np.all(turned[known] == np.round(turned[known])):
+            return 0.0
+        if abs(np.corrcoef(turned[known], moved[known])[0, 1]) < _WITH:
+            return 0.0
+        ratios.append(float(np.std(turned[known]) / np.std(moved[known])))
+    return float(np.median(ratios))
 
 
 def _as_torque(g: ChannelGroup) -> str:

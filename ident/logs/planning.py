@@ -18,7 +18,8 @@ from .readers.header import Header
 from .readers.moments import MOMENT
 from .recognise import RecordedChannels, recognised
 from .recorders import recorder_of
-from .references import references
+from .references import numbered_reference, references
+from .sampling import sampling_of, with_summed_time
 from .source import TableSource
 from .stamps import fraction_beside, since_1970
 from .unnamed import proposal
@@ -48,6 +49,8 @@ def with_desired(found: PlannedLog) -> ColumnPlan:
     """The plan of a log, with the columns of its desired motion where each joint has one, as `read_logs` keeps them beside the log."""
     told = {key: Column(name, "", 0, scale, offset) for key, (name, scale, offset) in found.reference.items()}
     told |= {name: Column(name, "", 0) for name in found.plan.extra if _IS_REFERENCE.fullmatch(name)}
+    named = {key: name for name in found.plan.extra if (key := numbered_reference(name, found.plan.joints))}
+    told |= {key: Column(name, "", 0) for key, name in named.items()}
     columns: dict[str, list[Column]] = {}
     for key, column in told.items():
         quantity = key.rstrip("0123456789")
@@ -60,29 +63,44 @@ def planned(
     source: TableSource, joints: JointNames | None, columns: Mapping[str, Any] | None = None, rate_hz: float | None = None
 ) -> PlannedLog:
     """The plan for a table. Raises DataError where something must be asked, ConfigurationError for a mapping that does not fit."""
-    where, header = source.where, source.header
     if rate_hz is not None and not rate_hz > 0:
         raise ConfigurationError(f"rate_hz must be a positive number of samples per second, not {rate_hz!r}.")
+    if rate_hz is not None or "t" in (columns or {}) or (told := sampling_of(source)) is None:
+        return _planned(source, joints, columns, rate_hz, ())
+    if told.rate_hz is not None:
+        return _planned(source, joints, columns, told.rate_hz, (told.said,))
+    source = with_summed_time(source, told)
+    found = _planned(source, joints, columns, None, (told.said,))
+    return replace(found, table=found.table or source.read(found.plan.sources, found.plan.extra))
+
+
+def _planned(
+    source: TableSource, joints: JointNames | None, columns: Mapping[str, Any] | None, rate_hz: float | None, said: tuple[str, ...]
+) -> PlannedLog:
+    """`planned` for a table with a time, or counted by a rate; `said` of that."""
+    where, header = source.where, source.header
     names, notes = _of_driven_joints(header.names, joints, where)
+    notes = [*said, *notes]
     if rate_hz is not None and not any(n.lower() in _TIMES for n in names) and "t" not in (columns or {}):
         names = (*names, COUNTED)
         columns = {**columns, "t": COUNTED} if columns else None
     counted = columns or ({"t": COUNTED} if COUNTED in names else None)
+    rate = rate_hz if COUNTED in names else None
     try:
         if header.unnamed and not columns:
             raise DataError(_unnamed(source))
-        if not columns and recorder_of(header.names) is not None and (known := _recognised(source, joints, COUNTED in names)):
+        if not columns and recorder_of(header.names) is not None and (known := _recognised(source, joints, rate, said)):
             return known  # whose names and units are known better than the words tell
         plan = resolve_columns(names, joints, counted, where=where, units=_told_units(header, where))
         plan = _on_its_clock(plan, source)
         reference, more = _beside(source, plan)
-        return PlannedLog(replace(plan, notes=(*notes, *plan.notes, *more)), None, reference)
+        return PlannedLog(replace(plan, notes=(*notes, *plan.notes, *more), rate_hz=rate), None, reference)
     except DataError:
         if columns or header.unnamed:
             raise
         own = any((p := parse_name(n, joints, [])) is not None and p.quantity in ("q", "q_motor") for n in names)
         try:
-            found = _recognised(source, joints, COUNTED in names)
+            found = _recognised(source, joints, rate, said)
         except DataError:
             if not own:
                 raise
@@ -92,9 +110,10 @@ def planned(
         return found
 
 
-def _recognised(source: TableSource, joints: JointNames | None, counted: bool) -> PlannedLog | None:
-    """A recording as it is recognised, None where it is not. Raises DataError with a question."""
-    where, header = source.where, source.header
+def _recognised(source: TableSource, joints: JointNames | None, rate: float | None, before: tuple[str, ...]) -> PlannedLog | None:
+    """A recording as it is recognised, None where it is not; `rate`: by which its time is counted; `before`: said of that. Raises DataError
+    with a question."""
+    where, header, counted = source.where, source.header, rate is not None
     known: dict[str, Array] = {}
     rearranged = long_table(source)
     names = tuple(rearranged) if rearranged is not None else header.names
@@ -128,7 +147,7 @@ def _recognised(source: TableSource, joints: JointNames | None, counted: bool) -
     plan = _on_its_clock(plan, source) if rearranged is None else plan
     said = f"{where}: recognised by its columns{f' as {found.recorder}' if found.recorder else ''}: {found.text}."
     more = tuple(f"{where}: {note}" for note in found.notes)
-    plan = replace(plan, notes=(said, *more, *plan.notes), joints=found.joints or plan.joints)
+    plan = replace(plan, notes=(said, *before, *more, *plan.notes), joints=found.joints or plan.joints, rate_hz=rate)
     return PlannedLog(plan, found, found.reference, rearranged)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,12 +15,14 @@ from ..errors import DataError, IdentError, unknown_name
 from .channels import joint_of
 from .columns import resolve_columns
 from .files import LogFile, content_file, log_files
+from .joint_files import JointFiles, by_joints, together
 from .log import Log, LogSet, log_of
 from .names import JointNames
 from .planning import COUNTED, PlannedLog, planned
 from .readers.frames import is_frame
 from .readers.ros import joint_state_columns, read_joint_states
 from .readers.stored import split_inside
+from .references import numbered_reference
 from .repair import blank_unusable, drop_empty, repeated_rows, usable_rows
 from .source import TableSource
 from .torque import as_meant
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 _LOG = logging.getLogger(__name__)
-_REFERENCE = re.compile(r"^(?P<joint>.+)\.(?P<word>position|velocity|acceleration)_reference$")
-_REFERENCE_KEYS = {"position": "q_ref", "velocity": "dq_ref", "acceleration": "ddq_ref"}
 
 
 @dataclass(frozen=True)
@@ -71,8 +70,8 @@ def read_logs(
     Parameters
     ----------
     paths : str, Path, DataFrame or sequence
-        A file, a pattern (`runs/*.csv`), the folder of a bag, of a data set or of logs, a recording inside a file
-        (`demo.hdf5/data/demo_3`), a pandas DataFrame with a file's columns, or several.
+        A file, a pattern (`runs/*.csv`), the folder of a bag, of a data set or of logs (also of files of one joint each), a recording
+        inside a file (`demo.hdf5/data/demo_3`), a pandas DataFrame with a file's columns, or several.
     robot : Robot, optional
         Checks the joint count, matches columns by joint name, and carries motor-side positions to the joints.
     columns : mapping, optional
@@ -116,9 +115,9 @@ def read_logs(
     request = _Request(None if robot is None else JointNames.of(robot), columns, missing, extra, rate_hz, torque, tuple(torque_sign))
     logs: list[Log] = []
     left_out: list[str] = []
-    for source in _sources(paths):
+    for source in _sources(paths, request.joints):
         try:
-            logs += _with_desired(source, request) if isinstance(source, LogFile) else _read(source, request)
+            logs += _logs_of(source, request)
         except IdentError as error:
             if not skip_bad_files:
                 raise
@@ -156,12 +155,21 @@ def _turned(log: Log, robot: Robot) -> Log:
     return replace(log, q=q, notes=(*log.notes, said))
 
 
-def _sources(paths: Any) -> list[LogFile | pd.DataFrame]:
+def _sources(paths: Any, joints: JointNames | None) -> list[LogFile | JointFiles | pd.DataFrame]:
     """Files, and tables in memory, in the order given."""
     given: list[Any] = [paths] if isinstance(paths, str | Path) or is_frame(paths) else list(paths)
     if not any(is_frame(one) for one in given):
-        return [*log_files(given)]
+        return [*by_joints(log_files(given), joints)]
     return [source for one in given for source in ([one] if is_frame(one) else log_files([one]))]
+
+
+def _logs_of(source: LogFile | JointFiles | pd.DataFrame, request: _Request) -> list[Log]:
+    if isinstance(source, LogFile):
+        return _with_desired(source, request)
+    if not isinstance(source, JointFiles):
+        return _read(source, request)
+    found = together(source, request.joints, lambda path, joint: _read(path, replace(request, joints=joint)))
+    return found if found is not None else [log for path in source.paths for log in _read(path, request)]
 
 
 def _with_desired(file: LogFile, request: _Request) -> list[Log]:
@@ -247,8 +255,8 @@ def _values(source: TableSource, found: PlannedLog, request: _Request) -> tuple[
         table = dict(found.table)
     else:
         table = source.read(stored, plan.extra if request.extra else ())
-    if request.rate_hz is not None and COUNTED in plan.sources:
-        table[COUNTED] = np.arange(len(table[stored[0]])) / request.rate_hz
+    if plan.rate_hz is not None:
+        table[COUNTED] = np.arange(len(table[stored[0]])) / plan.rate_hz
     extras = {name: table[name] for name in plan.extra if name in table}
     missing = [name for name, *_ in found.reference.values() if name not in table]
     table |= source.read(missing, ()) if missing else {}
@@ -258,11 +266,4 @@ def _values(source: TableSource, found: PlannedLog, request: _Request) -> tuple[
 
 def _numbered_references(extras: dict[str, Array], names: Sequence[str]) -> dict[str, Array]:
     """Desired motion by joint name (`elbow.position_reference`) as by number (`q_ref3`)."""
-    out: dict[str, Array] = {}
-    for name, values in extras.items():
-        found = _REFERENCE.match(name)
-        if found and found["joint"] in names:
-            out[f"{_REFERENCE_KEYS[found['word']]}{list(names).index(found['joint']) + 1}"] = values
-        else:
-            out[name] = values
-    return out
+    return {numbered_reference(name, names) or name: values for name, values in extras.items()}

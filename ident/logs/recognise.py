@@ -80,8 +80,7 @@ def recognised(
     rate = _factor("dq", chosen["dq"], scale, counted, recorder) if "dq" in chosen else scale
     time = time_of(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
     if "tau" in chosen and chosen["tau"].of_motors and not q.of_motors:
-        speeds = [g for g in fitting if g.quantity == "dq" and g.of_motors]
-        geared, about = side_of_motors(chosen["tau"], speeds, q, table, scale, time, read)
+        geared, about = side_of_motors(chosen["tau"], [g for g in fitting if g.of_motors], q, table, scale, time, read)
         beside.append(about)
         chosen = {"tau_m" if geared and k == "tau" else k: g for k, g in chosen.items()}
     factors = {k: (scale, offset) if k == "q" else (_factor(k, g, scale, counted, recorder), 0.0) for k, g in chosen.items()}

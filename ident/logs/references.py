@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -9,8 +10,18 @@ import numpy as np
 from .channels import ChannelGroup, bare_name, known_scale
 
 Array = np.ndarray
+_BY_JOINT = re.compile(r"^(?P<joint>.+)\.(?P<word>position|velocity|acceleration)_reference$")
+_KEYS = {"position": "q_ref", "velocity": "dq_ref", "acceleration": "ddq_ref"}
 #: Another order of the columns is taken only where it halves the distance to the measured positions.
 _CLEARER = 0.5
+
+
+def numbered_reference(name: str, joints: Sequence[str]) -> str:
+    """The key (`q_ref3`) of a column of desired motion that goes by its joint (`elbow.position_reference`); "" for another column."""
+    found = _BY_JOINT.match(name)
+    if found is None or found["joint"] not in joints:
+        return ""
+    return f"{_KEYS[found['word']]}{list(joints).index(found['joint']) + 1}"
 
 
 def references(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +25,7 @@ class TableSource:
     """What messages call a table (`where`), its `name`, its `header`, how columns and labels are read, and the file that it is.
 
     `read`: (names, optional) → columns as floats; `labels`: name → one text a row. `notes`: what its reader has to say, once it has read;
-    `whole`: it is read as a whole, whatever is wanted of it."""
+    `whole`: it is read as a whole, whatever is wanted of it; `constants`: single numbers that the file tells, by name."""
 
     where: str
     name: str
@@ -35,6 +35,7 @@ class TableSource:
     path: Path | None = None
     notes: Sequence[str] = ()
     whole: bool = False
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     def first(self, name: str) -> float:
         """The first number of a column, NaN where there is none (or it is a moment, which knows its unit)."""
@@ -62,6 +63,7 @@ class TableSource:
                 source,
                 said,
                 stored is not None,
+                {} if stored is None else stored.constants,
             )
         columns = frame_columns(source)
 

@@ -91,6 +91,9 @@ _WORDS = {
     "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "turns": "turn", "revs": "rev", "revolution": "rev", "revolutions": "rev",
     "lb": "lbf", "lbs": "lbf", "oz": "ozf", "kg": "kgf", "inch": "in",
     "newton": "N", "newtons": "N", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "volt": "V", "volts": "V",
+    "град": "deg", "рад": "rad", "с": "s", "мс": "ms", "мкс": "us", "н": "N", "нм": "Nm", "м": "m", "мм": "mm", "а": "A",
+    "度": "deg", "弧度": "rad", "秒": "s", "毫秒": "ms", "微秒": "us", "牛米": "Nm", "牛": "N", "米": "m", "毫米": "mm", "安": "A",
+    "도": "deg", "라디안": "rad", "초": "s", "밀리초": "ms",
 }  # fmt: skip
 
 
@@ -112,6 +115,9 @@ def bracketed(name: str) -> tuple[str, str]:
     """A column's name without the brackets in it that hold a unit, and that unit as a suffix would have it: "speed [deg/s]" → speed, deg_s.
     Without such: without the last brackets, and what they hold; (name, "") where there are none."""
     last = name, ""
+    stem, _, unit = name.rpartition(", ")
+    if stem and is_unit(as_suffix(unit)):  # "angle 1, deg"
+        return stem, as_suffix(unit)
     for found in _BRACKETED.finditer(name):
         stem = f"{name[: found.start()].strip()} {name[found.end() :].strip()}".strip()
         if stem:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 
+from .languages import english, in_english
+
 #: Words by which names say that something was asked for, or measured: of files, of topics and of columns.
 DESIRED = frozenset({"desired", "des", "target", "reference", "ref", "command", "commanded", "commands", "cmd", "setpoint", "soll", "goal"})
 MEASURED = frozenset({"measured", "meas", "actual", "feedback", "state", "ist"})
@@ -31,7 +33,7 @@ TAKEN = MEASURED | {"present", "fb", "mp", "mt", "act", "mes"}
 MOTOR = {"mot", "motor", "motors"}
 TIME = {
     "t", "time", "timestamp", "timestamps", "tstamps", "tstamp", "zeit", "tout", "clock", "stamp", "ts", "tempo", "temps", "tiempo", "ms",
-    "secs", "sec", "seconds", "datetime",
+    "secs", "sec", "seconds", "datetime", "elapsed",
 }  # fmt: skip
 NOT_JOINTS = {
     "euler", "quat", "tcp", "tool", "imu", "foot", "temp", "temperature", "temperatur", "ee", "cart", "base", "voltage", "mode", "id",
@@ -49,9 +51,10 @@ _SHORT = {"j", "q"}
 @lru_cache(maxsize=4096)
 def words_of(name: str) -> frozenset[str]:
     """The words of a name, small: `FB_POS_RJ1`, `torquesFromCurrent`, `Sollwinkel`, `jtorque`, `qdes`."""
-    split = re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower().replace("torques", "torque")
+    split = in_english(re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()).replace("torques", "torque")
     split = re.sub(r"\b(soll|ist)(?=[a-z]{3})", r"\1_", split)
-    return frozenset(part for x in re.split(r"[^a-z%°]+", split) if x for part in _apart(x))
+    parts = [part for x in re.split(r"[^a-z%°]+", split) if x for part in _apart(x)]
+    return frozenset(word for part in parts for word in (part, english(part)))
 
 
 def _apart(word: str) -> tuple[str, ...]:

@@ -36,6 +36,10 @@ Array = np.ndarray
 
 #: Spread of the prior that keeps the factors of the fallback from running away: changes of thirty times a link's own inertia count.
 _WEAK = 30.0
+#: How often a repair asks for twice the margin, or at least this, and the most seconds of its own judgement.
+_ENLARGED = 4
+_LEAST = 1e-3
+_JUDGED = 20.0
 
 
 class RepairMethod(StrEnum):
@@ -131,7 +135,8 @@ def repair(
     prior (`Settling`; fit: within one standard deviation, consistent: one hundredth of the squared distance). `margin`: least
     eigenvalue of H, relative to its typical diagonal, for stepwise and possible (stepwise asks up to twice as much of the outer joints'
     blocks, so that what couples them to the inner ones can be outweighed); for cone, least value of its minors, of their root mean
-    square. `limits`: possible within the joint limits only.
+    square; enlarged, a few times at most, where the result does not pass its own judgement: `how` tells. `limits`: possible within the
+    joint limits only.
     `data`: name -> information block on which the torque error before and after is reported ("fitted", "held out").
     Raises InfeasibleError, SolverError, ConfigurationError."""
     start = time.perf_counter()
@@ -148,7 +153,7 @@ def repair(
             raise UnsupportedError(
                 f"repair method {method.value!r} knows no links, so it takes neither bounds nor a prior; 'consistent' and 'fit' do."
             )
-        repaired, how = _possible(structure, values, covariance, root, unseen, method, margin, limits, time_limit)
+        repaired, how, possible = _inside(structure, values, covariance, root, unseen, method, margin, limits, time_limit)
     else:
         if method == RepairMethod.FIT:
             if triangle is None:
@@ -160,10 +165,10 @@ def repair(
         repaired, standard, how, notes = fit.values, fit.standard, fit.method, notes + fit.notes
         if solver_available():
             binding = binding_constraints(structure, Target.from_covariance(values, covariance, unseen), bounds=bounds, prior=prior)
-    possible = judge_possible(structure, repaired, covariance=covariance, limits=limits, time_limit=min(time_limit, 20.0))
+        possible = judge_possible(structure, repaired, covariance=covariance, limits=limits, time_limit=min(time_limit, _JUDGED))
     consistent, unsolved = _consistency(structure, repaired, needed=standard is not None)
     if not possible.possible:
-        raise SolverError(f"repair ({method.value}): the result does not pass its own judgement ({possible.text()}); try a larger margin.")
+        raise SolverError(f"repair ({method.value}): the result does not pass its own judgement ({possible.text()}).")
     if standard is not None and consistent is not None and not consistent.consistent:
         raise SolverError(f"repair ({method.value}): the result does not pass its own judgement ({consistent.text()}).")
     std = np.sqrt(np.diagonal(covariance))
@@ -254,6 +259,30 @@ def unseen_root(values: Array, unseen: Array) -> Array:
     """Factor R (b, u) of the covariance R Rᵀ that directions `unseen` (b, u) have: known to no better than the largest of the values (b,),
     which is next to nothing, but enough for a least distance."""
     return np.asarray(10.0 * float(np.abs(values).max(initial=1.0)) * unseen)
+
+
+def _inside(
+    structure: InertiaStructure, values: Array, covariance: Array, root: Array, unseen: Array | None, method: RepairMethod, margin: float,
+    limits: bool, time_limit: float,
+) -> tuple[Array, str, Possible]:  # fmt: skip
+    """A repaired set, how, and its own judgement.
+
+    A repair aims inside the possible sets by a margin. Its search sees positions, the judgement proves what lies between them: where it
+    finds one that the search missed, the aim is moved farther inside."""
+
+    def aimed(wanted: float) -> tuple[Array, str, Possible]:
+        repaired, how = _possible(structure, values, covariance, root, unseen, method, wanted, limits, time_limit)
+        judged = judge_possible(structure, repaired, covariance=covariance, limits=limits, time_limit=min(time_limit, _JUDGED))
+        return repaired, how, judged
+
+    found = aimed(margin)
+    for turn in range(1, _ENLARGED + 1):
+        if found[2].possible:
+            break
+        wanted = max(margin, 0.5 * _LEAST) * 2.0**turn
+        repaired, how, judged = aimed(wanted)
+        found = repaired, f"{how}; with a margin of {wanted:.3g}, as less did not pass its own judgement", judged
+    return found
 
 
 def _possible(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.singular_values import svd
 from ..effects.reduction import base_reduction
 from ..errors import UnsupportedError
 from ..friction.drive import RotorInertia
@@ -166,7 +167,7 @@ def sampled_space(robot: Robot, rotor_inertia: bool = False, seed: int = 0) -> S
     dead = size <= 1e-12 * size.max(initial=1e-300)
     scale = np.where(dead, 1.0, np.maximum(size, _FAINT * size.max(initial=0.0)))
     R = np.linalg.qr(np.where(dead, 0.0, rows / scale), mode="r")
-    _, s, Vt = np.linalg.svd(R, full_matrices=False)
+    _, s, Vt = svd(np.asarray(R), full_matrices=False)
     s = np.maximum(s / max(s[0], 1e-300), 1e-18)
     candidates = np.flatnonzero(s[1:] < _SMALL)
     rank = int(candidates[np.argmax(s[candidates] / s[candidates + 1])]) + 1 if len(candidates) else len(s)
@@ -212,7 +213,7 @@ def _compare(one: tuple[str, Array], other: tuple[str, Array], scale: Array, nam
         if not len(space):
             continue
         outside = space - (space @ reference.T) @ reference
-        _, s, Vt = np.linalg.svd(outside, full_matrices=False)
+        _, s, Vt = svd(outside, full_matrices=False)
         for size, direction in zip(s, Vt, strict=True):
             if size > tolerance:
                 row = direction * scale

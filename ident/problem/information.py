@@ -15,6 +15,7 @@ from enum import StrEnum
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.singular_values import singular_values
 from ..errors import ConfigurationError
 from ..regressor.rigid import stacked_information
 
@@ -124,7 +125,7 @@ class Information(ShortRepr):
         length = np.linalg.norm(stacked, axis=0)
         if not length.all():
             return float("inf")
-        singular = np.linalg.svd(triangle(stacked / length), compute_uv=False)
+        singular = singular_values(triangle(stacked / length))
         return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
 
 

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from .._utils.singular_values import singular_values
 from ..regressor.base_parameters.reduction import BaseReduction, preference, reduce_columns
 from ..robots.parameters import Parameter
 from ..signals.rows import Rows
@@ -51,7 +52,7 @@ def solve_triangle(R: Array, z: Array, order: list[int] | None = None) -> Linear
 
     scale = np.linalg.norm(R, axis=0)
     safe = np.where(scale > 0, scale, 1.0)
-    singular = np.linalg.svd(R / safe, compute_uv=False)
+    singular = singular_values(R / safe)
     if len(singular) and scale.min() > 0 and singular[-1] > 1e-10 * singular[0]:
         y = solve_triangular(R / safe, z)
         return LinearSolution(np.arange(len(scale)), np.eye(len(scale)), y / safe, R, float(singular[0] / singular[-1]))
@@ -61,7 +62,7 @@ def solve_triangle(R: Array, z: Array, order: list[int] | None = None) -> Linear
     keep = found.independent
     Q, root = np.linalg.qr(R[:, keep])
     scale = np.linalg.norm(root, axis=0)
-    singular = np.linalg.svd(root / scale, compute_uv=False) if len(keep) else np.ones(1)
+    singular = singular_values(root / scale) if len(keep) else np.ones(1)
     values = solve_triangular(root / scale, Q.T @ z) / scale if len(keep) else np.zeros(0)
     return LinearSolution(keep, found.regroup, values, root, float(singular[0] / singular[-1]))
 

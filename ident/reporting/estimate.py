@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from ..drawing.document import Report, Section, Text, joined
@@ -28,4 +29,5 @@ def estimate_report(estimate: Estimate) -> Report:
         sections.append(Text("Warnings", estimate.warnings))
     code = estimate.status.code.value
     declared = joined(e.name for e in estimate.model.effects)
-    return Report(f"{estimate.method}: {estimate.status.text}", code, f"{robot.name}, {robot.n} joints; model: {declared}", tuple(sections))
+    headline = re.split(r"[;.] ", estimate.status.text)[0].rstrip(".")
+    return Report(f"{estimate.method}: {headline}", code, f"{robot.name}, {robot.n} joints; model: {declared}", tuple(sections))

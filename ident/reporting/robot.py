@@ -31,7 +31,7 @@ def robot_sections(estimate: Estimate) -> tuple[Section, ...]:
     try:
         identified = Identified.of(estimate)
     except IdentError as error:
-        return (Text(TITLE, (f"Not drawn: {error}",)),)
+        return (Text(TITLE, (f"Not drawn: {str(error).removeprefix('nothing was exported: ')}",)),)
     return (robot_figure(estimate.model.robot, identified.inertial),)
 
 

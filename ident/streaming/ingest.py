@@ -47,6 +47,10 @@ _RECORD_S = 2.0
 _BLOCK = 1 << 16
 
 
+_COUNTED = "log {path}: a rate in the place of a time is not counted in streaming; read it whole (--no-stream)."
+_REARRANGED = "log {path}: a table with a row for each joint, or with a time that is summed, is read as a whole only; take --stream away."
+
+
 @dataclass
 class _State:
     """How far a file has been read, and what was seen on the way."""
@@ -141,15 +145,14 @@ class Reading:
                 path,
                 file.notes,
                 whole=True,
+                constants=file.constants,
             )
             found = planned(source, JointNames.of(self.robot), self.columns, self.rate_hz)
             if found.table is not None:
-                raise UnsupportedError(f"log {path}: a table with a row for each joint is read as a whole only; take --stream away.")
+                raise UnsupportedError(_REARRANGED.format(path=path))
             return file, replace(with_desired(found), notes=(*file.notes, *found.plan.notes))
         if self.rate_hz is not None:
-            raise UnsupportedError(
-                f"log {path}: a rate_hz in the place of a time is not counted in streaming; read it whole (--no-stream)."
-            )
+            raise UnsupportedError(_COUNTED.format(path=path))
         header = read_header(path)
         if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig" or header.moments:
             raise UnsupportedError(f"log {path}: this dialect is read as a whole only; take --stream away, or write it with commas.")
@@ -157,7 +160,9 @@ class Reading:
             raise UnsupportedError(f"log {path}: JointState messages with a name array cannot be streamed; read it whole (--no-stream).")
         found = planned(TableSource.of(path), JointNames.of(self.robot), self.columns)
         if found.table is not None:
-            raise UnsupportedError(f"log {path}: a table with a row for each joint is read as a whole only; take --stream away.")
+            raise UnsupportedError(_REARRANGED.format(path=path))
+        if found.plan.rate_hz is not None:
+            raise UnsupportedError(_COUNTED.format(path=path))
         return header, with_desired(found)
 
 
@@ -222,7 +227,7 @@ def _read(
         state.holes = state.holes or {sources[j]: Holes() for j in sorted(sources)}
         transmission, stem = reading.robot.transmission, path.name.split(".")[0]
         told = time.monotonic()
-        for piece in pieces(path, header, plan, state.place, reading.jobs, digest.show, reading.rate_hz):
+        for piece in pieces(path, header, plan, state.place, reading.jobs, digest.show):
             reading.as_meant(piece.arrays, f"log {path}")
             rows = _present(piece.arrays, side, sources, state)
             if len(rows["t"]):

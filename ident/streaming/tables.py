@@ -83,12 +83,11 @@ def pieces(
     start: PieceOfFile,
     jobs: int = 1,
     show: Callable[[int, memoryview], None] | None = None,
-    rate_hz: float | None = None,
 ) -> Iterator[Piece]:
     """The columns of a plan from `start` on, in order. `jobs`: threads that parse; `show` is called with each piece of text and its
-    place in the file, where `shows_bytes`; `rate_hz`: of a file without time. Raises DataError (file, column, row)."""
+    place in the file, where `shows_bytes`. Raises DataError (file, column, row)."""
     if isinstance(header, Chunked):
-        return _chunk_pieces(header, plan, start, rate_hz)
+        return _chunk_pieces(header, plan, start)
     if path.suffix.lower() in (".parquet", ".pq"):
         return _parquet_pieces(path, plan, start)
     if not is_streamable(path):
@@ -96,12 +95,12 @@ def pieces(
     return _text_pieces(path, header, plan, start, jobs, show if shows_bytes(path) else None)
 
 
-def _chunk_pieces(file: Chunked, plan: ColumnPlan, start: PieceOfFile, rate_hz: float | None) -> Iterator[Piece]:
+def _chunk_pieces(file: Chunked, plan: ColumnPlan, start: PieceOfFile) -> Iterator[Piece]:
     stored = [name for name in plan.sources if name != COUNTED]
     row = start.rows
     for columns in file.read(stored, row):
         rows = len(columns[stored[0]])
-        counted = {} if rate_hz is None else {COUNTED: np.arange(row, row + rows) / rate_hz}
+        counted = {} if plan.rate_hz is None else {COUNTED: np.arange(row, row + rows) / plan.rate_hz}
         row += rows
         yield Piece(plan.arrays(columns | counted), PieceOfFile(0, row), min(1.0, row / max(1, file.rows)))
 

@@ -63,3 +63,20 @@ def test_requirements_on_instrumental_variables_on_the_puma() -> None:
         found = methods["iv_dynamics"].solve(data.make_case(made, made.loop(seed), seed, feedback=True))
         assert found.status.code == "invalid_instruments"
         assert found.trace["validity"]["p_value"] < 1e-3
+
+
+def test_plain_instruments_over_seeds() -> None:
+    """A right model has no torque error by the measure of the table, and the table shows what was asked."""
+    plain = pytest.importorskip("benchmarks.methods.plain")
+    world = plain.puma()
+    measure = plain.unseen_measure(world)
+    assert measure(0.0 * world.truth) == 0.0
+    kind = plain.Kind("quick", 2.7, 8, 0.9, 1000.0)
+    found = plain.plain_seeds(world, kind, (1, 2), measure)
+    assert found.samples == 8 * 540
+    assert found.plain.shape == (2, plain.PASSES, 3)
+    least, once = (np.abs(v / found.truth - 1.0).max() for v in (found.least, found.plain[:, 0]))
+    assert once < 0.1 * least
+    assert np.all(found.largest[:, 2] < 0.1 * found.largest[:, 0])
+    assert np.all(found.errors <= found.largest)
+    assert "quick, plain IV, pass 2" in plain.plain_table([found])

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from physical_models import puma_model, puma_table, puma_truth
+from physical_models import puma_model, puma_table, puma_truth, random_structure
 
 from ident.effects.motion import Motion
 from ident.errors import ConfigurationError, UnsupportedError
@@ -18,6 +18,8 @@ from ident.physical.target import covariance_root, mahalanobis
 from ident.problem.information import Information
 
 Array = np.ndarray
+#: A seed whose set is not possible, and whose nearest possible one misses its own judgement by rounding.
+_OUTSIDE = 8
 
 
 def information(values: Array, samples: int, noise: float, seed: int) -> Information:
@@ -44,6 +46,21 @@ def repairs(request: pytest.FixtureRequest, metric: Array) -> dict[str, Repair]:
     subject = puma_table("2")
     covariance = np.diag((0.1 * subject.values) ** 2) if request.param == "relative" else metric
     return {m: repair(subject.structure, subject.values, covariance, m) for m in ("stepwise", "possible", "consistent")}
+
+
+@pytest.mark.parametrize("method", ["stepwise", "possible"])
+def test_a_margin_too_small_to_pass_is_enlarged_and_told(method: str) -> None:
+    """A target next to the feasibility boundary may miss it by the rounding of the search: the next one is farther inside."""
+    structure, full = random_structure(np.random.default_rng(3), 2, prismatic=0.0)
+    values = structure.regroup @ full
+    std = 0.8 * np.abs(values)
+    values = values + std * np.random.default_rng(_OUTSIDE).standard_normal(structure.b)
+    assert not judge_possible(structure, values).possible
+    found = repair(structure, values, np.diag(std**2), method, margin=1e-15)
+    assert found.possible.possible
+    assert "with a margin of 0.001" in found.how
+    assert "with a margin" in found.text()
+    assert "with a margin" not in repair(structure, values, np.diag(std**2), method).how
 
 
 def test_repairs_of_table_2(repairs: dict[str, Repair]) -> None:

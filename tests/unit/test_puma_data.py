@@ -122,6 +122,11 @@ def test_thirty_six_and_sixteen(robot, model):
     nine = motion(robot, 9, seed=3)
     columns = np.concatenate([robot.rigid_body().columns(nine) @ np.linalg.pinv(B), model.columns(nine)[:, :, 60:]], axis=2)
     assert np.linalg.matrix_rank(scaled(columns), tol=1e-9) == 52
+    # Nine samples suffice, eight have as many rows as six joints give them; with diagonal gears as many parameters.
+    assert np.linalg.matrix_rank(scaled(columns[:8]), tol=1e-9) == 48
+    diagonal = robot.with_transmission(ident.Transmission(np.diag(np.diag(robot.transmission.K)), np.zeros(6), "motor"))
+    same = diagonal.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
+    assert np.linalg.matrix_rank(scaled(same.columns(motion(diagonal))), tol=1e-9) == 52
 
 
 def test_torque_agrees_with_pinocchio(robot, model):
@@ -191,6 +196,8 @@ def test_neglecting_the_coupling_costs_what_was_published(robot, model):
     only = diagonal.copy()
     only[5, 4] = K[5, 4]
     assert np.all(error(only)[3:] < 0.02)
+    # By k65 joint 6 turns 0.57 rad with half a turn of joint 5.
+    assert np.pi * K[5, 4] / abs(K[4, 4]) == pytest.approx(0.57, abs=0.005)
 
 
 @pytest.mark.parametrize("payload", [None, *payloads("puma560")])

@@ -9,7 +9,7 @@ import struct
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,7 @@ def columns_of(
     Series of a matrix go by names where a list of as many names of joints is among the arrays (`joint_names`). Zeros at the end that a
     recorder allocated and never filled are cut. Raises DataError where there is no series of samples."""
     table = ArrayTable.of(arrays, where, named)
-    return Stored(table.part([*table.places], 0, table.rows), table.units(units or {}), table.notes(where))
+    return Stored(table.part([*table.places], 0, table.rows), table.units(units or {}), table.notes(where), table.constants)
 
 
 def _labels(arrays: Mapping[str, Any]) -> dict[int, tuple[str, ...]]:
@@ -66,17 +66,20 @@ def _labels(arrays: Mapping[str, Any]) -> dict[int, tuple[str, ...]]:
 @dataclass(frozen=True, eq=False)
 class ArrayTable:
     """Arrays of numbers, in memory or on disk (what has a shape, a dtype and slices), as a table of `rows`; `places`: column → array, and
-    which of its series (-1: it is one); `across`: arrays with samples along the second axis; `left`: series of another length."""
+    which of its series (-1: it is one); `across`: arrays with samples along the second axis; `left`: series of another length;
+    `constants`: single numbers."""
 
     arrays: Mapping[str, Any]
     rows: int
     places: Mapping[str, tuple[str, int]]
     across: frozenset[str]
     left: tuple[str, ...] = ()
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, arrays: Mapping[str, Any], where: str, named: Callable[[str, int], str] = element) -> ArrayTable:
         """As `columns_of`."""
+        constants = {k: float(np.asarray(a[()]).reshape(-1)[0]) for k, a in arrays.items() if a.dtype.kind in "fiu" and a.size == 1}
         numbers = {k: a for k, a in arrays.items() if a.dtype.kind in "fiub" and a.size and len(a.shape) in (1, 2)}
         labels = _labels(arrays)
         numbers = {k: a for k, a in numbers.items() if len(a.shape) == 1 or min(a.shape) <= _WIDEST}
@@ -96,7 +99,7 @@ class ArrayTable:
             else:
                 places |= {f"{name}[{told[j]}]" if told else named(name, j) if series > 1 else name: (name, j) for j in range(series)}
         left = tuple(k for k, a in numbers.items() if k not in kept and max(a.shape) > _PART * rows)
-        whole = cls(kept, rows, places, frozenset(k for k, a in kept.items() if a.shape[0] != rows), left)
+        whole = cls(kept, rows, places, frozenset(k for k, a in kept.items() if a.shape[0] != rows), left, constants)
         return replace(whole, rows=whole._filled())
 
     def notes(self, where: str) -> tuple[str, ...]:
@@ -167,6 +170,8 @@ def leaves(content: Any, name: str = "") -> dict[str, Array]:
         return out
     if isinstance(content, np.ndarray) and content.dtype != object:
         return {name: content}
+    if isinstance(content, (int, float, np.number)) and not isinstance(content, bool):
+        return {name: np.array(float(content))}
     if isinstance(content, (list, np.ndarray)):
         items = list(content)
         if items and all(isinstance(x, str) for x in items):
@@ -244,6 +249,9 @@ def _mapped(path: Path) -> dict[str, Array]:
             if dtype.kind in "US" and len(shape) == 1:
                 with members.open(member) as text:
                     out[member.filename.removesuffix(".npy")] = np.load(io.BytesIO(text.read()), allow_pickle=False)
+            elif dtype.kind in "fiu" and not shape:
+                with members.open(member) as number:
+                    out[member.filename.removesuffix(".npy")] = np.load(io.BytesIO(number.read()), allow_pickle=False)
             elif dtype.kind in "fiub" and shape and 0 not in shape:
                 order: Any = "F" if fortran else "C"
                 out[member.filename.removesuffix(".npy")] = np.memmap(path, dtype, "r", file.tell(), shape, order)
@@ -253,7 +261,7 @@ def _mapped(path: Path) -> dict[str, Array]:
 def _npz_chunks(path: Path) -> Chunked:
     with damage_told(path, _NO_ARRAYS):
         table = ArrayTable.of(_mapped(path), f"log {path}")
-    return Chunked(tuple(table.places), table.chunks, table.sample, table.rows, notes=table.notes(f"log {path}"))
+    return Chunked(tuple(table.places), table.chunks, table.sample, table.rows, notes=table.notes(f"log {path}"), constants=table.constants)
 
 
 NPZ = register_log_format(LogFormat("NumPy arrays", lambda path, start: path.suffix.lower() == ".npz", _read_npz, chunks=_npz_chunks))

@@ -16,10 +16,10 @@ from ...errors import ConfigurationError, DataError, IdentError, UnsupportedErro
 from ..words import DESIRED
 from .arrays import CHUNK, STRETCH, stretches
 from .damage import reason
+from .free_topics import free_messages
 from .joint_states import FIELDS, JointStates, decoded
-from .json_topics import json_messages
 from .mcap import Channel
-from .senders import by_publisher, onto, table_of
+from .senders import by_publisher, onto, recent, table_of
 from .stored import Chunked, LogFormat, Stored, register_log_format
 from .topics import Block, blocks, decoder, is_bag, topics_of
 
@@ -28,7 +28,11 @@ Array = np.ndarray
 _REFERENCE = ("reference", "desired")
 _REFERENCE_FIELDS = {"positions": "position_reference", "velocities": "velocity_reference", "accelerations": "acceleration_reference"}
 _ASKED_FIELDS = {"position": "position_reference", "velocity": "velocity_reference"}
+_ASKED = tuple(_REFERENCE_FIELDS.values())
+_FAR = "log {path}: messages were recorded far from the order of their stamps; read it whole (--no-stream)."
 _SHOWN = 8
+#: Encodings of messages that need not be ROS's.
+_FREE = ("json", "protobuf")
 #: How topics of joint states end.
 _STATES = re.compile(r"joint_?states?$", re.IGNORECASE)
 #: Messages that wait, in reading by chunks, for others that were stamped before them.
@@ -64,18 +68,19 @@ def _is_control(channel: Channel) -> bool:
 
 
 def _messages(path: Path) -> tuple[list[JointStates], list[JointStates], list[str]] | Stored:
-    """Measured joint states, what was asked for, and notes on topics that are not used; where there are only messages in JSON, these."""
+    """Measured joint states, what was asked for, and notes on topics that are not used; where there are only messages in
+    JSON or Protocol Buffers, these."""
     states: dict[str, list[JointStates]] = defaultdict(list)
     control: list[Block] = []
     free: list[Block] = []
     notes: list[str] = []
-    for channel, received, raw in _by_library(path, lambda c: _is_state(c) or _is_control(c) or c.encoding == "json", notes):
+    for channel, received, raw in _by_library(path, lambda c: _is_state(c) or _is_control(c) or c.encoding in _FREE, notes):
         if _is_state(channel):
             states[channel.topic] += _states(channel, received, raw)
         else:
-            (free if channel.encoding == "json" else control).append((channel, received, raw))
+            (free if channel.encoding in _FREE else control).append((channel, received, raw))
     if not states and free:
-        return json_messages(free, path, notes)
+        return free_messages(free, path, notes)
     if not states:
         raise _without_states(path)
     most = _measured({topic: sum(map(len, found)) for topic, found in states.items()})
@@ -136,16 +141,16 @@ def _controllers(channel: Channel, received: Array, raw: Array) -> Iterator[Join
 
 
 def _chunks(path: Path) -> Chunked:
-    """The messages that name most joints, in the order of their stamps, of the topic that is measured.
-
-    What else stands on that topic, and what was asked for, is brought to their clock by the whole of it: it is read whole."""
+    """The messages that name most joints, in the order of their stamps, of the topic that is measured, and what was asked for of these
+    joints, brought to their clock. A topic on which others stand too is read whole."""
     said: list[str] = []
-    topic, joints, filled, rows = _surveyed(path, said)
-    names = ("t", *(f"{joint}.{field}" for field in FIELDS if field in filled for joint in joints))
+    topics, joints, filled, rows = _surveyed(path, said)
+    names = ("t", *(f"{joint}.{field}" for field in (*FIELDS, *_ASKED) if field in filled for joint in joints))
 
     def read(wanted: Sequence[str], first: int) -> Iterator[dict[str, Array]]:
         after = 0
-        for clock, columns in _in_order(path, topic, frozenset(joints)):
+        asked = any(name.endswith(tuple(_ASKED)) for name in wanted)
+        for clock, columns in _in_order(path, topics[0], topics[1] if asked else None):
             start, after = max(0, first - after), after + len(clock)
             missing = np.full(len(clock), np.nan)
             found = {"t": clock} | columns
@@ -163,9 +168,13 @@ def _chunks(path: Path) -> Chunked:
     return Chunked(names, read, sample, rows, notes=tuple(said))
 
 
-def _surveyed(path: Path, said: list[str]) -> tuple[str, tuple[str, ...], set[str], int]:
-    """Topic, joints in the order in which they are first named, fields that hold anything, and number of messages; `said` as of
-    `blocks`."""
+#: Topics of joint states that were asked for; () where the messages of a controller tell it.
+Asked = frozenset[str]
+
+
+def _surveyed(path: Path, said: list[str]) -> tuple[tuple[str, Asked], tuple[str, ...], set[str], int]:
+    """The topic that is measured and those that were asked for, joints in the order in which they are first named, fields that hold
+    anything, and number of messages; `said` as of `blocks`."""
     senders: dict[str, set[tuple[int, tuple[str, ...]]]] = defaultdict(set)
     seen: dict[str, Counter[tuple[str, ...]]] = defaultdict(Counter)
     filled: dict[str, set[str]] = defaultdict(set)
@@ -185,31 +194,61 @@ def _surveyed(path: Path, said: list[str]) -> tuple[str, tuple[str, ...], set[st
             f"log {path}: messages on {topic} name different joints, or come from several senders; they are brought together by"
             " reading it whole."
         )
-    return topic, next(iter(seen[topic])), filled[topic], sum(groups.values())
+    asked = frozenset(name for name in seen if _asked_for(name) and name != topic)
+    first = next(iter(seen[topic]))
+    fields = {_ASKED_FIELDS[f] for name in asked for f in filled[name] & set(_ASKED_FIELDS)} if asked else _controlled(path, first)
+    return (topic, asked), first, filled[topic] | fields, sum(groups.values())
 
 
-def _in_order(path: Path, topic: str, joints: frozenset[str]) -> Iterator[tuple[Array, dict[str, Array]]]:
-    """Times and columns of a topic's messages, chunk by chunk: the last of each wait for those that were stamped before them."""
-    waiting: list[JointStates] = []
+def _controlled(path: Path, joints: Sequence[str]) -> set[str]:
+    """Fields of the desired motion of these joints that the messages of a controller hold."""
+    found: set[str] = set()
+    for block in _by_library(path, _is_control):
+        found |= {
+            field for s in _controllers(*block) if set(s.joints) & set(joints) for field, v in s.values.items() if np.isfinite(v).any()
+        }
+    return found
+
+
+def _in_order(path: Path, topic: str, asked: Asked | None) -> Iterator[tuple[Array, dict[str, Array]]]:
+    """Times and columns of a topic's messages, chunk by chunk: the last of each wait for those that were stamped before them. What was
+    asked for (None: nothing) is brought to their times."""
+    waiting, beside = list[JointStates](), list[JointStates]()
     told = -np.inf
-    for channel, received, raw in _by_library(path, lambda c: _is_state(c) and c.topic == topic):
-        waiting += _states(channel, received, raw)
-        if sum(map(len, waiting)) < CHUNK + _WAITING:
+
+    def wanted(channel: Channel) -> bool:
+        if _is_state(channel):
+            return channel.topic == topic or channel.topic in (asked or ())
+        return asked is not None and not asked and _is_control(channel)
+
+    for channel, received, raw in _by_library(path, wanted):
+        if channel.topic != topic:
+            found = [*_states(channel, received, raw)] if _is_state(channel) else []
+            found = [_renamed(s, _ASKED_FIELDS) for s in found] if found else [*_controllers(channel, received, raw)]
+            if any(s.stamp.min() < told for s in found):
+                raise UnsupportedError(_FAR.format(path=path))
+            beside += found
             continue
-        stamps = np.concatenate([s.stamp for s in waiting])
-        until = float(np.partition(stamps, len(stamps) - _WAITING)[len(stamps) - _WAITING])
-        ready = [s.of(s.stamp < until) for s in waiting]
-        waiting = [s.of(s.stamp >= until) for s in waiting]
-        yield _after(told, table_of([s for s in ready if len(s)]), path)
-        told = until
-        waiting = [s for s in waiting if len(s)]
+        if sum(map(len, waiting)) >= CHUNK + _WAITING:  # when all that came beside them is there
+            stamps = np.concatenate([s.stamp for s in waiting])
+            until = float(np.partition(stamps, len(stamps) - _WAITING)[len(stamps) - _WAITING])
+            ready = [s.of(s.stamp < until) for s in waiting]
+            yield _with(beside, _after(told, table_of([s for s in ready if len(s)]), path))
+            told, beside = until, recent(beside, until)
+            waiting = [later for s in waiting if len(later := s.of(s.stamp >= until))]
+        waiting += _states(channel, received, raw)
     if waiting:
-        yield _after(told, table_of(waiting), path)
+        yield _with(beside, _after(told, table_of(waiting), path))
+
+
+def _with(beside: Sequence[JointStates], part: tuple[Array, dict[str, Array]]) -> tuple[Array, dict[str, Array]]:
+    clock, columns = part
+    return clock, columns | (onto(clock, beside) if beside else {})
 
 
 def _after(told: float, part: tuple[Array, dict[str, Array]], path: Path) -> tuple[Array, dict[str, Array]]:
     if len(part[0]) and part[0][0] < told:
-        raise UnsupportedError(f"log {path}: messages were recorded far from the order of their stamps; read it whole (--no-stream).")
+        raise UnsupportedError(_FAR.format(path=path))
     return part
 
 

@@ -13,9 +13,11 @@ from pathlib import Path
 
 from ...errors import DataError
 from .damage import DAMAGED, reason
+from .encodings import likely_encodings
 from .header import Header, is_number, once
 from .moments import MOMENT, is_moment
 from .packed import bounded_lines, open_binary
+from .stacked_headers import stacked_names
 
 #: A first line by which spreadsheets are told what separates fields; what else may, and of how many columns at least.
 _SEPARATOR = re.compile(r'"?sep=([,;\t])"?', re.IGNORECASE)
@@ -37,9 +39,24 @@ def text_header(path: Path) -> Header:
         return _header_of(path, "utf-8-sig")
     except UnicodeDecodeError as error:
         if b"\x00" not in error.object[:4096]:
-            with suppress(UnicodeDecodeError):
-                return _header_of(path, "cp1252")
+            for encoding in likely_encodings(error.object):
+                with suppress(UnicodeDecodeError):
+                    return _header_of(path, encoding)
         raise DataError(f"log {path}: is not a text table ({error}).") from None
+
+
+def text_encoding(raw: bytes) -> str:
+    """The encoding of a text that is held whole."""
+    try:
+        raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return next(iter(likely_encodings(raw)), "latin-1")
+    return "utf-8-sig"
+
+
+def plain_number(text: str) -> str:
+    """A number as it may stand in a field, with a decimal point for its comma."""
+    return text.replace(",", ".", 1)
 
 
 @dataclass(frozen=True)
@@ -76,7 +93,7 @@ def _header_of(path: Path, encoding: str) -> Header:
     line, number, rows = begin.line, begin.number, begin.rows
     if "\x00" in line:
         raise DataError(f"log {path}: line {number} holds NUL characters: it is no text, or UTF-16 without its mark. Save it as UTF-8.")
-    delimiter = begin.told or next((d for d in (",", ";", "\t", "|") if d in line), ",")
+    delimiter = begin.told or _delimiter(line, rows, path)
     spaced = delimiter not in line and len(_SPACES.split(line.strip())) > _COLUMNS
     if spaced and (not rows or len(rows[0].split()) != len(line.split())):
         if rows and (begins := _behind_preamble(path, encoding, (line,))):
@@ -107,10 +124,30 @@ def _header_of(path: Path, encoding: str) -> Header:
     return _with_rows(names, told or [()], number, delimiter, encoding)
 
 
+def _delimiter(line: str, rows: Sequence[str], path: Path) -> str:
+    """What separates the fields of a header: what the first row of numbers has as often, and numbers between; else the usual first one."""
+    there = [d for d in (",", ";", "\t", "|") if d in line]
+    if len(there) > 1 and rows and all(len(row) < csv.field_size_limit() for row in (line, rows[-1])):
+        for d in there:
+            own, last = _fields(line, d, path), _fields(rows[-1], d, path)
+            if len(own) == len(last) and all(not x or is_number(plain_number(x)) for x in last):
+                return d
+    return there[0] if there else ","
+
+
 def _with_rows(names: tuple[str, ...], rows: list[tuple[str, ...]], number: int, delimiter: str, encoding: str) -> Header:
     """The header on line `number`, with what the first rows behind it tell: units, the decimal sign, moments, separators at the end."""
     decimal, units, first = ".", tuple[str, ...](), rows[0]
-    if len(rows) > 1 and len(first) == len(names) and not any(is_number(x.replace(",", ".")) for x in first) and _is_units(first):
+    if (whole := stacked_names(names, rows[:-1])) is not None:
+        names, units, below = whole
+        number, first = number + below, rows[below]
+    if (
+        whole is None
+        and len(rows) > 1
+        and len(first) == len(names)
+        and not any(is_number(x.replace(",", ".")) for x in first)
+        and _is_units(first)
+    ):
         units, number, first = first, number + 1, rows[1]
     if len(first) == len(names) + 1 and not any(row[len(names) :] != ("",) for row in rows[bool(units) :] if len(row) > len(names)):
         names, units = (*names, ""), (*units, "") if units else ()  # every row ends with a separator
@@ -152,6 +189,10 @@ def _behind_preamble(path: Path, encoding: str, names: tuple[str, ...]) -> Heade
             (k for k, row in enumerate(plain) if len(row) > _COLUMNS and all(x == "" or is_number(x) for x in row) and any(row)), 0
         )
         above = [k for k in range(first) if len(table[k]) == len(plain[first]) and not any(is_number(x) for x in plain[k])]
+        whole = stacked_names(table[above[0]], [table[k] for k in above[1:]]) if len(above) > 1 and above[0] else None
+        if whole is not None and above == list(range(above[0], first)) and len(above) == whole[2] + 1:
+            comma = delimiter != "," and any("," in x for x in table[first])
+            return Header(once(whole[0]), first, delimiter, "," if comma else ".", whole[1], encoding)
         if len(above) not in (1, 2) or above[0] == 0 or len(names) >= len(table[above[0]]) or any(table[above[-1] + 1 : first]):
             continue
         units = table[above[1]] if len(above) == 2 and _is_units(table[above[1]]) else ()

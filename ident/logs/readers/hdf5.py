@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from .arrays import ArrayTable, columns_of, leaves
 from .damage import damage_told
 from .mat import matlab_columns
 from .packed import Expansion
+from .runs import run_name, runs_of
 from .stored import Chunked, LogFormat, Stored, register_log_format, split_inside
 
 Array = np.ndarray
@@ -47,7 +50,7 @@ def _datasets(group: Any) -> dict[str, Any]:
             return
         if item.dtype.names and len(item.shape) == 1:
             found.update({f"{name}/{field}": item[field] for field in item.dtype.names if item.dtype[field].base.kind in "fiub"})
-        elif item.dtype.kind in "fiub" and len(item.shape) in (1, 2):
+        elif item.dtype.kind in "fiub" and len(item.shape) <= 2:
             found[name] = item
         elif item.dtype.kind in "OS" and len(item.shape) == 1 and item.size <= _NAMES and (told := _texts(item)) is not None:
             found[name] = told
@@ -90,10 +93,23 @@ def _units(file: Any, inside: str = "") -> dict[str, str]:
     return found
 
 
+def _constants(file: Any, inside: str) -> dict[str, float]:
+    """Single numbers that the file, or a group on the way to `inside`, tells as attributes or as data sets."""
+    found: dict[str, float] = {}
+    parts = inside.split("/") if inside else []
+    for group in [file, *(file["/".join(parts[: k + 1])] for k in range(len(parts)))]:
+        held = [(name, item) for name, item in group.items() if hasattr(item, "shape") and item.size == 1]
+        for name, value in (*group.attrs.items(), *((name, item[()]) for name, item in held)):
+            number = np.asarray(value)
+            if number.size == 1 and number.dtype.kind in "fiu":
+                found[str(name)] = float(number.reshape(-1)[0])
+    return found
+
+
 def _recordings(path: Path) -> Sequence[str]:
     """Groups beside each other that hold the same datasets (`data/demo_0`, `data/demo_1` …), if there are several."""
     with _opened(path) as file:
-        rows = {name: item.shape[0] for name, item in _datasets(file).items() if item.dtype.kind != "U"}
+        rows = {name: item.shape[0] for name, item in _datasets(file).items() if item.dtype.kind != "U" and item.shape}
     alike: dict[tuple[str, str], dict[str, set[str]]] = {}
     for name in rows:
         parts = name.split("/")
@@ -122,11 +138,12 @@ def _read(path: Path) -> Stored:
         for item in found.values():
             unpacked.add(item.size * item.dtype.itemsize)
         arrays = {name: np.asarray(item[()]) for name, item in found.items()}
-        units = _units(file, inside)
+        units, constants = _units(file, inside), _constants(file, inside)
     if not inside:
         places = _one_level_up({name: name for name in arrays})
         arrays, units = {k: arrays[own] for k, own in places.items()}, {k: units.get(own, "") for k, own in places.items()}
-    return columns_of(arrays, f"log {path}", units=units)
+    stored = columns_of(arrays, f"log {path}", units=units)
+    return replace(stored, constants={**constants, **stored.constants})
 
 
 def _chunks(path: Path) -> Chunked:
@@ -150,7 +167,8 @@ def _chunks(path: Path) -> Chunked:
         whole, told = table(file), _units(file, inside)
         places = {name: name for name in _datasets(file[inside] if inside else file)}
         units = whole.units({k: told.get(own, "") for k, own in (places if inside else _one_level_up(places)).items()})
-        return Chunked(tuple(whole.places), read, sample, whole.rows, units, whole.notes(f"log {path}"))
+        constants = {**_constants(file, inside), **whole.constants}
+        return Chunked(tuple(whole.places), read, sample, whole.rows, units, whole.notes(f"log {path}"), constants)
 
 
 def _one_level_up(arrays: Mapping[str, Any]) -> dict[str, Any]:
@@ -163,12 +181,24 @@ def _one_level_up(arrays: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read_matlab(path: Path) -> Stored:
+    outer, _ = split_inside(path)
+    arrays, objects = _matlab_loaded(outer, outer.stat().st_mtime_ns)
+    return matlab_columns(arrays, path, objects)
+
+
+def _matlab_recordings(path: Path) -> tuple[str, ...]:
+    return tuple(map(run_name, runs_of(_matlab_loaded(path, path.stat().st_mtime_ns)[0])))
+
+
+@lru_cache(maxsize=1)
+def _matlab_loaded(path: Path, stamp: int) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Arrays by path, and variables that are objects of MATLAB's classes."""
     unpacked = Expansion(path)
     with _opened(path) as file:
         plain = {name: item for name, item in file.items() if not name.startswith("#")}
         objects = [name for name, item in plain.items() if _OBJECT in item.attrs]
         content = {name: _value(file, item, unpacked) for name, item in plain.items()}
-    return matlab_columns(leaves(content), path, objects)
+    return leaves(content), tuple(objects)
 
 
 def _value(file: Any, item: Any, unpacked: Expansion) -> Any:
@@ -193,4 +223,4 @@ def _value(file: Any, item: Any, unpacked: Expansion) -> Any:
 
 
 HDF5 = register_log_format(LogFormat("HDF5", lambda path, start: start.startswith(_MAGIC), _read, _recordings, _chunks))
-MATLAB = register_log_format(LogFormat("MATLAB 7.3", lambda path, start: start.startswith(_MATLAB), _read_matlab))
+MATLAB = register_log_format(LogFormat("MATLAB 7.3", lambda path, start: start.startswith(_MATLAB), _read_matlab, _matlab_recordings))

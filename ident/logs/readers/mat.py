@@ -6,6 +6,7 @@ import struct
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,8 @@ from ..units import bracketed, split_unit
 from .arrays import columns_of, leaves, shortest
 from .damage import damage_told
 from .packed import Expansion
-from .stored import LogFormat, Stored, register_log_format
+from .runs import arrays_of_run, run_name, runs_of
+from .stored import LogFormat, Stored, register_log_format, split_inside
 
 Array = np.ndarray
 _SYMBOLS = ("q", "dq", "ddq", "tau")
@@ -25,13 +27,25 @@ _HEAD, _PACKED, _ZLIB, _PIECE = 128, 15, 1032, 1 << 20
 
 
 def _read(path: Path) -> Stored:
+    outer, _ = split_inside(path)
+    arrays, objects = _loaded(outer, outer.stat().st_mtime_ns)
+    return matlab_columns(arrays, path, objects)
+
+
+@lru_cache(maxsize=1)
+def _loaded(path: Path, stamp: int) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Arrays by path, and variables that are objects of MATLAB's classes."""
     from scipy.io import loadmat
 
     with damage_told(path, "is not a MAT file"):
         _bound(path)
         content = loadmat(path, simplify_cells=True)
     plain = {name: value for name, value in content.items() if not str(name).startswith("__") and name != "None"}
-    return matlab_columns(leaves(plain), path, ("one",) if "None" in content else ())
+    return leaves(plain), ("one",) if "None" in content else ()
+
+
+def _recordings(path: Path) -> tuple[str, ...]:
+    return tuple(map(run_name, runs_of(_loaded(path, path.stat().st_mtime_ns)[0])))
 
 
 def _bound(path: Path) -> None:
@@ -54,7 +68,12 @@ def _bound(path: Path) -> None:
 
 def matlab_columns(arrays: dict[str, Array], path: Path, objects: Sequence[str] = ()) -> Stored:
     """Columns of MATLAB's arrays: of a matrix `q` of n columns q1 … qn, of `q_deg` q1_deg …; units from labels such as `q_meas [deg]`.
-    `objects`: variables that are objects of MATLAB's classes, which only MATLAB can read."""
+    Of a path that goes on inside the file (`runs(2)`), those of that recording. `objects`: variables that are objects of MATLAB's classes,
+    which only MATLAB can read. Raises DataError."""
+    outer, inside = split_inside(path)
+    if inside and not (found := arrays_of_run(arrays, inside)):
+        raise DataError(f"log {outer}: holds no recording {inside!r}; it has {', '.join(map(run_name, runs_of(arrays))) or 'one'}.")
+    arrays = found if inside else arrays
     arrays = {name: a.squeeze() if a.ndim > 2 else a for name, a in arrays.items()}  # Simulink's (n, 1, N)
     numeric = {name: a for name, a in arrays.items() if a.dtype.kind in "fiub" and a.ndim in (1, 2)}
     what = "it holds objects of MATLAB (timeseries, timetable, Dataset), which only MATLAB reads: save their Time and Data as arrays"
@@ -68,8 +87,8 @@ def matlab_columns(arrays: dict[str, Array], path: Path, objects: Sequence[str] 
         bare[stem if told else name] = a
         if told:
             units[stem] = unit
-    texts = {name: a for name, a in arrays.items() if a.dtype.kind in "US"}
-    stored = columns_of(bare | texts, f"log {path}", _indexed, units)
+    others = {name: a for name, a in arrays.items() if a.dtype.kind in "US" or (a.dtype.kind in "fiu" and a.ndim == 0)}
+    stored = columns_of(bare | others, f"log {path}", _indexed, units)
     return replace(stored, notes=(*stored.notes, *([f"log {path}: {what}."] if objects else [])))
 
 
@@ -82,4 +101,8 @@ def _indexed(name: str, k: int) -> str:
     return f"{stem}{k + 1}" + (f"_{unit}" if unit else "")
 
 
-MAT = register_log_format(LogFormat("MATLAB", lambda path, start: path.suffix.lower() == ".mat" and not start.startswith(_HDF5), _read))
+def _is_one(path: Path, start: bytes) -> bool:
+    return split_inside(path)[0].suffix.lower() == ".mat" and not start.startswith(_HDF5)
+
+
+MAT = register_log_format(LogFormat("MATLAB", _is_one, _read, _recordings))

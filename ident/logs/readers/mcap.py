@@ -25,7 +25,8 @@ _LARGEST = 1 << 30
 
 @dataclass(frozen=True)
 class Channel:
-    """A topic of a file: `number` there, message type, text of its definition, encoding ("cdr", "ros1", "json" …)."""
+    """A topic of a file: `number` there, message type, text of its definition, encoding ("cdr", "ros1", "json", "protobuf" …). A definition
+    that is no text has a letter (of Latin 1) for each byte."""
 
     number: int
     topic: str
@@ -89,9 +90,9 @@ class McapFile:
         return content
 
     def _records(self, content: bytes) -> Iterator[tuple[int, Array, Array]]:
-        """Messages among the records of a chunk, those of a channel and of one length together."""
+        """Messages among the records of a chunk, those of a channel and of one length together, in their order."""
         at, whole = 0, np.frombuffer(content, np.uint8)
-        single: dict[tuple[int, int], list[int]] = {}
+        single: dict[tuple[int, int], list[Array]] = {}
         while at + _HEAD <= len(content):
             kind, length = content[at], struct.unpack_from("<Q", content, at + 1)[0]
             stride = _HEAD + length
@@ -105,15 +106,17 @@ class McapFile:
                 raise DataError(f"log {self._path}: the file is damaged: a message of {length} bytes.")
             alike = self._alike(whole, at, stride)
             if alike == 1:
-                single.setdefault((struct.unpack_from("<H", content, at + _HEAD)[0], stride), []).append(at)
+                own = single.setdefault((struct.unpack_from("<H", content, at + _HEAD)[0], stride), [])
+                own.append(whole[at : at + stride][None])
             else:
                 table = whole[at : at + alike * stride].reshape(alike, stride)
                 numbers = _column(table, _HEAD, "<u2")
-                for number in np.unique(numbers):
-                    yield self._block(int(number), table[numbers == number] if len(np.unique(numbers)) > 1 else table)
+                several = np.unique(numbers)
+                for number in several.tolist():
+                    single.setdefault((number, stride), []).append(table[numbers == number] if len(several) > 1 else table)
             at += alike * stride
-        for (number, stride), places in single.items():
-            yield self._block(number, np.stack([whole[a : a + stride] for a in places]))
+        for (number, _), parts in single.items():
+            yield self._block(number, np.concatenate(parts) if len(parts) > 1 else parts[0])
 
     def _alike(self, whole: Array, at: int, stride: int) -> int:
         """How many records from one on are messages of its length."""
@@ -134,8 +137,9 @@ class McapFile:
         if kind == _SCHEMA:
             (number,) = struct.unpack_from("<H", body)
             name, at = _text(body, 2)
-            _, at = _text(body, at)
-            self._schemas[number] = name, _text(body, at)[0]
+            written, at = _text(body, at)
+            told = body[at + 4 : at + 4 + struct.unpack_from("<I", body, at)[0]]
+            self._schemas[number] = name, told.decode("latin-1") if written == "protobuf" else told.decode("utf-8", "replace")
         elif kind == _CHANNEL:
             number, schema = struct.unpack_from("<HH", body)
             topic, at = _text(body, 4)

@@ -48,8 +48,13 @@ def _read_json(path: Path) -> Stored:
         for value in whole.values():
             if isinstance(value, list) and len(value) > 1 and all(isinstance(m, dict) for m in value):
                 return table_of_messages(iter(value), path)
-        return columns_of(leaves(_arrays(_named_table(whole))), f"log {path}")
+        return arrays_by_name(whole, path)
     raise DataError(f"log {path}: is JSON, but neither messages nor arrays by name.")
+
+
+def arrays_by_name(whole: dict[str, Any], path: Path) -> Stored:
+    """Columns of a document that holds lists by name. Raises DataError where it holds none."""
+    return columns_of(leaves(_arrays(_named_table(whole))), f"log {path}")
 
 
 def _lines(text: str, path: Path, cut: list[str]) -> Iterator[Any]:
@@ -99,7 +104,7 @@ def _arrays(content: Any, deep: int = 0) -> Any:
 
 def table_of_messages(messages: Iterator[Any], path: Path) -> Stored:
     """Columns of messages: a row each; what some lack is NaN there."""
-    rows = [_flat(message) for message in messages if isinstance(message, dict)]
+    rows = [flat(message) for message in messages if isinstance(message, dict)]
     names: dict[str, None] = {}
     for row in rows:
         names.update(dict.fromkeys(row))
@@ -108,7 +113,7 @@ def table_of_messages(messages: Iterator[Any], path: Path) -> Stored:
     return Stored({name: np.array([row.get(name, np.nan) for row in rows], float) for name in names})
 
 
-def _flat(message: Mapping[str, Any], name: str = "", deep: int = 0) -> dict[str, float]:
+def flat(message: Mapping[str, Any], name: str = "", deep: int = 0) -> dict[str, float]:
     """Numbers of a message by path (`actuators[0].position`); joint states by their joints' names."""
     out: dict[str, float] = {}
     if deep > _DEEP:
@@ -126,7 +131,7 @@ def _flat(message: Mapping[str, Any], name: str = "", deep: int = 0) -> dict[str
         for k, item in items:
             path = f"{name}{key}" if k is None else f"{name}{key}[{named[k]}]" if named else element(f"{name}{key}", k)
             if isinstance(item, dict):
-                out |= _flat(item, f"{path}.", deep + 1)
+                out |= flat(item, f"{path}.", deep + 1)
             elif (number := _number(item)) is not None:
                 out[path] = number
     return out

@@ -15,7 +15,7 @@ from .header import MISSING
 Array = np.ndarray
 _MOMENT = re.compile(
     r"(?:(?P<date>\d{4}[-/]\d{1,2}[-/]\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{2,4})[T ,]+)?(?P<hour>\d{1,2}):(?P<minute>\d{2}):"
-    r"(?P<second>\d{2}(?:[.,]\d+)?)\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?"
+    r"(?P<second>\d{2}(?:[.,:]\d+)?)\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?"
 )
 _DAY = 86_400.0
 #: What stands for the unit of such a column.
@@ -44,7 +44,7 @@ def seconds_of(texts: Array, path: Path, name: str) -> Array:
         hour = int(found["hour"])
         if found["half"]:
             hour = hour % 12 + 12 * (found["half"].lower() == "pm")
-        out[k] = 3600.0 * hour + 60.0 * int(found["minute"]) + float(found["second"].replace(",", ".")) - _zone(found["zone"] or "")
+        out[k] = 3600.0 * hour + 60.0 * int(found["minute"]) + float(re.sub("[,:]", ".", found["second"])) - _zone(found["zone"] or "")
         day = _day(found["date"] or "")
         dated &= day is not None
         out[k] += 0.0 if day is None else _DAY * day

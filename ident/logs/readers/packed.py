@@ -14,6 +14,7 @@ from typing import IO, Any
 
 from ...errors import ConfigurationError, DataError
 from .damage import damage_told
+from .exponents import FRONT, FortranNumbers, has_fortran_numbers
 
 #: Bytes that a packed file may always unpack to, how many times its own size beyond that, and bytes that are unpacked at a time.
 _UNPACKED, _RATIO, _BLOCK = 1 << 28, 200, 1 << 20
@@ -23,7 +24,17 @@ _OPENERS: tuple[tuple[bytes, Callable[..., Any]], ...] = ((b"\x1f\x8b", gzip.ope
 
 
 def open_binary(path: Path) -> IO[bytes]:
-    """The bytes of a file, decompressed if it begins like a packed one; damage in that, wherever it is met, is a DataError."""
+    """The bytes of a file, decompressed if it begins like a packed one; damage in that, wherever it is met, is a DataError. Numbers as
+    Fortran writes them are rewritten."""
+    stream = _opened(path)
+    if isinstance(stream, io.BytesIO):
+        return stream
+    fortran = has_fortran_numbers(stream.read(FRONT))
+    stream.seek(0)
+    return io.BufferedReader(FortranNumbers(stream), _BLOCK) if fortran else stream
+
+
+def _opened(path: Path) -> IO[bytes]:
     with path.open("rb") as raw:
         start = raw.read(6)
     for magic, opener in _OPENERS:

@@ -86,3 +86,18 @@ def onto(clock: Array, messages: Sequence[JointStates]) -> dict[str, Array]:
         if known.any():
             out[name] = np.interp(clock, t[known], values[known], left=np.nan, right=np.nan)
     return out
+
+
+def recent(messages: Sequence[JointStates], moment: float) -> list[JointStates]:
+    """Messages from a moment on, and of each kind the last one before it, between which values at later times lie."""
+    last: dict[tuple[tuple[str, ...], tuple[str, ...]], JointStates] = {}
+    later = list[JointStates]()
+    for s in messages:
+        before = np.flatnonzero(s.stamp < moment)
+        if len(before):
+            row = s.of(before[[int(np.argmax(s.stamp[before]))]])
+            key = s.joints, tuple(s.values)
+            if key not in last or last[key].stamp[0] <= row.stamp[0]:
+                last[key] = row
+        later.append(s.of(s.stamp >= moment))
+    return [*last.values(), *(s for s in later if len(s))]

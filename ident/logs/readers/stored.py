@@ -18,7 +18,8 @@ _START = 512
 
 @dataclass(frozen=True)
 class Stored:
-    """What a file holds: `columns` by name → (N,), all of one length; `units` of those that have one; `notes` on what was left out.
+    """What a file holds: `columns` by name → (N,), all of one length; `units` of those that have one; `notes` on what was left out;
+    `constants`: single numbers beside them, by name.
 
     Columns of an array are named `name[0]`, `name[1]` …, or `name[joint]` where the file names its joints.
 
@@ -33,6 +34,7 @@ class Stored:
     columns: Mapping[str, Array]
     units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -44,9 +46,9 @@ class Stored:
 class Chunked:
     """A file whose columns can be read in chunks, in memory that does not grow with it; all of them are what `LogFormat.read` gives.
 
-    `names` and `units` as in `Stored`; `read`: (names, first row) → chunks of columns, in order; `sample`: names → rows from all over the
-    file, by which columns are recognised (all of a file that is not long); `rows`: how many there are, 0 where that is not known;
-    `notes` on what was left out."""
+    `names`, `units` and `constants` as in `Stored`; `read`: (names, first row) → chunks of columns, in order; `sample`: names → rows from
+    all over the file, by which columns are recognised (all of a file that is not long); `rows`: how many there are, 0 where that is not
+    known; `notes` on what was left out."""
 
     names: tuple[str, ...]
     read: Callable[[Sequence[str], int], Iterator[dict[str, Array]]]
@@ -54,6 +56,7 @@ class Chunked:
     rows: int = 0
     units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    constants: Mapping[str, float] = field(default_factory=dict)
 
 
 def _one(path: Path) -> Sequence[str]:

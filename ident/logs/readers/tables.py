@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import DataError
-from . import arrays, bag, cells, hdf5, lists, mat, messages, scope, unread  # the formats that are registered
+from . import arrays, bag, cells, channel_rows, hdf5, lists, mat, messages, scope, unread, yaml_documents  # the formats that are registered
 from .damage import damage_told
 from .dialect import text_header
 from .header import MISSING, Header, check_file, is_number, numeric, seconds
@@ -24,7 +24,7 @@ Array = np.ndarray
 #: The formats that come with the package.
 BUILT_IN = (
     arrays.NPZ, arrays.NPY, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, lists.ARROW, scope.SCOPE,
-    cells.CELLS, bag.BAG, unread.UNREAD,
+    cells.CELLS, channel_rows.CHANNEL_ROWS, yaml_documents.YAML, bag.BAG, unread.UNREAD,
 )  # fmt: skip
 _PARQUET = (".parquet", ".pq")
 #: Rows that tell the size of a time.

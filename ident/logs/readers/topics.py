@@ -56,9 +56,9 @@ def blocks(path: Path, wanted: Callable[[Channel], bool], said: list[str] | None
             for connection, received, raw in reader.messages(connections=chosen):
                 own = gathered[connection.id, len(raw)]
                 own.append((received, bytes(raw)))
-                if len(own) >= _GATHERED:
-                    yield _block(known[connection.id], own)
-                    own.clear()
+                if len(own) >= _GATHERED:  # with those of other topics that came meanwhile
+                    yield from (_block(known[number], held) for (number, _), held in gathered.items() if held)
+                    gathered.clear()
         for (number, _), own in gathered.items():
             if own:
                 yield _block(known[number], own)

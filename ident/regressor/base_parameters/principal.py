@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..._utils.singular_values import svd
 from ...errors import ConfigurationError
 from .expressions import expression
 
@@ -74,7 +75,7 @@ def principal_parameters(R: Any, names: Sequence[str], *, rows: int | None = Non
     unit = np.ones(k) if scale is None else np.asarray(scale, float)
     if unit.shape != (k,) or np.any(unit <= 0):
         raise ConfigurationError(f"scale must hold {k} positive numbers.")
-    _, s, Vt = np.linalg.svd(R * unit, full_matrices=True)
+    _, s, Vt = svd(R * unit, full_matrices=True)
     sensitivity = np.zeros(k)
     sensitivity[: len(s)] = s
     sense = np.sign(Vt[np.arange(k), np.argmax(np.abs(Vt), axis=1)])

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._utils.short_repr import ShortRepr
+from ..._utils.singular_values import svd
 from .base_form import BaseForm, body_names, rotor_names
 from .degenerate import near_degenerate
 from .expressions import LINK_PREFERENCE, link_parameter_names
@@ -84,7 +85,7 @@ class _Ranks:
         noise *= np.sqrt(len(rows))
         if not rotors.size and len(rows) > 2 * rows.shape[1]:
             rows = np.asarray(np.linalg.qr(rows, mode="r"))  # the same span in fewer rows
-        U, s, Vt = np.linalg.svd(rows, full_matrices=bool(rotors.size))
+        U, s, Vt = svd(rows, full_matrices=bool(rotors.size))
         r = int((s > max(self.tolerance * max(1.0, s[0]), noise)).sum())
         self.kept += list(np.minimum(s[:r] / max(1.0, s[0]), 1.0))
         self.dropped += list(s[r:])
@@ -100,7 +101,7 @@ class _Ranks:
         noise *= np.sqrt(len(rows))
         if len(rows) > 300:
             rows = np.asarray(np.linalg.qr(rows, mode="r"))
-        _, s, Vt = np.linalg.svd(rows, full_matrices=False)
+        _, s, Vt = svd(rows, full_matrices=False)
         r = int((s > max(self.tolerance, noise)).sum())
         if r == rows.shape[1] and s[-1] >= _FAINT:
             return _WHOLE[r]
