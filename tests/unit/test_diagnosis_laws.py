@@ -151,3 +151,24 @@ def test_noise_that_is_loud_where_an_effect_is_large_widens_its_interval() -> No
         (finding,) = [f for f in found.findings if f.name == "viscous"]
         std.append(finding.parameters[0].std)
     assert std[1] > 1.2 * std[0], std
+
+
+def test_a_leftover_of_position_and_of_speed_is_described_by_two_laws() -> None:
+    """Their parameters once had one name, which ended the diagnosis with an error."""
+
+    def both(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        fast = float(np.quantile(np.abs(v), 0.6))
+        return 40.0 * np.maximum(q - float(np.quantile(q, 0.6)), 0.0) + 12.0 * np.sin(6.0 * v) * (np.abs(v) < fast)
+
+    found = diagnosed(recorded(17, both), recorded(18, both))
+    assert found.verdict is Verdict.UNEXPLAINED
+
+
+def test_a_drift_is_no_smooth_law_of_time_alone() -> None:
+    """Coulomb friction that warms up is named, although a spline of time does all that it does."""
+
+    def warming(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        return 3.0 * np.exp(-t / 18.0) * np.sign(v)
+
+    found = diagnosed(recorded(15, warming), recorded(16, warming))
+    assert "temperature_drift_coulomb" in {f.name for f in found.findings}, str(found)

@@ -73,6 +73,7 @@ def shapes(motions: list[Motion], speeds: Array) -> Iterator[tuple[str, int, lis
             if i != j and speeds[i] > 0:
                 other = np.abs(w[:, i])
                 both = np.stack([other, np.tanh(other / (0.1 * speeds[i]))], axis=1)
+                yield f"speed of joint {i + 1}", j, split(both * np.sign(w[:, [i]]))
                 yield f"speed of joint {i + 1} and direction of motion", j, split(s * both)
                 yield f"position of joint {i + 1} and direction of motion", j, split(s * hats(q[:, i], 5))
                 around = np.stack([np.sin(q[:, i]), np.cos(q[:, i])], axis=1)
