@@ -113,7 +113,7 @@ def test_a_stop_is_no_spring() -> None:
 
     def stop(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
         edge = float(np.quantile(q, 0.7))
-        return 25.0 * np.maximum(q - edge, 0.0)
+        return 8.0 * np.maximum(q - edge, 0.0)
 
     found = diagnosed(recorded(9, stop), recorded(9, stop))
     assert found.verdict is Verdict.UNEXPLAINED, str(found)
@@ -158,7 +158,7 @@ def test_a_leftover_of_position_and_of_speed_is_described_by_two_laws() -> None:
 
     def both(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
         fast = float(np.quantile(np.abs(v), 0.6))
-        return 40.0 * np.maximum(q - float(np.quantile(q, 0.6)), 0.0) + 12.0 * np.sin(6.0 * v) * (np.abs(v) < fast)
+        return 8.0 * np.maximum(q - float(np.quantile(q, 0.6)), 0.0) + 4.0 * np.sin(6.0 * v) * (np.abs(v) < fast)
 
     found = diagnosed(recorded(17, both), recorded(18, both))
     assert found.verdict is Verdict.UNEXPLAINED
@@ -168,7 +168,7 @@ def test_a_drift_is_no_smooth_law_of_time_alone() -> None:
     """Coulomb friction that warms up is named, although a spline of time does all that it does."""
 
     def warming(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
-        return 3.0 * np.exp(-t / 18.0) * np.sign(v)
+        return 5.0 * np.exp(-t / 35.0) * np.sign(v)
 
     found = diagnosed(recorded(15, warming), recorded(16, warming))
     assert "temperature_drift_coulomb" in {f.name for f in found.findings}, str(found)
