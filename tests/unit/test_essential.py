@@ -26,7 +26,7 @@ class Case:
     true: dict[str, float]
 
 
-def case(seed: int, noise: float = 0.05, held_noise: float = 0.05) -> Case:
+def case(seed: int, noise: float = 0.05, held_noise: float = 0.05, truth: dict[str, float] = TRUTH) -> Case:
     """A SCARA with little friction, fitted with a model that declares much more of it."""
     robot = ident.load_robot("scara")
     names = ("viscous", "coulomb", "offset", "linear_spring")
@@ -34,7 +34,7 @@ def case(seed: int, noise: float = 0.05, held_noise: float = 0.05) -> Case:
     values = nominal_values(model)
     for i, p in enumerate(model.parameters):
         if p.effect != "rigid_body":
-            values[i] = TRUTH.get(p.name, 0.0)
+            values[i] = truth.get(p.name, 0.0)
     logs = [recorded(robot, model, values, seed + k, 38.0, level) for k, level in enumerate((noise, held_noise))]
     train, test = (ident.LogSet((log,)) for log in logs)
     estimate = ident.fit(train, robot, model=model, held=0, preparation=ident.ZeroPhase(cutoff_hz=10.0))
@@ -47,7 +47,7 @@ def usual() -> Case:
     return case(11)
 
 
-def by_hand(estimate: ident.Estimate, level: float) -> list[tuple[str, float, float, float, float, float]]:
+def by_hand(estimate: ident.Estimate, level: float, level_all: float | None = None) -> list[tuple[str, float, float, float, float, float]]:
     """Name, value, F and p alone, F and p together: least squares on the rows, explicit inverses, the definition of each test."""
     from scipy.stats import f
 
@@ -74,7 +74,7 @@ def by_hand(estimate: ident.Estimate, level: float) -> list[tuple[str, float, fl
         theta = estimate.values[gone]
         together = float(theta @ np.linalg.inv(estimate.covariance[np.ix_(gone, gone)]) @ theta) / len(gone)
         p, p_all = float(f.sf(alone, 1, freedom)), float(f.sf(together, len(gone), freedom))
-        if p < level or p_all < level:
+        if p < level or p_all < (level if level_all is None else level_all):
             break
         out.append((estimate.names[gone[-1]], values[worst], alone, p, together, p_all))
     return out
@@ -86,6 +86,16 @@ def test_every_step_is_the_wald_test_of_a_regression_on_the_rows(usual: Case) ->
     assert [r.name for r in found.removed] == [e[0] for e in expected]
     table = [(r.value, r.f, r.p, r.f_all, r.p_all) for r in found.removed]
     np.testing.assert_allclose(table, [e[1:] for e in expected], rtol=1e-5)
+
+
+def test_many_that_are_hardly_significant_alone_are_so_together(usual: Case) -> None:
+    """Friction of two standard deviations each: each alone may go, all together may not."""
+    std = dict(zip(usual.estimate.names, usual.estimate.std.tolist(), strict=True))
+    faint = {name: 2.0 * s for name, s in std.items() if name.startswith(("F", "offset", "ks"))}
+    estimate = case(11, truth=faint | TRUTH).estimate
+    expected, alone = by_hand(estimate, 0.05), by_hand(estimate, 0.05, 0.0)
+    assert len(expected) < len(alone)
+    assert [r.name for r in ident.essential(estimate).removed] == [e[0] for e in expected]
 
 
 def test_kept_values_and_stds_are_those_of_a_fit_of_the_kept_columns(usual: Case) -> None:
@@ -124,13 +134,17 @@ def test_what_is_zero_goes_what_is_not_stays_and_the_held_out_error_with_it(seed
         assert abs(value - one.true[name]) < 5 * std, name
 
 
-def test_held_out_data_bring_back_what_the_noisy_fit_could_not_see() -> None:
-    """A loud log shows little; a quiet one, held out, is predicted worse without parameters that are there."""
-    one = case(51, noise=1.5, held_noise=0.001)
-    tests_alone, found = ident.essential(one.estimate), ident.essential(one.estimate, one.held)
-    order = [r.name for r in tests_alone.removed]
-    assert found.restored
+def test_held_out_data_bring_back_what_they_show(usual: Case) -> None:
+    """Held-out data made of the whole fit's own values, with hardly any noise: everything that is removed is missed there."""
+    estimate = usual.estimate
+    robot = estimate.model.robot
+    log = recorded(robot, estimate.model, estimate.all_values, 77, 38.0, 1e-4)
+    held = ident.ZeroPhase(cutoff_hz=10.0)(ident.LogSet((log,)), robot)
+    order = [r.name for r in ident.essential(estimate).removed]
+    found = ident.essential(estimate, held)
+    assert order
     assert [*(r.name for r in found.removed), *found.restored] == order
+    assert found.restored
     assert set(found.restored) <= set(found.reduced.names)
     assert found.comparison is not None
     assert found.comparison.gain >= -1.645 * found.comparison.gain_std
