@@ -20,7 +20,7 @@ from ident.drives import DriveFit, DriveLaw, fit_drives
 from ident.drives.determined import Standing
 from ident.logs.log import LogSet
 
-from .commanded import PENDULUM, commanded_log
+from .commanded import DRIVE_HZ, PENDULUM, commanded_log
 
 IIWA = Path(__file__).parents[1] / "excitation/iiwa14.urdf"
 EFFECTS = ("rotor_inertia", "viscous", "coulomb", "offset")
@@ -137,6 +137,10 @@ def counted(fit: DriveFit, truth: dict[str, Any], period: float, seconds: float)
     true = {f"{key}_{joint}": np.ones(fit.model.robot.n)[j] * np.broadcast_to(truth[key], fit.model.robot.n)[j]
             for key in ("kp", "kd", "Ia", "Fv", "Fc", "offset") for j, joint in enumerate(fit.model.robot.joint_names)}  # fmt: skip
     true["delay"] = truth["delay"]
+    # The truth's drive holds its readings for 1/DRIVE_HZ: late by half of that, its kp damps less, and its kd takes inertia off.
+    for joint in fit.model.robot.joint_names:
+        true[f"Fv_{joint}"] -= true[f"kp_{joint}"] / (2 * DRIVE_HZ)
+        true[f"Ia_{joint}"] -= true[f"kd_{joint}"] / (2 * DRIVE_HZ)
     decided = fit.determination
     assert decided is not None
     together = {u.name for u in fit.unknowns if u.place == "kd"} | {

@@ -30,9 +30,10 @@ from . import coverage
 DRIVE = ("rotor_inertia", "viscous", "coulomb", "offset")
 LOADED = (*DRIVE, "load_dependent_friction")
 SPRUNG = (*LOADED, "linear_spring")
-#: Friction that follows the drive's torque: with its square, and with more of it at low speed (the speed as published for this servo).
+#: Friction that follows the drive's torque: with its square, and with more of it at low speed. That speed decides what a joint that came to
+#: rest under load does next, and is chosen as everything else is: rad/s, half a decade apart.
 GEAR = {"gear_loss": "identify", "gear_loss_square": "identify"}
-SLOW = {**GEAR, "gear_loss_slow": "identify", "slow_speed": 0.78}
+SLOW = tuple({**GEAR, "gear_loss_slow": "identify", "slow_speed": speed} for speed in (0.03, 0.1, 0.3))
 #: A delay of each joint of its own.
 EACH = {"delay_s": ["identify"] * 12}
 #: The AK80's feed-forward moves, so that the scale of its torque can be seen beside kp and kd.
@@ -76,7 +77,7 @@ def cases(short: bool) -> list[Case]:
     if short:
         return found
     duty = {f"*kp{k}_*": {"kp": _XL330 * k} for k in (100, 200, 400, 800)}
-    servo = tuple((effects, more) for effects in (DRIVE, LOADED) for more in ({}, GEAR, SLOW))
+    servo = tuple((effects, more) for effects in (DRIVE, LOADED) for more in ({}, GEAR, *SLOW))
     every = sorted(f.name.removesuffix(".csv.gz") for f in (data() / "xl330_pendulum").glob("*.csv.gz"))
     for held in ("kp100_sin_sin", "kp200_up_and_down", "kp400_lift_and_drop", "kp400_sin_time_square", "kp800_up_and_down"):
         rest = tuple(name for name in every if name != f"xl330_{held}")

@@ -6,6 +6,7 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from .._utils.files import write_atomic
 from .._utils.json import result
 from .._utils.text import wrapped
 from ..drives import DriveFit, DriveLog, fit_drives
@@ -13,6 +14,8 @@ from ..drives.plant import DrivePlant
 from ..drives.seen import seen_in
 from ..errors import ConfigurationError
 from ..logs.reading import read_logs
+from ..reporting import report
+from ..reporting.commanded import drive_report
 from ..study.session import HELD_SHARE
 from .common import Output
 
@@ -48,7 +51,7 @@ def fit_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
         out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
     if out.json:
         out.result(fit.to_dict())
-    _keep(fit, out)
+    _keep(fit, held, out)
     return 0 if fit.settled else 1
 
 
@@ -88,10 +91,17 @@ def _read(study: Study, robot: Robot, files: Iterable[Path]) -> LogSet:
     return read_logs([*map(str, files)], robot, study.columns or None, **study.reading())
 
 
-def _keep(fit: DriveFit, out: Output) -> None:
+def _keep(fit: DriveFit, shown: LogSet, out: Output) -> None:
+    """The fit, its text, and the report with the motion of the first log in `shown`."""
     with out.together() as folder:
         if folder is not None:
             fit.save(folder / "fit.json")
             out.keep("fit.txt", fit.summary() + "\n")
+            document = drive_report(fit, shown)
+            write_atomic(folder / "report.json", document.to_json())
+            try:
+                report(document, folder / "report.html", figures=folder / "figures")
+            except ConfigurationError as error:  # without the drawing library everything else is still of use
+                out.note(f"no report.html: {error}")
     if out.folder is not None:
-        out.note(f"saved {out.folder / 'fit.json'}")
+        out.note(f"saved {out.folder / 'fit.json'}, report")

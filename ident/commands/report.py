@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .._utils.structured import read_json
 from ..drawing.document import read_report
 from ..drawing.figures import require_matplotlib
+from ..drives.result import is_drive_fit
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..reporting import report, report_of
@@ -58,6 +59,8 @@ def _document(path: Path, args: argparse.Namespace) -> Report:
     match _schema(path):
         case "ident.report/1":
             return read_report(path)
+        case "ident.fit/1" if is_drive_fit(read_json(path, "fit")):
+            return read_report(path.parent / _KEPT)
         case "ident.fit/1":
             return report_of(Estimate.load(path))
         case schema if (path.parent / _KEPT).exists() and schema in ("ident.diagnosis/1", "ident.monitor/1"):

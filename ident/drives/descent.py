@@ -13,13 +13,16 @@ Array = np.ndarray
 _TRIED = np.array([0.03, 0.3, 3.0, 30.0, 1000.0])
 #: A step that lowers the cost by less than this share ends the search.
 SETTLED = 1e-5
-#: Share of a parameter's size by which it is moved for a derivative.
-_NUDGE = 3e-3
+#: Share of a parameter's size by which it is moved for a derivative: of a step, and of an interval. Where a joint comes to rest a step of
+#: time earlier the motion has a small corner, and many of them make a derivative rough: over a wide difference they average out. Rough
+#: derivatives are never quite alike, and what a log hardly distinguishes would seem distinguished.
+_NUDGE, _WIDE = 3e-3, 6e-2
 #: What scales with the torque of a joint, and the factors that are tried.
 _TORQUE = ("armature", "viscous", "dry", "excess", "offset", "spring", "kp", "kd", "back_emf", "torque_scale", "effort_limit")
 _FACTORS = (1.0, 0.1, 0.3, 0.6, 0.8, 0.9, 1.1, 1.25, 1.6, 3.0, 10.0)
-#: Seconds of a step of the last search at most: where a joint comes to rest depends on them.
-_FINE = 2.5e-4
+#: Seconds of a step of the last search at most, and steps in a sample at least: where a joint comes to rest depends on them, and the more
+#: samples there are, the less of that may be left.
+_FINE, _OF_A_SAMPLE = 2.5e-4, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +41,8 @@ class SimulatedSearch:
 
     def fine(self) -> SimulatedSearch:
         """The same with residuals of smaller steps of time; what they change by is that of the usual ones."""
-        return replace(self, exact=replace(self.plant, step=min(_FINE, self.plant.longest)))
+        period = min(log.period for log in self.plant.logs)
+        return replace(self, exact=replace(self.plant, step=min(_FINE, period / _OF_A_SAMPLE, self.plant.longest)))
 
     def coarse(self) -> SimulatedSearch:
         """The same in larger steps of time, where the samples leave room for them."""
@@ -61,14 +65,15 @@ class SimulatedSearch:
 
     def linear(self, values: Array, central: bool = False) -> tuple[Array, Array]:
         """Residual (N, n) and its derivatives (N, n, p), by differences: one-sided, or `central` where their precision counts."""
-        nudge = _NUDGE * np.maximum(np.abs(values), self.sizes)
+        share = _WIDE if central else _NUDGE
+        nudge = share * np.maximum(np.abs(values), self.sizes)
         slots = self._slots()
         ahead = np.tile(values, (len(slots), 1))
         for row, members in zip(ahead, slots, strict=True):
             row[members] += nudge[members]
         behind = 2.0 * values - ahead if central else ahead[:0]
         exchanges = self._exchanges(values) if central else []
-        along = [values + sign * _NUDGE * d for _, d in exchanges for sign in (1.0, -1.0)]
+        along = [values + sign * share * d for _, d in exchanges for sign in (1.0, -1.0)]
         found = joined(self.plant.positions(np.concatenate([values[None], ahead, behind, *(x[None] for x in along)])))
         plain, moved = found[0], found[1 : len(slots) + 1]
         change = 0.5 * (moved - found[len(slots) + 1 : 2 * len(slots) + 1]) if central else moved - plain
@@ -84,7 +89,7 @@ class SimulatedSearch:
             others = np.where(np.arange(len(values)) == pivot, 0.0, direction)
             # A drive that is off: its constants move nothing, and nothing is to be said of them.
             if np.any(slopes[..., pivot]):
-                slopes[..., pivot] = ((one - other) / (2.0 * _NUDGE) - slopes @ others) / direction[pivot]
+                slopes[..., pivot] = ((one - other) / (2.0 * share) - slopes @ others) / direction[pivot]
         residual = plain - self.measured if self.exact is None else self.residual(values)
         return residual, np.nan_to_num(slopes)
 

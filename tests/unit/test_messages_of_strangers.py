@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -181,6 +182,27 @@ def test_protocol_buffers_in_mcap(tmp_path: Path, kind: str) -> None:
     path.write_bytes(path.read_bytes()[:-300])
     (log,) = ident.read_logs(path, robot() if kind == "by names" else None)
     assert any("ends in the middle of a record" in note for note in log.notes)
+
+
+def test_damaged_protocol_buffers_are_told(tmp_path: Path) -> None:
+    """Whatever stands on the wire, the reader ends with a message of ours."""
+    pytest.importorskip("rosbags")
+    rng = np.random.default_rng(0)
+    for kind, schema in SCHEMAS.items():
+        whole = _mcap(tmp_path / "a.mcap", kind, schema).read_bytes()
+        first = whole.index(_sent(kind, 1))
+        for _ in range(40):
+            raw = bytearray(whole)
+            raw[first + int(rng.integers(len(_sent(kind, 1))))] = int(rng.integers(256))
+            (tmp_path / "b.mcap").write_bytes(raw)
+            with suppress(ident.DataError):
+                ident.read_logs(tmp_path / "b.mcap")
+    raw = bytearray(whole)
+    assert raw[first + 10] == 2 << 3 | 2
+    raw[first + 10] = 2 << 3  # doubles, as a number of variable length
+    (tmp_path / "b.mcap").write_bytes(raw)
+    with pytest.raises(ident.DataError, match="a message cannot be decoded"):
+        ident.read_logs(tmp_path / "b.mcap")
 
 
 def test_protocol_buffers_as_their_own_library_writes_them(tmp_path: Path) -> None:

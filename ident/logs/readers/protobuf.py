@@ -38,8 +38,8 @@ def decoded_message(raw: bytes, schema: bytes, msgtype: str) -> dict[str, Any]:
         raise ValueError(f"its schema does not define {msgtype!r}")
     try:
         return _message(memoryview(raw), types, msgtype.lstrip("."), 0)
-    except (struct.error, IndexError) as error:
-        raise ValueError(f"a message that ends too early ({error})") from None
+    except (struct.error, IndexError, TypeError) as error:  # what is too short, or stands on the wire as another kind
+        raise ValueError(f"a message that is not what its schema says ({error})") from None
 
 
 @lru_cache(maxsize=16)

@@ -1,0 +1,75 @@
+"""The report of a fit under a drive law: measured motion, our replay and MuJoCo's rollout of the exported model in one figure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..drawing.document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, plain
+from ..drives.commands import DriveLog
+from ..drives.plant import DrivePlant
+from ..errors import IdentError
+from ..exporting.rollout import mujoco_rollout
+
+if TYPE_CHECKING:
+    from ..drives.result import DriveFit
+    from ..logs.log import LogSet
+
+Array = np.ndarray
+#: Panels and points of a line at most.
+_SHOWN_JOINTS, _POINTS = 6, 1500
+
+
+def drive_report(fit: DriveFit, logs: LogSet) -> Report:
+    """What was found, and the motion of the first of `logs`: measured, simulated, and rolled out by MuJoCo where it is installed and the
+    exported file takes what the log holds."""
+    robot = fit.model.robot
+    log = DriveLog.of(next(iter(logs)), robot, fit.law)
+    ours = DrivePlant(fit.model, fit.law, (log,)).positions(fit.values)[0][0]
+    theirs, why = None, ""
+    try:
+        theirs = mujoco_rollout(fit, log)
+    except IdentError as error:
+        why = f"Not rolled out by MuJoCo: {error}"
+    sections: list[Section] = [Text("What the logs determine", tuple(fit.summary().splitlines()))]
+    sections += [_table(fit, log, ours, theirs), _figure(fit, log, ours, theirs)]
+    if why:
+        sections.append(Text("MuJoCo", (why,)))
+    size = float(np.sqrt(np.mean(np.square(ours - log.q))))
+    headline = f"Error of simulated position in log {log.name}: {plain(size)} (rms, rad or m)"
+    return Report(headline, "ok" if fit.settled else "ambiguous", f"{robot.name}, {robot.n} joints; law {fit.law.kind}", tuple(sections))
+
+
+def _units(fit: DriveFit) -> list[tuple[float, str]]:
+    return [(1e3, "mm") if joint.prismatic else (180 / np.pi, "deg") for joint in fit.model.robot.joints]
+
+
+def _table(fit: DriveFit, log: DriveLog, ours: Array, theirs: Array | None) -> Table:
+    def rms(x: Array, j: int, scale: float) -> str:
+        return plain(scale * float(np.sqrt(np.mean(np.square(x[:, j])))))
+
+    rows = []
+    for j, (scale, unit) in enumerate(_units(fit)):
+        apart = ("–", "–") if theirs is None else (rms(theirs - log.q, j, scale), rms(theirs - ours, j, scale))
+        rows.append((fit.model.robot.joint_names[j], unit, rms(log.q - log.q.mean(axis=0), j, scale), rms(ours - log.q, j, scale), *apart))
+    head = ("joint", "unit", "motion", "our replay", "MuJoCo", "MuJoCo from ours")
+    note = f"Rms over log {log.name}, open loop from its first sample under the logged commands."
+    return Table("Error of simulated position", head, tuple(rows), note, left=2)
+
+
+def _figure(fit: DriveFit, log: DriveLog, ours: Array, theirs: Array | None) -> Figure:
+    """The joints with the largest error for their motion."""
+    error = np.sqrt(np.mean(np.square(ours - log.q), axis=0)) / np.maximum(np.std(log.q, axis=0), 1e-12)
+    order = np.sort(np.argsort(-error)[:_SHOWN_JOINTS])
+    thin = slice(None, None, max(1, len(log.t) // _POINTS))
+    lines = [(Role.MEASURED, log.q, "measured"), (Role.AFTER, ours, "our replay")]
+    if theirs is not None:
+        lines.append((Role.BEFORE, theirs, "MuJoCo's rollout of the exported model"))
+    panels, units = [], _units(fit)
+    for j in order:
+        scale, unit = units[int(j)]
+        layers = tuple(Layer.of(BlockKind.LINE, role, log.t[thin], scale * x[thin, int(j)], label=label) for role, x, label in lines)
+        panels.append(Panel(fit.model.robot.joint_names[int(j)], "time (s)", f"position ({unit})", layers))
+    caption = f"Log {log.name}: open loop from its first sample under the logged commands."
+    return Figure("commanded", "Measured, our replay, and MuJoCo", caption, tuple(panels), columns=1)
