@@ -187,7 +187,7 @@ def essential(estimate: Estimate, held: Signals | None = None, level: float = 0.
     >>> train, test = ident.demo_logs()
     >>> robot = ident.load_robot("puma560")
     >>> essential = ident.essential(ident.fit(train, robot, held=0), ident.ZeroPhase()(test, robot))
-    >>> abs(essential.comparison.gain) < 0.01
+    >>> essential.reduced.heldout_error.relative_all < 0.01
     True
     """
     if not 0 < level < 1:
