@@ -12,7 +12,7 @@ Logs (read, check and prepare what was recorded): `read_logs`, `demo_logs`, `aud
 Models (what the torque is made of): `Model`, `Effect`, `Motion`, `effect_names`, `make_effect`, `base`.
 Identification (parameters with covariance): `fit`, `Problem`, `MomentumProblem`, `EnergyProblem`, `Information`,
     `make_estimator`, `Estimate`, `Status`, `StatusCode`.
-Evaluation (on data that no fit saw): `validate`, `Validation`, `compare`, `Comparison`.
+Evaluation (on data that no fit saw): `validate`, `Validation`, `compare`, `Comparison`, `essential`, `Essential`.
 Diagnosis (what the model lacks, and what has changed): `diagnose`, `Diagnosis`, `next_motion`, `monitor`.
 Physics (possible, consistent, loaded): `judge`, `repair`, `payload`.
 Experiments (motions to run, and simulated runs): `excite`, `plan`, `simulate`.
@@ -70,6 +70,8 @@ _WHERE: dict[str, tuple[str, str]] = {
     "Validation": ("evaluation", "Validation"),
     "compare": ("evaluation", "compare"),
     "Comparison": ("evaluation", "Comparison"),
+    "essential": ("evaluation", "essential"),
+    "Essential": ("evaluation", "Essential"),
     "diagnose": ("diagnosis", "diagnose"),
     "Diagnosis": ("diagnosis", "Diagnosis"),
     "next_motion": ("diagnosis", "next_motion"),
@@ -99,6 +101,7 @@ __all__ = [
     "Diagnosis",
     "Effect",
     "EnergyProblem",
+    "Essential",
     "Estimate",
     "IdentError",
     "Information",
@@ -127,6 +130,7 @@ __all__ = [
     "diagnose",
     "effect_names",
     "effects",
+    "essential",
     "estimators",
     "excite",
     "export",
@@ -177,7 +181,7 @@ if TYPE_CHECKING:
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
     from .estimate import Estimate, Status, StatusCode
     from .estimators import make_estimator
-    from .evaluation import Comparison, Validation, compare, validate
+    from .evaluation import Comparison, Essential, Validation, compare, essential, validate
     from .excitation import excite
     from .exporting import export
     from .logs import Log, LogSet, demo_logs, read_logs

@@ -43,7 +43,7 @@ COMMANDS = (
     "base --urdf arm.urdf",
     "fit --urdf arm.urdf --log a.csv --validate b.csv --out f",
     "fit --urdf arm.urdf --log a.csv --method iv",
-    "fit --urdf arm.urdf --log a.csv --method irls",
+    "fit --urdf arm.urdf --log a.csv --method irls --essential",
     "fit servo.toml",
     "validate --fit f --validate b.csv",
     "diagnose --urdf arm.urdf --log b.csv --out g",

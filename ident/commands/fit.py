@@ -6,10 +6,14 @@ import argparse
 import textwrap
 from dataclasses import replace
 
+from .._utils.json import jsonable
 from .._utils.text import wrapped
 from ..effects.registry import effect_names
+from ..errors import DataError, UnsupportedError
+from ..estimate.estimate import Estimate
 from ..estimate.status import StatusCode
 from ..estimators import estimator_types
+from ..evaluation import Essential, essential
 from ..evaluation.doubts import all_turned
 from ..streaming.session import StreamedSession
 from ..study.session import HELD_SHARE, Session
@@ -27,12 +31,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-error", type=not_negative, metavar="SHARE", help="exit with 1 if the relative held-out error over all joints exceeds this"
     )
+    parser.add_argument(
+        "--essential",
+        action="store_true",
+        help="also the essential model: without the parameters that are zero within what the data tell, unless the held-out error grows",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
     study = study_from(args)
     if asks_for_simulation(study):
+        if args.essential:
+            raise UnsupportedError("--essential needs logs with torque, not a drive law ([drive] law).")
         return fit_under_law(study, args, out)
     with session_from(args, study, out, "fitting") as session:
         return _fitted(session, args, out)
@@ -52,12 +63,16 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
         out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
     # What the audit warns of goes with the result, wherever that is read.
     estimate = replace(estimate, warnings=(*(f"audit: {finding}" for finding in session.audit.warnings), *estimate.warnings))
+    smaller = _essential(session, estimate, out) if args.essential else None
     if out.json:
-        out.result(estimate.to_dict())
+        out.result(estimate.to_dict() | ({} if smaller is None else {"essential": jsonable(smaller.to_dict())}))
     with out.together() as folder:
         if folder is not None:
             estimate.save(folder / "fit.json")
             out.keep("fit.txt", estimate.summary() + "\n")
+            if smaller is not None:
+                smaller.reduced.save(folder / "essential.fit.json")
+                out.keep("essential.txt", f"{smaller}\n")
     if out.folder is not None:
         out.note(f"saved {out.folder / 'fit.json'}")
     if args.max_error is not None:
@@ -69,6 +84,17 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
             out.note(f"gate: relative held-out error {heldout:.4g} exceeds {args.max_error:g}")
             return 1
     return 1 if estimate.status.code == StatusCode.NOT_CONVERGED else 0
+
+
+def _essential(session: Session, estimate: Estimate, out: Output) -> Essential:
+    """The essential model, printed; kept by held-out data where there are any (a warning of the fit says where there are none)."""
+    try:
+        held = session.held_signals
+    except DataError:
+        held = None
+    found = essential(estimate, held)
+    out.say(f"\n{found}")
+    return found
 
 
 def _methods() -> str:

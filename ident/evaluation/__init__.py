@@ -1,8 +1,9 @@
-"""Evaluation on held-out data: validation and comparison."""
+"""Evaluation on held-out data: validation, comparison, and the essential model."""
 
 from __future__ import annotations
 
 from .comparison import Comparison, compare
+from .essential_model import Essential, essential
 from .validation import Validation, validate
 
-__all__ = ["Comparison", "Validation", "compare", "validate"]
+__all__ = ["Comparison", "Essential", "Validation", "compare", "essential", "validate"]
