@@ -1,4 +1,4 @@
-"""`ident fit` on logs of commands without torque: model and drive law by simulation in closed loop."""
+"""Logs of commands without torque: what a study says of them, and what they hold."""
 
 from __future__ import annotations
 
@@ -6,16 +6,12 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from .._utils.files import write_atomic
 from .._utils.json import result
-from .._utils.text import wrapped
-from ..drives import DriveFit, DriveLog, fit_drives
+from ..drives import DriveLog
 from ..drives.plant import DrivePlant
 from ..drives.seen import seen_in
 from ..errors import ConfigurationError
 from ..logs.reading import read_logs
-from ..reporting import report
-from ..reporting.commanded import drive_report
 from ..study.session import HELD_SHARE
 from .common import Output
 
@@ -35,24 +31,6 @@ def asks_for_simulation(study: Study) -> bool:
     """Whether a study declares a law from command to torque, and no method that needs a torque."""
     law = study.description.whole_drive().law
     return law not in (None, "torque", "current") and study.estimator.method in (None, METHOD)
-
-
-def fit_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
-    """Fit, say what was found, keep it. Returns the exit code."""
-    if args.max_error is not None:
-        raise ConfigurationError("--max-error is a torque error, which a fit by simulation does not have; see its position error.")
-    robot, law, recorded = read_commanded(study)
-    logs, held = split_commanded(study, robot, recorded)
-    for note in (*robot.notes, *recorded.notes):
-        out.say(wrapped(f"note: {note}"))
-    fit = fit_drives(logs, study.model(robot), law, held=held, progress=out.progress("fitting"))
-    out.say(fit.summary())
-    if not study.validation_files():
-        out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
-    if out.json:
-        out.result(fit.to_dict())
-    _keep(fit, held, out)
-    return 0 if fit.settled else 1
 
 
 def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
@@ -89,19 +67,3 @@ def split_commanded(study: Study, robot: Robot, recorded: LogSet) -> tuple[LogSe
 
 def _read(study: Study, robot: Robot, files: Iterable[Path]) -> LogSet:
     return read_logs([*map(str, files)], robot, study.columns or None, **study.reading())
-
-
-def _keep(fit: DriveFit, shown: LogSet, out: Output) -> None:
-    """The fit, its text, and the report with the motion of the first log in `shown`."""
-    with out.together() as folder:
-        if folder is not None:
-            fit.save(folder / "fit.json")
-            out.keep("fit.txt", fit.summary() + "\n")
-            document = drive_report(fit, shown)
-            write_atomic(folder / "report.json", document.to_json())
-            try:
-                report(document, folder / "report.html", figures=folder / "figures")
-            except ConfigurationError as error:  # without the drawing library everything else is still of use
-                out.note(f"no report.html: {error}")
-    if out.folder is not None:
-        out.note(f"saved {out.folder / 'fit.json'}, report")

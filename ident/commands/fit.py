@@ -17,7 +17,8 @@ from ..evaluation import Essential, essential
 from ..evaluation.doubts import all_turned
 from ..streaming.session import StreamedSession
 from ..study.session import HELD_SHARE, Session
-from .commanded import asks_for_simulation, fit_under_law
+from .commanded import asks_for_simulation
+from .commanded_fit import fit_under_law
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from
 

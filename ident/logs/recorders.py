@@ -47,7 +47,8 @@ class Recorder:
 
     def wrote(self, names: Sequence[str]) -> bool:
         """Whether columns of these names are its."""
-        return all(any(re.match(translate(pattern), name, re.IGNORECASE) for name in names) for pattern in self.columns)
+        patterns = [re.compile(translate(pattern), re.IGNORECASE) for pattern in self.columns]
+        return all(any(pattern.match(name) for name in names) for pattern in patterns)
 
 
 def read_recorders(path: Path) -> tuple[Recorder, ...]:

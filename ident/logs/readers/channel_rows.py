@@ -25,7 +25,7 @@ _LABELS, _SAMPLES = 2, 20
 
 def _is_one(path: Path, start: bytes) -> bool:
     """By the first line: few words, then numbers; the other lines are looked at where that is so."""
-    first = start.lstrip(b"\xef\xbb\xbf\r\n").split(b"\n")[0].decode("latin-1")
+    first = (start.lstrip(b"\xef\xbb\xbf\r\n").splitlines() or [b""])[0].decode("latin-1")
     if not path.is_file() or b"\x00" in start or first[:1] in "{[<#%":
         return False
     if not any(0 < _labels(row := _fields(first, mark)) <= _LABELS and len(row) > _SAMPLES for mark in _DELIMITERS):
@@ -36,7 +36,12 @@ def _is_one(path: Path, start: bytes) -> bool:
 
 
 def _fields(line: str, mark: str) -> list[str]:
-    return line.split() if mark == " " else [x.strip() for x in next(csv.reader([line], delimiter=mark), [])]
+    if mark == " ":
+        return line.split()
+    try:
+        return [x.strip() for x in next(csv.reader([line], delimiter=mark), [])]
+    except csv.Error:  # no table of text
+        return []
 
 
 def _labels(row: Sequence[str]) -> int:

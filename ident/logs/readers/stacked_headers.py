@@ -40,8 +40,9 @@ def stacked_names(names: Row, rows: Sequence[Row]) -> tuple[tuple[str, ...], tup
 def _counts(names: Row, below: Row) -> bool:
     """Whether numbers below merged cells count what is in each: 1, 2, 3 below every one, and nothing below another."""
     found: dict[int, list[str]] = {}
+    begins = 0
     for k, text in enumerate(below):
-        begins = max((b for b in range(k + 1) if names[b]), default=0)
+        begins = k if names[k] else begins
         found.setdefault(begins, []).append(text)
     wide = [texts for texts in found.values() if any(texts)]
     counted = [[str(k + first) for k in range(len(wide[0]))] for first in (0, 1)] if wide else []
