@@ -46,7 +46,7 @@ def outdone(state: EffectSearch, joint: str) -> bool:
     """Whether one smooth law accounts for more with less than all that is named on a joint.
 
     A law of the joint's own motion can always do what an effect of that motion does, one of time what a drift does: it speaks against
-    several names together, or where the one leaves twice the error (rms) that the law leaves.
+    several names of its own quantity, or where what is named leaves twice the error (rms) that the law leaves.
 
     Both are refits at one noise, by Schwarz's criterion; what a likelihood gains by chance, or by less than what is material, does not
     count."""
@@ -62,7 +62,7 @@ def outdone(state: EffectSearch, joint: str) -> bool:
     more = sum(len(e.parameters(robot)) + len(e.shape()) for e in named) - len(law.parameters(robot))
     gain = state.fit.energy(state.frame, gains) - fit.energy(frame, gains) + np.log(max(frame.rows, 2)) * more
     alike = law.own_motion or bool(law.needs & named[0].needs & {Need.TIME})
-    if alike and len(named) == 1:
+    if alike and (len(named) == 1 or any(e.axis != law.axis for e in named)):
         left = [f.noise(x)[robot.joint_index(joint)] for f, x in ((fit, frame), (state.fit, state.frame))]
         return bool(gain > state.critical**2 and left[0] < HALF * left[1])
     return bool(gain > state.critical**2)
