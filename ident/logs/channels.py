@@ -189,7 +189,7 @@ def _of_all_units(stems: Mapping[str, list[tuple[int, str, str]]], names: Sequen
         if unit and members:
             word = re.sub(r"[^a-z]", "", bare.lower())
             symbol = next((stands for stands, written in _SYMBOLS.items() if word in written), "")
-            alike.setdefault(symbol or re.sub(r"(?<![a-z])forces?(?![a-z])", "torque", bare.lower()), []).append(stem)
+            alike.setdefault(symbol or _as_torque(bare.lower()), []).append(stem)
     out = dict(stems)
     for bare, own in alike.items():
         members = [m for stem in own for m in stems[stem]]
@@ -200,6 +200,11 @@ def _of_all_units(stems: Mapping[str, list[tuple[int, str, str]]], names: Sequen
             members = [(k, name, joint) for k, (_, name, joint) in enumerate(sorted(members, key=lambda m: names.index(m[1])))]
         out = {stem: found for stem, found in out.items() if stem not in own} | {bare: members}
     return out
+
+
+def _as_torque(words: str) -> str:
+    """Words in small letters with forces as torques: what a slide has beside a joint that turns."""
+    return re.sub(r"[a-z]+", lambda word: "torque" if english(word[0]) in ("force", "forces", "torque") else word[0], words)
 
 
 def _elements(names: Sequence[str]) -> dict[str, re.Match[str]]:
@@ -228,7 +233,10 @@ def _around_names(
         parts = [part for part in re.split(r"(?:[^\w%]|_)+", plain if plain.isascii() else in_english(plain)) if part]
         said = [part for part in parts if english(part.lower()) in SAID]
         joint = "_".join(part for part in parts if part not in said)
-        named = any(english(part.lower()) in QUANTITIES for part in said) and any(map(str.isalpha, joint))
+        if bare_name(joint) not in known and (rest := [p for p in parts if p not in said and english(p.lower()) not in _BESIDE]):
+            joint = "_".join(rest)
+        told_by_unit = bool(said and known and unit and is_unit(unit)) and any(unit_of(unit).dimension in x for x in _ALIKE)
+        named = (told_by_unit or any(english(part.lower()) in QUANTITIES for part in said)) and any(map(str.isalpha, joint))
         if not named or (known and bare_name(joint) not in known) or (not known and words_of(joint) & (_AXES | TIME - {"t"})):
             continue
         stem = " ".join(said).lower() + (f" [{unit}]" if unit else "")

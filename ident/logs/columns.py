@@ -277,7 +277,7 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
         suffix = guessed
     elif guessed is not None:
         notes.append(f"{where}: {guessed}, on which {source!r} ends, is not a unit of {TEXT[target.quantity]}; SI is assumed.")
-    elif suffix is None and bracketed(source)[1] and not _is_element(source, header):
+    elif suffix is None and "scale" not in options and bracketed(source)[1] and not _is_element(source, header):
         notes.append(f"{where}: what stands in the brackets of {source!r} is no unit that is known; SI is assumed.")
     own = split_unit(source)[1]
     if suffix is not None and own is not None and unit_of(own).dimension == unit_of(suffix).dimension and own != unit_of(suffix).name:

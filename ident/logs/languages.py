@@ -17,6 +17,7 @@ _LATIN = {
     "current": "strom courant corrente corriente stroom prad proud akim virta",
     "time": "zeit temps tiempo tempo tijd czas cas zaman tid aika",
     "desired": "soll consigne consigna wunsch deseado deseada desejado desejada desiderato desiderata gewenst zadana zadane hedef",
+    "axis": "achse axe eje eixo asse",
     "measured": "ist gemessen mesure mesuree medido medida misurato misurata gemeten zmierzona zmierzone olculen",
     "error": "fehler erreur errore erro fout blad chyba hata fel",
     "temperature": "temperatur temperatura temperatuur teplota sicaklik lampotila",

@@ -232,3 +232,22 @@ def test_angles_and_ways_under_symbols_of_their_own(tmp_path: Path, kind: str) -
     way = 1.0 if kind == "metres" else 1e3
     columns = [T, np.rad2deg(Q[:, 0]), way * Q[:, 1], np.rad2deg(Q[:, 2]), TAU]
     is_the_motion(ident.read_logs(table(tmp_path / "a.csv", [",".join(["time", *MIXED[kind]])], columns))[0], rates=False)
+
+
+def test_joints_by_name_whose_units_tell_what_they_hold(tmp_path: Path) -> None:
+    """`Achse elbow Ist [Grad]` has no word for a position; a slide of the same robot is in mm, its torque is a force."""
+    kinds = [("pan", "revolute"), ("swing", "revolute"), ("reach", "prismatic")]
+    links = "".join(
+        f'<link name="l{k}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="{name}" type="{kind}"><parent link="{f"l{k - 1}" if k else "base"}"/><child link="l{k}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" velocity="9" effort="9"/></joint>'
+        for k, (name, kind) in enumerate(kinds)
+    )
+    arm = ident.Robot.from_urdf(f'<robot name="boomer"><link name="base"/>{links}</robot>')
+    header = ["Uhrzeit [s]", *(f"Achse {x} Ist [{u}]" for x, u in (("pan", "Grad"), ("reach", "mm"), ("swing", "Grad")))]
+    header += ["Moment pan [Nm]", "Kraft reach [N]", "Moment swing [Nm]"]
+    order, scale = [0, 2, 1], np.array([180 / np.pi, 1e3, 180 / np.pi])
+    path = table(tmp_path / "a.csv", [";".join(header)], [T, *(Q[:, order] * scale).T, *TAU[:, order].T], ";", ",")
+    (log,) = ident.read_logs(path, arm)
+    is_the_motion(log, rates=False)
+    assert not any("SI is assumed" in note for note in log.notes)
