@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -55,7 +55,8 @@ class Catalogue:
     def of(cls, fit: Fit, speeds: Array) -> Catalogue:
         """Everything that could be beside the fit's model."""
         made = cls([], [], [], 0)
-        made._fill(fit, [*_effects(fit)], speeds)
+        changes = [] if fit.known is None else list(fit.known.own)
+        made._fill(fit, [*changes, *_effects(fit, (kind for kind in _causes() if Need.TORQUE not in kind.needs))], speeds)
         return made
 
     @classmethod
@@ -69,7 +70,7 @@ class Catalogue:
     def of_readings(cls, fit: Fit) -> Catalogue:
         """Effects of the torque's reading itself (what a drive demands beyond its limit). No instrument knows it, so that any noise goes
         with it: such a score says what to try, and never that something is left."""
-        return cls.of_effects(fit, [*_effects(fit, readings=True)])
+        return cls.of_effects(fit, [*_effects(fit, (kind for kind in _causes() if Need.TORQUE in kind.needs))])
 
     def updated(self, fit: Fit) -> None:
         """Columns that depend on what the model predicts, made anew from the fit's values."""
@@ -133,9 +134,11 @@ def _rows(fit: Fit, effect: Effect, motions: Sequence[Motion]) -> dict[int, list
     return {m: [run.masked(v[:, m], m) for run, v in zip(fit.runs, values, strict=True)] for m in live}
 
 
-def _effects(fit: Fit, *, readings: bool = False) -> Iterator[tuple[Effect, tuple[str, ...]]]:
-    if fit.known is not None and not readings:
-        yield from fit.known.own
-    for name, kind in effect_types().items():
-        if kind.cause and name != "rigid_body" and (Need.TORQUE in kind.needs) == readings:
-            yield from places(kind, fit.declared, fit.sought(kind))
+def _causes() -> Iterator[type[Effect]]:
+    """Kinds of effects that can be what a model lacks."""
+    return (kind for name, kind in effect_types().items() if kind.cause and name != "rigid_body")
+
+
+def _effects(fit: Fit, kinds: Iterable[type[Effect]]) -> Iterator[tuple[Effect, tuple[str, ...]]]:
+    for kind in kinds:
+        yield from places(kind, fit.declared, fit.sought(kind))

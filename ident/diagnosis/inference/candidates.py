@@ -172,18 +172,21 @@ def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
     assert group.effect is not None
     joints, others = group.joints, tuple(e for e, _ in state.accepted)
     passes = _PASSES if depends(group.effect) else 1
+
+    def solved(effect: Effect) -> tuple[Fit, Solved]:
+        fit = state.fit.with_effects((*others, effect))
+        return fit, fit.solved(passes)
+
     effect = state.labelled(refined(group.effect, joints, state.fit, state.frame))
-    fit = state.fit.with_effects((*others, effect))
-    frame = fit.solved(passes)
+    fit, frame = solved(effect)
     for near in (*[False] * anew, True):
         sharper = refined(effect, joints, state.fit, state.fit.behind(frame.gains), near=near)
         if sharper != effect:
-            effect, fit = sharper, state.fit.with_effects((*others, sharper))
-            frame = fit.solved(passes)
+            effect = sharper
+            fit, frame = solved(effect)
     if anew:
         effect = settled(effect, others, state.fit)
-        fit = state.fit.with_effects((*others, effect))
-        frame = fit.solved(passes)
+        fit, frame = solved(effect)
     return _Trial(effect, joints, rank(group), fit, frame)
 
 

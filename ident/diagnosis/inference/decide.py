@@ -155,11 +155,11 @@ def _withdraw(state: EffectSearch, say: Callable[[str], None]) -> None:
 
 
 def _give_way(state: EffectSearch, say: Callable[[str], None]) -> None:
-    """Take back what is named on a joint where one smooth law of another quantity accounts for more with less: it stood for that law."""
+    """Take back what is named on a joint where one smooth law accounts for more with less: it stood for that law."""
     for joints in dict.fromkeys(j for _, j in state.accepted if len(j) == 1):
         named = [x for x in state.accepted if x[1] == joints]
         if outdone(state, joints[0]):
-            say(f"retracted: {', '.join(e.name for e, _ in named)} on {joints[0]}: a law of another quantity accounts for more with less")
+            say(f"retracted: {', '.join(e.name for e, _ in named)} on {joints[0]}: one smooth law accounts for more with less")
             state.accepted = [x for x in state.accepted if x[1] != joints]
             state.solve()
 
