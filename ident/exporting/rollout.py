@@ -51,7 +51,7 @@ def in_mujoco(text: str, log: DriveLog, joints: tuple[str, ...], step: float = S
 
     Dry friction and couplings are soft there: they are made as hard as the step allows."""
     try:
-        import mujoco  # type: ignore[import-untyped, unused-ignore]
+        import mujoco
     except ImportError:
         raise ConfigurationError("MuJoCo is not installed: pip install 'ident[mujoco]'.") from None
     model = mujoco.MjModel.from_xml_string(text)
