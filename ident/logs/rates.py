@@ -33,7 +33,7 @@ def with_rates(plan: ColumnPlan, source: TableSource) -> ColumnPlan:
         return plan
     table = source.read(list(dict.fromkeys([*(c.source for c in (*times, *own)), *(x for g in likely for x in g.columns)])), ())
     arrays = replace(plan, columns=(*times, *own), wanted=()).arrays(table)
-    notes = []
+    notes = list[str]()
     for g in sorted(likely, key=lambda g: (g.computed, not g.measured)):
         scales = [known_scale(u) for u in g.units] or [known_scale(g.unit) if g.unit else own[0].scale] * plan.n
         values = np.column_stack([np.asarray(table[c], float) * k for c, k in zip(g.columns, scales, strict=True)])

@@ -174,7 +174,7 @@ def _estimate(
     rest -= Q @ (Q.T @ rest)
     R, z = rest[:, :10], rest[:, 10]
     scale = _scale(structure)
-    unconstrained, covariance, seen = _plain(R, z, scale, int(matrix_rank(A, tol=1e-9 * np.linalg.norm(A))))
+    unconstrained, covariance, seen = _plain(R, z, scale, int(matrix_rank(A, tol=1e-9 * float(np.linalg.norm(A)))))
     if seen == 0:
         raise DataError(
             f"a load on {name!r} does not show in these logs: none of its parameters acts on a measured torque. Move the joints before it."
