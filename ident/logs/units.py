@@ -87,6 +87,7 @@ _WORDS = {
     "degree": "deg", "grad": "deg", "degrees": "deg", "degs": "deg", "radian": "rad", "radians": "rad", "rads": "rad",
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms",
     "usec": "us", "microsecond": "us", "microseconds": "us", "nsec": "ns", "nanosecond": "ns", "nanoseconds": "ns",
+    "millis": "ms", "micros": "us", "nanos": "ns",
     "sec2": "s2", "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
     "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "turns": "turn", "revs": "rev", "revolution": "rev", "revolutions": "rev",
     "lb": "lbf", "lbs": "lbf", "oz": "ozf", "kg": "kgf", "inch": "in",
