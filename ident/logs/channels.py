@@ -356,6 +356,7 @@ def scalar_time_names(names: Sequence[str], units: Mapping[str, str] | None = No
         "ms",
         "%time",
         "ipoc",
+        "x_value",  # LabVIEW
         "clock",
         "ts",
     )

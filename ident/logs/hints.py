@@ -16,7 +16,9 @@ _WORDS = {
     "q": _POSITION, "q_motor": _POSITION, "tau_joint": _TORQUE, "tau_motor": _TORQUE, "tau_current": _CURRENT | {"effort", "efforts"},
 }  # fmt: skip
 #: Words that say nothing of which joint it is.
-_BESIDE = frozenset({"joint", "j", "axis", "ax", "link", "motor", "mot", "m", "drive", "measured", "meas", "actual", "act", "sensor", "of"})
+_BESIDE = frozenset(
+    {"joint", "j", "axis", "ax", "link", "motor", "mot", "m", "drive", "measured", "meas", "actual", "act", "sensor", "of", "raw"}
+)
 #: Words that make something else of it.
 _OTHER = frozenset({"limit", "max", "min", "constant", "const", "std", "error", "temperature", "enabled", "rate", "offset", "ratio"})
 #: Symbols that may be torques: M1 …, T1 …, u1 ….

@@ -17,7 +17,7 @@ _W = 2.0 + 1.3 * np.arange(n)
 Q = 0.7 * np.sin(np.outer(T, _W) + np.arange(n)) + 0.1 * np.arange(n)
 DQ = 0.7 * _W * np.cos(np.outer(T, _W) + np.arange(n))
 TAU = 20.0 * np.cos(np.outer(T, 1.7 * _W)) + 9.0 - np.arange(n)
-_DEG = np.pi / 180
+_DEG, _TURN = np.pi / 180, 2 * np.pi
 
 
 def written(path: Path, columns: Mapping[str, Array]) -> Path:
@@ -40,6 +40,11 @@ READ: dict[str, tuple[dict[str, Array], str]] = {
     ),
     "milliseconds of a microcontroller": (table("millis", 1e-3, {"angle{}": Q, "speed{}": DQ, "current{}_mA": 1e3 * TAU}), "current"),
     "microseconds of one": (table("micros", 1e-6, {"angle{}": Q, "speed{}": DQ, "torque{}": TAU}), "joint"),
+    "turns as words": (
+        table("time_s", 1.0, {"m{}_pos_rot": Q / _TURN, "m{}_vel_rot_s": DQ / _TURN, "m{}_torque_nm": TAU}),
+        "joint",
+    ),
+    "turns a minute": (table("t", 1.0, {"pos{}_turns": Q / _TURN, "vel{}_rev_per_min": DQ / _TURN * 60, "trq{}": TAU}), "joint"),
     "words before a bracket": (
         table("Time (sec)", 1.0, {"Joint Position ({}) [deg]": Q / _DEG, "Joint Torque ({}) [N·m]": TAU}, ("Base", "Shoulder", "Elbow")),
         "joint",
@@ -85,11 +90,11 @@ def test_one_joint_with_two_encoders_is_no_such_case(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.q, Q[:, :1], atol=1e-12)
 
 
-@pytest.mark.parametrize("symbol", ["M", "T", "u"])
+@pytest.mark.parametrize("symbol", ["M{}", "T{}", "u_{}", "torque_raw_{}"])
 def test_symbols_that_may_be_torques_are_asked_about(symbol: str, tmp_path: Path) -> None:
-    log = ident.read_logs(written(tmp_path / "a.csv", table("t", 1.0, {"theta{}": Q, "omega{}": DQ, symbol + "{}": TAU})))[0]
+    log = ident.read_logs(written(tmp_path / "a.csv", table("t", 1.0, {"q{}": Q, "dq{}": DQ, symbol: TAU})))[0]
     assert not log.tau
-    assert f'tau3 = "{symbol}3"' in log.hint
+    assert f'tau3 = "{symbol.format(3)}"' in log.hint
 
 
 def test_external_torques_are_said_not_to_serve(tmp_path: Path) -> None:
