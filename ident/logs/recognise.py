@@ -61,16 +61,7 @@ def recognised(
     order = () if recorder is None or joints is None else named_alike(recorder.joints, joints)
     if order:
         found = [replace(g, joints=order) if not g.named and len(g.columns) == len(order) else g for g in found]
-    driven = driven_hands(found, read) if joints is None else frozenset[str]()
-    fitting, wide = _fitting(found, joints, driven)
-    positions = _positions(fitting)
-    if not positions and joints:  # names that are not the robot's are names all the same
-        fitting, _ = _fitting(groups(names, None, unit_of_column), joints)
-        positions = [g for g in _positions(fitting) if g.named and len(g.columns) == len(joints)]
-    if not positions or (joints is None and all(len(g.columns) == 1 for g in positions)):
-        refuse_parts(found)
-    if not positions and wide:
-        raise _other_number(wide[0], joints or ())
+    fitting, positions = _fitting_positions(names, found, joints, unit_of_column, read)
     if not positions:
         return None
     table = _in_si(read, fitting)
@@ -114,6 +105,23 @@ def recognised(
         None if recorder is None else recorder.rate_hz,
         time.doubt,
     )
+
+
+def _fitting_positions(
+    names: Sequence[str], found: Sequence[ChannelGroup], joints: Sequence[str] | None, units: Mapping[str, str], read: Reader
+) -> tuple[list[ChannelGroup], list[ChannelGroup]]:
+    """The groups that fit the robot, and those of them that hold positions. Raises DataError where these must be asked for."""
+    driven = driven_hands(found, read) if joints is None else frozenset[str]()
+    fitting, wide = _fitting(found, joints, driven)
+    positions = _positions(fitting)
+    if not positions and joints:  # names that are not the robot's are names all the same
+        fitting, _ = _fitting(groups(names, None, units), joints)
+        positions = [g for g in _positions(fitting) if g.named and len(g.columns) == len(joints)]
+    if not positions or (joints is None and all(len(g.columns) == 1 for g in positions)):
+        refuse_parts(found)
+    if not positions and wide:
+        raise _other_number(wide[0], joints or ())
+    return fitting, positions
 
 
 def _said(chosen: Mapping[str, ChannelGroup], time: RecordedTime, unit: str) -> str:
