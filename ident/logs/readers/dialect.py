@@ -153,11 +153,10 @@ def _with_rows(names: tuple[str, ...], rows: list[tuple[str, ...]], number: int,
         units, number, first = first, number + 1, rows[1]
     if len(first) == len(names) + 1 and not any(row[len(names) :] != ("",) for row in rows[bool(units) :] if len(row) > len(names)):
         names, units = (*names, ""), (*units, "") if units else ()  # every row ends with a separator
-    table = rows[rows.index(first) :]
-    numbers = [x for row in table for x in row if x and not is_moment(x)]
+    numbers = [x for row in rows[rows.index(first) :] for x in row if is_number(plain_number(x))]
     # With commas between fields a decimal comma stands in quotes.
-    if delimiter in ",;\t|" and any("," in x for x in numbers) and not any("." in x for x in numbers):
-        decimal = "," if all(is_number(x.replace(",", ".", 1)) for x in numbers if "," in x) else "."
+    if any("," in x for x in numbers) and not any("." in x for x in numbers):
+        decimal = ","
     moments = tuple(name for name, x in zip(names, first, strict=False) if is_moment(x))
     if moments:
         units = tuple(MOMENT if name in moments else unit for name, unit in zip(names, units or ("",) * len(names), strict=False))
