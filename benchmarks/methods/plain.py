@@ -7,7 +7,7 @@ so that least squares falls as short as in the values that it is compared with."
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,7 +45,7 @@ class Kind:
     speed: float
     counts: float
     earlier: tuple[Array, Array, float] | None = None
-    preparation: Preparation = CentralDifference()
+    preparation: Preparation = field(default_factory=CentralDifference)
 
 
 _COARSE = (np.array([0.45, 1.67, 0.02]), np.array([5.55, 7.06, 1.27]), 21.0)

@@ -67,7 +67,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
             "--effects",
             nargs="+",
             metavar="EFFECT",
-            help="declared model beside the rigid body, e.g. rotor_inertia viscous coulomb; joints and shapes as in stribeck:joint3:v_s=0.1",
+            help="declared model beside the rigid body, e.g. rotor_inertia viscous coulomb; joints and shapes as in stribeck:joint3:v_s=1",
         )
         add_reading_arguments(parser)
         parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off; without it, it is chosen from the data")
