@@ -194,6 +194,19 @@ def test_what_cannot_be_tested_is_refused(usual: Case) -> None:
         ident.essential(replace(usual.estimate, information=None))
 
 
+@pytest.mark.parametrize("held_noise", [0.0, 0.05])
+def test_held_out_data_bring_back_what_is_there_also_where_the_fit_has_no_noise(held_noise: float) -> None:
+    """Standard deviations so large that the tests remove whatever there is: data held out decide alone, whatever the fit's own residual,
+    which is rounding and differs a thousandfold from joint to joint."""
+    one = case(61, noise=0.0, held_noise=held_noise)
+    doubtful = replace(one.estimate, covariance=np.diag((1e4 * np.abs(one.estimate.values) + 1e4) ** 2))
+    assert {r.name for r in ident.essential(doubtful).removed} == set(one.estimate.names)
+    found = ident.essential(doubtful, one.held)
+    assert set(TRUTH) <= set(found.reduced.names)
+    assert found.comparison is not None
+    assert found.comparison.error_after.relative_all < 1.001 * found.comparison.error_before.relative_all + 1e-6
+
+
 def test_nothing_of_a_noise_free_fit_is_removed_that_is_there() -> None:
     one = case(61, noise=0.0, held_noise=0.0)
     found = ident.essential(one.estimate, one.held)
