@@ -186,6 +186,14 @@ def test_it_shows_itself(usual: Case) -> None:
     assert "<table>" in found._repr_html_()
 
 
+def test_its_report_says_how_many_are_kept(usual: Case, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    found = ident.essential(usual.estimate, usual.held)
+    page = ident.report(found, tmp_path / "essential.html").read_text(encoding="utf-8")
+    assert f"Essential model: {len(found.reduced.names)} of {len(usual.estimate.names)} parameters kept" in page
+    assert all(r.name in page for r in found.removed)
+
+
 def test_what_cannot_be_tested_is_refused(usual: Case) -> None:
     for level in (0.0, 1.0):
         with pytest.raises(ConfigurationError, match="between 0 and 1"):
