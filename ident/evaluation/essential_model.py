@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.singular_values import condition, lstsq, pinv
 from .._utils.text import wrapped
 from ..drawing.document import Figure, Section, Table, Text, plain
 from ..drawing.shown import Shown
@@ -240,14 +241,14 @@ def _refit(R: Array, kept: list[int]) -> Array:
     """The map (s, b) from all values to those of the kept parameters that minimise ‖R (values − kept)‖."""
     scale = np.linalg.norm(R[:, kept], axis=0)
     scale = np.where(scale > 0, scale, 1.0)
-    return np.linalg.lstsq(R[:, kept] / scale, R, rcond=None)[0] / scale[:, None]
+    return lstsq(R[:, kept] / scale, R, rcond=None) / scale[:, None]
 
 
 def _wald(values: Array, covariance: Array) -> float:
     """θᵀ C⁻¹ θ over the number of values (r,)."""
     std = np.sqrt(np.diag(covariance))
     ratio = values / std
-    return float(ratio @ np.linalg.pinv(covariance / np.outer(std, std), hermitian=True) @ ratio) / len(values)
+    return float(ratio @ pinv(covariance / np.outer(std, std), hermitian=True) @ ratio) / len(values)
 
 
 def _removals(estimate: Estimate, level: float) -> tuple[Removal, ...]:
@@ -292,7 +293,7 @@ def _without(estimate: Estimate, removed: tuple[Removal, ...]) -> Estimate:
         base=BaseReduction(base.parameters, base.independent[left], base.regroup[left], base.zero, base.gap, base.notes),
         values=map_ @ estimate.values,
         covariance=(covariance + covariance.T) / 2,
-        condition=float(np.linalg.cond(R[:, left] / scale)) if left else 1.0,
+        condition=condition(R[:, left] / scale) if left else 1.0,
         warnings=(*estimate.warnings, *([told] if gone else [])),
         heldout_error=None,
     )

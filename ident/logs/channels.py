@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,11 +51,6 @@ _NO_UNITS = {
     "increments", "digits", "adc", "pu",
 }  # fmt: skip
 _LAST_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
-#: What rows of units and labels write, beside the suffixes of our own.
-_WRITTEN = {
-    "°": "deg", "grad": "deg", "°/s": "deg_s", "deg/s": "deg_s", "rad/s": "rad_s", "grad/s": "deg_s", "u/min": "rpm", "1/min": "rpm",
-    "µs": "us",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -129,9 +124,9 @@ class ChannelGroup:
         at = [names.index(column) for column in q.columns]
         return self if not q.named or at == sorted(at) else None
 
-    def arms(self) -> ChannelGroup:
-        """Without the channels of hands, where the others are more."""
-        keep = [k for k, name in enumerate(self.joints) if not words_of(name) & HANDS]
+    def arms(self, driven: Collection[str] = ()) -> ChannelGroup:
+        """Without the channels of hands, but of those joints that are `driven` (`bare_name`)."""
+        keep = [k for k, name in enumerate(self.joints) if not words_of(name) & HANDS or bare_name(name) in driven]
         return self.only(keep) if 0 < len(keep) < len(self.columns) else self
 
     def __str__(self) -> str:
@@ -146,8 +141,7 @@ def joint_of(name: str) -> str:
 
 def unit_suffix(text: str) -> str:
     """A unit as a row of units or a label writes it, as our own suffix; "" where it is none."""
-    word = text.strip().strip("[]()")
-    word = _WRITTEN.get(word.lower()) or as_suffix(word)
+    word = as_suffix(text.strip().strip("[]()"))
     return unit_of(word).name if is_unit(word) else ""
 
 

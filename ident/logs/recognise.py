@@ -60,7 +60,8 @@ def recognised(
     order = () if recorder is None or joints is None else named_alike(recorder.joints, joints)
     if order:
         found = [replace(g, joints=order) if not g.named and len(g.columns) == len(order) else g for g in found]
-    fitting, wide = _fitting(found, joints)
+    driven = _driven_hands(found, read) if joints is None else frozenset[str]()
+    fitting, wide = _fitting(found, joints, driven)
     positions = _positions(fitting)
     if not positions and joints:  # names that are not the robot's are names all the same
         fitting, _ = _fitting(groups(names, None, unit_of_column), joints)
@@ -97,7 +98,7 @@ def recognised(
     effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
     told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
     say = [recorder.say] if recorder is not None and recorder.say else []
-    beside = [*say, *beside, *_put_in_order(order, joints), *order_notes]
+    beside = [*say, *beside, *_put_in_order(order, joints), *order_notes, *_left_hands(q, found)]
     return RecordedChannels(
         mapping,
         wanted,
@@ -184,10 +185,13 @@ def _entry(column: str, quantity: str, factor: float, offset: float = 0.0) -> st
     return column if scale == 1.0 and not offset else {"column": column, "scale": scale, "offset": offset / one}
 
 
-def _fitting(found: Sequence[ChannelGroup], joints: Sequence[str] | None) -> tuple[list[ChannelGroup], list[ChannelGroup]]:
-    """Groups of as many joints as the robot has (without hands, where no robot is given), and wider ones of measured positions."""
+def _fitting(
+    found: Sequence[ChannelGroup], joints: Sequence[str] | None, driven: frozenset[str] = frozenset()
+) -> tuple[list[ChannelGroup], list[ChannelGroup]]:
+    """Groups of as many joints as the robot has (without hands that are not `driven`, where no robot is given), and wider ones of measured
+    positions."""
     if joints is None:
-        return [g.arms() for g in found], []
+        return [g.arms(driven) for g in found], []
     out, wide = [], []
     for g in found:
         if g.named and set(joints) <= set(g.joints):
@@ -201,6 +205,22 @@ def _fitting(found: Sequence[ChannelGroup], joints: Sequence[str] | None) -> tup
         else:
             out.append(g)
     return out, sorted(wide, key=lambda g: -len(g.columns))
+
+
+def _driven_hands(found: Sequence[ChannelGroup], read: Reader) -> frozenset[str]:
+    """Joints of hands (`bare_name`) that have a torque or a current of their own: they are joints like any other."""
+    torques = [g for g in found if g.quantity in ("tau", "i") and not g.wanted and not g.estimated]
+    own = {c: bare_name(joint) for g in torques for c, joint in zip(g.columns, g.joints, strict=True) if words_of(joint) & HANDS}
+    table = read([*own]) if own else {}
+    return frozenset(joint for c, joint in own.items() if np.nanmax(np.abs(np.asarray(table[c], float)), initial=0.0) > 0.0)
+
+
+def _left_hands(q: ChannelGroup, found: Sequence[ChannelGroup]) -> tuple[str, ...]:
+    """What is said of hands that are left out."""
+    (whole,) = [g for g in found if g.stem == q.stem and set(q.columns) <= set(g.columns)][:1] or [q]
+    left = [joint for c, joint in zip(whole.columns, whole.joints, strict=True) if c not in q.columns and words_of(joint) & HANDS]
+    said = f"{', '.join(left)}: of a hand, without a torque, and left out; name a robot that has them to keep them."
+    return (said,) if left else ()
 
 
 def _best(positions: Sequence[ChannelGroup], table: Mapping[str, Array]) -> ChannelGroup:

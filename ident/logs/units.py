@@ -84,7 +84,7 @@ _PLAIN = (("µ", "u"), ("μ", "u"), ("²", "2"), ("⁻¹", "-1"), ("⁻", "-"), 
 _PER_SECOND = re.compile(r"[\s·⋅•∙*.]*\b(?:s|sec)-([12])$", re.IGNORECASE)
 #: Words, and abbreviations that are not this contract's.
 _WORDS = {
-    "degree": "deg", "degrees": "deg", "degs": "deg", "radian": "rad", "radians": "rad", "rads": "rad",
+    "degree": "deg", "grad": "deg", "degrees": "deg", "degs": "deg", "radian": "rad", "radians": "rad", "rads": "rad",
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms",
     "usec": "us", "microsecond": "us", "microseconds": "us", "nsec": "ns", "nanosecond": "ns", "nanoseconds": "ns",
     "sec2": "s2", "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
@@ -95,6 +95,8 @@ _WORDS = {
     "度": "deg", "弧度": "rad", "秒": "s", "毫秒": "ms", "微秒": "us", "牛米": "Nm", "牛": "N", "米": "m", "毫米": "mm", "安": "A",
     "도": "deg", "라디안": "rad", "초": "s", "밀리초": "ms",
 }  # fmt: skip
+#: Units that are written as a whole.
+_WHOLE = {"u/min": "rpm", "1/min": "rpm", "min-1": "rpm"}
 
 
 def as_suffix(written: str) -> str:
@@ -102,6 +104,8 @@ def as_suffix(written: str) -> str:
     looked at."""
     for sign, plain in _PLAIN:
         written = written.replace(sign, plain)
+    if whole := _WHOLE.get(written.strip().lower()):
+        return whole
     written = _PER_SECOND.sub(lambda found: "/s" if found[1] == "1" else "/s2", written.strip())
     parts = []
     for part in written.split("/"):
