@@ -244,7 +244,8 @@ def _around_names(
         plain, unit = bracketed(name)
         unit = unit_suffix(unit) or unread_unit(unit)
         plain = plain if unit else name
-        parts = [part for part in re.split(r"(?:[^\w%]|_)+", plain if plain.isascii() else in_english(plain)) if part]
+        split = re.split(r"(?:[^\w%]|_)+", plain if plain.isascii() else in_english(plain))
+        parts = [piece for part in split if part for piece in _words_written_as_one(part)]
         said = [part for part in parts if english(part.lower()) in SAID]
         joint = "_".join(part for part in parts if part not in said)
         if bare_name(joint) not in known and (rest := [p for p in parts if p not in said and english(p.lower()) not in BESIDE]):
@@ -272,6 +273,12 @@ def _around_names(
         if mine & {name for _, name, _ in members}:
             told[stem] = []
     return told
+
+
+def _words_written_as_one(part: str) -> list[str]:
+    """`LageIst`: two words that say what a column holds; else the part itself, which may be a joint's name."""
+    words = re.sub(r"([a-z])([A-Z])", r"\1 \2", part).split()
+    return words if all(english(word.lower()) in SAID for word in words) else [part]
 
 
 def bare_name(joint: str) -> str:

@@ -234,7 +234,8 @@ def test_angles_and_ways_under_symbols_of_their_own(tmp_path: Path, kind: str) -
     is_the_motion(ident.read_logs(table(tmp_path / "a.csv", [",".join(["time", *MIXED[kind]])], columns))[0], rates=False)
 
 
-def test_joints_by_name_whose_units_tell_what_they_hold(tmp_path: Path) -> None:
+@pytest.mark.parametrize("position", ["Achse {} Ist", "{}.LageIst", "{}/PosActual"])
+def test_joints_by_name_whose_units_tell_what_they_hold(tmp_path: Path, position: str) -> None:
     """`Achse elbow Ist [Grad]` has no word for a position; a slide of the same robot is in mm, its torque is a force."""
     kinds = [("pan", "revolute"), ("swing", "revolute"), ("reach", "prismatic")]
     links = "".join(
@@ -244,7 +245,7 @@ def test_joints_by_name_whose_units_tell_what_they_hold(tmp_path: Path) -> None:
         for k, (name, kind) in enumerate(kinds)
     )
     arm = ident.Robot.from_urdf(f'<robot name="boomer"><link name="base"/>{links}</robot>')
-    header = ["Uhrzeit [s]", *(f"Achse {x} Ist [{u}]" for x, u in (("pan", "Grad"), ("reach", "mm"), ("swing", "Grad")))]
+    header = ["Uhrzeit [s]", *(f"{position.format(x)} [{u}]" for x, u in (("pan", "Grad"), ("reach", "mm"), ("swing", "Grad")))]
     header += ["Moment pan [Nm]", "Kraft reach [N]", "Moment swing [Nm]"]
     order, scale = [0, 2, 1], np.array([180 / np.pi, 1e3, 180 / np.pi])
     path = table(tmp_path / "a.csv", [";".join(header)], [T, *(Q[:, order] * scale).T, *TAU[:, order].T], ";", ",")
