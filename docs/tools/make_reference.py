@@ -17,6 +17,7 @@ sys.path.insert(0, str(ROOT))
 import ident  # noqa: E402
 from ident.cli import build_parser  # noqa: E402
 from ident.commands import COMMANDS  # noqa: E402
+from ident.commands.examples import EXAMPLES  # noqa: E402
 from ident.effects.registry import effect_types  # noqa: E402
 from ident.estimators import estimator_types  # noqa: E402
 from ident.signals.preparation import Preparation  # noqa: E402
@@ -220,7 +221,8 @@ def commands_page() -> str:
     for name, what in COMMANDS.items():
         parser = build_parser(name)
         (commands,) = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-        parts.append(f"## `ident {name}`\n\n{cell(what)[:1].upper()}{cell(what)[1:]}.\n\n{flags(commands.choices[name])}")
+        examples = "\n".join(("```console", *(f"$ {line}" for line in EXAMPLES[name]), "```\n"))
+        parts.append(f"## `ident {name}`\n\n{cell(what)[:1].upper()}{cell(what)[1:]}.\n\n{examples}\n{flags(commands.choices[name])}")
     return "\n".join(parts)
 
 
