@@ -232,7 +232,8 @@ def flags(parser: argparse.ArgumentParser) -> str:
     for action in parser._actions:
         if not isinstance(action, argparse._HelpAction):
             called = ", ".join(f"`{o}`" for o in action.option_strings) or f"`{action.metavar or action.dest}`"
-            values = " ".join(f"{{{','.join(map(str, action.choices))}}}" if action.choices else str(action.metavar or "") for _ in [0])
+            written = " ".join(action.metavar) if isinstance(action.metavar, tuple) else str(action.metavar or "")
+            values = f"{{{','.join(map(str, action.choices))}}}" if action.choices else written
             shown = f" `{values}`" if values and action.option_strings else ""
             text = (
                 (action.help or "") % {"default": action.default, "prog": parser.prog}
