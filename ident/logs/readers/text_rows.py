@@ -23,6 +23,8 @@ Array = np.ndarray
 Buffer = bytes | memoryview
 #: Characters of a field that messages show, and bytes that are looked at at a time.
 _SHOWN, _BLOCK = 40, 1 << 16
+#: A number with its unit.
+_WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?\s*[A-Za-z°µμ%][\w°µμ%/·*.²^-]{0,8}")
 #: A number with marks between its thousands: `1.000,50`, `1'000.5`, `1 000,5`.
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[.,'’ \u00a0\u202f])\d{3})(?:(?P=mark)\d{3})*(?:[.,]\d+)?")
 
@@ -79,6 +81,8 @@ def _value(field: str, header: Header, where: str) -> float:
         remedy = "It has a point, where other numbers have a decimal comma: write all of them in one way, without marks between thousands."
     elif is_number(text.replace(",", ".", 1)):
         remedy = "It has a decimal comma: write the file with decimal points."
+    elif _WITH_UNIT.fullmatch(text):
+        remedy = "Write numbers alone, and their unit into the header, as in q1_deg."
     elif is_moment(text):
         remedy = "It is a date with a time: write times as seconds (since any moment), in every row."
     raise DataError(f"{where}: {shown!r} is not a number. {remedy}")
