@@ -229,6 +229,14 @@ def remove_leftovers(path: Path) -> None:
                 left.unlink()
 
 
+def remove_all_leftovers(folder: Path) -> None:
+    """The same for whatever lies in a folder: what was written there, whichever command was cut off."""
+    for left in list(folder.iterdir()) if folder.is_dir() else []:
+        target, mark, _ = left.name.rpartition(_MARK)
+        if mark and target.startswith("."):
+            remove_leftovers(folder / target[1:])
+
+
 def _lives(process: int) -> bool:
     if os.name == "nt":  # there, the signal 0 would end the process
         return True

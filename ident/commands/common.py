@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from .._utils.files import remove_leftovers, sha256, staged, write_atomic
+from .._utils.files import remove_all_leftovers, sha256, staged, write_atomic
 from .._utils.plugins import load_modules
 from .._utils.text import WIDTH, wrapped
 from ..errors import ConfigurationError
@@ -201,7 +201,7 @@ class Output:
     def _claim(self, folder: Path) -> None:
         if folder.exists() and not folder.is_dir():
             raise ConfigurationError(f"--out {folder} is a file; give a folder.")
-        remove_leftovers(folder / CHECKPOINT)
+        remove_all_leftovers(folder)
         held = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
         unfinished = held == [CHECKPOINT]
         if unfinished and not (self.resume or self.force):

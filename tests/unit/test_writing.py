@@ -177,3 +177,19 @@ def test_a_checkpoint_has_its_key_or_is_not_there(tmp_path: Path) -> None:
     (tmp_path / "checkpoint").mkdir()  # as an older version left it
     Checkpoint.beside(tmp_path, key, resume=False)
     assert names(tmp_path) == ["checkpoint", "checkpoint/key.json"]
+
+
+def test_what_a_killed_command_left_in_its_folder_stops_no_other(tmp_path: Path) -> None:
+    """A file that was being written stays hidden in a new folder; the same command was then told that the folder is not empty."""
+    out = tmp_path / "out"
+    out.mkdir()
+    code = (
+        "import os, signal, sys; from pathlib import Path; from ident._utils import files\n"
+        "files.os.fsync = lambda *_: os.kill(os.getpid(), signal.SIGKILL); files.write_atomic(Path(sys.argv[1]), 'half')"
+    )
+    subprocess.run([sys.executable, "-c", code, str(out / "base.json")], check=False)
+    (left,) = list(out.iterdir())
+    assert left.name.startswith(".base.json.ident-")
+    assert cli.main(["base", "--robot", "z1", "--out", str(out)]) == 0
+    assert not left.exists()
+    assert cli.main(["base", "--robot", "z1", "--out", str(out)]) == 2
