@@ -26,6 +26,7 @@ html_theme = "furo"
 html_title = f"ident {release}"
 html_static_path: list[str] = ["static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_copy_source = False
 html_extra_path: list[str] = []
 pygments_style, pygments_dark_style = "default", "github-dark"

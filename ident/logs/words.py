@@ -33,7 +33,7 @@ TAKEN = MEASURED | {"present", "fb", "mp", "mt", "act", "mes"}
 MOTOR = {"mot", "motor", "motors"}
 TIME = {
     "t", "time", "timestamp", "timestamps", "tstamps", "tstamp", "zeit", "tout", "clock", "stamp", "ts", "tempo", "temps", "tiempo", "ms",
-    "secs", "sec", "seconds", "datetime", "elapsed",
+    "secs", "sec", "seconds", "datetime", "elapsed", "millis", "micros", "nanos",
 }  # fmt: skip
 NOT_JOINTS = {
     "euler", "quat", "tcp", "tool", "imu", "foot", "temp", "temperature", "temperatur", "ee", "cart", "base", "voltage", "mode", "id",
