@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._utils.singular_values import pinv
 from .plant import DrivePlant, joined
 
 Array = np.ndarray
@@ -257,4 +258,4 @@ def _exact_along(slopes: Array, directions: Array, changes: Array, scale: Array)
     along = directions / scale
     moving = np.any(slopes != 0.0, axis=(0, 1))
     missing = np.moveaxis(changes, 0, -1) - slopes @ directions.T
-    return np.asarray(slopes + missing @ np.linalg.pinv((along * moving).T, rcond=1e-8) / scale)
+    return np.asarray(slopes + missing @ pinv((along * moving).T, rcond=1e-8) / scale)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..._utils.singular_values import pinv
 from ...drives.folds import held_out
 from ...drives.nearby import approached
 from ...drives.plant import DrivePlant, joined
@@ -92,7 +93,7 @@ def _counting(stage: Stage, one: Screened, after: Stage) -> tuple[int, ...]:
         return one.joints
     J = (after.fit.slopes * after.fit.weights[..., None]).reshape(-1, len(after.fit.values))
     size = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    std = np.sqrt(after.spread * np.diag(np.linalg.pinv((J / size).T @ (J / size), rcond=1e-10, hermitian=True))) / size
+    std = np.sqrt(after.spread * np.diag(pinv((J / size).T @ (J / size), rcond=1e-10, hermitian=True))) / size
     declared = np.array([one.candidate.declared(stage.plant.law, j) for j in one.joints])
     far = np.abs(after.fit.values[at] - declared) > _COUNTS * std[at]
     return tuple(j for j, counts in zip(one.joints, far, strict=True) if counts)
