@@ -52,6 +52,8 @@ _NO_UNITS = {
     "percent", "pct", "prozent", "permille", "promille", "permil", "perthousand", "ticks", "tick", "counts", "count", "lsb", "inc", "incs",
     "increments", "digits", "adc", "pu",
 }  # fmt: skip
+#: What is told for something a time, in other units of time than those of rates that are known.
+_RATE = re.compile(r"/\s*(ms|us|µs|ns|h|cycle|tick|sample)\b", re.IGNORECASE)
 _LAST_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 
 
@@ -171,6 +173,8 @@ def groups(
     known = {template.replace("{}", "#"): quantity for quantity, template in (told or {}).items()}
     stems = _of_all_units(stems, names)
     out = [made for stem, members in stems.items() if (made := _group(stem, members, units, known.get(stem, "")))]
+    most = {g.stem.lower().replace("max", "min") for g in out if "max" in g.words}
+    out = [g for g in out if g.stem.lower() not in most]
     if not any(g.quantity == "q" and len(g.columns) > 1 for g in out):
         out = _of_any_numbers(stems, units, out)
     if not any(g.quantity == "q" for g in out):
@@ -330,7 +334,13 @@ def _unit_in(stem: str) -> str:
 def unread_unit(text: str) -> str:
     """What is told for a unit, where it says something that is no unit that is known; "" for a unit, for nothing, and for words."""
     inside = text.strip().strip("[]()").strip()
-    plain = not inside or inside in "-–—." or inside.isdecimal() or unit_suffix(inside) or bool(words_of(inside) & (SAID | TIME | BESIDE))
+    plain = (
+        not inside
+        or inside in "-–—."
+        or inside.isdecimal()
+        or unit_suffix(inside)
+        or (bool(words_of(inside) & (SAID | TIME | BESIDE)) and not _RATE.search(inside))
+    )
     return "" if plain else inside
 
 

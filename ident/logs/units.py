@@ -67,7 +67,12 @@ def expected_units(quantity: str) -> set[str]:
 
 def is_unit(name: object) -> bool:
     """Whether a suffix names a unit, as `unit_of` takes it."""
-    return isinstance(name, str) and name.lower() in _LOWER
+    return isinstance(name, str) and name.lower() in _LOWER and not _is_mega(name)
+
+
+def _is_mega(name: str) -> bool:
+    """Whether a capital M stands before a unit of which the rest has small letters: mega, which no log of a robot needs, and not milli."""
+    return name.startswith("M") and name not in UNITS and not name.isupper() and name[1:] in UNITS
 
 
 def unit_of(name: str) -> Unit:

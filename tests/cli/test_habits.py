@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,10 @@ import pytest
 from command_line import FRICTION, Arm, Ran
 
 import ident as package
+from ident.cli import build_parser
+from ident.commands import COMMANDS
+from ident.commands.examples import EXAMPLES
+from ident.commands.names import take_names
 
 Ident = Callable[..., Ran]
 
@@ -133,3 +138,16 @@ def test_effects_that_cannot_be_read_are_told(ident: Ident, arm: Arm, effect: st
     ran = ident("fit", "--urdf", arm.urdf, "--log", arm.train, "--effects", effect)
     assert ran.code == 2
     assert needle in " ".join(ran.err.split())
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_help_of_a_command_has_examples_that_it_understands(ident: Ident, command: str) -> None:
+    ran = ident(command, "--help")
+    assert ran.code == 0
+    shown = [line.strip() for line in ran.out.partition("\nexample:\n")[2].splitlines() if line.startswith("  ") and "ident " in line]
+    assert shown[: len(EXAMPLES[command])] == list(EXAMPLES[command])
+    for line in EXAMPLES[command]:
+        words = shlex.split(line.removeprefix('eval "$(').removesuffix(')"'))
+        args, more = build_parser(command).parse_known_args(words[1:])
+        assert take_names(args, more), line
+        assert args.command == command

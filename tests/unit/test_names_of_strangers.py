@@ -45,6 +45,15 @@ READ: dict[str, tuple[dict[str, Array], str]] = {
         "joint",
     ),
     "turns a minute": (table("t", 1.0, {"pos{}_turns": Q / _TURN, "vel{}_rev_per_min": DQ / _TURN * 60, "trq{}": TAU}), "joint"),
+    "least and most beside": (
+        table("t", 1.0, {"pos_min_{}": Q - 1, "pos_max_{}": Q + 1, "pos_{}": Q, "trq_{}": TAU, "trq_std_{}": 0 * TAU + 1}),
+        "joint",
+    ),
+    "currents that make torque": (table("t", 1.0, {"pos_{}": Q, "vel_{}": DQ, "Id_{}": 0.1 * TAU, "Iq_{}": TAU}), "current"),
+    "revolutions a minute": (
+        table("t", 1.0, {"pos_{} [deg]": Q / _DEG, "speed_{} [rev/min]": DQ / _TURN * 60, "trq_{} [mNm]": 1e3 * TAU}),
+        "joint",
+    ),
     "words before a bracket": (
         table("Time (sec)", 1.0, {"Joint Position ({}) [deg]": Q / _DEG, "Joint Torque ({}) [N·m]": TAU}, ("Base", "Shoulder", "Elbow")),
         "joint",
@@ -68,7 +77,7 @@ def test_what_tells_enough_is_read(kind: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(log.q, Q, atol=1e-12)
     if log.dq is not None:
         np.testing.assert_allclose(log.dq, DQ, atol=1e-12)
-    assert (log.dq is None) == (len(columns) == 1 + 2 * n)
+    assert (log.dq is None) == (not any("vel" in name.lower() or "speed" in name or "ω" in name or "\u0307" in name for name in columns))
     assert list(log.tau) == [side]
     np.testing.assert_allclose(log.tau[side], TAU, atol=1e-12)
 
@@ -108,3 +117,19 @@ def test_numbers_with_their_units_are_refused_with_what_to_do(tmp_path: Path) ->
     (tmp_path / "a.csv").write_text("\n".join(["t,q1,tau1", *rows]) + "\n")
     with pytest.raises(ident.DataError, match=r"rad' is not a number\. Write numbers alone, and their unit into the header"):
         ident.read_logs(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(("unit", "what"), [("MNm", "torque"), ("deg/ms", "vel"), ("daNm", "torque")])
+def test_units_that_only_look_like_known_ones_are_not_used(unit: str, what: str, tmp_path: Path) -> None:
+    names = {"pos{} [rad]": Q, "vel{} [rad/s]": DQ, "torque{} [Nm]": TAU}
+    columns = table("t [s]", 1.0, {f"{what}{{}} [{unit}]" if name.startswith(what) else name: x for name, x in names.items()})
+    log = ident.read_logs(written(tmp_path / "a.csv", columns))[0]
+    assert (log.dq is None, not log.tau) == (what == "vel", what == "torque")
+    assert any(f"are in {unit!r}, which is no unit that is known" in note for note in log.notes)
+
+
+def test_garbled_names_do_not_fill_the_message(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(",".join(["一 " * 2000, "b"]) + "\n1,2\n2,3\n", encoding="utf-8")
+    with pytest.raises(ident.DataError) as caught:
+        ident.read_logs(tmp_path / "a.csv")
+    assert len(str(caught.value)) < 1000
