@@ -19,6 +19,8 @@ Array = np.ndarray
 _STEPS = 30
 #: Share of the squared residual by which larger steps of time may change it, and the largest.
 _UNCHANGED, _LARGEST = 1e-2, 2.5e-3
+#: Share of the squared error that says more than its size in standard deviations, where what is left is no noise.
+_LARGE = 0.1
 #: Share of the squared residual that a step of a trial takes off at least.
 _ENOUGH = 1e-4
 #: Standard deviations by which a candidate on a joint differs from what was declared, where it counts there.
@@ -66,7 +68,8 @@ def tried(stage: Stage, one: Screened, inertia: Array) -> tuple[Screened, Stage]
         after = _with(stage, one, inertia)
         counts = _counting(stage, one, after)
         if len(counts) == len(one.joints):
-            gained = np.isfinite(after.fit.cost) and stage.fit.cost - after.fit.cost > SIGNIFICANT**2 * after.spread
+            gain = stage.fit.cost - after.fit.cost
+            gained = np.isfinite(gain) and (gain > SIGNIFICANT**2 * after.spread or gain > _LARGE * stage.fit.cost)
             return (one, after) if gained else None
         one = replace(one, joints=counts)
     return None
