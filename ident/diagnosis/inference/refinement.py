@@ -28,6 +28,10 @@ _END = 1e-3
 _ALIKE, _HALVED = 0.5, 3
 #: How far (logarithm) from where it scores best a limit is looked for by what it leaves.
 _REACH = 0.15
+#: Passes of a refit whose columns follow the values.
+PASSES = 3
+#: Refits in which a shape comes to agree with its own values, and the share to which it does.
+_AGREE, _AGREES = 6, 0.02
 #: Rounds around an order, each at a third of the last.
 _ORDER_ROUNDS = 4
 #: Share of the range that is looked at around a shape that was found before.
@@ -135,6 +139,24 @@ def settled(effect: Effect, others: tuple[Effect, ...], fit: Fit) -> Effect:
     at = float(np.log(getattr(effect, p.name)))
     found = minimize_scalar(left, bounds=(at - _REACH, at + _REACH), method="bounded", options={"xatol": 1e-4, "maxiter": 25})
     return effect.with_shape(**{p.name: float(np.exp(found.x))}) if found.fun < left(at) else effect
+
+
+def agreed(effect: Effect, others: tuple[Effect, ...], fit: Fit) -> Effect:
+    """An effect whose fitted values tell its shape, at the shape that agrees with them beside others; as it is where none does.
+
+    To first order a shape far from its own response may score best: a lag of twice the time constant at half its share."""
+    found = effect
+    for _ in range(_AGREE):
+        other = fit.with_effects((*others, found))
+        frame = other.solved(PASSES)
+        own = slice(len(frame.theta) - len(found.parameters(fit.robot)), None)
+        told = found.told_by(frame.theta[own])
+        ends = search_range(told, fit.declared, fit.sought(told))
+        told = told.with_shape(**{name: float(np.clip(getattr(told, name), *ends[name])) for name in ends})
+        if all(abs(getattr(told, name) - getattr(found, name)) <= _AGREES * abs(getattr(found, name)) for name in ends):
+            return found if can_be(found, other, frame.theta[own], frame.std[own]) else effect
+        found = told
+    return effect
 
 
 def at_an_end(effect: Effect, fit: Fit) -> bool:
