@@ -13,7 +13,7 @@ from ..design.catalogue import Catalogue
 from ..design.places import search_range
 from ..scoring.fit import depends
 from ..thresholds import COMPETES, CONTAINED
-from .refinement import PASSES, agreed, can_be, refined, settled
+from .refinement import PASSES, agreed, can_be, refined, settled, sharpened
 from .scores import Scores
 
 if TYPE_CHECKING:
@@ -177,11 +177,15 @@ def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
 
     effect = state.labelled(refined(group.effect, joints, state.fit, state.frame))
     fit, frame = solved(effect)
-    for near in (*[False] * anew, True):
-        sharper = refined(effect, joints, state.fit, state.fit.behind(frame.gains), near=near)
-        if sharper != effect:
-            effect = sharper
+    for _ in range(anew):
+        wider = refined(effect, joints, state.fit, state.fit.behind(frame.gains))
+        if wider != effect:
+            effect = wider
             fit, frame = solved(effect)
+    sharper = sharpened(effect, joints, others, state.fit, frame.gains)
+    if sharper != effect:
+        effect = sharper
+        fit, frame = solved(effect)
     own = slice(len(frame.theta) - len(effect.parameters(fit.robot)), None)
     if effect.told_by(frame.theta[own]) != effect and not can_be(effect, fit, frame.theta[own], frame.std[own]):
         effect = agreed(effect, others, state.fit)

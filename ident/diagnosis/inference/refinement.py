@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
+Score = Callable[[list["Effect"], tuple[str, ...], "Fit", "Solved"], Array]
 #: Points over the whole range of a lone shape and of each of several, and around the best one.
 _WHOLE, _EACH, _FINE = 25, 7, 9
 #: Rounds over the whole range, and around a shape found before; each looks at a quarter of the last.
@@ -38,8 +40,11 @@ _ORDER_ROUNDS = 4
 _NEAR = 0.06
 
 
-def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False) -> Effect:
-    """An effect at the shape that scores best beside a frame; `near`: only around the one it has."""
+def refined(
+    effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False, score: Score | None = None
+) -> Effect:
+    """An effect at the shape that scores best beside a frame; `near`: only around the one it has. `score`: `scored` by default."""
+    score = score or scored
     if is_order(effect) and not on_a_slide(effect, fit) and _free(effect, fit):
         return _order(effect, joints, fit, frame)
     free = _free(effect, fit)
@@ -56,9 +61,24 @@ def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *,
             if not near and not turn:
                 values = _told_apart(effect, axis, values, joints, fit, frame)
             options = [effect, *(effect.with_shape(**{axis.name: v}) for v in values)]
-            effect = options[int(np.argmax(scored(options, joints, fit, frame)))]
+            effect = options[int(np.argmax(score(options, joints, fit, frame)))]
         width, points = width * 2.5 / points, _FINE
     return effect
+
+
+def sharpened(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, gains: tuple[Array, ...]) -> Effect:
+    """An effect at the shape near its own that scores best beside others, at the noise of a model that has it.
+
+    At such noise a shape that is off by little has values that are off by many deviations, such as no effect can have: whether they can be
+    is asked of the best alone, by a refit. Where they cannot, the best is sought among shapes whose values can."""
+    frame = fit.behind(gains)
+    found = refined(effect, joints, fit, frame, near=True, score=_plain)
+    if found == effect:
+        return effect
+    other = fit.with_effects((*others, found))
+    refit = other.behind(gains)
+    own = slice(len(refit.theta) - len(found.parameters(fit.robot)), None)
+    return found if can_be(found, other, refit.theta[own], refit.std[own]) else refined(effect, joints, fit, frame, near=True)
 
 
 def _told_apart(effect: Effect, axis: _Axis, values: list[float], joints: tuple[str, ...], fit: Fit, frame: Solved) -> list[float]:
@@ -105,6 +125,14 @@ def scored(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solv
     out = np.zeros(len(effects))
     for i, (z, k) in enumerate(zip(scores.plain, scores.kept, strict=True)):
         out[k] = z if can_be(effects[k], fit, *scores.values(i)) else 0.0
+    return out
+
+
+def _plain(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solved) -> Array:
+    """z of each effect of a list beside a frame, whatever its values."""
+    scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, joints) for e in effects]))
+    out = np.zeros(len(effects))
+    out[scores.kept] = scores.plain
     return out
 
 
