@@ -40,9 +40,7 @@ _ORDER_ROUNDS = 4
 _NEAR = 0.06
 
 
-def refined(
-    effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False, score: Score | None = None
-) -> Effect:
+def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False, score: Score | None = None) -> Effect:
     """An effect at the shape that scores best beside a frame; `near`: only around the one it has. `score`: `scored` by default."""
     score = score or scored
     if is_order(effect) and not on_a_slide(effect, fit) and _free(effect, fit):
@@ -79,6 +77,22 @@ def sharpened(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...
     refit = other.behind(gains)
     own = slice(len(refit.theta) - len(found.parameters(fit.robot)), None)
     return found if can_be(found, other, refit.theta[own], refit.std[own]) else refined(effect, joints, fit, frame, near=True)
+
+
+def likeliest(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, frame: Solved) -> Effect:
+    """An accepted effect (in `frame`) at the shape near its own that is likeliest beside others, each at the noise that it leaves.
+
+    What a wrong shape leaves passes for coloured noise, at which that very shape scores best: the shape is sought with one weight for all
+    frequencies, too."""
+    found = {sharpened(effect, joints, others, fit, gains) for gains in (frame.gains, fit.with_effects((*others, effect)).flat(None))}
+    if len(found) == 1:
+        return found.pop()
+
+    def likelihood(e: Effect) -> float:
+        other = fit.with_effects((*others, e))
+        return other.likelihood(other.solved(1))
+
+    return max(found, key=likelihood)
 
 
 def _told_apart(effect: Effect, axis: _Axis, values: list[float], joints: tuple[str, ...], fit: Fit, frame: Solved) -> list[float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...effects.kinds import Need
 from ..thresholds import LEVEL, MATERIAL
-from .refinement import agreed, at_an_end, can_be, refined, settled, sharpened
+from .refinement import agreed, at_an_end, can_be, likeliest, refined, settled
 from .scores import Scores
 from .significance import parametric
 
@@ -84,7 +84,7 @@ class EffectSearch:
                 continue
             lone = len(self.accepted) == 1
             better = effect if lone else refined(effect, joints, fit, fit.behind(self.frame.gains))
-            better = sharpened(better, joints, fit.effects, fit, self.frame.gains)
+            better = likeliest(better, joints, fit.effects, fit, self.frame)
             if self._tells_its_shape(effect):
                 better = agreed(better, fit.effects, fit)
             changed |= better != effect
