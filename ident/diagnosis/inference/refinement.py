@@ -80,7 +80,8 @@ def sharpened(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...
 
 
 def likeliest(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, frame: Solved) -> Effect:
-    """An accepted effect (in `frame`) at the shape near its own that is likeliest beside others, each at the noise that it leaves.
+    """An accepted effect (in `frame`) at the shape near its own that is likeliest beside others, each at the noise that it leaves, of
+    those whose values can be.
 
     What a wrong shape leaves passes for coloured noise, at which that very shape scores best: the shape is sought with one weight for all
     frequencies, too."""
@@ -88,11 +89,13 @@ def likeliest(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...
     if len(found) == 1:
         return found.pop()
 
-    def likelihood(e: Effect) -> float:
+    def worth(e: Effect) -> tuple[bool, float]:
         other = fit.with_effects((*others, e))
-        return other.likelihood(other.solved(1))
+        refit = other.solved(1)
+        own = slice(len(refit.theta) - len(e.parameters(fit.robot)), None)
+        return can_be(e, other, refit.theta[own], refit.std[own]), other.likelihood(refit)
 
-    return max(found, key=likelihood)
+    return max(found, key=worth)
 
 
 def _told_apart(effect: Effect, axis: _Axis, values: list[float], joints: tuple[str, ...], fit: Fit, frame: Solved) -> list[float]:
