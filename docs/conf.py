@@ -26,8 +26,10 @@ html_theme = "furo"
 html_title = f"ident {release}"
 html_static_path: list[str] = ["static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_copy_source = False
 html_extra_path: list[str] = []
+highlight_language = "none"  # a block that names no language is what a program printed
 pygments_style, pygments_dark_style = "default", "github-dark"
 
 autodoc_typehints = "none"  # shapes and meanings are in the docstrings

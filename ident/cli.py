@@ -8,6 +8,7 @@ import importlib
 import logging
 import os
 import sys
+import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from contextlib import contextmanager
 from ._utils.fault_report import fault_report
 from ._utils.version import __version__
 from .commands import COMMANDS
+from .commands.examples import EXAMPLES
 from .commands.names import nearest_flags, take_names
 from .errors import IdentError
 
@@ -35,6 +37,9 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             module = importlib.import_module(f"ident.commands.{name.replace('-', '_')}")
             module.add_arguments(sub)
             sub.set_defaults(run=module.run, parsers=parsers)
+            sub.description, sub.formatter_class = textwrap.fill(what, 100), argparse.RawDescriptionHelpFormatter
+            examples = "\n".join(("example:", *(f"  {line}" for line in EXAMPLES[name])))
+            sub.epilog = examples if sub.epilog is None else f"{examples}\n\n{sub.epilog}"
     return parser
 
 

@@ -17,6 +17,7 @@ sys.path.insert(0, str(ROOT))
 import ident  # noqa: E402
 from ident.cli import build_parser  # noqa: E402
 from ident.commands import COMMANDS  # noqa: E402
+from ident.commands.examples import EXAMPLES  # noqa: E402
 from ident.effects.registry import effect_types  # noqa: E402
 from ident.estimators import estimator_types  # noqa: E402
 from ident.signals.preparation import Preparation  # noqa: E402
@@ -220,7 +221,8 @@ def commands_page() -> str:
     for name, what in COMMANDS.items():
         parser = build_parser(name)
         (commands,) = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-        parts.append(f"## `ident {name}`\n\n{cell(what)[:1].upper()}{cell(what)[1:]}.\n\n{flags(commands.choices[name])}")
+        examples = "\n".join(("```console", *(f"$ {line}" for line in EXAMPLES[name]), "```\n"))
+        parts.append(f"## `ident {name}`\n\n{cell(what)[:1].upper()}{cell(what)[1:]}.\n\n{examples}\n{flags(commands.choices[name])}")
     return "\n".join(parts)
 
 
@@ -230,7 +232,8 @@ def flags(parser: argparse.ArgumentParser) -> str:
     for action in parser._actions:
         if not isinstance(action, argparse._HelpAction):
             called = ", ".join(f"`{o}`" for o in action.option_strings) or f"`{action.metavar or action.dest}`"
-            values = " ".join(f"{{{','.join(map(str, action.choices))}}}" if action.choices else str(action.metavar or "") for _ in [0])
+            written = " ".join(action.metavar) if isinstance(action.metavar, tuple) else str(action.metavar or "")
+            values = f"{{{','.join(map(str, action.choices))}}}" if action.choices else written
             shown = f" `{values}`" if values and action.option_strings else ""
             text = (
                 (action.help or "") % {"default": action.default, "prog": parser.prog}

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .singular_values import lstsq
+
 Array = np.ndarray
 #: Repetitions that are worth the while.
 MOST = 16
@@ -35,5 +37,5 @@ class Repetition:
         change = np.stack([self._moves[-1] - m for m in self._moves[:-1]], axis=1)
         path = np.stack([self._put[-1] - p for p in self._put[:-1]], axis=1)
         # Where the move that the last few suggest would be nothing.
-        share = np.linalg.lstsq(self.weight[:, None] * change, self.weight * self._moves[-1], rcond=1e-8)[0]
+        share = lstsq(self.weight[:, None] * change, self.weight * self._moves[-1], rcond=1e-8)
         return np.asarray(came - (path + change) @ share)

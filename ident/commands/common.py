@@ -64,18 +64,32 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
             help="manifest of a step-by-step plan that the logs follow (method sequential); without --log, its logs beside it are read",
         )
         parser.add_argument(
-            "--effects", nargs="+", metavar="EFFECT", help="declared model beside the rigid body, e.g. rotor_inertia viscous coulomb"
+            "--effects",
+            nargs="+",
+            metavar="EFFECT",
+            help="declared model beside the rigid body, e.g. rotor_inertia viscous coulomb; joints and shapes as in stribeck:joint3:v_s=1",
         )
-        parser.add_argument(
-            "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
-        )
-        parser.add_argument("--rate-hz", dest="rate_hz", type=positive, metavar="HZ", help="samples per second of logs without a time")
+        add_reading_arguments(parser)
         parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off; without it, it is chosen from the data")
 
 
 def add_log_argument(parser: argparse.ArgumentParser, what: str, *others: str) -> None:
     """`--log`, which may also be spelt `--logs`, and as `others` where a command has logs of one kind only."""
     parser.add_argument("--log", "--logs", *others, dest="log", nargs="+", action="extend", metavar="FILE", help=what)
+
+
+def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
+    """How logs are read: `--missing`, `--rate-hz`."""
+    parser.add_argument(
+        "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
+    )
+    parser.add_argument("--rate-hz", dest="rate_hz", type=positive, metavar="HZ", help="samples per second of logs without a time")
+
+
+def read_as_asked(study: Study, args: argparse.Namespace) -> Study:
+    """The study with what the flags say of the reading of its logs."""
+    given = {key: value for key in ("missing", "rate_hz") if (value := getattr(args, key, None))}
+    return replace(study, logs=replace(study.logs, **given))
 
 
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:
@@ -119,10 +133,7 @@ def study_from(args: argparse.Namespace) -> Study:
         method, path = study.estimator.method or "sequential", os.path.abspath(followed)
         make_estimator(method, plan=path)  # a method that follows no plan says which does
         study = replace(study, estimator=replace(study.estimator, method=method, options={**study.estimator.options, "plan": path}))
-    if getattr(args, "missing", None):
-        study = replace(study, logs=replace(study.logs, missing=args.missing))
-    if getattr(args, "rate_hz", None):
-        study = replace(study, logs=replace(study.logs, rate_hz=args.rate_hz))
+    study = read_as_asked(study, args)
     cutoff = getattr(args, "cutoff", None)
     if cutoff is None:
         return study

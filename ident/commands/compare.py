@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ from ..evaluation.comparison import compare
 from ..logs.reading import read_logs
 from ..study.session import like
 from ..study.study import Study, read_study
-from .common import Output, add_log_argument, add_output_arguments
+from .common import Output, add_log_argument, add_output_arguments, add_reading_arguments, read_as_asked
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -28,9 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("after", help="saved fit, e.g. after.fit.json of `ident diagnose --out`")
     add_log_argument(parser, "held-out logs (CSV, CSV.gz, MAT, Parquet; patterns allowed)", "--validate")
     parser.add_argument("--study", metavar="FILE", help="study file whose [logs] and [columns] are used: its validation logs without --log")
-    parser.add_argument(
-        "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
-    )
+    add_reading_arguments(parser)
     parser.add_argument("--strict", action="store_true", help="exit with 1 unless the later fit predicts better, beyond its standard error")
     add_output_arguments(parser)
 
@@ -70,8 +67,7 @@ def run(args: argparse.Namespace) -> int:
 def logs_for(args: argparse.Namespace, estimate: Estimate) -> LogSet:
     """The logs named by `--log` or by the study, as an estimate's robot reads them. Raises ConfigurationError if there are none."""
     study = read_study(Path(args.study)) if args.study else Study()
-    if args.missing:
-        study = replace(study, logs=replace(study.logs, missing=args.missing))
+    study = read_as_asked(study, args)
     if args.log:
         study = study.with_flags(logs=args.log)
         files = study.fit_files()

@@ -63,7 +63,9 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
     if session.held_by_split and estimate.heldout_error is not None:
         out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
     # What the audit warns of goes with the result, wherever that is read.
-    estimate = replace(estimate, warnings=(*(f"audit: {finding}" for finding in session.audit.warnings), *estimate.warnings))
+    findings = [str(finding) for finding in session.audit.warnings]
+    news = [f"audit: {finding}" for finding in findings if not any(warning in finding for warning in estimate.warnings)]
+    estimate = replace(estimate, warnings=(*news, *estimate.warnings))
     smaller = _essential(session, estimate, out) if args.essential else None
     if out.json:
         out.result(estimate.to_dict() | ({} if smaller is None else {"essential": jsonable(smaller.to_dict())}))

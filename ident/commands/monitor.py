@@ -16,7 +16,7 @@ from ..monitoring import monitor
 from ..reporting import report, report_of
 from ..study.session import like
 from ..study.study import Study, read_study
-from .common import Output, add_log_argument, add_output_arguments
+from .common import Output, add_log_argument, add_output_arguments, add_reading_arguments, read_as_asked
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -34,9 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="logs of the fit itself: they show what the model never had, beside what is new (default: those that the fit names)",
     )
     parser.add_argument("--study", metavar="FILE", help="study file whose [columns] and [logs] are used: its logs to fit without --log")
-    parser.add_argument(
-        "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
-    )
+    add_reading_arguments(parser)
     parser.add_argument(
         "--look",
         type=int,
@@ -52,8 +50,7 @@ def run(args: argparse.Namespace) -> int:
     out = Output(args)
     estimate = Estimate.load(args.fit)
     study = read_study(Path(args.study)) if args.study else Study()
-    if args.missing:
-        study = replace(study, logs=replace(study.logs, missing=args.missing))
+    study = read_as_asked(study, args)
     if args.log:
         study = study.with_flags(logs=args.log)
     files = [*map(str, study.fit_files())] if study.logs.fit else []

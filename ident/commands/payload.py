@@ -14,7 +14,7 @@ from ..physical import payload_of
 from ..problem.problem import Problem
 from ..study.session import like
 from ..study.study import Study, read_study
-from .common import Output, add_log_argument, add_output_arguments, add_study_arguments, study_from
+from .common import Output, add_log_argument, add_output_arguments, add_reading_arguments, add_study_arguments, read_as_asked, study_from
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -31,9 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--link", help="link that carries the load; the last moving one by default")
     parser.add_argument("--method", help="estimator of both fits; default: the study's, else wls")
     parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="declared model beside the rigid body")
-    parser.add_argument(
-        "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
-    )
+    add_reading_arguments(parser)
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off; without it, it is chosen from the data")
     parser.add_argument("--strict", action="store_true", help="exit with 1 if there is no load beyond chance")
     add_output_arguments(parser)
@@ -76,8 +74,7 @@ def _of_saved(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
         )
     before = Estimate.load(args.fit)
     study = (read_study(args.study) if args.study else Study()).with_flags(logs=args.log, method=args.method)
-    if args.missing:
-        study = replace(study, logs=replace(study.logs, missing=args.missing))
+    study = read_as_asked(study, args)
     loaded = like(before.signals_config)(_read(study, before.model.robot, "with"))
     return before, _solved(study, before.model, loaded)
 

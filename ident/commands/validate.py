@@ -13,7 +13,7 @@ from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..evaluation.validation import validate
 from ..study.study import Study, read_study
-from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
+from .common import Output, add_output_arguments, add_study_arguments, not_negative, read_as_asked, study_from
 from .streaming import add_streaming_arguments, session_from, signals_from
 
 if TYPE_CHECKING:
@@ -57,8 +57,7 @@ def _of_saved(args: argparse.Namespace, out: Output) -> int:
     if not (study.logs.validate or study.logs.fit):
         raise ConfigurationError("no log to validate on; name it with --validate FILE or --log FILE, or in a study file.")
     files = [*map(str, study.validation_files())] or [*map(str, study.fit_files())]
-    if args.missing:
-        study = replace(study, logs=replace(study.logs, missing=args.missing))
+    study = read_as_asked(study, args)
     study = replace(study, logs=replace(study.logs, fit=tuple(files), validate=()))
     with signals_from(args, study, out, estimate) as signals:
         validation = validate(estimate, signals, simulate=not args.no_replay)

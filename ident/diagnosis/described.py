@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.singular_values import lstsq
 from ..effects.described import Described, Turned
 from ..statistics.torque_error import number
 from .thresholds import WORSE
@@ -119,11 +120,11 @@ def formula(x: Array, y: Array, symbol: str) -> str:
         errors = []
         for k in range(len(names)):
             A = columns[:, np.array([*chosen, k])]
-            errors.append(float(np.std(target - A @ np.linalg.lstsq(A, target, rcond=1e-9)[0])) if k not in chosen else np.inf)
+            errors.append(float(np.std(target - A @ lstsq(A, target, rcond=1e-9))) if k not in chosen else np.inf)
         chosen.append(int(np.argmin(errors)))
         if min(errors) <= _MISSED * size:
             A = columns[:, np.array(chosen)]
-            weights = np.linalg.lstsq(A, target, rcond=1e-9)[0]
+            weights = lstsq(A, target, rcond=1e-9)
             return " ".join(_term(w, names[k], first=i == 0) for i, (w, k) in enumerate(zip(weights, chosen, strict=True)))
     return ""
 

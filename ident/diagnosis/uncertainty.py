@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.singular_values import pinv
 from .design.places import is_order
 from .inference.scores import blocks
 from .result import FoundParameter
@@ -71,7 +72,7 @@ def _uneven(fit: Fit, frame: Solved, Z: Array, equations: Array) -> Array:
     cuts = blocks(fit, frame)
     scores = np.add.reduceat(np.einsum("rnp,rn->rp", Z, frame.residual), cuts, axis=0)
     scores = scores - scores.mean(axis=0)
-    inverse = np.linalg.pinv(equations, rcond=SINGULAR)
+    inverse = pinv(equations, rcond=SINGULAR)
     count = len(cuts)
     return np.sqrt(np.sum((scores @ inverse.T) ** 2, axis=0) * count / max(count - 1, 1))
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.singular_values import lstsq
 from ..errors import DataError
 from ..logs.units import split_unit, unit_of
 from .law import DriveLaw, VelocityCommand
@@ -160,7 +161,7 @@ def _first_state(t: Array, q: Array) -> tuple[Array, Array]:
 def _moving(t: Array, values: Array, slope: float) -> tuple[float, float]:
     """Position and speed at the first of a few readings of a joint that moves: of a parabola where they are bent for sure."""
     powers = np.vander(t - t[0], 3, increasing=True)
-    found = np.linalg.lstsq(powers, values, rcond=None)[0]
+    found = lstsq(powers, values, rcond=None)
     left = values - powers @ found
     spread = float(left @ left) / max(len(t) - 3, 1) * np.linalg.inv(powers.T @ powers)
     bent = abs(found[2]) > _SURE * np.sqrt(spread[2, 2])

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._utils.singular_values import pinv
 from .plant import DrivePlant
 from .search import Fitted, followed
 from .uncertainty import Precision
@@ -44,7 +45,7 @@ def delay_profiles(plant: DrivePlant, found: Fitted, sizes: Array, precision: Pr
 def _white(precision: Precision) -> Array:
     """Variances (p,) in units of the scale, were the residual white noise of its size."""
     size = np.maximum(precision.strengths, 1e-150)
-    return np.diag(np.linalg.pinv(precision.information / np.outer(size, size), rcond=1e-10, hermitian=True)) / size**2
+    return np.diag(pinv(precision.information / np.outer(size, size), rcond=1e-10, hermitian=True)) / size**2
 
 
 class _Side:

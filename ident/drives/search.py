@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from .._utils.singular_values import lstsq
 from ..errors import DataError
 from .descent import SimulatedSearch
 from .plant import DrivePlant, joined
@@ -123,7 +124,7 @@ def _hops(search: SimulatedSearch, values: Array) -> list[Array]:
     _, slopes = search.linear(values)
     J = (slopes * search.weights[..., None]).reshape(-1, len(values)) * search.sizes
     others = np.setdiff1d(np.arange(len(values)), dry)
-    along = -np.linalg.lstsq(J[:, others], J[:, dry].sum(axis=1), rcond=1e-6)[0]
+    along = -lstsq(J[:, others], J[:, dry].sum(axis=1), rcond=1e-6)
     out = []
     for share in _HOPS:
         hop, change = values.copy(), (share - 1.0) * float(np.mean(values[dry] / search.sizes[dry]))

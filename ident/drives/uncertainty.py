@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._utils.singular_values import lstsq
 from .search import Fitted
 
 Array = np.ndarray
@@ -62,7 +63,7 @@ class Precision:
     def regrouped(self, free: Array, held: Array) -> Array:
         """(f, h): how much of each `held` unknown one of `free` takes over, in units of their scales."""
         F = self.information
-        return np.linalg.lstsq(F[np.ix_(free, free)], F[np.ix_(free, held)], rcond=_NONE)[0]
+        return lstsq(F[np.ix_(free, free)], F[np.ix_(free, held)], rcond=_NONE)
 
 
 def memory(residual: Array) -> int:

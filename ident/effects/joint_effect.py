@@ -25,9 +25,9 @@ Array = np.ndarray
 class JointEffect(Effect):
     """An effect with the same few columns on each joint: torque on joint j depends on joint j's own motion."""
 
-    #: For each column: symbol, unit of the parameter, lower bound. In units, `{tau}`, `{q}`, `{inertia}` stand for the units
-    #: of torque, position and inertia, and the names of shape parameters for their values.
-    symbols: ClassVar[tuple[tuple[str, str, float], ...]]
+    #: For each column: symbol, unit of the parameter, lower bound (None: there is none). In units, `{tau}`, `{q}`, `{inertia}` stand for
+    #: the units of torque, position and inertia, and the names of shape parameters for their values.
+    symbols: ClassVar[tuple[tuple[str, str, float | None], ...]]
     #: For each column what it is; empty where one is something else. What is declared here is simulated by compiled code.
     factors: ClassVar[tuple[Factor, ...]] = ()
     #: For each column what it is as a formula of `q`, `dq`, `ddq` (on the effect's side), `load`, `x` (position on the side `angle`) and
@@ -41,7 +41,8 @@ class JointEffect(Effect):
             q, tau = robot.position_unit(j, self.side), robot.force_unit(j, self.side)
             units = {"q": q, "tau": tau, "inertia": "kg" if q == "m" else "kg m^2", **shape}
             for symbol, unit, lower in self.symbols:
-                found.append(Parameter(self.named(symbol, robot, j), unit.format(**units), self.name, robot.joint_names[j], lower))
+                least = -np.inf if lower is None else lower
+                found.append(Parameter(self.named(symbol, robot, j), unit.format(**units), self.name, robot.joint_names[j], least))
         return tuple(found)
 
     @abstractmethod

@@ -68,8 +68,8 @@ def _insignificant(estimate: EstimateRecord) -> list[str]:
     lines += [wrapped(f"  std above 30 %: {', '.join(large)}")] if large else []
     advice = (
         "  Do not read them as physical values; predicted torque along similar motion is not affected. To determine them, record"
-        " motion that excites them (ident excite --sharpen NAME), or a longer log. To do without, leave out an effect whose"
-        " parameters are all here, and compare the error on held-out data."
+        " motion that excites them (ident excite --sharpen NAME), or a longer log. To do without, fit the others alone"
+        " (ident fit --essential, ident.essential), or leave out an effect whose parameters are all here and compare held-out errors."
     )
     return [*lines, wrapped(advice)]
 
@@ -85,7 +85,10 @@ def _held_shapes(estimate: EstimateRecord) -> list[str]:
     ]
     if not shapes:
         return []
-    advice = "A study file sets them; `ident diagnose` estimates them for an effect that the declared model lacks."
+    advice = (
+        "A study file or `--effects NAME:JOINTS:KEY=VALUE` sets them; `ident diagnose` estimates them for an effect that the declared"
+        " model lacks."
+    )
     return ["", wrapped(f"shape parameters as declared, not fitted: {'; '.join(shapes)}. {advice}")]
 
 

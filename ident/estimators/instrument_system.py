@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._utils.singular_values import singular_values
 from ..errors import DataError
 from ..problem.information import triangle
 
@@ -25,7 +26,7 @@ class InstrumentSystem:
             lost = ", ".join(names[i] for i in np.flatnonzero(self.right == 0)[:6])
             raise DataError(f"the instruments do not move what {lost} depend on; simulate the experiment as it was, or leave these out.")
         scaled = cross / np.outer(self.left, self.right)
-        singular = np.linalg.svd(scaled, compute_uv=False)
+        singular = singular_values(scaled)
         if singular[-1] < 1e-10 * singular[0]:
             raise DataError("the instruments cannot tell all parameters apart: the simulated motion does not follow the measured one.")
         self._factor = lu_factor(scaled)

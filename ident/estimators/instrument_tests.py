@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.singular_values import pinv
+
 Array = np.ndarray
 #: Directions of the difference whose variance is below this share of the largest are round-off.
 _NEGLIGIBLE = 1e-9
@@ -67,7 +69,7 @@ def shea_strength(cross: Array, gram: Array, own: Array, samples: float) -> Arra
     from scipy.linalg import solve_triangular
 
     seen = solve_triangular(root, cross, lower=True)
-    variance_own = np.diag(np.linalg.pinv(own, hermitian=True))
-    variance_iv = np.diag(np.linalg.pinv(seen.T @ seen, hermitian=True))
+    variance_own = np.diag(pinv(own, hermitian=True))
+    variance_iv = np.diag(pinv(seen.T @ seen, hermitian=True))
     share = np.clip(variance_own / np.maximum(variance_iv, 1e-300), 0.0, 1.0 - 1e-12)
     return share / (1.0 - share) * max(samples - b, 1.0) / b

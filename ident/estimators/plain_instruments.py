@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.singular_values import singular_values
 from ..errors import DataError
 from ..problem.information import triangle
 from ..problem.linear_solution import LinearSolution, order_of, solve_triangle
@@ -70,7 +71,7 @@ class ExtendedInformation:
         size = np.linalg.norm(self.factor[:, : self.b], axis=0)
         if self.rows <= self.b or not size.all():
             return False
-        singular = np.linalg.svd(self.factor[: self.b, : self.b] / size, compute_uv=False)
+        singular = singular_values(self.factor[: self.b, : self.b] / size)
         return bool(singular[-1] > _NONE * singular[0])
 
     def solution(self, order: list[int] | None = None) -> LinearSolution:

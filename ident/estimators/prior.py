@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from .._utils.singular_values import singular_values, svd
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..problem.information import triangle
 from ..problem.linear_solution import LinearSolution, full_values, score_gram
@@ -101,11 +102,11 @@ class _Blend:
         free = self.A[:, ~self.rigid]
         rest = np.eye(len(self.A))
         if free.any():
-            left, size, _ = np.linalg.svd(free / np.maximum(np.linalg.norm(free, axis=0), 1e-300))
+            left, size, _ = svd(free / np.maximum(np.linalg.norm(free, axis=0), 1e-300))
             rest = left[:, int(np.sum(size > 1e-10 * size[0])) :].T
         miss = rest @ (self.z - self.A[:, self.rigid] @ self.nominal)
         per_unit = solve_triangular(self.prior, (rest @ self.A[:, self.rigid]).T, trans="T").T
-        U, s, _ = np.linalg.svd(per_unit, full_matrices=False)
+        U, s, _ = svd(per_unit, full_matrices=False)
         seen = U.T @ miss
 
         def surprise(log_spread: float) -> float:
@@ -142,7 +143,7 @@ class _Blend:
         data, prior = self.regroup[:, which] @ gain, stacked[len(self.A) :, :-1] @ gain
         covariance = data.T @ gram @ data + prior.T @ prior
         root = triangle(solve_triangular(triangle(reach), np.eye(len(kept)), trans="T"))
-        singular = np.linalg.svd(root / np.linalg.norm(root, axis=0), compute_uv=False)
+        singular = singular_values(root / np.linalg.norm(root, axis=0))
         values = rows @ (solve_triangular(unit, z) / scale)
         regroup = np.eye(len(self.regroup))[kept]
         return LinearSolution(kept, regroup, values, root, float(singular[0] / singular[-1])), (covariance + covariance.T) / 2

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from .._utils.singular_values import condition, svd
 from ..errors import ConfigurationError, DataError, UnsupportedError, unknown_name
 from ..planning.plan import read_plan
 from ..problem.information import triangle
@@ -140,7 +141,7 @@ class StepByStep(Estimator):
             raise DataError(f"the tests leave {lost} undetermined; add the tests that the plan asks for, or use carry = 'update'.")
         values, _ = held.parameters()
         whole = triangle(rows)
-        linear = LinearSolution(np.arange(b), np.eye(b), values, whole[:-1, :-1], float(np.linalg.cond(whole[:-1, :-1] / scale)))
+        linear = LinearSolution(np.arange(b), np.eye(b), values, whole[:-1, :-1], condition(whole[:-1, :-1] / scale))
         return _Solution(linear, held.covariance(), values), report
 
 
@@ -169,7 +170,7 @@ class _Held:
         A, y = rows[:, :-1] / self.scale, rows[:, -1]
         known = A @ self.basis
         fresh = A - known @ self.basis.T
-        left, s, right = np.linalg.svd(fresh, full_matrices=False)
+        left, s, right = svd(fresh, full_matrices=False)
         size = float(np.linalg.norm(A))
         take = (s > _RANK * size) & (s >= defer * s.max(initial=0.0))
         if not take.any():

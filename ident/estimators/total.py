@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from .._utils.singular_values import svd
 from ..effects.kinds import Need
 from ..errors import ConfigurationError, UnsupportedError
 from ..estimate.status import StatusCode
@@ -144,13 +145,13 @@ def _mixed(information: Information, weights: Array, roots: Array, torque_noise:
     noise = np.zeros((roots.shape[0] * roots.shape[1] + len(mass), k + 1))
     noise[: -len(mass), :-1] = (mass[:, None, None] * roots).reshape(-1, k)
     noise[-len(mass) :, -1] = mass * np.sqrt(torque_noise)
-    _, level, V = np.linalg.svd(triangle(noise / scale) if len(noise) > k else noise / scale)
+    _, level, V = svd(triangle(noise / scale) if len(noise) > k else noise / scale)
     level = np.append(level, np.zeros(k + 1 - len(level))) if len(level) < k + 1 else level
     noisy = level > np.sqrt(_EXACT)
     exact, rough = V[~noisy].T, V[noisy].T / level[noisy]
     T = np.linalg.qr((R / scale) @ np.concatenate([exact, rough], axis=1))[1]
     e = exact.shape[1]
-    _, singular, right = np.linalg.svd(T[e:, e:])
+    _, singular, right = svd(T[e:, e:])
     b = right[-1]
     a = -solve_triangular(T[:e, :e], T[:e, e:] @ b) if e else np.zeros(0)
     x = (exact @ a + rough @ b) / scale

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.singular_values import lstsq, matrix_rank, svd
 from ..physical.pseudo_inertia import displaced
 
 if TYPE_CHECKING:
@@ -41,10 +42,10 @@ class _Beside:
         assert information is not None
         R = float(np.sqrt(max(self.estimate.weights[j], 0.0))) * information.factors[j]
         free = R[:, :-1][:, ~self.plain]
-        basis = np.linalg.svd(free, full_matrices=False)[0][:, : int(np.linalg.matrix_rank(free))] if free.size else free
+        basis = svd(free, full_matrices=False)[0][:, : int(matrix_rank(free))] if free.size else free
         parts = [R[:, :-1] @ np.where(chosen, self.nominal, 0.0) for chosen in (self.plain & ~self.inertia, self.plain & self.inertia)]
         A, z = (v - basis @ (basis.T @ v) for v in (np.stack(parts, axis=1), R[:, -1]))
-        found = np.linalg.lstsq(A, z, rcond=1e-9)[0]
+        found = lstsq(A, z, rcond=1e-9)
         left = float(np.linalg.norm(z - A @ found))
         if left > _LEFT * max(float(np.linalg.norm(z)), float(np.linalg.norm(A))):
             return None, None
@@ -63,7 +64,7 @@ class _Beside:
         assert information is not None
         R = information.combined(self.estimate.weights)[0]
         free = R[:, ~self.plain]
-        basis = np.linalg.svd(free, full_matrices=False)[0][:, : int(np.linalg.matrix_rank(free))] if free.size else free
+        basis = svd(free, full_matrices=False)[0][:, : int(matrix_rank(free))] if free.size else free
         link = slice(10 * j, 10 * j + 10)
         fitted = R @ self.estimate.values
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,7 +53,8 @@ class Comparison(Shown, ShortRepr):
 
     `floor` (n,): rms of the residual that the later estimate leaves on its own fit, per joint (the earlier one where the later one was
     fitted to no row of a joint; NaN, and no part of `gain`, where neither was); `shifts`: common parameters,
-    the largest move first; `gain_std`: standard error of `gain` over blocks of time.
+    the largest move first; `gain_std`: standard error of `gain` over blocks of time; `block_squares` (2, B, n): squared error before and
+    after, summed over each block, per joint.
 
     See `ident.compare`.
 
@@ -75,6 +76,7 @@ class Comparison(Shown, ShortRepr):
     floor: Array
     shifts: tuple[Shift, ...]
     gain_std: float = float("nan")
+    block_squares: Array = field(default_factory=lambda: np.zeros((2, 0, 0)))
 
     @property
     def gain(self) -> float:
@@ -179,16 +181,23 @@ def compare(before: Estimate, after: Estimate, signals: Signals, *, before_signa
     first, second = (np.where(common, r, np.nan) for r in residuals)
     floor = np.where(after.fit_error.rows > 0, after.fit_error.rms, before.fit_error.rms)
     errors = error_on(own, first, raw=raw), error_on(signals, second, raw=raw)
-    return Comparison(before, after, *errors, floor, tuple(shifts), _gain_std(first, second, floor, signals.row_runs))
+    squares = _block_squares(first, second, signals.row_runs)
+    return Comparison(before, after, *errors, floor, tuple(shifts), _gain_std(squares, floor), squares)
 
 
-def _gain_std(first: Array, second: Array, floor: Array, runs: Iterable[slice]) -> float:
-    """Standard error of the share of squared error that is removed: jackknife over blocks of time."""
-    weight = 1.0 / np.maximum(floor, 1e-300) ** 2
-    squares = [np.nansum(weight * r**2, axis=1) for r in (first, second)]
+def _block_squares(first: Array, second: Array, runs: Iterable[slice]) -> Array:
+    """Squared residuals (M, n) of two models, (2, B, n): summed over each of the blocks into which every run is cut."""
     edges = [np.linspace(r.start, r.stop, _BLOCKS + 1).astype(int) for r in runs]
     pieces = [slice(a, b) for e in edges for a, b in itertools.pairwise(e) if b > a]
-    sums = np.array([[s[p].sum() for p in pieces] for s in squares])
+    found = [[np.nansum(r[p] ** 2, axis=0) for p in pieces] for r in (first, second)]
+    return np.reshape(np.array(found), (2, len(pieces), first.shape[1]))
+
+
+def _gain_std(squares: Array, floor: Array) -> float:
+    """Standard error of the share of squared error that is removed: jackknife over blocks of time."""
+    weight = 1.0 / np.maximum(floor, 1e-300) ** 2
+    sums = np.nansum(weight * squares, axis=2)
+    pieces = sums[0]
     total = sums.sum(axis=1)
     left = total[:, None] - sums
     if len(pieces) < 3 or not (left[0] > 0).all():

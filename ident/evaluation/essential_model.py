@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.singular_values import condition, lstsq, pinv
 from .._utils.text import wrapped
 from ..drawing.document import Figure, Section, Table, Text, plain
 from ..drawing.shown import Shown
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from ..signals.signals import Signals
 
 Array = np.ndarray
+#: A torque error of so small a share is rounding.
+_ROUNDING = 1e-6
 _MEANING = (
     "Removed parameters are zero within what these data tell, not physically zero: a longer log, or motion exciting them, may show them."
 )
@@ -127,7 +130,8 @@ class Essential(Shown, ShortRepr):
         before, after = (100 * e.relative_all for e in (self.comparison.error_before, self.comparison.error_after))
         gain, doubt = 100 * self.comparison.gain, 100 * self.comparison.gain_std
         change = f"{'falls' if gain >= 0 else 'grows'} by {abs(gain):.2g} ± {doubt:.2g} %"
-        error = f"held out: relative torque error {before:.4g} % before, {after:.4g} % after; squared error, weighted by noise, {change}"
+        error = f"held out: relative torque error {before:.4g} % before, {after:.4g} % after"
+        error += "" if max(before, after) < 100 * _ROUNDING else f"; squared error, weighted by noise, {change}"
         return [error, *([f"kept, because the held-out error grows without: {', '.join(self.restored)}"] if self.restored else [])]
 
     def __str__(self) -> str:
@@ -208,11 +212,21 @@ def essential(estimate: Estimate, held: Signals | None = None, level: float = 0.
 
 
 def _grows(comparison: Comparison, level: float) -> bool:
-    """Whether the later estimate's error on held-out data is larger, beyond chance (one-sided) where that can be judged."""
+    """Whether the later estimate's error on held-out data is larger, beyond chance (one-sided) where that can be judged.
+
+    Squared errors before and after are compared block of time by block of time. Each joint counts by its error there, not by the fit's
+    noise: a fit without noise says nothing about the noise of other data. An error that is rounding, of the torque, is none."""
     from scipy.stats import norm
 
-    chance = comparison.gain_std if np.isfinite(comparison.gain_std) else 0.0
-    return bool(comparison.gain < -float(norm.isf(level)) * chance)
+    before, after = comparison.error_before, comparison.error_after
+    if after.relative_all <= _ROUNDING:
+        return False
+    torque = np.divide(after.rms, after.relative, out=np.zeros_like(after.rms), where=after.relative > 0)
+    size = np.maximum(before.rms, _ROUNDING * torque)
+    seen = np.isfinite(size) & (size > 0) & (before.rows > 0)
+    change = np.sum(np.diff(comparison.block_squares, axis=0)[0][:, seen] / size[seen] ** 2, axis=1)
+    chance = np.sqrt(len(change)) * float(np.std(change, ddof=1)) if len(change) > 2 else 0.0
+    return bool(change.sum() > float(norm.isf(level)) * chance)
 
 
 def _root(estimate: Estimate) -> Array:
@@ -227,14 +241,14 @@ def _refit(R: Array, kept: list[int]) -> Array:
     """The map (s, b) from all values to those of the kept parameters that minimise ‖R (values − kept)‖."""
     scale = np.linalg.norm(R[:, kept], axis=0)
     scale = np.where(scale > 0, scale, 1.0)
-    return np.linalg.lstsq(R[:, kept] / scale, R, rcond=None)[0] / scale[:, None]
+    return lstsq(R[:, kept] / scale, R, rcond=None) / scale[:, None]
 
 
 def _wald(values: Array, covariance: Array) -> float:
     """θᵀ C⁻¹ θ over the number of values (r,)."""
     std = np.sqrt(np.diag(covariance))
     ratio = values / std
-    return float(ratio @ np.linalg.pinv(covariance / np.outer(std, std), hermitian=True) @ ratio) / len(values)
+    return float(ratio @ pinv(covariance / np.outer(std, std), hermitian=True) @ ratio) / len(values)
 
 
 def _removals(estimate: Estimate, level: float) -> tuple[Removal, ...]:
@@ -279,7 +293,7 @@ def _without(estimate: Estimate, removed: tuple[Removal, ...]) -> Estimate:
         base=BaseReduction(base.parameters, base.independent[left], base.regroup[left], base.zero, base.gap, base.notes),
         values=map_ @ estimate.values,
         covariance=(covariance + covariance.T) / 2,
-        condition=float(np.linalg.cond(R[:, left] / scale)) if left else 1.0,
+        condition=condition(R[:, left] / scale) if left else 1.0,
         warnings=(*estimate.warnings, *([told] if gone else [])),
         heldout_error=None,
     )

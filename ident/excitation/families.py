@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._utils.singular_values import svd
 from ..simulation.trajectory import (
     BSplineTrajectory,
     FourierTrajectory,
@@ -119,7 +120,7 @@ class AnchoredFamily(Family):
         gap = last - first
         kept = np.eye(inner.size)
         if np.abs(gap).max() > 1e-9 * max(1.0, float(np.abs(first).max())):
-            kept = np.linalg.svd(gap[None])[2][1:].T
+            kept = svd(gap[None])[2][1:].T
         self._kept = kept
 
     @property

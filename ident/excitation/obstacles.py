@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.singular_values import singular_values, svd
 from ..errors import ConfigurationError
 
 Array = np.ndarray
@@ -54,9 +55,9 @@ def convex_parts(path: str | Path, scale: float) -> list[Any]:
         own = corners[part == k]
         if len(own) < 3:
             continue
-        flat = np.linalg.svd(own - own.mean(axis=0))[1]
+        flat = singular_values(own - own.mean(axis=0))
         if flat[-1] < 1e-6 * max(flat[0], 1e-12):  # a sheet: as thick as nothing, but a body
-            own = np.concatenate([own, own + 1e-4 * np.linalg.svd(own - own.mean(axis=0))[2][-1]])
+            own = np.concatenate([own, own + 1e-4 * svd(own - own.mean(axis=0))[2][-1]])
         points = coal.StdVec_Vec3s()
         points.extend(list(own))
         out.append(coal.Convex.convexHull(points, True, "Qt"))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.singular_values import svd
 from ..robots.tree import RigidBodyTree
 
 if TYPE_CHECKING:
@@ -154,7 +155,7 @@ def _capsule(geometry: Any) -> tuple[Array, float]:
     corners, round_by = corners_of(geometry)
     centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     local = corners - centre
-    _, _, axes = np.linalg.svd(local, full_matrices=True)
+    _, _, axes = svd(local, full_matrices=True)
     along = local @ axes[0]
     beside = np.linalg.norm(local - np.outer(along, axes[0]), axis=1)
     radius = float(beside.max())

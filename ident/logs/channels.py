@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,19 +43,18 @@ _ALIKE = ({"angle", "length"}, {"rate", "speed"}, {"acceleration", "linear accel
 _AXES = {"x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw"} | NOT_JOINTS - {"base"}
 #: What the symbols of angles and ways, of torques and forces stand for: joints of both kinds may be written side by side.
 _SYMBOLS = {"position #": {"q", "theta", "th", "d", "x", "s", "l"}, "torque #": {"tau", "f", "t", "m"}}
-#: What stands in brackets and is no unit: which joint, side or sensor it is of.
-_BESIDE = {"joint", "axis", "motor", "link", "arm", "side", "raw", "left", "right", "sensor", "encoder", "si"}
+#: What stands in brackets and is no unit, and in names and tells no joint: which joint, side or sensor it is of.
+BESIDE = {"joint", "axis", "motor", "link", "arm", "side", "raw", "left", "right", "sensor", "encoder", "si"}
+#: What two sensors of one joint are told by.
+_SIDES = {"joint", "axis", "motor", "link", "load", "output", "input", "drive", "gear", "encoder", "sensor", "raw"}
 #: Words at a name's end that tell a share, or what a sensor counts: no unit whose size is known.
 _NO_UNITS = {
     "percent", "pct", "prozent", "permille", "promille", "permil", "perthousand", "ticks", "tick", "counts", "count", "lsb", "inc", "incs",
     "increments", "digits", "adc", "pu",
 }  # fmt: skip
+#: What is told for something a time, in other units of time than those of rates that are known.
+_RATE = re.compile(r"/\s*(ms|us|µs|ns|h|cycle|tick|sample)\b", re.IGNORECASE)
 _LAST_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
-#: What rows of units and labels write, beside the suffixes of our own.
-_WRITTEN = {
-    "°": "deg", "grad": "deg", "°/s": "deg_s", "deg/s": "deg_s", "rad/s": "rad_s", "grad/s": "deg_s", "u/min": "rpm", "1/min": "rpm",
-    "µs": "us",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -129,9 +128,9 @@ class ChannelGroup:
         at = [names.index(column) for column in q.columns]
         return self if not q.named or at == sorted(at) else None
 
-    def arms(self) -> ChannelGroup:
-        """Without the channels of hands, where the others are more."""
-        keep = [k for k, name in enumerate(self.joints) if not words_of(name) & HANDS]
+    def arms(self, driven: Collection[str] = ()) -> ChannelGroup:
+        """Without the channels of hands, but of those joints that are `driven` (`bare_name`)."""
+        keep = [k for k, name in enumerate(self.joints) if not words_of(name) & HANDS or bare_name(name) in driven]
         return self.only(keep) if 0 < len(keep) < len(self.columns) else self
 
     def __str__(self) -> str:
@@ -146,8 +145,7 @@ def joint_of(name: str) -> str:
 
 def unit_suffix(text: str) -> str:
     """A unit as a row of units or a label writes it, as our own suffix; "" where it is none."""
-    word = text.strip().strip("[]()")
-    word = _WRITTEN.get(word.lower()) or as_suffix(word)
+    word = as_suffix(text.strip().strip("[]()"))
     return unit_of(word).name if is_unit(word) else ""
 
 
@@ -175,9 +173,29 @@ def groups(
     known = {template.replace("{}", "#"): quantity for quantity, template in (told or {}).items()}
     stems = _of_all_units(stems, names)
     out = [made for stem, members in stems.items() if (made := _group(stem, members, units, known.get(stem, "")))]
+    most = {g.stem.lower().replace("max", "min") for g in out if "max" in g.words}
+    out = [g for g in out if g.stem.lower() not in most]
+    if not any(g.quantity == "q" and len(g.columns) > 1 for g in out):
+        out = _of_any_numbers(stems, units, out)
     if not any(g.quantity == "q" for g in out):
         out += [made for name in names if (made := _group(name, [(0, name, "")], units, ""))]
     return out
+
+
+def _of_any_numbers(
+    stems: Mapping[str, list[tuple[int, str, str]]], units: Mapping[str, str], usual: list[ChannelGroup]
+) -> list[ChannelGroup]:
+    """Groups whose numbers neither begin with 0 or 1 nor follow each other (addresses on a bus: 0x141 …), beside the usual
+    ones; the numbers are the joints' names then. Only the usual ones where no positions are among them."""
+    named = {
+        stem: [(k, name, joint or str(k)) for k, name, joint in sorted(members)] for stem, members in stems.items() if len(members) > 1
+    }
+    counted = {stem: [(j, name, joint) for j, (_, name, joint) in enumerate(members)] for stem, members in named.items()}
+    more = [made for stem, members in counted.items() if (made := _group(stem, members, units, ""))]
+    if not any(g.quantity == "q" for g in more):
+        return usual
+    taken = {c for g in more for c in g.columns}
+    return [*(g for g in usual if not taken & set(g.columns)), *more]
 
 
 def _of_all_units(stems: Mapping[str, list[tuple[int, str, str]]], names: Sequence[str]) -> dict[str, list[tuple[int, str, str]]]:
@@ -230,14 +248,16 @@ def _around_names(
         plain, unit = bracketed(name)
         unit = unit_suffix(unit) or unread_unit(unit)
         plain = plain if unit else name
-        parts = [part for part in re.split(r"(?:[^\w%]|_)+", plain if plain.isascii() else in_english(plain)) if part]
+        split = re.split(r"(?:[^\w%]|_)+", plain if plain.isascii() else in_english(plain))
+        parts = [piece for part in split if part for piece in _words_written_as_one(part)]
         said = [part for part in parts if english(part.lower()) in SAID]
         joint = "_".join(part for part in parts if part not in said)
-        if bare_name(joint) not in known and (rest := [p for p in parts if p not in said and english(p.lower()) not in _BESIDE]):
+        if bare_name(joint) not in known and (rest := [p for p in parts if p not in said and english(p.lower()) not in BESIDE]):
             joint = "_".join(rest)
         told_by_unit = bool(said and known and unit and is_unit(unit)) and any(unit_of(unit).dimension in x for x in _ALIKE)
         named = (told_by_unit or any(english(part.lower()) in QUANTITIES for part in said)) and any(map(str.isalpha, joint))
-        if not named or (known and bare_name(joint) not in known) or (not known and words_of(joint) & (_AXES | TIME - {"t"})):
+        sides = not known and all(english(part.lower()) in _SIDES for part in parts if part not in said)
+        if sides or not named or (known and bare_name(joint) not in known) or (not known and words_of(joint) & (_AXES | TIME - {"t"})):
             continue
         stem = " ".join(said).lower() + (f" [{unit}]" if unit else "")
         _put(stems, stem, name, known.get(bare_name(joint), joint), joints)
@@ -257,6 +277,12 @@ def _around_names(
         if mine & {name for _, name, _ in members}:
             told[stem] = []
     return told
+
+
+def _words_written_as_one(part: str) -> list[str]:
+    """`LageIst`: two words that say what a column holds; else the part itself, which may be a joint's name."""
+    words = re.sub(r"([a-z])([A-Z])", r"\1 \2", part).split()
+    return words if all(english(word.lower()) in SAID for word in words) else [part]
 
 
 def bare_name(joint: str) -> str:
@@ -308,7 +334,13 @@ def _unit_in(stem: str) -> str:
 def unread_unit(text: str) -> str:
     """What is told for a unit, where it says something that is no unit that is known; "" for a unit, for nothing, and for words."""
     inside = text.strip().strip("[]()").strip()
-    plain = not inside or inside in "-–—." or inside.isdecimal() or unit_suffix(inside) or bool(words_of(inside) & (SAID | TIME | _BESIDE))
+    plain = (
+        not inside
+        or inside in "-–—."
+        or inside.isdecimal()
+        or unit_suffix(inside)
+        or (bool(words_of(inside) & (SAID | TIME | BESIDE)) and not _RATE.search(inside))
+    )
     return "" if plain else inside
 
 
@@ -341,6 +373,7 @@ def scalar_time_names(names: Sequence[str], units: Mapping[str, str] | None = No
         "ms",
         "%time",
         "ipoc",
+        "x_value",  # LabVIEW
         "clock",
         "ts",
     )

@@ -12,7 +12,7 @@ from .channels import ChannelGroup, known_scale, scalar_time_names, unit_suffix,
 from .readers.header import seconds
 from .readers.moments import MOMENT
 from .stamps import fraction_beside, fraction_of, since_1970
-from .units import bracketed, split_unit, unit_of
+from .units import as_suffix, bracketed, is_unit, split_unit, unit_of
 
 Array = np.ndarray
 Reader = Callable[[Sequence[str]], Mapping[str, Array]]
@@ -84,7 +84,10 @@ def time_of(
 
 
 def _suffix(name: str) -> str:
-    """The unit of time on which a name ends (`timestamp_ns`)."""
+    """The unit of time on which a name ends (`timestamp_ns`), or which it is (`millis`)."""
+    whole = as_suffix(name)
+    if len(whole) > 1 and is_unit(whole) and unit_of(whole).dimension == "time" and name.lower() not in ("min", "h"):
+        return unit_of(whole).name
     stem, unit = split_unit(name)
     return unit if unit and stem and unit_of(unit).dimension == "time" else ""
 

@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from .channels import ChannelGroup, bare_name, known_scale
+from ..errors import DataError
+from .channels import BESIDE, ChannelGroup, bare_name, known_scale
 from .clocks import RecordedTime, rate_ratio
+from .words import MOTOR, SAID
 
 Array = np.ndarray
 Reader = Callable[[Sequence[str]], Mapping[str, Array]]
@@ -18,6 +20,8 @@ _GEARED = 3.0
 _WITH = 0.99
 #: Two encoders of a joint differ by less than this share of its range.
 SAME = 0.05
+#: Columns named in a question.
+_SHOWN = 6
 
 
 def companions(
@@ -50,9 +54,16 @@ def companions(
     elif "i" not in chosen:
         asked = [g for g in found if g.quantity == "tau" and g.wanted and not g.estimated and len(g.columns) == n and moves(table, g)]
         notes += [
+            f"{g} are external torques, without gravity and friction, and tell nothing of the robot's own." for g in found if _external(g)
+        ][:1]
+        notes += [
             f"{g} are torques that were asked for, not measured: to use them, say so under [columns] ({_as_torque(g)})." for g in asked[:1]
         ]
     return chosen, [*notes, *_of_other_names(q, joints), *_others(q, found, table)]
+
+
+def _external(g: ChannelGroup) -> bool:
+    return g.quantity == "tau" and bool(g.words & {"ext", "external", "et"})
 
 
 def _shared(g: ChannelGroup, q: ChannelGroup) -> int:
@@ -137,3 +148,23 @@ def _others(q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, 
 def moves(table: Mapping[str, Array], group: ChannelGroup) -> bool:
     """Whether a group holds anything: arrays that are present and all zero are none."""
     return any(np.nanmax(np.abs(table[c]), initial=0.0) > 0.0 for c in group.columns)
+
+
+def refuse_parts(found: Sequence[ChannelGroup]) -> None:
+    """Raise DataError where positions stand in columns of their own, each of some joint, and nothing tells which: none is taken alone."""
+    positions = [g for g in found if g.quantity == "q" and not g.wanted and not g.estimated]
+    if any(len(g.columns) > 1 for g in positions):
+        return
+    parts: dict[tuple[str, frozenset[str]], dict[frozenset[str], ChannelGroup]] = {}
+    for g in positions:
+        if (own := g.words - SAID - MOTOR - BESIDE) and not g.of_motors:
+            parts.setdefault((g.unit, g.words & SAID), {}).setdefault(own, g)
+    for alike in parts.values():
+        if len(alike) > 1:
+            columns = [g.columns[0] for g in alike.values()]
+            more = " …" if len(columns) > _SHOWN else ""
+            said = ", ".join(f'q{j + 1} = "{column}"' for j, column in enumerate(columns[:_SHOWN])) + more
+            raise DataError(
+                f"{', '.join(map(repr, columns[:_SHOWN]))}{more} hold positions, and nothing tells of which joints. Say so under"
+                f" [columns] of a study file, with their torques: {said}."
+            )

@@ -16,9 +16,13 @@ _WORDS = {
     "q": _POSITION, "q_motor": _POSITION, "tau_joint": _TORQUE, "tau_motor": _TORQUE, "tau_current": _CURRENT | {"effort", "efforts"},
 }  # fmt: skip
 #: Words that say nothing of which joint it is.
-_BESIDE = frozenset({"joint", "j", "axis", "ax", "link", "motor", "mot", "m", "drive", "measured", "meas", "actual", "act", "sensor", "of"})
+_BESIDE = frozenset(
+    {"joint", "j", "axis", "ax", "link", "motor", "mot", "m", "drive", "measured", "meas", "actual", "act", "sensor", "of", "raw"}
+)
 #: Words that make something else of it.
 _OTHER = frozenset({"limit", "max", "min", "constant", "const", "std", "error", "temperature", "enabled", "rate", "offset", "ratio"})
+#: Symbols that may be torques: M1 …, T1 …, u1 ….
+_SYMBOL = re.compile(r"[MTFu]_?(\d+)")
 #: Columns named in a question, at most.
 _MOST = 3
 
@@ -56,7 +60,9 @@ def torque_question(columns: Sequence[str], joints: Iterable[int], names: Sequen
         beside = "" if quantity == "tau_current" else " (tau_m1 … where they are the motors')"
         if asked := question(lookalikes(columns, quantity, wanted, names), quantity, beside):
             return asked
-    return ""
+    symbols = {int(found[1]) - 1: column for column in columns if (found := _SYMBOL.fullmatch(column))}
+    whole = symbols if sorted(symbols) == wanted else {}
+    return question(whole, "tau_joint", " (tau_m1 … where they are the motors')")
 
 
 def _rest(column: str, words: frozenset[str], quantity: str) -> frozenset[str] | None:

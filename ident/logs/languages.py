@@ -49,6 +49,9 @@ _SCRIPTS = {
 _ENGLISH = {word: english for english, words in _LATIN.items() for word in words.split()}
 _PARTS = {word: english for english, words in _SCRIPTS.items() for word in words.split()}
 _PART = re.compile("|".join(f"{word}[а-яё]*" if re.match("[а-я]", word) else word for word in sorted(_PARTS, key=len, reverse=True)))
+#: Symbols of angles, torques and their rates.
+_GREEK = str.maketrans({"τ": "tau", "θ": "theta", "ϑ": "theta", "ω": "omega"})
+_DOTS = re.compile("([qxθϑφϕ])([\u0307\u0308])")
 #: Letters of Latin scripts that are none with an accent.
 _LETTERS = str.maketrans({"ł": "l", "ı": "i", "ø": "o", "đ": "d", "æ": "ae", "ß": "ss"})
 
@@ -64,6 +67,7 @@ def in_english(name: str) -> str:
     """
     if name.isascii():
         return name
+    name = _with_dots(name).translate(_GREEK)
     plain = "".join(_bare(letter) for letter in name.translate(_LETTERS))
     return plain if plain.isascii() else _PART.sub(lambda found: f" {_part(found[0])} ", plain)
 
@@ -71,6 +75,12 @@ def in_english(name: str) -> str:
 def english(word: str) -> str:
     """A word in small Latin letters as the English one, if it is one of another language."""
     return _ENGLISH.get(word, word)
+
+
+def _with_dots(name: str) -> str:
+    """A symbol's dots as words: they are a derivative's."""
+    apart = unicodedata.normalize("NFD", name)
+    return unicodedata.normalize("NFC", _DOTS.sub(lambda found: found[1] + ("_dot" if found[2] == "\u0307" else "_ddot"), apart))
 
 
 def _bare(letter: str) -> str:

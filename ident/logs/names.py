@@ -120,7 +120,7 @@ def known_units(quantity: str) -> list[str]:
 
 def parse_name(source: str, joints: JointNames | None = None, names: list[str] | None = None) -> Named | None:
     """What the contract says about a column's name, or None. `names` collects joint names when the robot is not known."""
-    name = source.strip().strip('"')
+    name = source.strip().strip('"').replace("τ", "tau")
     stem, unit = split_unit(name)
     for candidate, suffix in ((name, None), (stem, unit)):
         if candidate.lower() in ("t", "time", "%time", "timestamp"):

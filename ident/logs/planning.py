@@ -14,6 +14,7 @@ from .channels import ChannelGroup, groups, unit_suffix, unread_unit
 from .columns import ColumnPlan, resolve_columns
 from .long_tables import long_table
 from .names import KEYS, Column, JointNames, parse_name
+from .rates import with_rates
 from .readers.header import Header
 from .readers.moments import MOMENT
 from .recognise import RecordedChannels, recognised
@@ -93,6 +94,7 @@ def _planned(
             return known  # whose names and units are known better than the words tell
         plan = resolve_columns(names, joints, counted, where=where, units=_told_units(header, where))
         plan = _on_its_clock(plan, source)
+        plan = plan if columns or rate is not None else with_rates(plan, source)
         reference, more = _beside(source, plan)
         return PlannedLog(replace(plan, notes=(*notes, *plan.notes, *more), rate_hz=rate), None, reference)
     except DataError:

@@ -14,7 +14,8 @@ import numpy as np
 from ..errors import DataError
 from .channels import ChannelGroup, bare_name, groups, known_scale
 from .clocks import RecordedTime, time_of
-from .companions import SAME, companions, moves, side_of_motors
+from .companions import SAME, companions, moves, refuse_parts, side_of_motors
+from .hands import driven_hands, left_hands
 from .recorders import EFFORTS, Recorder, recorder_of
 from .references import references
 from .units import expected_units, split_unit, unit_of
@@ -60,13 +61,7 @@ def recognised(
     order = () if recorder is None or joints is None else named_alike(recorder.joints, joints)
     if order:
         found = [replace(g, joints=order) if not g.named and len(g.columns) == len(order) else g for g in found]
-    fitting, wide = _fitting(found, joints)
-    positions = _positions(fitting)
-    if not positions and joints:  # names that are not the robot's are names all the same
-        fitting, _ = _fitting(groups(names, None, unit_of_column), joints)
-        positions = [g for g in _positions(fitting) if g.named and len(g.columns) == len(joints)]
-    if not positions and wide:
-        raise _other_number(wide[0], joints or ())
+    fitting, positions = _fitting_positions(names, found, joints, unit_of_column, read)
     if not positions:
         return None
     table = _in_si(read, fitting)
@@ -97,7 +92,7 @@ def recognised(
     effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
     told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
     say = [recorder.say] if recorder is not None and recorder.say else []
-    beside = [*say, *beside, *_put_in_order(order, joints), *order_notes]
+    beside = [*say, *beside, *_put_in_order(order, joints), *order_notes, *left_hands(q, found)]
     return RecordedChannels(
         mapping,
         wanted,
@@ -110,6 +105,23 @@ def recognised(
         None if recorder is None else recorder.rate_hz,
         time.doubt,
     )
+
+
+def _fitting_positions(
+    names: Sequence[str], found: Sequence[ChannelGroup], joints: Sequence[str] | None, units: Mapping[str, str], read: Reader
+) -> tuple[list[ChannelGroup], list[ChannelGroup]]:
+    """The groups that fit the robot, and those of them that hold positions. Raises DataError where these must be asked for."""
+    driven = driven_hands(found, read) if joints is None else frozenset[str]()
+    fitting, wide = _fitting(found, joints, driven)
+    positions = _positions(fitting)
+    if not positions and joints:  # names that are not the robot's are names all the same
+        fitting, _ = _fitting(groups(names, None, units), joints)
+        positions = [g for g in _positions(fitting) if g.named and len(g.columns) == len(joints)]
+    if not positions or (joints is None and all(len(g.columns) == 1 for g in positions)):
+        refuse_parts(found)
+    if not positions and wide:
+        raise _other_number(wide[0], joints or ())
+    return fitting, positions
 
 
 def _said(chosen: Mapping[str, ChannelGroup], time: RecordedTime, unit: str) -> str:
@@ -184,10 +196,13 @@ def _entry(column: str, quantity: str, factor: float, offset: float = 0.0) -> st
     return column if scale == 1.0 and not offset else {"column": column, "scale": scale, "offset": offset / one}
 
 
-def _fitting(found: Sequence[ChannelGroup], joints: Sequence[str] | None) -> tuple[list[ChannelGroup], list[ChannelGroup]]:
-    """Groups of as many joints as the robot has (without hands, where no robot is given), and wider ones of measured positions."""
+def _fitting(
+    found: Sequence[ChannelGroup], joints: Sequence[str] | None, driven: frozenset[str] = frozenset()
+) -> tuple[list[ChannelGroup], list[ChannelGroup]]:
+    """Groups of as many joints as the robot has (without hands that are not `driven`, where no robot is given), and wider ones of measured
+    positions."""
     if joints is None:
-        return [g.arms() for g in found], []
+        return [g.arms(driven) for g in found], []
     out, wide = [], []
     for g in found:
         if g.named and set(joints) <= set(g.joints):

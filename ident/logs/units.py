@@ -67,7 +67,12 @@ def expected_units(quantity: str) -> set[str]:
 
 def is_unit(name: object) -> bool:
     """Whether a suffix names a unit, as `unit_of` takes it."""
-    return isinstance(name, str) and name.lower() in _LOWER
+    return isinstance(name, str) and name.lower() in _LOWER and not _is_mega(name)
+
+
+def _is_mega(name: str) -> bool:
+    """Whether a capital M stands before a unit of which the rest has small letters: mega, which no log of a robot needs, and not milli."""
+    return name.startswith("M") and name not in UNITS and not name.isupper() and name[1:] in UNITS
 
 
 def unit_of(name: str) -> Unit:
@@ -84,17 +89,23 @@ _PLAIN = (("µ", "u"), ("μ", "u"), ("²", "2"), ("⁻¹", "-1"), ("⁻", "-"), 
 _PER_SECOND = re.compile(r"[\s·⋅•∙*.]*\b(?:s|sec)-([12])$", re.IGNORECASE)
 #: Words, and abbreviations that are not this contract's.
 _WORDS = {
-    "degree": "deg", "degrees": "deg", "degs": "deg", "radian": "rad", "radians": "rad", "rads": "rad",
+    "degree": "deg", "grad": "deg", "degrees": "deg", "degs": "deg", "radian": "rad", "radians": "rad", "rads": "rad",
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms",
     "usec": "us", "microsecond": "us", "microseconds": "us", "nsec": "ns", "nanosecond": "ns", "nanoseconds": "ns",
+    "millis": "ms", "micros": "us", "nanos": "ns",
     "sec2": "s2", "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
-    "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "turns": "turn", "revs": "rev", "revolution": "rev", "revolutions": "rev",
+    "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "revolution": "rev", "revolutions": "rev",
+    "turn": "turn", "turns": "turn", "rot": "turn", "rotations": "turn", "rev": "rev", "revs": "rev",
     "lb": "lbf", "lbs": "lbf", "oz": "ozf", "kg": "kgf", "inch": "in",
     "newton": "N", "newtons": "N", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "volt": "V", "volts": "V",
     "град": "deg", "рад": "rad", "с": "s", "мс": "ms", "мкс": "us", "н": "N", "нм": "Nm", "м": "m", "мм": "mm", "а": "A",
     "度": "deg", "弧度": "rad", "秒": "s", "毫秒": "ms", "微秒": "us", "牛米": "Nm", "牛": "N", "米": "m", "毫米": "mm", "安": "A",
     "도": "deg", "라디안": "rad", "초": "s", "밀리초": "ms",
 }  # fmt: skip
+#: A rate as words at the end of a name: `vel1_turns_per_s`, `m1_velocity_rot_s`.
+_RATE = re.compile(r"(.+)_([A-Za-z]{3,})_(?:per_)?(s|sec|min)", re.IGNORECASE)
+#: Units that are written as a whole.
+_WHOLE = {"u/min": "rpm", "1/min": "rpm", "min-1": "rpm"}
 
 
 def as_suffix(written: str) -> str:
@@ -102,6 +113,8 @@ def as_suffix(written: str) -> str:
     looked at."""
     for sign, plain in _PLAIN:
         written = written.replace(sign, plain)
+    if whole := _WHOLE.get(written.strip().lower()):
+        return whole
     written = _PER_SECOND.sub(lambda found: "/s" if found[1] == "1" else "/s2", written.strip())
     parts = []
     for part in written.split("/"):
@@ -132,6 +145,8 @@ def split_unit(name: str) -> tuple[str, str | None]:
     stem, unit = bracketed(name)
     if is_unit(unit):
         return stem, unit_of(unit).name
+    if (found := _RATE.fullmatch(name)) and is_unit(rate := as_suffix(f"{found[2]}/{found[3]}")):
+        return found[1], unit_of(rate).name
     stem, _, word = name.rpartition("_")
     if stem and word.lower() in _WORDS and is_unit(_WORDS[word.lower()]):
         return stem, _WORDS[word.lower()]

@@ -18,13 +18,13 @@ QUANTITY_WORDS = {
            "vitesse", "velocidad", "velocidade", "velocita", "dtheta"},
     "ddq": {"qdd", "ddq", "acc", "acceleration", "qddot", "beschleunigung"},
     "tau": {"tau", "torque", "torques", "effort", "eff", "moment", "drehmoment", "mt", "force", "trq", "torq", "couple", "coppia"},
-    "i": {"current", "currents", "strom", "courant", "corriente"},
+    "i": {"current", "currents", "iq", "strom", "courant", "corriente"},
 }  # fmt: skip
 WANTED = DESIRED | {"d", "ip", "aspos", "planned", "pl", "plan", "action"}
 #: Words for what is no measurement of what the rest of the name says.
 ESTIMATED = {
     "ext", "mocap", "et", "external", "hat", "model", "gravity", "filtered", "rel", "relative", "error", "err", "deviation", "feedforward",
-    "ff", "next", "prev", "previous", "predicted", "pred", "ideal",
+    "ff", "next", "prev", "previous", "predicted", "pred", "ideal", "max", "std", "stdev", "sigma", "lower", "upper",
 }  # fmt: skip
 #: Words for a value that is computed: taken only where there is no other.
 COMPUTED = {"est", "estimated", "estimate", "computed", "calculated", "calc"}
@@ -33,7 +33,7 @@ TAKEN = MEASURED | {"present", "fb", "mp", "mt", "act", "mes"}
 MOTOR = {"mot", "motor", "motors"}
 TIME = {
     "t", "time", "timestamp", "timestamps", "tstamps", "tstamp", "zeit", "tout", "clock", "stamp", "ts", "tempo", "temps", "tiempo", "ms",
-    "secs", "sec", "seconds", "datetime", "elapsed",
+    "secs", "sec", "seconds", "datetime", "elapsed", "millis", "micros", "nanos",
 }  # fmt: skip
 NOT_JOINTS = {
     "euler", "quat", "tcp", "tool", "imu", "foot", "temp", "temperature", "temperatur", "ee", "cart", "base", "voltage", "mode", "id",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.singular_values import lstsq
 from ..diagnosis.inference.scores import BLOCK
 from ..diagnosis.thresholds import HALF
 
@@ -50,7 +51,7 @@ def heldout_gains(decision: Decision) -> list[float]:
             X, Z = (np.concatenate([a[~out][:, :, columns].reshape(-1, len(columns)), known[:, columns]]) for a in (frame.X, frame.Z))
             scale = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
             right = (Z / scale).T @ np.concatenate([y[~out].reshape(-1), told])
-            theta = np.linalg.lstsq((Z / scale).T @ (X / scale), right, rcond=1e-9)[0] / scale
+            theta = lstsq((Z / scale).T @ (X / scale), right, rcond=1e-9) / scale
             total += float(np.sum((y[out] - frame.X[out][:, :, columns] @ theta) ** 2))
         return total
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._utils.singular_values import svd
 from .conic import symmetric_basis
 from .energy import Velocities, skew
 from .search import random_positions
@@ -105,7 +106,7 @@ def build_stages(structure: InertiaStructure, weight: Array, lower: Array, upper
     inverse, state = [], []
     for i in range(tree.nb):
         Y = np.concatenate([velocity.l[i], velocity.w[i], rates[:, carried[i]].T])
-        U, S, _ = np.linalg.svd(Y / np.sqrt(Y.shape[1]), full_matrices=False)
+        U, S, _ = svd(Y / np.sqrt(Y.shape[1]), full_matrices=False)
         keep = S > 1e-7 * S[0] if len(S) and S[0] > 0 else np.zeros(len(S), bool)
         # Whitened, but not so that a rarely used direction is blown up.
         size = np.maximum(S[keep], 1e-3 * S[0]) if keep.any() else S[keep]
@@ -146,7 +147,7 @@ def _stage(
         maps.append(inverse[i] @ full)
     turning = np.concatenate(maps[1:], axis=0) if len(maps) > 1 else np.zeros((0, s))
     turning[np.abs(turning) < 1e-12] = 0.0
-    _, S, Vt = np.linalg.svd(turning[:, :d], full_matrices=True) if turning.size and d else (None, np.zeros(0), np.eye(d))
+    _, S, Vt = svd(turning[:, :d], full_matrices=True) if turning.size and d else (None, np.zeros(0), np.eye(d))
     r = int(np.sum(S > 1e-9)) if len(S) else 0
     still = np.zeros((s, d - r + len(rates)))
     still[:d, : d - r], still[d:, d - r :] = Vt[r:].T, np.eye(len(rates))

@@ -14,6 +14,7 @@ from math import comb
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.singular_values import svd
 from .conic import InfeasibleError, SolverError
 from .minors import TooManyRaysError
 
@@ -93,7 +94,7 @@ class PolyhedralCone(ShortRepr):
         if self.terms == 1:
             return np.sign(rows[:1])
         # The rows as points of the plane row @ centre = 1: facets of their hull are the extreme rays.
-        Z = np.linalg.svd(centre[None])[2][1:].T
+        Z = svd(centre[None])[2][1:].T
         points = rows @ Z
         if self.terms == 2:
             low, high = float(points.min()), float(points.max())

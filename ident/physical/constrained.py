@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._utils.singular_values import lstsq
 from .bounds import Bounds, Metric, Prior
 from .conic import ConicProgram, InfeasibleError, Solution, SolverError, require_solver, triangle_indices
 from .consistent import _deepest, _drive_scale, _free_scale, _holds, judge_consistent, link_scales, scaled_units, wrong_signs
@@ -279,7 +280,7 @@ class _Problem:
     def _geometric(self, prior: Prior, x: Array, inside: Array | None) -> Array:
         """The geometric metric's minimiser by Newton's method, from the entropic one (p,), or from what is strictly inside."""
         interior = self._interior(prior)
-        starts = [] if inside is None else [np.linalg.lstsq(self.sensitivity, inside - self.constant, rcond=None)[0]]
+        starts = [] if inside is None else [lstsq(self.sensitivity, inside - self.constant, rcond=None)]
         for start in (x, *starts):
             if interior.is_inside(start):
                 return interior.solve(start)

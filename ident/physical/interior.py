@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .._utils.singular_values import lstsq
 from .bounds import Metric
 from .conic import SolverError
 
@@ -68,7 +69,7 @@ class InteriorProblem:
             gradient, hessian = self._slopes(x, mu)
             size = np.sqrt(np.maximum(np.diagonal(hessian), 1e-300))
             scaled = hessian / np.outer(size, size)
-            step = -np.linalg.lstsq(scaled + 1e-14 * np.eye(len(x)), gradient / size, rcond=1e-15)[0] / size
+            step = -lstsq(scaled + 1e-14 * np.eye(len(x)), gradient / size, rcond=1e-15) / size
             decrement = -float(gradient @ step)
             value = self._value(x, mu)
             if decrement <= 1e-11 * max(abs(value), 1.0):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.singular_values import svd
 from ..drawing.document import Figure, Section, Text
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError
@@ -156,7 +157,7 @@ def subject_of(estimate: Estimate) -> Subject:
     missing = ", ".join(base.names[i] for i in range(base.count) if i not in set(at.tolist()))
     # What the data see of the model's base parameters; the rest of the space is free.
     seen = estimate.base.regroup @ structure.lift
-    unseen = np.linalg.svd(seen)[2][len(seen) :].T
+    unseen = svd(seen)[2][len(seen) :].T
     return Subject(
         estimate.method, structure, values, covariance, unseen, (f"not determined by the data, and judged with the value zero: {missing}.",)
     )

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.singular_values import pinv
 from ..errors import UnsupportedError
 from .bounds import Bounds, Metric, Prior
 from .conic import SolverError
@@ -23,7 +24,7 @@ Array = np.ndarray
 _ROWS, _COLUMNS = np.tril_indices(4)
 _DIAGONAL = _ROWS == _COLUMNS
 #: Parameters per unit entry of a pseudo-inertia: the inverse of the map from parameters to J.
-_TO_PARAMETERS = np.linalg.pinv(UNITS.reshape(10, 16).T)
+_TO_PARAMETERS = pinv(UNITS.reshape(10, 16).T)
 
 
 def fit_log_cholesky(
@@ -88,7 +89,7 @@ class _Factors:
         # Base values -> whitened residuals: the inverse of the target's root on what costs something.
         size = np.linalg.norm(target.root, axis=1)
         D = 1.0 / np.where(size > 0, size, 1.0)
-        inverse = np.linalg.pinv(D[:, None] * target.root, rcond=1e-13) * D
+        inverse = pinv(D[:, None] * target.root, rcond=1e-13) * D
         self.whiten = inverse[target.costed]
         fixed = np.eye(structure.b) - target.root @ inverse
         # Base values that may not change weigh as if known to a millionth.

@@ -14,6 +14,7 @@ from enum import StrEnum
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.singular_values import svd
 from ..errors import UnsupportedError
 from .structure import InertiaStructure
 from .trigonometric import TrigonometricPolynomial, coefficients_on_grid, grid
@@ -185,7 +186,7 @@ def _terms(matrices: Array, names: tuple[str, ...], joints: int, points: int, mo
         new = np.linalg.det(np.einsum("Kb,Mbij->KMij", sets, matrices, optimize=True))
         norm = np.linalg.norm(new, axis=1, keepdims=True)
         samples = np.concatenate([samples, new / np.where(norm > 0, norm, 1.0)])
-        _, S, Vt = np.linalg.svd(samples, full_matrices=False)
+        _, S, Vt = svd(samples, full_matrices=False)
         rank = int(np.count_nonzero(S > _RANK * max(float(S[0]), 1e-300)))
         if rank <= count - _SPARE or rank == positions:
             return np.asarray(Vt[:rank] * np.sqrt(positions))

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.singular_values import matrix_rank, pinv, svd
 from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.parameters import LINK_SYMBOLS, LINK_UNITS
 from .conic import ConicProgram, solver_available
@@ -133,7 +134,7 @@ def payload_from_fit(
     root = covariance_root(covariance)
     size = np.sqrt(np.maximum(np.diagonal(np.asarray(covariance, float)), 0.0))
     D = 1.0 / np.where(size > 0, size, 1.0)
-    R = np.linalg.pinv(D[:, None] * root, rcond=1e-13) * D
+    R = pinv(D[:, None] * root, rcond=1e-13) * D
     # A base parameter without variance is known; a millionth of itself stands for that.
     known = np.flatnonzero(size <= 0)
     R = np.concatenate([R, np.eye(structure.b)[known] / np.maximum(1e-6 * np.abs(values[known]), 1e-9)[:, None]])
@@ -147,7 +148,7 @@ def payload_from_fits(
     values, covariance = after
     values = structure.check_values(values)
     D = 1.0 / np.maximum(np.sqrt(np.maximum(np.diagonal(np.asarray(covariance, float)), 0.0)), 1e-300)
-    R = np.linalg.pinv(D[:, None] * covariance_root(covariance), rcond=1e-13) * D
+    R = pinv(D[:, None] * covariance_root(covariance), rcond=1e-13) * D
     return payload_from_fit(structure, before[0], before[1], (R, R @ values), link=link)
 
 
@@ -173,7 +174,7 @@ def _estimate(
     rest -= Q @ (Q.T @ rest)
     R, z = rest[:, :10], rest[:, 10]
     scale = _scale(structure)
-    unconstrained, covariance, seen = _plain(R, z, scale, int(np.linalg.matrix_rank(A, tol=1e-9 * np.linalg.norm(A))))
+    unconstrained, covariance, seen = _plain(R, z, scale, int(matrix_rank(A, tol=1e-9 * float(np.linalg.norm(A)))))
     if seen == 0:
         raise DataError(
             f"a load on {name!r} does not show in these logs: none of its parameters acts on a measured torque. Move the joints before it."
@@ -187,7 +188,7 @@ def _estimate(
     left, with_body = (float(np.sum((z - R @ values) ** 2)) for values in (np.nan_to_num(unconstrained), fit))
     gain = float(z @ z) - with_body
     # Both logs say something of the same arm: so many directions they say twice, and the load has some of them.
-    twice = sum(int(np.linalg.matrix_rank(M / np.where(size > 0, size, 1.0), tol=1e-9)) for M in (R0, R1)) - Q.shape[1]
+    twice = sum(int(matrix_rank(M / np.where(size > 0, size, 1.0), tol=1e-9)) for M in (R0, R1)) - Q.shape[1]
     return PayloadEstimate(
         link=name,
         values=fit,
@@ -241,7 +242,7 @@ def _scale(structure: InertiaStructure) -> Array:
 
 def _plain(R: Array, z: Array, scale: Array, structural: int) -> tuple[Array, Array, int]:
     """Least squares without constraints: (values (10,), covariance (10, 10), directions seen)."""
-    U, S, Vt = np.linalg.svd(R * scale, full_matrices=False)
+    U, S, Vt = svd(R * scale, full_matrices=False)
     keep = (S > 1e-8 * max(float(S.max(initial=0.0)), 1e-300)) & (np.arange(len(S)) < structural) & (S > 0)
     inverse = (scale[:, None] * Vt[keep].T) / S[keep]
     return inverse @ (U[:, keep].T @ z), inverse @ inverse.T, int(keep.sum())
@@ -249,7 +250,7 @@ def _plain(R: Array, z: Array, scale: Array, structural: int) -> tuple[Array, Ar
 
 def _visible(R: Array, scale: Array) -> Array:
     """Which of the ten (10,) bool are determined on their own."""
-    _, S, Vt = np.linalg.svd(R * scale, full_matrices=True)
+    _, S, Vt = svd(R * scale, full_matrices=True)
     full = np.zeros(10)
     full[: len(S)] = S
     unseen = Vt[full <= 1e-8 * max(float(full.max(initial=0.0)), 1e-300)]
@@ -260,7 +261,7 @@ def _consistent(R: Array, z: Array, scale: Array) -> Array:
     """Least squares with a positive definite pseudo-inertia; what is not seen is settled on a light, compact body."""
     program = ConicProgram()
     x = program.variables(10)
-    U, S, Vt = np.linalg.svd(R * scale, full_matrices=False)
+    U, S, Vt = svd(R * scale, full_matrices=False)
     program.squares(x, S[:, None] * Vt, U.T @ z)
     length = scale[1]
     D = np.array([1.0 / length] * 3 + [1.0])

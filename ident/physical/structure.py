@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.singular_values import matrix_rank, svd
 from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
@@ -95,7 +96,7 @@ class InertiaStructure(ShortRepr):
                 f"the base parameterisation does not fit the robot: {len(inertial)} inertial parameters for {tree.nb} bodies,"
                 f" {len(drive)} drive inertias with matrices of shape {reflected.shape}, projection {projection.shape}."
             )
-        if np.linalg.matrix_rank(regroup) < b:
+        if matrix_rank(regroup) < b:
             raise ConfigurationError("regroup: its rows are dependent, so it does not define base parameters; reduce the model first.")
         stay = _identity_columns(regroup)
         lift, null_space = _inverse(regroup, _sizes(tree, inertial, drive, reflected, k), stay)
@@ -188,8 +189,8 @@ class InertiaStructure(ShortRepr):
     def without_rotors(self) -> InertiaStructure:
         """The same robot for H alone, without reflected rotor inertia; what base parameters hold merged with a link's stays in."""
         # A rotor whose column the links' columns give is merged with them: its parameter may even be the one that stands for both.
-        links, rank = self.regroup[:, self.inertial], np.linalg.matrix_rank
-        alone = [r for r, i in enumerate(self.drive) if rank(np.c_[links, self.regroup[:, i]]) > rank(links)]
+        links = self.regroup[:, self.inertial]
+        alone = [r for r, i in enumerate(self.drive) if matrix_rank(np.c_[links, self.regroup[:, i]]) > matrix_rank(links)]
         reflected = self.reflected.copy()
         reflected[alone] = 0.0
         return replace(self, reflected=reflected)
@@ -305,7 +306,7 @@ def _inverse(regroup: Array, size: Array, stay: list[int] | None) -> tuple[Array
             null_space[stay] = -regroup[:, moved]
             return lift, null_space
     rows = 1.0 / np.linalg.norm(regroup * size, axis=1)
-    U, S, Vt = np.linalg.svd(rows[:, None] * regroup * size)
+    U, S, Vt = svd(rows[:, None] * regroup * size)
     lift = size[:, None] * (Vt[:b].T / S) @ (U.T * rows)
     null_space = size[:, None] * Vt[b:].T
     # What no regrouping touches is exactly what it is.

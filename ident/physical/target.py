@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._utils.singular_values import lstsq, svd
 from ..errors import ConfigurationError
 
 Array = np.ndarray
@@ -26,9 +27,9 @@ class Target:
         R, z = np.atleast_2d(np.asarray(R, float)), np.asarray(z, float)
         size = np.linalg.norm(R, axis=0)
         D = 1.0 / np.where(size > 0, size, 1.0)
-        U, S, Vt = np.linalg.svd(R * D, full_matrices=False)
+        U, S, Vt = svd(R * D, full_matrices=False)
         # Economic form has min(m, b) directions; the rest are unseen.
-        full = np.linalg.svd(Vt, full_matrices=True)[2] if len(Vt) < R.shape[1] else Vt
+        full = svd(Vt, full_matrices=True)[2] if len(Vt) < R.shape[1] else Vt
         seen = S > 1e-12 * max(float(S.max(initial=0.0)), 1e-300)
         root = np.concatenate([(D[:, None] * Vt[seen].T) / S[seen], D[:, None] * np.concatenate([Vt[~seen], full[len(Vt) :]]).T], axis=1)
         # Counted from the unconstrained solution, so that the cost is what the constraints add.
@@ -77,6 +78,6 @@ def mahalanobis(root: Array, change: Array, unseen: Array | None = None) -> floa
     Q, _ = np.linalg.qr(D[:, None] * free)
     A, y = D[:, None] * root, D * change
     A, y = A - Q @ (Q.T @ A), y - Q @ (Q.T @ y)
-    x, *_ = np.linalg.lstsq(A, y, rcond=1e-13)
+    x = lstsq(A, y, rcond=1e-13)
     left = A @ x - y
     return float(np.linalg.norm(x)) if np.linalg.norm(left) <= 1e-6 * max(float(np.linalg.norm(y)), 1e-300) else np.inf

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.singular_values import singular_values, svd
 from ..effects.kinds import Need
 from ..effects.motion import Coordinates, Motion
 from ..errors import UnsupportedError
@@ -33,7 +34,7 @@ class RowSampler:
         self.model, self.base = model, model.base
         rows = self.columns(reference, Side.JOINT).reshape(-1, self.base.count)
         self.scale = np.linalg.norm(rows, axis=0) / np.sqrt(len(rows))
-        values = np.linalg.svd(rows / self.scale / np.sqrt(len(rows)), compute_uv=False)
+        values = singular_values(rows / self.scale / np.sqrt(len(rows)))
         #: Smallest singular value of motion of all joints.
         self.whole = float(values[-1])
 
@@ -68,7 +69,7 @@ class Knowledge:
         """Directions (b, g) that rows (m, b) add, and their singular values (g,) per root of a row."""
         fresh = rows - (rows @ self.basis) @ self.basis.T
         fresh = fresh - (fresh @ self.basis) @ self.basis.T
-        _, s, Vt = np.linalg.svd(fresh / np.sqrt(len(rows)), full_matrices=False)
+        _, s, Vt = svd(fresh / np.sqrt(len(rows)), full_matrices=False)
         size = max(float(np.linalg.norm(rows, axis=1).max(initial=0.0)), 1e-300)
         keep = s > _RANK * max(size, 1.0)
         return Vt[keep].T, s[keep]

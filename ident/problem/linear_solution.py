@@ -144,7 +144,21 @@ def coloured_covariance(
     inflate = 1.0 / (1.0 - absorbed)
     back = solve_triangular(solution.root, inner)
     covariance = solve_triangular(solution.root, back.T).T * inflate
-    return replace(noise, innovation=noise.innovation * inflate, variance=noise.variance * inflate), (covariance + covariance.T) / 2
+    covariance = (covariance + covariance.T) / 2
+    if np.diag(covariance).min(initial=0.0) < 0.0:
+        covariance = inflate * _by_root(solution.root, gram)
+    return replace(noise, innovation=noise.innovation * inflate, variance=noise.variance * inflate), covariance
+
+
+def _by_root(root: Array, gram: Array) -> Array:
+    """A⁻¹ gram A⁻¹ as a product that rounding cannot make negative: where rows are few, joints fit with errors of very different size."""
+    from scipy.linalg import solve_triangular
+
+    size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    half = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    half = solve_triangular(root, solve_triangular(root, half, trans="T"))
+    return np.asarray(half @ half.T)
 
 
 def order_of(base: BaseReduction) -> list[int]:

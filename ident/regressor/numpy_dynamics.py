@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._utils.singular_values import matrix_rank
 from ..errors import ConfigurationError, DataError
 from ..robots.tree import RigidBodyTree
 
@@ -272,7 +273,7 @@ def forward_dynamics(
     try:
         return np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
-        ranks = np.linalg.matrix_rank(matrix)
+        ranks = matrix_rank(matrix)
         raise singular(int(np.argmin(ranks))) from None
 
 

@@ -16,7 +16,7 @@ from ..drawing.shown import Shown
 from ..errors import ConfigurationError, UnsupportedError
 from ..estimate.estimate import Estimate
 from ..estimate.pictures import correlation_figure, parameters_section, residual_figures, values_figure
-from ..evaluation import Comparison, Validation
+from ..evaluation import Comparison, Essential, Validation
 from ..excitation import Excitation
 from ..monitoring import Monitoring
 from ..physical import Judgement
@@ -35,7 +35,7 @@ def report(
 
     Parameters
     ----------
-    result : Diagnosis, Estimate, Monitoring, Validation, Comparison, Judgement, Excitation, Audit or Report
+    result : Diagnosis, Estimate, Monitoring, Validation, Comparison, Essential, Judgement, Excitation, Audit or Report
         What is reported.
     path : str or Path
         The file.
@@ -125,6 +125,8 @@ def headline(result: Shown) -> tuple[str, str]:
             return "Physically possible" + ("" if result.consistent is None else " and consistent"), "ok"
         case Audit():
             return str(result).splitlines()[0], "ok" if result.ok else "unexplained"
+        case Essential():
+            return f"Essential model: {len(result.reduced.names)} of {len(result.estimate.names)} parameters kept", "ok"
         case Excitation():
             return f"Designed motion of {result.trajectory.duration:g} s, {len(result.names)} base parameters", "ok"
         case _:

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.singular_values import condition
 from ..errors import ConfigurationError, unknown_name
 
 Array = np.ndarray
@@ -64,7 +65,7 @@ class Transmission(ShortRepr):
         if not np.all(np.abs(K) <= _MOST):
             raise ConfigurationError(f"[drive] K holds a value that is not finite, or beyond {_MOST:g}.")
         norms = np.linalg.norm(K, axis=1)
-        if n and (np.any(norms < 1.0 / _MOST) or np.linalg.cond(K / norms[:, None]) > 1e12):
+        if n and (np.any(norms < 1.0 / _MOST) or condition(K / norms[:, None]) > 1e12):
             raise ConfigurationError("[drive] K is singular: some joint is moved by no motor of its own. Give an invertible K.")
         zero = np.zeros(n) if self.zero is None else np.asarray(self.zero, float).reshape(-1)
         if zero.shape != (n,):

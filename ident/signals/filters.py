@@ -12,6 +12,8 @@ import numpy as np
 from ..errors import ConfigurationError
 
 Array = np.ndarray
+#: Samples of a row filter, at most: longer than any run.
+_LONGEST = 1 << 22
 
 #: Weights w_1 … w_p of central differences of even order of accuracy: dq = rate Σ w_k (q_{+k} − q_{−k}),
 #: ddq = rate² Σ w_k (q_{+k} + q_{−k} − 2 q) (B. Fornberg, Mathematics of Computation 51 (1988), tables 1 and 2).
@@ -160,7 +162,13 @@ class RowFilter:
             raise ConfigurationError(f"row cut-off {cutoff:g} Hz must lie between 0 and half the sample rate ({0.5 * rate:g} Hz).")
         # J. F. Kaiser's formulas for a window that stops 40 dB, as `scipy.signal.kaiserord` and `firwin` have them.
         beta = 0.5842 * 19.0**0.4 + 0.07886 * 19.0
-        count = math.ceil((40.0 - 7.95) / 2.285 / (np.pi * min(0.95, 2 * cutoff / rate)) + 1) | 1
+        width = (40.0 - 7.95) / 2.285 / (np.pi * min(0.95, 2 * cutoff / rate)) + 1
+        if not width < _LONGEST:
+            raise ConfigurationError(
+                f"a row cut-off of {cutoff:g} Hz at {rate:g} samples per second asks for a filter of {width:.2g} samples: decimate less, or"
+                " raise the cut-off."
+            )
+        count = math.ceil(width) | 1
         share = 2 * cutoff / rate
         taps = share * np.sinc(share * (np.arange(count) - (count - 1) / 2)) * np.kaiser(count, beta)
         return cls(taps / taps.sum(), factor)

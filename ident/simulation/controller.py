@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from .._utils.singular_values import pinv
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
 from ..robots.reach import reach
@@ -96,7 +97,7 @@ def typical_inertia(model: Model, values: Array, side: Side) -> Array:
         H = robot.transmission.K.T @ H @ robot.transmission.K
     diagonal = np.diagonal(H, axis1=1, axis2=2).mean(axis=0)
     _require_inertia(model, H)
-    inverse = np.linalg.pinv(H, hermitian=True)
+    inverse = pinv(H, hermitian=True)
     alone = 1.0 / np.maximum(np.diagonal(inverse, axis1=1, axis2=2).max(axis=0), 1e-300)
     root = np.linalg.cholesky(inverse + 1e-12 * np.eye(n) * np.trace(inverse, axis1=1, axis2=2)[:, None, None])
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.singular_values import matrix_rank, pinv
 from ..effects.motion import Coordinates, Motion
 from ..robots.transmission import Side
 from .forces import TINY, Term
@@ -75,7 +76,7 @@ class DryFriction:
                 sense.append(np.sign(cosines[same[0]]) if same else 1.0)
             self._surfaces[side] = Surface(own, np.array(contact, dtype=int), np.array(sense), len(own) == n)
         self.contacts = np.array(directions).reshape(-1, m)
-        rank = int(np.linalg.matrix_rank(self.contacts)) if directions else 0
+        rank = int(matrix_rank(self.contacts)) if directions else 0
         #: Whether more contacts may be held than there are coordinates, and whether holding all of them stops everything.
         self.redundant, self.complete = rank < len(directions), rank == m
         self._still: dict[bytes, Array] = {}
@@ -113,7 +114,7 @@ class DryFriction:
             if key not in self._still:
                 G = self.contacts[modes[lane] == 0]
                 everything = self.complete and not modes[lane].any()
-                self._still[key] = np.zeros((v.shape[1],) * 2) if everything else np.eye(v.shape[1]) - np.linalg.pinv(G) @ G
+                self._still[key] = np.zeros((v.shape[1],) * 2) if everything else np.eye(v.shape[1]) - pinv(G) @ G
             v[lane] = self._still[key] @ v[lane]
         return v
 

@@ -140,7 +140,7 @@ def _text_pieces(
     size = max(1, path.stat().st_size)
     place = start
     with open_binary(path) as stream, ThreadPoolExecutor(max(1, jobs)) as pool:
-        waiting: deque[tuple[Future[tuple[dict[str, Array], Strangers]], memoryview, float]] = deque()
+        waiting: deque[tuple[Future[tuple[dict[str, Array], Strangers] | None], memoryview, float]] = deque()
         source = _whole_lines(stream, path, header, start.offset, size, show)
         more = True
         while more or waiting:
@@ -154,10 +154,7 @@ def _text_pieces(
             if not waiting:
                 break
             future, text, share = waiting.popleft()
-            try:
-                arrays, left = future.result()
-            except ValueError as error:
-                raise parse.blame(str(error), text, place.offset, place.rows) from None
+            arrays, left = future.result() or parse.by_rows(text, place.offset, place.rows)
             rows = len(arrays["t"])
             place = PieceOfFile(place.offset + len(text), place.rows + rows)
             if rows or left:

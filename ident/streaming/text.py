@@ -14,15 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError, IdentError
+from ..errors import DataError
 from ..logs.columns import ColumnPlan
 from ..logs.readers.header import Header
 from ..logs.readers.packed import open_binary
 from ..logs.readers.strangers import Strangers, without_strangers
-from ..logs.readers.text import arrow_columns, bad_text, numbered_rows, over_lines, pandas_columns, quotes_stay_open, unpaired_quotes
+from ..logs.readers.text import arrow_columns, body_of, lenient_columns
+from ..logs.readers.text_rows import columns_by_rows, unpaired_quotes
 
 Array = np.ndarray
 _COUNTED = 1 << 20
+#: Bytes up to which a file is looked at as a whole for what is wrong with a piece of it.
+_WHOLE = 1 << 28
 
 
 @cache
@@ -43,18 +46,44 @@ class TextParser:
     header: Header
     plan: ColumnPlan
 
-    def __call__(self, text: memoryview) -> tuple[dict[str, Array], Strangers]:
-        """`text`: whole lines; and which of them are none of the table. Raises ValueError where a field is no number."""
+    def __call__(self, text: memoryview) -> tuple[dict[str, Array], Strangers] | None:
+        """`text`: whole lines; and which of them are none of the table. None where only `by_rows` can tell."""
         found = self._plain(text)
         if found is not None:
             return found, Strangers()
+        columns = self._lenient(text)
+        if columns is not None:
+            return self.plan.arrays(columns), Strangers()
+        rows, left = without_strangers(io.BytesIO(text), self.header)
+        columns = lenient_columns(self.path, self.header, self.plan.sources, rows) if left else None
+        return None if columns is None else (self.plan.arrays(columns), left)
+
+    def by_rows(self, text: memoryview, offset: int, rows: int) -> tuple[dict[str, Array], Strangers]:
+        """The same row by row, `offset` bytes and `rows` data rows behind the header. Raises DataError for the first row that cannot be
+        read, in the words of the whole file's reader."""
+        plain, left = without_strangers(io.BytesIO(text), self.header)
+        hidden = b'"' in plain and self._sound_whole  # quotes that another piece opens may hide what is wrong with this one
         try:
-            return self.plan.arrays(self._lenient(text)), Strangers()
-        except (ValueError, IdentError):
-            rows, left = without_strangers(io.BytesIO(text), self.header)
-            if not left:
-                raise
-        return self.plan.arrays(pandas_columns(io.BytesIO(rows), self.header, self.plan.sources, 0)), left
+            columns = columns_by_rows(self.path, self.header, self.plan.sources, plain, 0)
+        except DataError:
+            if hidden:
+                raise DataError(
+                    f"log {self.path}: text in quotes goes on over the end of its line, which cannot be"
+                    " streamed; read it whole (--no-stream)."
+                ) from None
+            lines = self.header.line + self._lines_before(offset)
+            columns = columns_by_rows(self.path, self.header, self.plan.sources, plain, lines, rows + 1)
+        return self.plan.arrays(columns), left
+
+    @cached_property
+    def _sound_whole(self) -> bool:
+        """Whether the whole file was read row by row, which raises DataError where it cannot be; False for a very large one."""
+        if self.path.stat().st_size > _WHOLE:
+            return False
+        with body_of(self.path, self.header) as stream:
+            plain, _ = without_strangers(stream, self.header)
+        columns_by_rows(self.path, self.header, self.plan.sources, plain, self.header.line)
+        return True
 
     @cached_property
     def _targets(self) -> tuple[dict[str, int], bytes] | None:
@@ -96,8 +125,8 @@ class TextParser:
                 values += c.offset
         return {q: a[:rows, 0] if q == "t" else a[:rows] for q, a in arrays.items()}
 
-    def _lenient(self, text: memoryview) -> dict[str, Array]:
-        """Raw columns by Arrow or pandas."""
+    def _lenient(self, text: memoryview) -> dict[str, Array] | None:
+        """Raw columns by Arrow or pandas; None where neither takes the text."""
         names = self.plan.sources
         if len(text) < 4096 and not bytes(text).strip():
             return {name: np.zeros(0) for name in names}
@@ -109,17 +138,11 @@ class TextParser:
                 return arrow_columns(source, self.header, names, 0, block=len(text) + 1, threads=False, pool=pool)
             except (pa.ArrowException, ValueError):
                 pass  # the slower reader says why, or is more lenient
-        if quotes_stay_open(io.BytesIO(text)) and over_lines(numbered_rows(self.path, _decoded(text), self.header), self.header, names):
-            raise ValueError("quotes are open at the end of a line")
-        try:
-            return pandas_columns(io.BytesIO(text), self.header, names, 0)
-        except OverflowError as error:
-            raise ValueError(str(error)) from None
+        return lenient_columns(self.path, self.header, names, bytes(text))
 
-    def blame(self, reason: str, text: memoryview, offset: int, rows: int) -> DataError:
-        """The error for a text that cannot be read, `offset` bytes and `rows` data rows behind the header: line and data row are
-        counted from the beginning of the file."""
-        lines = self.header.line
+    def _lines_before(self, offset: int) -> int:
+        """Lines in the `offset` bytes behind the header."""
+        lines = 0
         with open_binary(self.path) as stream:
             for _ in range(self.header.line):
                 stream.readline()
@@ -127,10 +150,4 @@ class TextParser:
             while left and (block := stream.read(min(left, _COUNTED))):
                 lines += block.count(b"\n")
                 left -= len(block)
-        return bad_text(
-            self.path, self.header, self.plan.sources, reason, numbered_rows(self.path, _decoded(text), self.header, lines), rows + 1
-        )
-
-
-def _decoded(text: memoryview) -> io.StringIO:
-    return io.StringIO(bytes(text).decode("utf-8", errors="replace"), newline="")
+        return lines

@@ -13,7 +13,7 @@ from .._utils.files import write_atomic
 from .._utils.plugins import load_modules
 from .._utils.toml import Unfit, anything, check_options, check_table, load_toml, number, table_of, text, texts, to_toml
 from ..drives.law import DriveLaw
-from ..effects.declared import declared_effects, effect_entry
+from ..effects.declared import declared_effects, effect_entry, named_effects
 from ..errors import ConfigurationError, DataError, UnsupportedError, unknown_name
 from ..estimators import Capability, estimator_types, make_estimator
 from ..logs.recorders import add_recorders
@@ -117,7 +117,7 @@ class Study:
     ) -> Study:
         """The same study with some things replaced; what is not given stays.
 
-        `drive`: a drive file (`read_drive`). `effects`: names, one or several a text, separated by commas.
+        `drive`: a drive file (`read_drive`). `effects`: names, one or several a text, separated by commas, or NAME:JOINTS:KEY=VALUE,…
         Raises ConfigurationError."""
         if robot is not None and urdf is not None:
             raise ConfigurationError("a robot by name and a URDF are both given; give one of them.")
@@ -127,8 +127,7 @@ class Study:
         if drive is not None:
             gearing = read_drive(Path(drive)).over(gearing)
         if effects is not None:
-            names = [name.strip() for entry in effects for name in entry.split(",")]
-            gearing = replace(gearing, effects=tuple({"name": name} for name in names if name))
+            gearing = replace(gearing, effects=tuple(entry for text in effects for entry in named_effects(text)))
         fit, held = tuple(map(str, logs)), tuple(map(str, validate))
         return replace(
             self,

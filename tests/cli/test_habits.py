@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,10 @@ import pytest
 from command_line import FRICTION, Arm, Ran
 
 import ident as package
+from ident.cli import build_parser
+from ident.commands import COMMANDS
+from ident.commands.examples import EXAMPLES
+from ident.commands.names import take_names
 
 Ident = Callable[..., Ran]
 
@@ -81,3 +86,68 @@ def test_the_schema_is_printed(ident: Ident, tmp_path: Path) -> None:
     assert json.loads(ran.out)["title"] == "ident study"
     assert ident("study-schema", "-o", tmp_path / "s.json").code == 0
     assert ident("study-schema", "-o", tmp_path / "s.json").code == 2
+
+
+def test_the_rate_of_a_log_without_a_time_is_asked_for_with_every_fit(ident: Ident, arm: Arm, saved_fit: Path, tmp_path: Path) -> None:
+    """A recording that counts its rows only: `--rate-hz` is understood beside a saved fit, too."""
+    untimed = tmp_path / "untimed.csv"
+    rows = arm.test.read_text().splitlines()
+    untimed.write_text("\n".join(",".join(row.split(",")[1:]) for row in rows) + "\n")
+    given = {
+        "validate": ("--fit", saved_fit, "--validate", untimed, "--no-replay"),
+        "compare": (saved_fit, saved_fit, "--log", untimed),
+        "monitor": ("--fit", saved_fit, "--log", untimed),
+    }
+    for command, arguments in given.items():
+        asked = ident(command, *arguments)
+        assert asked.code in (2, 3), command
+        assert "--rate-hz" in asked.err
+    for command in ("validate", "compare"):
+        timed = ident(command, *(arm.test if x == untimed else x for x in given[command]), "--json", "--quiet")
+        ran = ident(command, *given[command], "--rate-hz", "200", "--json", "--quiet")
+        assert ran.code == 0, ran.err
+        error = [r.json["torque_error"]["heldout"] if command == "validate" else r.json["after"]["heldout"] for r in (ran, timed)]
+        assert error[0]["rms"] == pytest.approx(error[1]["rms"], rel=1e-6)
+
+
+def test_effects_on_some_joints_with_a_shape(ident: Ident, arm: Arm, tmp_path: Path) -> None:
+    """`--effects NAME:JOINTS:KEY=VALUE` is what a study file says with a table."""
+    study = tmp_path / "study.toml"
+    study.write_text(
+        f'[robot]\nurdf = "{arm.urdf}"\n[drive]\neffects = ["viscous", {{ name = "stribeck", joints = ["elbow", "wrist"], v_s = 0.3 }}]\n'
+    )
+    logs = ("--log", arm.train, "--validate", arm.test, "--json", "--quiet")
+    by_flag = ident("fit", "--urdf", arm.urdf, "--effects", "viscous", "stribeck:elbow,wrist:v_s=0.3", *logs)
+    by_file = ident("fit", study, *logs)
+    np.testing.assert_array_equal(values(by_flag), values(by_file))
+    assert [p["joint"] for p in by_flag.json["parameters"] if p["effect"] == "stribeck"] == ["elbow", "wrist"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "needle"),
+    [
+        ("stribeck:elbow:v_s=0.1:x", "NAME:JOINTS:KEY=VALUE"),
+        ("stribeck:elbow,v_s=0.1", "NAME:JOINTS:KEY=VALUE"),
+        ("stribeck:elbo", "did you mean 'elbow'"),
+        ("stribeck:elbow:v_s=fast", "v_s"),
+        ("stribek:elbow", "did you mean 'stribeck'"),
+        ("stribeck:elbow:vs=1", "v_s"),
+    ],
+)
+def test_effects_that_cannot_be_read_are_told(ident: Ident, arm: Arm, effect: str, needle: str) -> None:
+    ran = ident("fit", "--urdf", arm.urdf, "--log", arm.train, "--effects", effect)
+    assert ran.code == 2
+    assert needle in " ".join(ran.err.split())
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_help_of_a_command_has_examples_that_it_understands(ident: Ident, command: str) -> None:
+    ran = ident(command, "--help")
+    assert ran.code == 0
+    shown = [line.strip() for line in ran.out.partition("\nexample:\n")[2].splitlines() if line.startswith("  ") and "ident " in line]
+    assert shown[: len(EXAMPLES[command])] == list(EXAMPLES[command])
+    for line in EXAMPLES[command]:
+        words = shlex.split(line.removeprefix('eval "$(').removesuffix(')"'))
+        args, more = build_parser(command).parse_known_args(words[1:])
+        assert take_names(args, more), line
+        assert args.command == command

@@ -74,6 +74,18 @@ def test_the_law_is_fitted_where_the_log_has_it(folder: Path) -> None:
     assert found["Fsm_joint1"] == pytest.approx(known["Fc_joint1"], rel=0.05)
 
 
+def test_a_law_without_a_lower_bound(folder: Path) -> None:
+    """A wave over the position, by a stranger: None for a bound is none."""
+    text = (folder / "smooth_friction.py").read_text().replace('"smooth_coulomb"', '"belt_wave"').replace("SmoothCoulomb", "BeltWave")
+    text = text.replace('(("Fsm", "{tau}", 0.0),)', '(("A", "{tau}", None),)').replace("np.tanh(own.dq / self.v)", "np.sin(own.q / self.v)")
+    (folder / "belt.py").write_text(text.replace("Nature.FRICTION", "Nature.DRIVE"))
+    done = run(
+        folder, "fit", "--plugin", "belt.py", "--robot", "puma560", "--log", "train.csv.gz", "--effects", "belt_wave:joint1:v=0.2", "--json"
+    )
+    assert done.returncode == 0, done.stderr
+    assert "A_joint1" in {p["name"] for p in json.loads(done.stdout)["parameters"]}
+
+
 def test_the_rigs_log_is_the_same_log(folder: Path) -> None:
     def values(*options: str) -> list[float]:
         done = run(folder, "fit", *options, "--robot", "puma560", "--json")

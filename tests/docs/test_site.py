@@ -16,7 +16,7 @@ from ident.estimators import estimator_types
 
 TUTORIALS = ("puma", "ur5", "missing_effect", "payload", "step_by_step", "servo", "consistency", "ten_million")
 LINK = re.compile(r'(?:href|src)="([^"#?:]+)(?:[#?][^"]*)?"')
-HOW_TO = ("filters", "friction", "report", "simulators", "monitoring")
+HOW_TO = ("filters", "friction", "essential", "report", "simulators", "monitoring")
 
 
 @pytest.fixture(scope="module")

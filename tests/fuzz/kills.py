@@ -100,10 +100,11 @@ def run(arguments: list[str], after: float | None = None) -> int:
 
 
 def state(out: Path) -> dict[str, str]:
-    """Every file of a folder but those of unfinished work, by its digest."""
+    """Every file of a folder but those of unfinished work (which the next run removes), by its digest."""
     if not out.exists():
         return {}
-    files = [p for p in sorted(out.rglob("*")) if p.is_file() and p.relative_to(out).parts[0] != "checkpoint"]
+    there = (p for p in sorted(out.rglob("*")) if p.is_file() and ".ident-" not in p.name)
+    files = [p for p in there if p.relative_to(out).parts[0] != "checkpoint"]
     return {str(p.relative_to(out)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
 
 

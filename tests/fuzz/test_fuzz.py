@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import ident
 
 from . import seeds
 from .kinds import KINDS, Kind
@@ -25,6 +29,18 @@ def test_changed_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
     assert not found.faults, told(found)
     assert found.kinds["done"] >= 0.05 * found.total  # the changes are not all of a kind that any reader would refuse
     assert found.kinds["refused"] >= 0.1 * found.total
+
+
+def test_no_variance_is_negative_where_few_rows_are_left() -> None:
+    """Found by the fuzzer: a joint without torque for half the log, of which as many rows are left as it has parameters."""
+    log = seeds.log_set()[0]
+    (side,) = log.tau
+    torque = log.tau[side].copy()
+    torque[45:125, 1] = np.nan
+    kept = ident.LogSet((replace(log, tau={side: torque}),))
+    estimate = ident.fit(kept, seeds.robot(), model=[ident.make_effect("viscous")], held=0)
+    assert np.all(np.diag(estimate.covariance) > 0.0)
+    assert np.linalg.eigvalsh(estimate.covariance)[0] > -1e-9 * np.abs(estimate.covariance).max()
 
 
 @pytest.mark.slow

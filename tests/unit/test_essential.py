@@ -186,12 +186,33 @@ def test_it_shows_itself(usual: Case) -> None:
     assert "<table>" in found._repr_html_()
 
 
+def test_its_report_says_how_many_are_kept(usual: Case, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    found = ident.essential(usual.estimate, usual.held)
+    page = ident.report(found, tmp_path / "essential.html").read_text(encoding="utf-8")
+    assert f"Essential model: {len(found.reduced.names)} of {len(usual.estimate.names)} parameters kept" in page
+    assert all(r.name in page for r in found.removed)
+
+
 def test_what_cannot_be_tested_is_refused(usual: Case) -> None:
     for level in (0.0, 1.0):
         with pytest.raises(ConfigurationError, match="between 0 and 1"):
             ident.essential(usual.estimate, level=level)
     with pytest.raises(UnsupportedError, match="no covariance"):
         ident.essential(replace(usual.estimate, information=None))
+
+
+@pytest.mark.parametrize("held_noise", [0.0, 0.05])
+def test_held_out_data_bring_back_what_is_there_also_where_the_fit_has_no_noise(held_noise: float) -> None:
+    """Standard deviations so large that the tests remove whatever there is: data held out decide alone, whatever the fit's own residual,
+    which is rounding and differs a thousandfold from joint to joint."""
+    one = case(61, noise=0.0, held_noise=held_noise)
+    doubtful = replace(one.estimate, covariance=np.diag((1e4 * np.abs(one.estimate.values) + 1e4) ** 2))
+    assert {r.name for r in ident.essential(doubtful).removed} == set(one.estimate.names)
+    found = ident.essential(doubtful, one.held)
+    assert set(TRUTH) <= set(found.reduced.names)
+    assert found.comparison is not None
+    assert found.comparison.error_after.relative_all < 1.001 * found.comparison.error_before.relative_all + 1e-6
 
 
 def test_nothing_of_a_noise_free_fit_is_removed_that_is_there() -> None:

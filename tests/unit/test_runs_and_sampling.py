@@ -173,3 +173,55 @@ def test_a_counter_of_rows_is_no_period(tmp_path: Path) -> None:
     )
     with pytest.raises(ident.DataError, match="no time column"):
         ident.read_logs(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    "kind", ["npz", "packed npz", "number behind", "mat", "json list", "json of one", "json by name", "json in a field"]
+)
+def test_runs_in_flat_names_and_lists(tmp_path: Path, kind: str) -> None:
+    """`run1_q`, and a list of tables: each is a log of its own, whatever the lengths."""
+    rows = [150, 200, N] if kind != "json of one" else [N]
+    runs = [{"t": T[:m], "q": (k + 1) / 3 * Q[:m], "tau": TAU[:m]} for k, m in enumerate(rows)]
+    flat = {f"run{k + 1}_{name}": x for k, run in enumerate(runs) for name, x in run.items()}
+    path = tmp_path / ("a.json" if "json" in kind else "a.mat" if kind == "mat" else "a.npz")
+    lists = [{name: x.tolist() for name, x in run.items()} for run in runs]
+    if kind == "npz":
+        np.savez(path, **flat)
+    elif kind == "packed npz":
+        np.savez_compressed(path, **flat, note=np.array("lab 3"))
+    elif kind == "number behind":
+        np.savez(path, **{f"{name}_trial_{k}": x for k, run in enumerate(runs) for name, x in run.items()})
+    elif kind == "mat":
+        from scipy.io import savemat
+
+        savemat(path, flat)
+    elif kind == "json by name":
+        path.write_text(json.dumps({f"run{k + 1}": run for k, run in enumerate(lists)}))
+    else:
+        path.write_text(json.dumps({"robot": "z", "runs": lists} if "field" in kind else lists))
+    logs = ident.read_logs(path)
+    assert len(logs) == len(rows)
+    for k, (log, m) in enumerate(zip(logs, rows, strict=True)):
+        is_run(log, m, (k + 1) / 3)
+
+
+def test_runs_of_npz_are_streamed_as_they_are_read(tmp_path: Path) -> None:
+    from ident.streaming.ingest import Reading, store_logs
+
+    path = tmp_path / "a.npz"
+    arrays = {"t": T, "q": np.hstack([Q, 0.5 * Q]), "tau": np.hstack([TAU, TAU])}
+    np.savez(path, **{f"run{k}_{name}": x[: 100 + k] for k in (1, 2) for name, x in arrays.items()})
+    robot = ident.load_robot("puma560")
+    for whole in ident.read_logs(path, robot):
+        inside = Path(whole.source) / whole.name
+        stored = list(store_logs(inside, tmp_path / whole.name, Reading(robot, None, "refuse", jobs=1)))
+        np.testing.assert_array_equal(stored[0].read(0, len(stored[0])).q, whole.q)
+    with pytest.raises(ident.DataError, match=r"holds no recording 'run7'; it has run1, run2"):
+        ident.read_logs(path / "run7")
+
+
+def test_messages_with_lists_are_no_runs(tmp_path: Path) -> None:
+    messages = [{"stamp": t, "position": q, "effort": tau} for t, q, tau in zip(T.tolist(), Q.tolist(), TAU.tolist(), strict=True)]
+    (tmp_path / "a.json").write_text(json.dumps(messages))
+    (log,) = ident.read_logs(tmp_path / "a.json")
+    is_run(log)

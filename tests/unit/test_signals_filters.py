@@ -157,3 +157,9 @@ def test_a_check_needs_no_part_of_scipy_that_takes_long_to_import() -> None:
     log = robot_folder("puma560") / "demo" / "train.csv.gz"
     run = subprocess.run([sys.executable, "-c", code, str(log)], capture_output=True, text=True, check=True)
     assert run.stderr.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("cutoff", [1e-5, 1e-28, 1e-320])
+def test_a_row_filter_longer_than_any_run_is_refused(cutoff: float) -> None:
+    with pytest.raises(ConfigurationError, match=r"asks for a filter of .* samples: decimate less"):
+        RowFilter.lowpass(cutoff, 1000.0, 10)

@@ -234,7 +234,8 @@ def test_angles_and_ways_under_symbols_of_their_own(tmp_path: Path, kind: str) -
     is_the_motion(ident.read_logs(table(tmp_path / "a.csv", [",".join(["time", *MIXED[kind]])], columns))[0], rates=False)
 
 
-def test_joints_by_name_whose_units_tell_what_they_hold(tmp_path: Path) -> None:
+@pytest.mark.parametrize("position", ["Achse {} Ist", "{}.LageIst", "{}/PosActual"])
+def test_joints_by_name_whose_units_tell_what_they_hold(tmp_path: Path, position: str) -> None:
     """`Achse elbow Ist [Grad]` has no word for a position; a slide of the same robot is in mm, its torque is a force."""
     kinds = [("pan", "revolute"), ("swing", "revolute"), ("reach", "prismatic")]
     links = "".join(
@@ -244,10 +245,35 @@ def test_joints_by_name_whose_units_tell_what_they_hold(tmp_path: Path) -> None:
         for k, (name, kind) in enumerate(kinds)
     )
     arm = ident.Robot.from_urdf(f'<robot name="boomer"><link name="base"/>{links}</robot>')
-    header = ["Uhrzeit [s]", *(f"Achse {x} Ist [{u}]" for x, u in (("pan", "Grad"), ("reach", "mm"), ("swing", "Grad")))]
+    header = ["Uhrzeit [s]", *(f"{position.format(x)} [{u}]" for x, u in (("pan", "Grad"), ("reach", "mm"), ("swing", "Grad")))]
     header += ["Moment pan [Nm]", "Kraft reach [N]", "Moment swing [Nm]"]
     order, scale = [0, 2, 1], np.array([180 / np.pi, 1e3, 180 / np.pi])
     path = table(tmp_path / "a.csv", [";".join(header)], [T, *(Q[:, order] * scale).T, *TAU[:, order].T], ";", ",")
     (log,) = ident.read_logs(path, arm)
     is_the_motion(log, rates=False)
     assert not any("SI is assumed" in note for note in log.notes)
+
+
+def test_a_measurement_file_of_labview(tmp_path: Path) -> None:
+    """Its preamble has as many fields as its rows; the header, which ends in a comment of none, follows what ends the preamble."""
+    many = "\t".join
+    head = ["LabVIEW Measurement", many(["Separator", "Tab"]), "***End_of_Header***", "", many(["Channels", "9"])]
+    head += [
+        many([word, *[value] * 9]) for word, value in (("Samples", "240"), ("X_Dimension", "Time"), ("X0", "0.0E+0"), ("Delta_X", "0.005"))
+    ]
+    head += ["***End_of_Header***", many(["X_Value", *each("pos {}"), *each("vel {}"), *each("torque {}"), "Comment"])]
+    is_the_motion(ident.read_logs(table(tmp_path / "a.lvm", head, [T, Q, DQ, TAU], "\t"))[0])
+
+
+@pytest.mark.parametrize("label", ["", "columns: ", "Fields : "])
+def test_names_in_a_comment_before_the_numbers(label: str, tmp_path: Path) -> None:
+    head = ["# recorded on Tuesday", " ".join([f"# {label}time", *each("q{}"), *each("dq{}"), *each("tau{}")])]
+    is_the_motion(ident.read_logs(table(tmp_path / "a.dat", head, [T, Q, DQ, TAU], " "))[0])
+
+
+def test_decimal_commas_are_seen_beside_times_of_day(tmp_path: Path) -> None:
+    times = [f"12:00:{1 + t:09.6f}".replace(".", ",") for t in T]
+    rows = [";".join([time, *(f"{x:.9g}".replace(".", ",") for x in row)]) for time, row in zip(times, np.hstack([Q, TAU]), strict=True)]
+    head = ";".join(["Uhrzeit", *each("Achse {} Position [rad]"), *each("Achse {} Moment [Nm]")])
+    (tmp_path / "a.csv").write_text("\n".join([head, *rows]) + "\n")
+    is_the_motion(ident.read_logs(tmp_path / "a.csv")[0], rates=False)

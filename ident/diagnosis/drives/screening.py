@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..._utils.singular_values import lstsq, svd
 from ...drives.folds import turns
 from ...drives.plant import DrivePlant
 from ...drives.search import Fitted, sensitivities
@@ -70,7 +71,7 @@ class _Base:
             held = self.turn == number
             for whole in (False, True):
                 X = np.concatenate([J, columns], axis=1) if whole else J
-                change = np.linalg.lstsq(X[~held], -self.residual[~held], rcond=1e-9)[0]
+                change = lstsq(X[~held], -self.residual[~held], rcond=1e-9)
                 error = float(np.sum((self.residual[held] + X[held] @ change) ** 2))
                 before, after = (before, after + error) if whole else (before + error, after)
         return 1.0 - after / max(before, 1e-300)
@@ -86,7 +87,7 @@ def screened(plant: DrivePlant, fit: Fitted, inertia: Array) -> list[Screened]:
     weights = fit.weights.reshape(-1)
     J = (fit.slopes * fit.weights[..., None]).reshape(-1, fit.slopes.shape[2])
     J = J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    directions, sizes, _ = np.linalg.svd(J, full_matrices=False)
+    directions, sizes, _ = svd(J, full_matrices=False)
     weighted = fit.residual * fit.weights
     base = _Base(
         weighted.reshape(-1), directions[:, sizes > 1e-7 * sizes[0]], np.repeat(turns(plant), n), memory(weighted), n
@@ -149,6 +150,6 @@ def structure(fit: Fitted) -> float:
         if len(r) * float(correlation @ correlation) < _LAGS + _CHANCE:
             continue
         X = np.stack([r[_LAGS - k : len(r) - k] for k in range(1, _LAGS + 1)], axis=1)
-        left = r[_LAGS:] - X @ np.linalg.lstsq(X, r[_LAGS:], rcond=None)[0]
+        left = r[_LAGS:] - X @ lstsq(X, r[_LAGS:], rcond=None)
         worst = max(worst, 1.0 - float(left @ left) / max(float(r[_LAGS:] @ r[_LAGS:]), 1e-300))
     return worst

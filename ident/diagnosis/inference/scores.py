@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..._utils.singular_values import pinv
 from ..thresholds import ABSORBED, STRETCH
 
 if TYPE_CHECKING:
@@ -172,7 +173,7 @@ class Scores:
     def beside(self, directions: Array) -> tuple[Array, Array]:
         """z (K,) of all groups after those directions have joined the model; and the share of each group's least direction that is left."""
         g = self.gram[:, directions]
-        inner = np.linalg.pinv(self.gram[np.ix_(directions, directions)], rcond=1e-8)
+        inner = pinv(self.gram[np.ix_(directions, directions)], rcond=1e-8)
         left = self.total - g @ (inner @ self.total[directions])
         h = g @ inner
         energy = 1.0 - np.einsum("ij,ij->i", h, g)

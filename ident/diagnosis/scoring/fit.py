@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..._utils.singular_values import lstsq, pinv, svd
 from ...effects.base import Effect
 from ...effects.kinds import Need
 from ...effects.motion import Motion
@@ -326,7 +327,7 @@ class Fit:
         """What each motor's residual (n,) lacks of the noise, because parameters took it up: a factor of its power."""
         R = frame.rows
         scaled = frame.X / frame.scale
-        inverse = np.linalg.pinv(frame.equations, rcond=SINGULAR)
+        inverse = pinv(frame.equations, rcond=SINGULAR)
         taken = np.einsum("rnp,pq,rnq->n", scaled, inverse, frame.Z / frame.scale)
         rows = R * self.share * min(1.0, 2.0 * self.runs[0].band.top_hz / self.runs[0].band.row_rate)
         return 1.0 / np.clip(1.0 - taken / np.maximum(rows, 1.0), 0.1, 1.0)
@@ -342,9 +343,9 @@ class Fit:
         scale = np.linalg.norm(Za, axis=0)
         scale = np.where(scale > 0, scale, 1.0)
         equations = (Za / scale).T @ (Xa / scale)
-        theta = np.linalg.lstsq(equations, (Za / scale).T @ ya, rcond=SINGULAR)[0] / scale
+        theta = lstsq(equations, (Za / scale).T @ ya, rcond=SINGULAR) / scale
         residual = ya - Xa @ theta
-        inverse = np.linalg.pinv(equations.T, rcond=SINGULAR) @ (Xf / scale).T
+        inverse = pinv(equations.T, rcond=SINGULAR) @ (Xf / scale).T
         self.values = self._expanded(theta)
         edges = np.cumsum([0, *(run.band.inner.stop - run.band.inner.start for run in self.runs)]).tolist()
         return Solved(
@@ -373,7 +374,7 @@ class Fit:
 def deviations(equations: Array, gram: Array) -> Array:
     """Standard deviations (p,) of the solution of instrumental equations (p, p) whose right side has the covariance `gram` (p, p): infinite
     for coefficients that have a part in a direction which the equations leave open."""
-    U, s, Vt = np.linalg.svd(equations)
+    U, s, Vt = svd(equations)
     good = s > SINGULAR * max(float(s[0]), 1e-300)
     inverse = (Vt[good].T / s[good]) @ U[:, good].T
     std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", inverse, gram, inverse), 0.0))

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import io
 import math
 import re
-import struct
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...errors import DataError, UnsupportedError
+from ...errors import DataError
 from ..words import words_of
-from .damage import damage_told
-from .packed import Expansion
-from .stored import Chunked, LogFormat, Stored, register_log_format
+from .stored import Stored
 
 Array = np.ndarray
 #: Rows of a chunk, and of a stretch by which columns are recognised, of which there are so many.
 CHUNK, STRETCH, _STRETCHES = 1 << 16, 4096, 16
-_NO_ARRAYS = "is not a file of plain arrays"
 #: Arrays beyond so many columns are images and the like.
 _WIDEST = 1024
 #: What stands before every path of a model in dSPACE.
@@ -207,76 +200,3 @@ def shortest(arrays: Mapping[str, Array]) -> dict[str, Array]:
     last = {name: name.rsplit(".", 1)[-1] if "[" not in name else name for name in arrays}
     counts = Counter(last.values())
     return {last[name] if counts[last[name]] == 1 else name: a for name, a in arrays.items()}
-
-
-def _read_npz(path: Path) -> Stored:
-    unpacked = Expansion(path)
-    with damage_told(path, _NO_ARRAYS):
-        with zipfile.ZipFile(path) as members:
-            for member in members.infolist():
-                unpacked.add(member.file_size)
-        with np.load(path, allow_pickle=False) as content:
-            arrays, objects = dict[str, Array](), list[str]()
-            for name in content.files:
-                try:
-                    arrays[name] = content[name]
-                except ValueError as error:
-                    if "pickle" not in str(error):
-                        raise
-                    objects.append(name)
-    if objects and not any(a.dtype.kind in "fiu" for a in arrays.values()):
-        raise DataError(f"log {path}: holds Python objects ({', '.join(objects[:_SHOWN])}), which may run code; save plain arrays.")
-    stored = columns_of(arrays, f"log {path}")
-    left = [f"log {path}: {', '.join(objects[:_SHOWN])} hold Python objects, which may run code, and are not read."] if objects else []
-    return replace(stored, notes=(*stored.notes, *left))
-
-
-def _mapped(path: Path) -> dict[str, Array]:
-    """The arrays of an NPZ file that is not packed, mapped into memory. Raises UnsupportedError for one that is."""
-    out: dict[str, Array] = {}
-    with zipfile.ZipFile(path) as members, path.open("rb") as file:
-        if (bad := members.testzip()) is not None:  # what is mapped is not checked on the way
-            raise DataError(f"log {path}: {_NO_ARRAYS} (Bad CRC-32 for file {bad!r}).")
-        for member in members.infolist():
-            if member.compress_type != zipfile.ZIP_STORED:
-                raise UnsupportedError(f"log {path}: arrays that are packed are read whole (--no-stream); save them with numpy.savez.")
-            file.seek(member.header_offset)
-            name, extra = struct.unpack("<HH", file.read(30)[26:30])
-            file.seek(name + extra, 1)
-            version = np.lib.format.read_magic(file)
-            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-            shape, fortran, dtype = read(file)
-            if dtype.kind in "US" and len(shape) == 1:
-                with members.open(member) as text:
-                    out[member.filename.removesuffix(".npy")] = np.load(io.BytesIO(text.read()), allow_pickle=False)
-            elif dtype.kind in "fiu" and not shape:
-                with members.open(member) as number:
-                    out[member.filename.removesuffix(".npy")] = np.load(io.BytesIO(number.read()), allow_pickle=False)
-            elif dtype.kind in "fiub" and shape and 0 not in shape:
-                order: Any = "F" if fortran else "C"
-                out[member.filename.removesuffix(".npy")] = np.memmap(path, dtype, "r", file.tell(), shape, order)
-    return out
-
-
-def _npz_chunks(path: Path) -> Chunked:
-    with damage_told(path, _NO_ARRAYS):
-        table = ArrayTable.of(_mapped(path), f"log {path}")
-    return Chunked(tuple(table.places), table.chunks, table.sample, table.rows, notes=table.notes(f"log {path}"), constants=table.constants)
-
-
-NPZ = register_log_format(LogFormat("NumPy arrays", lambda path, start: path.suffix.lower() == ".npz", _read_npz, chunks=_npz_chunks))
-
-
-def _read_npy(path: Path) -> Stored:
-    unpacked = Expansion(path)
-    with damage_told(path, _NO_ARRAYS):
-        unpacked.add(path.stat().st_size)
-        table = np.load(path, allow_pickle=False)
-    if table.dtype.names:
-        return columns_of({name: table[name] for name in table.dtype.names}, f"log {path}")
-    if table.ndim != 2 or table.dtype.kind not in "fiub":
-        raise DataError(f"log {path}: holds an array {table.shape} of {table.dtype}, which is no table of samples.")
-    return Stored({f"#{k}": column for k, column in enumerate((table if table.shape[0] >= table.shape[1] else table.T).T.astype(float))})
-
-
-NPY = register_log_format(LogFormat("a NumPy array", lambda path, start: start.startswith(b"\x93NUMPY"), _read_npy))

@@ -13,7 +13,8 @@ from .dialect import text_header
 from .header import numeric
 from .moments import seconds_of
 from .stored import LogFormat, Stored, register_log_format
-from .text import read_text_columns, rows_of_text
+from .text import read_text_columns
+from .text_rows import rows_of_text
 
 Array = np.ndarray
 _LIST = re.compile(r"\s*(?:array)?\(?\s*[\[(](?P<inside>[^\[\]()]*)[\])].*", re.DOTALL)

@@ -25,6 +25,8 @@ _SPACES = re.compile(r"\s+")
 _COLUMNS = 2
 #: Marks of a comment.
 _COMMENT = re.compile(r"#|//|%(?=\s)")
+#: What stands before names of columns in a comment, and before the header in LabVIEW's measurement files.
+_LABEL, _END = re.compile(r"^(columns|fields|header|names|format|data)\s*:\s*", re.IGNORECASE), "***End_of_Header***"
 #: Lines in which a header behind others is looked for.
 _PREAMBLE = 80
 #: Longest word that a row of units holds.
@@ -110,7 +112,7 @@ def _header_of(path: Path, encoding: str) -> Header:
         return begins
     if all(is_number(n) for n in names):
         # What numpy.savetxt writes: the header behind a sign of comment, right before the numbers.
-        behind = _fields(begin.comment, delimiter, path) if begin.comment else ()
+        behind = _fields(_LABEL.sub("", begin.comment), delimiter, path) if begin.comment else ()
         if len(behind) == len(names) and not any(is_number(n) for n in behind):
             return Header(once(behind), number - 1, delimiter)
         numbered = tuple(f"#{k}" for k in range(len(names)))
@@ -151,10 +153,10 @@ def _with_rows(names: tuple[str, ...], rows: list[tuple[str, ...]], number: int,
         units, number, first = first, number + 1, rows[1]
     if len(first) == len(names) + 1 and not any(row[len(names) :] != ("",) for row in rows[bool(units) :] if len(row) > len(names)):
         names, units = (*names, ""), (*units, "") if units else ()  # every row ends with a separator
-    numbers = [x for x in first if x]
+    numbers = [x for row in rows[rows.index(first) :] for x in row if is_number(plain_number(x))]
     # With commas between fields a decimal comma stands in quotes.
-    if delimiter in ",;\t|" and any("," in x for x in numbers) and not any("." in x for x in numbers):
-        decimal = "," if all(is_number(x.replace(",", ".", 1)) for x in numbers if "," in x) else "."
+    if any("," in x for x in numbers) and not any("." in x for x in numbers):
+        decimal = ","
     moments = tuple(name for name, x in zip(names, first, strict=False) if is_moment(x))
     if moments:
         units = tuple(MOMENT if name in moments else unit for name, unit in zip(names, units or ("",) * len(names), strict=False))
@@ -189,6 +191,8 @@ def _behind_preamble(path: Path, encoding: str, names: tuple[str, ...]) -> Heade
             (k for k, row in enumerate(plain) if len(row) > _COLUMNS and all(x == "" or is_number(x) for x in row) and any(row)), 0
         )
         above = [k for k in range(first) if len(table[k]) == len(plain[first]) and not any(is_number(x) for x in plain[k])]
+        if ended := [k + 1 for k in range(first - 1) if lines[k].startswith(_END)]:
+            above = ended[-1:]
         whole = stacked_names(table[above[0]], [table[k] for k in above[1:]]) if len(above) > 1 and above[0] else None
         if whole is not None and above == list(range(above[0], first)) and len(above) == whole[2] + 1:
             comma = delimiter != "," and any("," in x for x in table[first])

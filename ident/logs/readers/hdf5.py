@@ -18,7 +18,7 @@ from .arrays import ArrayTable, columns_of, leaves
 from .damage import damage_told
 from .mat import matlab_columns
 from .packed import Expansion
-from .runs import run_name, runs_of
+from .runs import grouped_by_run, run_name, runs_of
 from .stored import Chunked, LogFormat, Stored, register_log_format, split_inside
 
 Array = np.ndarray
@@ -198,7 +198,7 @@ def _matlab_loaded(path: Path, stamp: int) -> tuple[dict[str, Array], tuple[str,
         plain = {name: item for name, item in file.items() if not name.startswith("#")}
         objects = [name for name, item in plain.items() if _OBJECT in item.attrs]
         content = {name: _value(file, item, unpacked) for name, item in plain.items()}
-    return leaves(content), tuple(objects)
+    return grouped_by_run(leaves(content)), tuple(objects)
 
 
 def _value(file: Any, item: Any, unpacked: Expansion) -> Any:

@@ -14,6 +14,8 @@ Array = np.ndarray
 MISSING = {
     "", "nan", "na", "n/a", "null", "none", "-nan", "+nan", "#n/a", "<na>", "-", "--", "nan(ind)", "-nan(ind)", "nan(snan)", "-nan(snan)",
     "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan", "1.#inf", "-1.#inf", "1.#snan", "-1.#snan",
+    "---", "----", "n.a.", "n. a.", "nil", "missing", "?",  # what people write
+    "#nv", "#value!", "#wert!", "#div/0!", "#num!", "#zahl!", "#null!", "#ref!", "#bezug!", "#name?",  # what spreadsheets write
 }  # fmt: skip
 #: What stands between the name of a column that occurs again and its number; longest line (characters) of a table.
 AGAIN = "\x00again "

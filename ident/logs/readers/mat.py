@@ -16,7 +16,7 @@ from ..units import bracketed, split_unit
 from .arrays import columns_of, leaves, shortest
 from .damage import damage_told
 from .packed import Expansion
-from .runs import arrays_of_run, run_name, runs_of
+from .runs import grouped_by_run, of_one_run, run_name, runs_of
 from .stored import LogFormat, Stored, register_log_format, split_inside
 
 Array = np.ndarray
@@ -41,7 +41,7 @@ def _loaded(path: Path, stamp: int) -> tuple[dict[str, Array], tuple[str, ...]]:
         _bound(path)
         content = loadmat(path, simplify_cells=True)
     plain = {name: value for name, value in content.items() if not str(name).startswith("__") and name != "None"}
-    return leaves(plain), ("one",) if "None" in content else ()
+    return grouped_by_run(leaves(plain)), ("one",) if "None" in content else ()
 
 
 def _recordings(path: Path) -> tuple[str, ...]:
@@ -71,10 +71,7 @@ def matlab_columns(arrays: dict[str, Array], path: Path, objects: Sequence[str] 
     Of a path that goes on inside the file (`runs(2)`), those of that recording. `objects`: variables that are objects of MATLAB's classes,
     which only MATLAB can read. Raises DataError."""
     outer, inside = split_inside(path)
-    if inside and not (found := arrays_of_run(arrays, inside)):
-        raise DataError(f"log {outer}: holds no recording {inside!r}; it has {', '.join(map(run_name, runs_of(arrays))) or 'one'}.")
-    arrays = found if inside else arrays
-    arrays = {name: a.squeeze() if a.ndim > 2 else a for name, a in arrays.items()}  # Simulink's (n, 1, N)
+    arrays = {name: a.squeeze() if a.ndim > 2 else a for name, a in of_one_run(arrays, outer, inside).items()}  # Simulink's (n, 1, N)
     numeric = {name: a for name, a in arrays.items() if a.dtype.kind in "fiub" and a.ndim in (1, 2)}
     what = "it holds objects of MATLAB (timeseries, timetable, Dataset), which only MATLAB reads: save their Time and Data as arrays"
     if not any(max(a.shape, default=0) > 1 for a in numeric.values()):

@@ -13,15 +13,19 @@ from typing import Any
 import numpy as np
 
 from ...errors import DataError
+from ..words import TIME, words_of
 from .arrays import columns_of, element, leaves, names_told
 from .damage import DAMAGED, reason
 from .packed import bounded_lines, open_whole
-from .stored import LogFormat, Stored, register_log_format
+from .runs import of_one_run, run_name, runs_of
+from .stored import LogFormat, Stored, register_log_format, split_inside
 
 Array = np.ndarray
 _FIELDS = ("position", "velocity", "effort")
 #: Levels to which messages are taken apart.
 _DEEP = 12
+#: Bytes at the beginning in which a document of series shows one: a list of numbers by name.
+_FRONT, _SERIES = 1 << 16, re.compile(rb'":\s*\[\s*\[?\s*[-\d]')
 
 
 def _text(path: Path) -> str:
@@ -35,13 +39,18 @@ def _text(path: Path) -> str:
 
 
 def _read_json(path: Path) -> Stored:
-    text = _text(path)
+    outer, inside = split_inside(path)
+    text = _text(outer)
     try:
         whole = json.loads(text)
     except (ValueError, RecursionError):
         cut: list[str] = []
         stored = table_of_messages(_lines(text, path, cut), path)
         return replace(stored, notes=(*stored.notes, *cut))
+    if inside:
+        return columns_of(of_one_run(_runs(whole), outer, inside), f"log {path}")
+    if isinstance(whole, list) and len(whole) == 1 and _is_run(whole[0]):
+        return arrays_by_name(whole[0], path)
     if isinstance(whole, list) and whole and all(isinstance(m, dict) for m in whole):
         return table_of_messages(iter(whole), path)
     if isinstance(whole, dict):
@@ -50,6 +59,35 @@ def _read_json(path: Path) -> Stored:
                 return table_of_messages(iter(value), path)
         return arrays_by_name(whole, path)
     raise DataError(f"log {path}: is JSON, but neither messages nor arrays by name.")
+
+
+def _json_recordings(path: Path) -> tuple[str, ...]:
+    with open_whole(path) as stream:
+        if _SERIES.search(stream.read(_FRONT)) is None:
+            return ()  # messages, of which there may be many
+    try:
+        return tuple(map(run_name, runs_of(_runs(json.loads(_text(path))))))
+    except (ValueError, RecursionError):
+        return ()  # a message a line
+
+
+def _runs(whole: Any) -> dict[str, Array]:
+    """Arrays by path of a document that holds recordings: a list of such, or each by its name; {} for another."""
+    if isinstance(whole, list):
+        whole = {"runs": whole}
+    out: dict[str, Array] = {}
+    for name, value in whole.items() if isinstance(whole, dict) else ():
+        if isinstance(value, list) and len(value) > 1 and all(map(_is_run, value)):
+            for k, run in enumerate(value):
+                out |= leaves(_arrays(run), element(name, k))
+        elif _is_run(value):
+            out |= leaves(_arrays(value), name)
+    return out if runs_of(out) else {}
+
+
+def _is_run(value: Any) -> bool:
+    """Whether a part of a document is a recording of its own: a table of which one column is a time."""
+    return isinstance(value, dict) and any(words_of(str(k)) & TIME and isinstance(v, list) and len(v) > 1 for k, v in value.items())
 
 
 def arrays_by_name(whole: dict[str, Any], path: Path) -> Stored:
@@ -196,6 +234,7 @@ JSON = register_log_format(
         "JSON messages",
         lambda path, start: _begins(start, b"{") or (_begins(start, b"[") and path.name.lower().removesuffix(".gz").endswith(".json")),
         _read_json,
+        _json_recordings,
     )
 )
 XML = register_log_format(LogFormat("XML telegrams", lambda path, start: _begins(start, b"<"), _read_xml))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
+from ...errors import DataError
 from ..words import words_of
 
 Array = np.ndarray
@@ -17,6 +19,17 @@ RUNS = {
     "run", "runs", "trial", "trials", "exp", "experiment", "experiments", "test", "tests", "episode", "episodes", "demo", "demos", "rep",
     "take", "takes", "traj", "trajectory", "trajectories", "session", "record", "recording", "recordings", "measurement", "measurements",
 }  # fmt: skip
+#: A recording's number before an array's name or behind it, where paths are written in one word: `run1_q`, `q_trial_02`.
+_BEFORE = re.compile(rf"(?P<run>({'|'.join(sorted(RUNS))})_?\d+)[_\-](?P<name>.+)", re.IGNORECASE)
+_BEHIND = re.compile(rf"(?P<name>.+)[_\-](?P<run>({'|'.join(sorted(RUNS))})_?\d+)", re.IGNORECASE)
+
+
+def grouped_by_run(arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """The same arrays with a path for a recording's number in their names: `run1.q` for `run1_q`; as they are where it tells none."""
+    told = {name: found for name in arrays if (found := _BEFORE.fullmatch(name) or _BEHIND.fullmatch(name))}
+    renamed = {name: f"{told[name]['run']}.{told[name]['name']}" if name in told else name for name in arrays}
+    several = len({found["run"] for found in told.values()}) > 1 and len(set(renamed.values())) == len(arrays)
+    return {renamed[name]: a for name, a in arrays.items()} if several else dict(arrays)
 
 
 def runs_of(arrays: Mapping[str, Array]) -> tuple[str, ...]:
@@ -68,3 +81,13 @@ def arrays_of_run(arrays: Mapping[str, Array], inside: str) -> dict[str, Array]:
         return {}
     shared = {name: a for name, a in arrays.items() if not any(name.startswith(f"{g}.") for g in groups)}
     return shared | {name[len(group) + 1 :]: a for name, a in arrays.items() if name.startswith(f"{group}.")}
+
+
+def of_one_run(arrays: Mapping[str, Array], path: Path, inside: str) -> dict[str, Array]:
+    """The arrays of the recording `inside` a file; all of them where that is "". Raises DataError where the file holds no such."""
+    if not inside:
+        return dict(arrays)
+    found = arrays_of_run(arrays, inside)
+    if not found:
+        raise DataError(f"log {path}: holds no recording {inside!r}; it has {', '.join(map(run_name, runs_of(arrays))) or 'one'}.")
+    return found

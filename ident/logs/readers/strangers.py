@@ -34,10 +34,11 @@ class Strangers:
 
 
 def without_strangers(stream: IO[bytes], header: Header) -> tuple[bytes, Strangers]:
-    """The lines of a text behind its header that are rows, and which others there were."""
+    """A text behind its header in which lines that are no rows are blank, and which such there were."""
     lines = stream.readlines()
     kept, comments, again, cut = list[bytes](), 0, 0, 0
     for k, line in enumerate(lines):
+        kept.append(b"\n")
         text = line.decode(header.encoding, "replace").strip()
         last = k == len(lines) - 1 and not line.endswith((b"\n", b"\r"))
         if text.startswith(_MARKS):
@@ -47,7 +48,7 @@ def without_strangers(stream: IO[bytes], header: Header) -> tuple[bytes, Strange
         elif last and text and not _readable(_fields(text, header), header):
             cut = 1
         else:
-            kept.append(line)
+            kept[-1] = line
     return b"".join(kept), Strangers(comments, again, cut)
 
 

@@ -11,19 +11,32 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import DataError
-from . import arrays, bag, cells, channel_rows, hdf5, lists, mat, messages, scope, unread, yaml_documents  # the formats that are registered
+from . import (
+    bag,
+    cells,
+    channel_rows,
+    hdf5,
+    lists,
+    mat,
+    messages,
+    numpy_files,
+    scope,
+    unread,
+    yaml_documents,
+)  # the formats that are registered
 from .damage import damage_told
 from .dialect import text_header
 from .header import MISSING, Header, check_file, is_number, numeric, seconds
 from .moments import MOMENT, seconds_of
 from .parquet import arrow_values, parquet_file, parquet_table, stored_names, time_columns
 from .stored import Stored, format_of, split_inside
-from .text import read_text_columns, rows_of_text, text_columns
+from .text import read_text_columns, text_columns
+from .text_rows import rows_of_text
 
 Array = np.ndarray
 #: The formats that come with the package.
 BUILT_IN = (
-    arrays.NPZ, arrays.NPY, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, lists.ARROW, scope.SCOPE,
+    numpy_files.NPZ, numpy_files.NPY, mat.MAT, hdf5.HDF5, hdf5.MATLAB, messages.JSON, messages.XML, lists.DATASET, lists.ARROW, scope.SCOPE,
     cells.CELLS, channel_rows.CHANNEL_ROWS, yaml_documents.YAML, bag.BAG, unread.UNREAD,
 )  # fmt: skip
 _PARQUET = (".parquet", ".pq")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
@@ -13,21 +12,26 @@ import numpy as np
 
 from ...errors import DataError, IdentError
 from .damage import DAMAGED, damage_told, reason
-from .header import MISSING, Header, is_number
-from .moments import is_moment
-from .packed import open_binary, open_whole
+from .header import MISSING, Header
+from .packed import open_whole
 from .parquet import arrow_values
-from .strangers import is_stranger, without_strangers
+from .strangers import Strangers, without_strangers
+from .text_rows import (
+    RowFault,
+    columns_by_rows,
+    decoded,
+    numbered_rows,
+    over_lines,
+    quotes_stay_open,
+    rows_of_text,
+    unpaired_quotes,
+)
 
 Array = np.ndarray
-#: Characters of a field that messages show.
-_SHOWN = 40
 #: Bytes at the beginning in which the kind of line ends is looked for.
 _HEAD = 1 << 16
 #: What stands for a missing number, beside what pandas knows.
 _NONE = [text for lower in MISSING if lower for text in {lower, lower.upper(), lower.replace("nan", "NaN").replace("ind", "IND")}]
-#: What pandas says of quotes that are open at the end of the text.
-_NEVER_CLOSED = "EOF inside string"
 
 
 def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
@@ -66,26 +70,21 @@ def body_of(path: Path, header: Header) -> IO[bytes]:
 def text_columns(path: Path, header: Header, names: Sequence[str], said: list[str] | None = None) -> dict[str, Array]:
     """The named columns as float arrays. Raises DataError naming line and column. What is left out between the rows is added to `said`
     (without which nothing is)."""
-    try:
-        return _text_columns(path, header, names)
-    except DataError:
-        if said is None:
-            raise
-        with body_of(path, header) as stream:
-            rows, left = without_strangers(stream, header)
-        if not left:
-            raise
-        try:
-            columns = pandas_columns(io.BytesIO(rows), header, names, 0)
-        except (ValueError, OverflowError):
-            columns = None
-        if columns is None:
-            raise
+    fast = _fast_columns(path, header, names)
+    if fast is not None:
+        return fast
+    with damage_told(path, "the file is damaged"), body_of(path, header) as stream:
+        text, left = without_strangers(stream, header) if said is not None else (stream.read(), Strangers())
+    columns = lenient_columns(path, header, names, text) if left else None
+    if columns is None:
+        columns = columns_by_rows(path, header, names, text, header.line)
+    if said is not None:
         said += [note for note in left.notes(f"log {path}") if note not in said]
-        return columns
+    return columns
 
 
-def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
+def _fast_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array] | None:
+    """By the readers of other libraries; None where they do not take the text."""
     if find_spec("pyarrow") is not None and header.delimiter != " ":
         found = _arrow_columns(path, header, names)
         if found is not None:
@@ -93,15 +92,23 @@ def _text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str,
     try:
         with open_whole(path) as stream:
             if quotes_stay_open(stream) and over_lines(rows_of_text(path, header), header, names):
-                raise bad_text(path, header, names, "quotes are open at the end of a line")
+                return None
         with body_of(path, header) as stream:
             return pandas_columns(stream, header, names, 0)
-    except IdentError:
-        raise
-    except (ValueError, OverflowError) as error:
-        raise bad_text(path, header, names, str(error)) from None
+    except (ValueError, OverflowError, RowFault):
+        return None
     except DAMAGED as error:
         raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
+
+
+def lenient_columns(path: Path, header: Header, names: Sequence[str], text: bytes) -> dict[str, Array] | None:
+    """The named columns of a text behind its header by pandas; None where it does not take it."""
+    try:
+        if quotes_stay_open(io.BytesIO(text)) and over_lines(numbered_rows(path, decoded(text, header), header), header, names):
+            return None
+        return pandas_columns(io.BytesIO(text), header, names, 0)
+    except (ValueError, OverflowError, RowFault):
+        return None
 
 
 def pandas_columns(stream: IO[bytes], header: Header, names: Sequence[str], skip: int) -> dict[str, Array]:
@@ -166,97 +173,3 @@ def arrow_columns(
         memory_pool=pool,
     )
     return {name: arrow_values(table.column(name)) for name in names}
-
-
-def unpaired_quotes(text: Any) -> bool:
-    """Whether a text, as any buffer of bytes, holds an odd number of quotes."""
-    whole = memoryview(text)
-    return sum(bytes(whole[i : i + _HEAD]).count(b'"') for i in range(0, len(whole), _HEAD)) % 2 == 1
-
-
-def quotes_stay_open(stream: IO[bytes]) -> bool:
-    """Whether a line opens quotes that it does not close. (Lines are counted only where there are quotes at all.)"""
-    while chunk := stream.read(1 << 20):
-        if b'"' in chunk:
-            stream.seek(0)
-            return any(line.count(b'"') % 2 for line in stream)
-    return False
-
-
-def over_lines(rows: Iterable[tuple[int, list[str]]], header: Header, names: Sequence[str]) -> bool:
-    """Whether in rows (line, fields) a number of these columns, within quotes, goes on over the end of its line: some readers, and some
-    versions of them, take it, others do not."""
-    index = [header.names.index(n) for n in names]
-    return any(i < len(fields) and _goes_on(fields[i]) for _, fields in rows for i in index)
-
-
-def _goes_on(field: str) -> bool:
-    return "\n" in field and is_number(field)
-
-
-def rows_of_text(path: Path, header: Header) -> Iterator[tuple[int, list[str]]]:
-    """Line number (from 1) and fields of every row of data."""
-    try:
-        with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=header.encoding, errors="replace", newline="") as text:
-            yield from ((line, fields) for line, fields in numbered_rows(path, text, header) if line > header.line)
-    except DAMAGED as error:
-        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
-
-
-def numbered_rows(path: Path, text: Iterable[str], header: Header, before: int = 0) -> Iterator[tuple[int, list[str]]]:
-    """Rows of a text of a file that are not blank, each with the number of the line on which it begins, after `before` lines."""
-    if header.delimiter == " ":
-        yield from ((i, row.split()) for i, row in enumerate(text, before + 1) if row.strip())
-        return
-    reader = csv.reader(text, delimiter=header.delimiter)
-    line = before + 1
-    while True:
-        try:
-            fields = next(reader)
-        except StopIteration:
-            return
-        except csv.Error as error:
-            raise DataError(f"log {path}: line {line} cannot be read ({error}).") from None
-        if any(f.strip() for f in fields):
-            yield line, fields
-        line = before + reader.line_num + 1
-
-
-def bad_text(
-    path: Path, header: Header, names: Sequence[str], reason: str, rows: Iterable[tuple[int, list[str]]] | None = None, first: int = 1
-) -> DataError:
-    """Find the first row that cannot be read and say what is wrong with it. `rows`: those to look at, beginning with data row
-    `first`; by default all."""
-    index, last = [(header.names.index(n), n) for n in names], (first, 0)
-    own = ((line, fields) for line, fields in (rows_of_text(path, header) if rows is None else rows) if not is_stranger(fields, header))
-    for row, (line, fields) in enumerate(own, first):
-        if len(fields) > len(header.names):
-            return DataError(
-                f"log {path}: line {line} (data row {row}) has {len(fields)} fields, but the header has {len(header.names)}; mend that"
-                " line, or take it out: what is missing is bridged or left out."
-            )
-        for i, name in index:
-            text = fields[i].strip() if i < len(fields) else ""
-            if i < len(fields) and _goes_on(fields[i]):
-                return DataError(
-                    f"log {path}: column {name!r}, line {line} (data row {row}): {fields[i]!r} goes on over the end of its line."
-                    " Close the quotes on the line, or leave them out."
-                )
-            if text.lower() not in MISSING and not is_number(text):
-                # A quote that is not closed takes in the rest of the file.
-                shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
-                remedy = "Correct or remove the row; write a missing value as an empty field."
-                if header.decimal == "," and is_number(text.replace(",", ".", 1)):
-                    continue
-                if is_number(text.replace(",", ".", 1)):
-                    remedy = "It has a decimal comma: write the file with decimal points."
-                elif is_moment(text):
-                    remedy = "It is a date with a time: write times as seconds (since any moment), in every row."
-                return DataError(f"log {path}: column {name!r}, line {line} (data row {row}): {shown!r} is not a number. {remedy}")
-        last = row, line
-    if _NEVER_CLOSED in reason:
-        return DataError(
-            f"log {path}: line {last[1]} (data row {last[0]}) opens quotes that are never closed, which hide all behind it. Close them,"
-            " or leave them out."
-        )
-    return DataError(f"log {path}: cannot be read as a table of numbers: {reason}.")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..._utils.singular_values import pinv
 from .expressions import expression, link_parameter_names
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ class BaseForm:
         """(10 nb + n, b), the smallest right inverse of `full`: lift @ values are parameters of the same dynamics, not physical ones."""
         full = self.full
         scale = 1.0 / np.maximum(np.linalg.norm(full, axis=1), 1e-300)
-        inverse: Array = np.linalg.pinv(full * scale[:, None], rcond=1e-14) * scale
+        inverse: Array = pinv(full * scale[:, None], rcond=1e-14) * scale
         return inverse
 
 

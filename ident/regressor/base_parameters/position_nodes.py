@@ -10,6 +10,7 @@ from itertools import product
 
 import numpy as np
 
+from ..._utils.singular_values import condition, pinv
 from ...robots.tree import RigidBodyTree
 
 Array = np.ndarray
@@ -38,8 +39,8 @@ def node_sets(tree: RigidBodyTree, bodies: tuple[int, ...], rates: Array) -> Ite
             reach = np.where(turning.any(axis=0), spread, 1.0) * period
             nodes = _spread(3 * len(functions) + 8, d) * reach
             values = np.column_stack([_evaluate(f, nodes, reach) for f in functions])
-            if np.linalg.cond(values) < _WORST_CONDITION:
-                yield nodes, np.linalg.pinv(values), True
+            if condition(values) < _WORST_CONDITION:
+                yield nodes, pinv(values), True
     nodes = _spread(2 * len(bodies) + 40, d) * period
     differences = np.eye(len(nodes))
     differences[1:, 0] = -1.0

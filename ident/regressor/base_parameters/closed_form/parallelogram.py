@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...._utils.singular_values import matrix_rank
 from ..base_form import BaseForm, make_form
 from .frames import ANGLE, Chain, axis_frames, link_change, read_tree, refuse_nearly_parallel, unsupported
 from .linear_forms import LinkForms, point_inertia, point_moment
@@ -156,6 +157,6 @@ def _mismatch(chain: Chain, where: Parallelogram) -> str:
     ):
         if np.abs(left - right).max() > 1e-12 * max(1.0, np.abs(W).max()):
             return f"by the declared [loop] {text}"
-    if robot.n != len(where.main) or np.linalg.matrix_rank(W) < robot.n:
+    if robot.n != len(where.main) or matrix_rank(W) < robot.n:
         return "[loop] makes more joints dependent than the parallelogram does"
     return ""
