@@ -175,6 +175,10 @@ class Effect(ABC):
         lag); None: they are free."""
         return None
 
+    def told_by(self, values: Array) -> Self:
+        """The effect with the shape that its own fitted values (k,) tell, where its response is that shape; else as it is."""
+        return self
+
     def denied_by(self) -> Effect | None:
         """What would not be there if this is what happens: if its columns gain anything beside this effect's, something else is. None: no
         such thing is known."""

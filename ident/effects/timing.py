@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
@@ -57,6 +57,9 @@ class Delay(JointEffect):
         """The delay itself."""
         return np.full(len(self.at(robot)), self.late)
 
+    def told_by(self, values: Array) -> Self:
+        return replace(self, late=float(np.mean(values))) if self.late else self
+
     def memory(self, robot: Robot) -> Array:
         """The delay."""
         return _on(self.at(robot), self.late, robot)
@@ -98,6 +101,9 @@ class FilterLag(JointEffect):
     def response(self, robot: Robot) -> Array:
         """The lag of the low-pass."""
         return np.full(len(self.at(robot)), self.T)
+
+    def told_by(self, values: Array) -> Self:
+        return replace(self, T=max(float(np.mean(values)), 0.0))
 
     def memory(self, robot: Robot) -> Array:
         """Until a twentieth is left."""

@@ -172,3 +172,53 @@ def test_a_drift_is_no_smooth_law_of_time_alone() -> None:
 
     found = diagnosed(recorded(15, warming), recorded(16, warming))
     assert "temperature_drift_coulomb" in {f.name for f in found.findings}, str(found)
+
+
+def test_a_lag_is_told_at_the_time_that_its_own_values_tell() -> None:
+    """To first order another time constant scores best, of which no reading would have the share that is found."""
+    lag = 0.15
+
+    def lagged(seed: int) -> ident.LogSet:
+        t, q, v, acceleration = motion(seed)
+        rng = np.random.default_rng([seed, 1])
+        tau = needed(q, v, acceleration)
+        behind = np.empty_like(tau)
+        behind[0] = tau[0]
+        keep = np.exp(-1.0 / (RATE * lag))
+        for k in range(1, tau.size):  # mean of both ends over the step
+            behind[k] = keep * behind[k - 1] + (1.0 - keep) * 0.5 * (tau[k] + tau[k - 1])
+        return of(seed, t, q + 2e-6 * rng.normal(size=t.size), behind + 0.3 * rng.normal(size=t.size))
+
+    found = diagnosed(lagged(21), lagged(22))
+    assert found.verdict is Verdict.EXPLAINED, str(found)
+    (finding,) = found.findings
+    values = {p.name: p.value for p in finding.parameters}
+    assert finding.name == "filter_lag"
+    assert values["T"] == pytest.approx(lag, rel=0.04)
+    assert values["lag_j1"] == pytest.approx(values["T"], rel=0.03)
+
+
+@pytest.mark.parametrize(("at", "mass"), [(17.87, 3.0), (25.3, 1.0)])
+def test_a_payload_is_picked_up_when_it_is(at: float, mass: float) -> None:
+    """What a wrong moment leaves passes for slow noise, at which that very moment scores best."""
+
+    def payload(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        return np.asarray((t >= at) * mass * (0.25 * np.gradient(v, t) + 9.81 * 0.5 * np.sin(q)))
+
+    found = diagnosed(recorded(23, payload), recorded(24, payload))
+    (finding,) = found.findings
+    moment = next(p for p in finding.parameters if p.name == "t_0")
+    assert finding.name == "payload_step"
+    assert abs(moment.value - at) < 0.02, str(found)
+
+
+def test_what_one_stretch_alone_shows_is_told_and_names_nothing() -> None:
+    """A brake that drags for two and a half seconds of forty: the whole log speaks of it, and without those seconds nothing does."""
+
+    def brake(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        return 1.5 * np.sign(v) * ((t > 20.0) & (t < 22.5))
+
+    found = diagnosed(recorded(25, brake), recorded(26, brake))
+    assert found.verdict is Verdict.UNEXPLAINED, str(found)
+    assert not found.findings
+    assert any("one stretch" in u.evidence for u in found.unexplained)

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..thresholds import LEVEL, LOUD, MATERIAL
+from .scores import blocks
 
 if TYPE_CHECKING:
+    from ...robots.parameters import ShapeParameter
     from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
@@ -110,6 +112,24 @@ def _windows(x: Array, width: int) -> Array:
     return np.asarray((sums[width:] - sums[:-width])[:: max(width // 2, 1)])
 
 
+def at_moments(fit: Fit, frame: Solved, count: int) -> Array:
+    """Blocks (count,) of a frame's scores in which, or beside which, an effect of the model begins to act."""
+    near = np.zeros(count, bool)
+    cuts = blocks(fit, frame)
+    moments = [float(getattr(e, p.name)) for e in fit.effects for p in e.shape() if _is_moment(p)]
+    for run, a in zip(fit.runs, frame.edges[:-1], strict=True):
+        time = run.instrument.clock[0] + run.band.time
+        for moment in moments:
+            if time[0] <= moment <= time[-1]:
+                at = int(np.searchsorted(cuts, a + np.searchsorted(time, moment), side="right")) - 1
+                near[max(at - 1, 0) : at + 2] = True
+    return near
+
+
+def _is_moment(p: ShapeParameter) -> bool:
+    return p.unit == "s" and p.name.startswith("t_")
+
+
 def _at_a_moment(fit: Fit, m: int, clock: Array, time: Array, width: int) -> Array:
     """Windows in which an effect of the model begins to act on motor m: how it begins no law says."""
     inside = np.zeros(len(time), bool)
@@ -117,7 +137,7 @@ def _at_a_moment(fit: Fit, m: int, clock: Array, time: Array, width: int) -> Arr
         if not any(rows[:, m].any() for rows in fit.rows(effect)[1]):
             continue
         for p in effect.shape():
-            if p.unit == "s" and p.name.startswith("t_"):
+            if _is_moment(p):
                 inside |= np.abs(clock[0] + time - float(getattr(effect, p.name))) <= _WINDOW
     return _windows(inside.astype(float), width) > 0
 

@@ -13,7 +13,7 @@ from ..design.catalogue import Catalogue
 from ..design.places import search_range
 from ..scoring.fit import depends
 from ..thresholds import COMPETES, CONTAINED
-from .refinement import refined, settled
+from .refinement import PASSES, agreed, can_be, refined, settled, sharpened
 from .scores import Scores
 
 if TYPE_CHECKING:
@@ -30,8 +30,6 @@ _TRIED = 12
 _SIMPLER = 4
 #: Times that the limit of a drive is sought over its whole range again.
 _ANEW = 2
-#: Passes of a refit whose columns follow the values.
-_PASSES = 3
 
 Array = np.ndarray
 Kind = tuple[str, tuple[str, ...]]
@@ -171,7 +169,7 @@ def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
     sought over its whole range again, where what it accounts for drowns all else."""
     assert group.effect is not None
     joints, others = group.joints, tuple(e for e, _ in state.accepted)
-    passes = _PASSES if depends(group.effect) else 1
+    passes = PASSES if depends(group.effect) else 1
 
     def solved(effect: Effect) -> tuple[Fit, Solved]:
         fit = state.fit.with_effects((*others, effect))
@@ -179,11 +177,19 @@ def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
 
     effect = state.labelled(refined(group.effect, joints, state.fit, state.frame))
     fit, frame = solved(effect)
-    for near in (*[False] * anew, True):
-        sharper = refined(effect, joints, state.fit, state.fit.behind(frame.gains), near=near)
-        if sharper != effect:
-            effect = sharper
+    for _ in range(anew):
+        wider = refined(effect, joints, state.fit, state.fit.behind(frame.gains))
+        if wider != effect:
+            effect = wider
             fit, frame = solved(effect)
+    sharper = sharpened(effect, joints, others, state.fit, frame.gains)
+    if sharper != effect:
+        effect = sharper
+        fit, frame = solved(effect)
+    own = slice(len(frame.theta) - len(effect.parameters(fit.robot)), None)
+    if effect.told_by(frame.theta[own]) != effect and not can_be(effect, fit, frame.theta[own], frame.std[own]):
+        effect = agreed(effect, others, state.fit)
+        fit, frame = solved(effect)
     if anew:
         effect = settled(effect, others, state.fit)
         fit, frame = solved(effect)

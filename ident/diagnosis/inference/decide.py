@@ -11,10 +11,11 @@ import numpy as np
 
 from ..design.catalogue import Catalogue
 from ..thresholds import LEVEL, MOST
-from .bursts import burst
+from .bursts import at_moments, burst
 from .candidates import Kind, best
 from .confidence_set import AcceptedEffect, accepted_effect, competing, drop_unnecessary
 from .described import describing, outdone
+from .scores import z_of
 from .search import EffectSearch
 from .tones import tone
 
@@ -28,6 +29,8 @@ Array = np.ndarray
 _REPEATABLE = frozenset({"cogging", "torque_ripple", "gear_coupling", "position_dependent_friction"})
 #: Times that an accepted effect is replaced by a member of its set beside which less is left.
 _SWAPS = 3
+#: Effects, of more than one name, that follow one quantity on one joint, from which on they are no separate causes.
+_SERIES = 3
 
 
 @dataclass(frozen=True)
@@ -155,17 +158,20 @@ def _withdraw(state: EffectSearch, say: Callable[[str], None]) -> None:
 
 
 def _give_way(state: EffectSearch, say: Callable[[str], None]) -> None:
-    """Take back what is named on a joint where one smooth law accounts for more with less: it stood for that law."""
+    """Take back what is named on a joint where one smooth law accounts for more with less, and where so many names follow one quantity that
+    they are the terms of a series: they stood for that law."""
     for joints in dict.fromkeys(j for _, j in state.accepted if len(j) == 1):
         named = [x for x in state.accepted if x[1] == joints]
-        if outdone(state, joints[0]):
-            say(f"retracted: {', '.join(e.name for e, _ in named)} on {joints[0]}: one smooth law accounts for more with less")
+        series = len(named) >= _SERIES and len({e.name for e, _ in named}) > 1 and len({e.axis for e, _ in named}) == 1
+        if series or outdone(state, joints[0]):
+            why = "so many of one quantity are the terms of a series" if series else "one smooth law accounts for more with less"
+            say(f"retracted: {', '.join(e.name for e, _ in named)} on {joints[0]}: {why}")
             state.accepted = [x for x in state.accepted if x[1] != joints]
             state.solve()
 
 
 def _left(state: EffectSearch) -> list[Left]:
-    """What is left beside the accepted effects, largest first; bursts where nothing else is."""
+    """What is left beside the accepted effects, largest first; where nothing else is, what a single stretch shows, bursts, and tones."""
     scores = state.scores
     own = {(e.name, j) for e, j in state.accepted}
     left = [
@@ -173,11 +179,30 @@ def _left(state: EffectSearch) -> list[Left]:
         for k in np.argsort(-scores.z)[:40].tolist()
         if scores.z[k] > state.critical and (g := scores.group(k)).kind not in own
     ]
+    if not left and (seen := _of_one_stretch(state)) is not None:
+        g = scores.group(seen[0])
+        left.append(Left(f"{g.name}, in one stretch of the log alone", g.joints, seen[1], False))
     if not left and (found := burst(state.fit, state.frame)) is not None:
         left.append(Left("bursts", (state.fit.robot.joint_names[found[0]],), state.critical, False))
     if not left and (sound := tone(state.fit, state.frame)) is not None:
         left.append(Left(f"a tone of {sound[1]:.3g} Hz", (state.fit.robot.joint_names[sound[0]],), state.critical, False))
     return left
+
+
+def _of_one_stretch(state: EffectSearch) -> tuple[int, float] | None:
+    """The group that the whole log speaks for most beyond chance, though without one stretch of it nothing does, with its z.
+
+    It names nothing, and is not nothing. How an accepted effect begins no law says: the moment itself does not count."""
+    scores = state.scores
+    own = {(e.name, j) for e, j in state.accepted}
+    kept = ~at_moments(state.fit, state.frame, len(scores.blocks[0]))
+    z = z_of(np.add.reduceat(scores.blocks[:, kept].sum(axis=1) ** 2, scores.starts), scores.degrees) if len(scores.kept) else np.zeros(0)
+    for k in np.argsort(-z).tolist():
+        if z[k] <= state.critical:
+            return None
+        if scores.group(k).kind not in own:
+            return k, float(z[k])
+    return None
 
 
 def _decision(state: EffectSearch, left: list[Left], trail: tuple[str, ...]) -> Decision:

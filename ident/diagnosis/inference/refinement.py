@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
+Score = Callable[[list["Effect"], tuple[str, ...], "Fit", "Solved"], Array]
 #: Points over the whole range of a lone shape and of each of several, and around the best one.
 _WHOLE, _EACH, _FINE = 25, 7, 9
 #: Rounds over the whole range, and around a shape found before; each looks at a quarter of the last.
@@ -28,14 +30,19 @@ _END = 1e-3
 _ALIKE, _HALVED = 0.5, 3
 #: How far (logarithm) from where it scores best a limit is looked for by what it leaves.
 _REACH = 0.15
+#: Passes of a refit whose columns follow the values.
+PASSES = 3
+#: Refits in which a shape comes to agree with its own values, and the share to which it does.
+_AGREE, _AGREES = 6, 0.02
 #: Rounds around an order, each at a third of the last.
 _ORDER_ROUNDS = 4
 #: Share of the range that is looked at around a shape that was found before.
 _NEAR = 0.06
 
 
-def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False) -> Effect:
-    """An effect at the shape that scores best beside a frame; `near`: only around the one it has."""
+def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False, score: Score | None = None) -> Effect:
+    """An effect at the shape that scores best beside a frame; `near`: only around the one it has. `score`: `scored` by default."""
+    score = score or scored
     if is_order(effect) and not on_a_slide(effect, fit) and _free(effect, fit):
         return _order(effect, joints, fit, frame)
     free = _free(effect, fit)
@@ -52,9 +59,43 @@ def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *,
             if not near and not turn:
                 values = _told_apart(effect, axis, values, joints, fit, frame)
             options = [effect, *(effect.with_shape(**{axis.name: v}) for v in values)]
-            effect = options[int(np.argmax(scored(options, joints, fit, frame)))]
+            effect = options[int(np.argmax(score(options, joints, fit, frame)))]
         width, points = width * 2.5 / points, _FINE
     return effect
+
+
+def sharpened(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, gains: tuple[Array, ...]) -> Effect:
+    """An effect at the shape near its own that scores best beside others, at the noise of a model that has it.
+
+    At such noise a shape that is off by little has values that are off by many deviations, such as no effect can have: whether they can be
+    is asked of the best alone, by a refit. Where they cannot, the best is sought among shapes whose values can."""
+    frame = fit.behind(gains)
+    found = refined(effect, joints, fit, frame, near=True, score=_plain)
+    if found == effect:
+        return effect
+    other = fit.with_effects((*others, found))
+    refit = other.behind(gains)
+    own = slice(len(refit.theta) - len(found.parameters(fit.robot)), None)
+    return found if can_be(found, other, refit.theta[own], refit.std[own]) else refined(effect, joints, fit, frame, near=True)
+
+
+def likeliest(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, frame: Solved) -> Effect:
+    """An accepted effect (in `frame`) at the shape near its own that is likeliest beside others, each at the noise that it leaves, of
+    those whose values can be.
+
+    What a wrong shape leaves passes for coloured noise, at which that very shape scores best: the shape is sought with one weight for all
+    frequencies, too."""
+    found = {sharpened(effect, joints, others, fit, gains) for gains in (frame.gains, fit.with_effects((*others, effect)).flat(None))}
+    if len(found) == 1:
+        return found.pop()
+
+    def worth(e: Effect) -> tuple[bool, float]:
+        other = fit.with_effects((*others, e))
+        refit = other.solved(1)
+        own = slice(len(refit.theta) - len(e.parameters(fit.robot)), None)
+        return can_be(e, other, refit.theta[own], refit.std[own]), other.likelihood(refit)
+
+    return max(found, key=worth)
 
 
 def _told_apart(effect: Effect, axis: _Axis, values: list[float], joints: tuple[str, ...], fit: Fit, frame: Solved) -> list[float]:
@@ -104,6 +145,14 @@ def scored(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solv
     return out
 
 
+def _plain(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solved) -> Array:
+    """z of each effect of a list beside a frame, whatever its values."""
+    scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, joints) for e in effects]))
+    out = np.zeros(len(effects))
+    out[scores.kept] = scores.plain
+    return out
+
+
 def can_be(effect: Effect, fit: Fit, values: Array, std: Array) -> bool:
     """Whether values lie within an effect's bounds as far as their deviations tell, and are those of something that can be."""
     robot = fit.robot
@@ -135,6 +184,24 @@ def settled(effect: Effect, others: tuple[Effect, ...], fit: Fit) -> Effect:
     at = float(np.log(getattr(effect, p.name)))
     found = minimize_scalar(left, bounds=(at - _REACH, at + _REACH), method="bounded", options={"xatol": 1e-4, "maxiter": 25})
     return effect.with_shape(**{p.name: float(np.exp(found.x))}) if found.fun < left(at) else effect
+
+
+def agreed(effect: Effect, others: tuple[Effect, ...], fit: Fit) -> Effect:
+    """An effect whose fitted values tell its shape, at the shape that agrees with them beside others; as it is where none does.
+
+    To first order a shape far from its own response may score best: a lag of twice the time constant at half its share."""
+    found = effect
+    for _ in range(_AGREE):
+        other = fit.with_effects((*others, found))
+        frame = other.solved(PASSES)
+        own = slice(len(frame.theta) - len(found.parameters(fit.robot)), None)
+        told = found.told_by(frame.theta[own])
+        ends = search_range(told, fit.declared, fit.sought(told))
+        told = told.with_shape(**{name: float(np.clip(getattr(told, name), *ends[name])) for name in ends})
+        if all(abs(getattr(told, name) - getattr(found, name)) <= _AGREES * abs(getattr(found, name)) for name in ends):
+            return found if can_be(found, other, frame.theta[own], frame.std[own]) else effect
+        found = told
+    return effect
 
 
 def at_an_end(effect: Effect, fit: Fit) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...effects.kinds import Need
 from ..thresholds import LEVEL, MATERIAL
-from .refinement import at_an_end, can_be, refined, settled
+from .refinement import agreed, at_an_end, can_be, likeliest, refined, settled
 from .scores import Scores
 from .significance import parametric
 
@@ -82,11 +82,19 @@ class EffectSearch:
                 changed |= better != effect
                 self.accepted[i] = (better, joints)
                 continue
-            better = refined(effect, joints, fit, fit.behind(self.frame.gains), near=len(self.accepted) == 1)
+            lone = len(self.accepted) == 1
+            better = effect if lone else refined(effect, joints, fit, fit.behind(self.frame.gains))
+            better = likeliest(better, joints, fit.effects, fit, self.frame)
+            if self._tells_its_shape(effect):
+                better = agreed(better, fit.effects, fit)
             changed |= better != effect
             self.accepted[i] = (better, joints)
         if changed:
             self.solve()
+
+    def _tells_its_shape(self, effect: Effect) -> bool:
+        """Whether fitted values of an effect tell its shape."""
+        return effect.told_by(np.ones(len(effect.parameters(self.fit.robot)))) != effect
 
     def labelled(self, effect: Effect) -> Effect:
         """The effect under a label that keeps its parameters apart from those of the accepted ones."""

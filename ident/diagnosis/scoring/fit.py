@@ -213,7 +213,7 @@ class Fit:
 
     def solved(self, passes: int = 2) -> Solved:
         """The frame at the noise that its own residual shows, with columns taken at the values that it yields."""
-        frame = self._solve(self._flat(None))
+        frame = self._solve(self.flat(None))
         best, free = np.inf, self._freed_of_knowledge()
         for _ in range(passes):
             before = (dict(self._kept), self.values)
@@ -221,7 +221,7 @@ class Fit:
             for effect in [*dependent, *([None] if self._dependent_declared else [])]:
                 self.rows(effect, fresh=True)
             # Whitening must not feed on itself: the density is that of the residual of a fit with one weight for each motor.
-            flat = self._solve(self._flat(frame))
+            flat = self._solve(self.flat(frame))
             loose = flat if free is self else free._solve(flat.gains)
             size = self._size(flat)
             if size > best + _WORSE:
@@ -270,7 +270,7 @@ class Fit:
                 found.append(np.stack([run.band.filtered(x[:, j], gain[j]) for j in range(x.shape[1])], axis=1))
         return np.concatenate(found)
 
-    def _flat(self, frame: Solved | None) -> tuple[Array, ...]:
+    def flat(self, frame: Solved | None) -> tuple[Array, ...]:
         """One weight for each motor: from the residual of a frame, or from the torque."""
         raw = self.torque if frame is None else self.raw_residual(frame)
         inner = np.concatenate([x[run.band.inner] for run, x in zip(self.runs, raw, strict=True)])
@@ -311,6 +311,17 @@ class Fit:
         """Sum of squares of a frame's residual behind whitening filters."""
         raw = [x[:, :, None] for x in self.raw_residual(frame)]
         return float(np.sum(self.filtered(raw, gains) ** 2))
+
+    def likelihood(self, frame: Solved) -> float:
+        """Log-likelihood of a frame at the noise that it was solved at, if that is its own, up to a constant.
+
+        P. Whittle, "Estimation and information in stationary time series", Arkiv för Matematik 2, 1953."""
+        total = 0.0
+        for run, gain in zip(self.runs, frame.gains, strict=True):
+            inside = gain[:, run.band.frequencies <= run.band.top_hz]
+            seen = inside[(inside > 0).all(axis=1)]
+            total += (run.band.inner.stop - run.band.inner.start) * float(np.log(seen).mean(axis=1).sum())
+        return total
 
     def _freed(self, frame: Solved) -> Array:
         """What each motor's residual (n,) lacks of the noise, because parameters took it up: a factor of its power."""
