@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._utils.singular_values import pinv
 from .plant import DrivePlant, joined
 
 Array = np.ndarray
 #: Damping factors that are tried beside each other in a step.
-_TRIED = np.array([0.03, 0.3, 3.0, 30.0, 1000.0])
+TRIED = np.array([0.03, 0.3, 3.0, 30.0, 1000.0])
 #: A step that lowers the cost by less than this share ends the search.
 SETTLED = 1e-5
 #: Share of a parameter's size by which it is moved for a derivative: of a step, and of an interval. Where a joint comes to rest a step of
 #: time earlier the motion has a small corner, and many of them make a derivative rough: over a wide difference they average out. Rough
 #: derivatives are never quite alike, and what a log hardly distinguishes would seem distinguished.
 _NUDGE, _WIDE = 3e-3, 6e-2
+#: Where gains are unknown, all torque of a joint may nearly be exchanged for another, and what is left of that is next to nothing: a wide
+#: difference is bent by more, and a narrow one is rough unless the steps of time (s) are small.
+_NARROW, _FINEST = 3e-2, 1e-4
+#: The last steps: so many at most, damping, and the share of a reading's variance that one is to take off.
+_LAST, _HARDLY, _WORTH = 3, 1e-6, 1e-2
 #: What scales with the torque of a joint, and the factors that are tried.
 _TORQUE = ("armature", "viscous", "dry", "excess", "offset", "spring", "kp", "kd", "back_emf", "torque_scale", "effort_limit")
 _FACTORS = (1.0, 0.1, 0.3, 0.6, 0.8, 0.9, 1.1, 1.25, 1.6, 3.0, 10.0)
@@ -28,7 +35,8 @@ _FINE, _OF_A_SAMPLE = 2.5e-4, 20
 @dataclass(frozen=True, eq=False)
 class SimulatedSearch:
     """Residuals of simulated positions and steps that lower them. `centre`, `width` (p,): what is expected of the unknowns and how far
-    off it may be; `near`: how much that counts; `exact`: what residuals are simulated with, where not with the plant itself."""
+    off it may be; `near`: how much that counts; `exact`: what residuals are simulated with, where not with the plant itself; `share`: of an
+    unknown by which it is moved for a derivative of an interval."""
 
     plant: DrivePlant
     measured: Array
@@ -38,11 +46,20 @@ class SimulatedSearch:
     width: Array | float = np.inf
     near: float = 1.0
     exact: DrivePlant | None = None
+    share: float = _WIDE
 
     def fine(self) -> SimulatedSearch:
         """The same with residuals of smaller steps of time; what they change by is that of the usual ones."""
         period = min(log.period for log in self.plant.logs)
         return replace(self, exact=replace(self.plant, step=min(_FINE, period / _OF_A_SAMPLE, self.plant.longest)))
+
+    def precise(self) -> SimulatedSearch:
+        """The same with derivatives that distinguish what a log hardly does."""
+        if not self._scales():
+            return self
+        return replace(
+            self, plant=replace(self.plant, step=min(_FINEST, self.plant.longest)), exact=self.exact or self.plant, share=_NARROW
+        )
 
     def coarse(self) -> SimulatedSearch:
         """The same in larger steps of time, where the samples leave room for them."""
@@ -54,44 +71,64 @@ class SimulatedSearch:
         return np.array([u.lower for u in self.plant.unknowns])
 
     def residual(self, values: Array) -> Array:
-        return joined((self.exact or self.plant).positions(values))[0] - self.measured
+        return self.residuals(values)[0]
 
     def costs(self, sets: Array) -> Array:
         """Sum of weighted squares of each set (Q,), inf where the motion has no bounds."""
-        found = joined((self.exact or self.plant).positions(sets)) - self.measured
+        return self.costs_of(sets, self.residuals(sets))
+
+    def residuals(self, sets: Array) -> Array:
+        """Simulated less measured positions (Q, N, n) of sets (Q, p)."""
+        return joined((self.exact or self.plant).positions(sets)) - self.measured
+
+    def costs_of(self, sets: Array, found: Array) -> Array:
+        """The same where the residuals (Q, N, n) are at hand."""
         off = (sets - self.centre) / self.width
         cost = np.sum(np.square(found * self.weights), axis=(1, 2)) + self.near * np.sum(off**2, axis=1)
         return np.where(np.isfinite(cost) & self.plant.possible(sets), cost, np.inf)
 
     def linear(self, values: Array, central: bool = False) -> tuple[Array, Array]:
         """Residual (N, n) and its derivatives (N, n, p), by differences: one-sided, or `central` where their precision counts."""
-        share = _WIDE if central else _NUDGE
+        share = self.share if central else _NUDGE
         nudge = share * np.maximum(np.abs(values), self.sizes)
-        slots = self._slots()
+        slots = self._slots(range(len(values)))
         ahead = np.tile(values, (len(slots), 1))
         for row, members in zip(ahead, slots, strict=True):
             row[members] += nudge[members]
         behind = 2.0 * values - ahead if central else ahead[:0]
-        exchanges = self._exchanges(values) if central else []
-        along = [values + sign * share * d for _, d in exchanges for sign in (1.0, -1.0)]
+        exchanges = self._exchanges(values) if central else ()
+        along = [values + sign * share * d for d in exchanges for sign in (1.0, -1.0)]
         found = joined(self.plant.positions(np.concatenate([values[None], ahead, behind, *(x[None] for x in along)])))
         plain, moved = found[0], found[1 : len(slots) + 1]
         change = 0.5 * (moved - found[len(slots) + 1 : 2 * len(slots) + 1]) if central else moved - plain
         slopes = np.zeros((*plain.shape, len(values)))
+        self._spread(slopes, change, slots, nudge)
+        if len(exchanges):
+            ends = found[2 * len(slots) + 1 :]
+            slopes = _exact_along(slopes, np.asarray(exchanges), (ends[::2] - ends[1::2]) / (2.0 * share), nudge / share)
+        residual = plain - self.measured if self.exact is None else self.residual(values)
+        return residual, np.nan_to_num(slopes)
+
+    def along(self, values: Array, own: Array) -> Array:
+        """Derivatives (N, n, m) along some of the unknowns (m,), one-sided."""
+        nudge = _NUDGE * np.maximum(np.abs(values), self.sizes)
+        slots = self._slots(own.tolist())
+        sets = np.tile(values, (len(slots) + 1, 1))
+        for row, members in zip(sets[1:], slots, strict=True):
+            row[members] += nudge[members]
+        found = joined(self.plant.positions(sets))
+        slopes = np.zeros((*found.shape[1:], len(values)))
+        self._spread(slopes, found[1:] - found[0], slots, nudge)
+        return np.nan_to_num(slopes[..., own])
+
+    def _spread(self, slopes: Array, change: Array, slots: list[list[int]], nudge: Array) -> None:
+        """Write what each slot has changed into the slopes (N, n, p) of its members, each in its own branch."""
         branches = self.plant.branches
         for moves, members in zip(change, slots, strict=True):
             for i in members:
                 joint = self.plant.unknowns[i].joint
-                own = slice(None) if joint < 0 else np.flatnonzero(branches == branches[joint])
-                slopes[:, own, i] = moves[:, own] / nudge[i]
-        for k, (pivot, direction) in enumerate(exchanges):
-            one, other = found[2 * len(slots) + 1 + 2 * k :][:2]
-            others = np.where(np.arange(len(values)) == pivot, 0.0, direction)
-            # A drive that is off: its constants move nothing, and nothing is to be said of them.
-            if np.any(slopes[..., pivot]):
-                slopes[..., pivot] = ((one - other) / (2.0 * share) - slopes @ others) / direction[pivot]
-        residual = plain - self.measured if self.exact is None else self.residual(values)
-        return residual, np.nan_to_num(slopes)
+                at = slice(None) if joint < 0 else np.flatnonzero(branches == branches[joint])
+                slopes[:, at, i] = moves[:, at] / nudge[i]
 
     def rescaled(self, values: Array) -> Array:
         """Values (p,) with all torque of single joints by other factors, where those are nearer: what scales it may be hard to see."""
@@ -105,42 +142,39 @@ class SimulatedSearch:
     def _scales(self) -> bool:
         return any(u.place in ("kp", "torque_scale") for u in self.plant.unknowns)
 
-    def _exchanges(self, values: Array) -> list[tuple[int, Array]]:
-        """Directions (p,) along which a motion may not change at all, each with an unknown that moves along it: kd or back-EMF for
-        viscous friction, and all torque of a branch by one factor. Differences along them are exact where those of single
-        unknowns would leave a trace of their own error, and make such unknowns seem determined."""
+    def _exchanges(self, values: Array) -> list[Array]:
+        """Directions (p,) along which a motion may change next to nothing: kd or back-EMF for viscous friction, and all torque of a joint
+        by one factor, or of a branch with its links. Differences along them are taken by themselves: of those of single unknowns they
+        would be what their errors leave, and make such unknowns seem determined."""
         unknown, out = self.plant.unknowns, []
         places = {(u.place, u.joint): i for i, u in enumerate(unknown)}
         for (place, joint), i in places.items():
             if place in ("kd", "back_emf") and (viscous := places.get(("viscous", joint))) is not None:
                 direction = np.zeros(len(values))
                 direction[[i, viscous]] = 1.0, -1.0
-                out.append((i, direction * max(values[i], self.sizes[i])))
+                out.append(direction * max(values[i], self.sizes[i]))
         scale = "torque_scale" if self.plant.law.kind == "pwm" else "kp"
-        apart = {
-            "delay_s",
-            "load",
-            "gear_loss",
-            "gear_loss_slow",
-            "slow_speed",
-            *({"kp", "kd", "effort_limit"} if scale == "torque_scale" else {"torque_scale"}),
-        }
+        apart = {"delay_s", "load", "gear_loss", "gear_loss_slow", "slow_speed"}
+        apart |= {"kp", "kd", "effort_limit"} if scale == "torque_scale" else {"torque_scale"}
+        torque = [i for i, u in enumerate(unknown) if u.place not in apart]
         branches = self.plant.branches
-        for branch in np.unique(branches):
-            own = [i for i, u in enumerate(unknown) if u.place not in apart and (u.joint < 0 or branches[u.joint] == branch)]
-            pivots = [i for i in own if unknown[i].place == scale and values[i] > 0]
-            if pivots:
+        groups = [[i for i in torque if unknown[i].joint == joint] for joint in range(self.plant.robot.n)]
+        if not self.plant.law.links_known:
+            groups += [[i for i in torque if unknown[i].joint < 0 or branches[unknown[i].joint] == b] for b in np.unique(branches)]
+        for own in groups:
+            if any(unknown[i].place == scale and values[i] > 0 for i in own):
                 direction = np.zeros(len(values))
                 direction[own] = values[own]
                 # A share of the torque squared is the smaller the larger all torque is.
                 direction[[i for i in own if unknown[i].place == "gear_loss_square"]] *= -1.0
-                out.append((pivots[-1], direction))
+                out.append(direction)
         return out
 
-    def _slots(self) -> list[list[int]]:
-        """Unknowns that can be moved together: those of different branches, which do not act on each other."""
+    def _slots(self, own: Iterable[int]) -> list[list[int]]:
+        """Which of these unknowns can be moved together: those of different branches, which do not act on each other."""
         slots: list[list[int]] = []
-        for i, unknown in enumerate(self.plant.unknowns):
+        for i in own:
+            unknown = self.plant.unknowns[i]
             branch = -1 if unknown.joint < 0 else int(self.plant.branches[unknown.joint])
             for slot in slots:
                 others = {self.plant.branches[self.plant.unknowns[k].joint] if self.plant.unknowns[k].joint >= 0 else -1 for k in slot}
@@ -163,8 +197,8 @@ class SimulatedSearch:
             residual, slopes = self.linear(values, central)
             J = (slopes * self.weights[..., None]).reshape(-1, len(values))
             r = (residual * self.weights).reshape(-1)
-            tried = damping * _TRIED
-            sets = np.stack([self._moved(values, J, r, factor) for factor in tried])
+            tried = damping * TRIED
+            sets = np.stack([self.moved(values, J, r, factor) for factor in tried])
             costs = self.costs(sets)
             best = int(np.argmin(costs))
             gain = (cost - costs[best]) / max(cost, 1e-300)
@@ -178,7 +212,25 @@ class SimulatedSearch:
                 return values, cost, True, step + 1
         return values, cost, False, steps
 
-    def _moved(self, values: Array, J: Array, r: Array, damping: float) -> Array:
+    def ended(self, values: Array) -> tuple[Array, Array, Array]:
+        """Values (p,) after the last steps, residual (N, n) and derivatives (N, n, p): what intervals are computed from. A search that
+        ended on derivatives less precise may not be at its end along what is hardly distinguished."""
+        residual, slopes = self.linear(values, central=True)
+        J = (slopes * self.weights[..., None]).reshape(-1, len(values))
+        for _ in range(_LAST):
+            r = (residual * self.weights).reshape(-1)
+            to = self.moved(values, J, r, _HARDLY)
+            foretold = float(r @ r) - float(np.sum(np.square(r + J @ (to - values))))
+            if foretold < _WORTH * float(r @ r) / max(int(np.count_nonzero(self.weights)), 1):
+                break
+            there = self.residual(to)
+            before, after = (float(self.costs_of(x[None], e[None])[0]) for x, e in ((values, residual), (to, there)))
+            if not after < before:
+                break
+            values, residual = to, there
+        return values, residual, slopes
+
+    def moved(self, values: Array, J: Array, r: Array, damping: float) -> Array:
         """One damped step, unknowns at their bounds held there if they press against them."""
         hold = self.near / np.square(self.width) * np.ones(len(values))
         F, g = J.T @ J + np.diag(hold), J.T @ r + hold * (values - self.centre)
@@ -196,3 +248,14 @@ class SimulatedSearch:
             if not free.any():
                 break
         return np.maximum(values + move, self.lower)
+
+
+def _exact_along(slopes: Array, directions: Array, changes: Array, scale: Array) -> Array:
+    """Slopes (N, n, p) that agree with the changes (m, N, n) along directions (m, p), and differ from what they were by as little as can
+    be, in units of `scale` (p,): an error that is put on one unknown alone would be all that its own weak direction shows.
+
+    What moves nothing (a drive that is off) stays so."""
+    along = directions / scale
+    moving = np.any(slopes != 0.0, axis=(0, 1))
+    missing = np.moveaxis(changes, 0, -1) - slopes @ directions.T
+    return np.asarray(slopes + missing @ pinv((along * moving).T, rcond=1e-8) / scale)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .nearby import approached
 from .plant import DrivePlant
-from .search import Fitted, refitted
+from .search import Fitted
 
 Array = np.ndarray
 #: From so many logs on, they are held out whole, in so many turns at most; below, every other stretch of time in two turns.
@@ -16,6 +17,8 @@ _LOGS, _TURNS = 4, 5
 #: Stretches of a log, and the seconds of one at least.
 _STRETCHES = 12
 _SECONDS = 0.5
+#: Share of the squared error that a step of the fit to the others takes off at least.
+_ENOUGH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +46,13 @@ def turns(plant: DrivePlant) -> Array:
     return np.concatenate(parts)
 
 
-def held_out(plant: DrivePlant, fit: Fitted, sizes: Array, *, steps: int = 12) -> HeldOut:
+def held_out(plant: DrivePlant, fit: Fitted, sizes: Array) -> HeldOut:
     """Fit again with a part of the readings held out, from a fit to all of them on, and look at that part; each in its turn."""
     turn = turns(plant)
     squares = np.full(fit.residual.shape, np.nan)
     for number in range(int(turn.max()) + 1):
         other = turn == number
-        found = refitted(plant, fit.values, sizes, fit.weights * ~other[:, None], steps=steps)
+        found = approached(plant, fit.values, sizes, fit.weights * ~other[:, None], fit.slopes, enough=_ENOUGH * fit.cost)
         squares[other] = np.where(fit.weights[other] > 0, np.square(found.residual[other]), np.nan)
     logs = np.repeat(np.arange(len(plant.logs)), [len(log.t) for log in plant.logs])
     return HeldOut(squares, logs)

@@ -88,7 +88,7 @@ def fitted(
     values, _, settled, used = search.run(values, steps)
     if progress is not None:
         progress(1.0)
-    residual, slopes = search.linear(values, central=True)
+    values, residual, slopes = search.precise().ended(values)
     return Fitted(values, residual, slopes, search.weights, settled, used)
 
 
@@ -153,7 +153,7 @@ def followed(plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, 
     return cost, values
 
 
-def sensitivities(plant: DrivePlant, values: Array, sizes: Array) -> tuple[Array, Array]:
-    """Simulated less measured positions (N, n) at values (p,), and their derivatives (N, n, p)."""
+def derivatives(plant: DrivePlant, values: Array, sizes: Array, own: Array) -> Array:
+    """Derivatives (N, n, m) of the simulated positions at values (p,) along some of the unknowns (m,)."""
     measured = np.concatenate([log.q for log in plant.logs])
-    return SimulatedSearch(plant, measured, sizes, np.ones_like(measured)).linear(values)
+    return SimulatedSearch(plant, measured, sizes, np.ones_like(measured)).along(values, own)

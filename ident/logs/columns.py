@@ -18,6 +18,8 @@ from .readers.header import AGAIN, seconds
 from .units import Unit, bracketed, expected_units, is_unit, split_unit, unit_of
 
 Array = np.ndarray
+#: Characters of a column's name that messages show.
+_SHOWN = 120
 
 
 @dataclass(frozen=True)
@@ -406,4 +408,5 @@ def _complete(
 
 
 def _listed(items: Sequence[str], most: int = 12) -> str:
-    return ", ".join(items[:most]) + (" …" if len(items) > most else "")
+    shown = (item if len(item) <= _SHOWN else f"{item[:_SHOWN]}…" for item in items[:most])  # of a text that is garbled, a name is long
+    return ", ".join(shown) + (" …" if len(items) > most else "")

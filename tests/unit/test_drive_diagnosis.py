@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ident
+from benchmarks.actuators.commanded import LEG, commanded_log
 from benchmarks.actuators.servos import URDF, recorded, servo
 from ident.cli import main
 from ident.diagnosis.drives import diagnose_drives
@@ -77,3 +78,20 @@ def test_a_study_is_diagnosed_by_simulation(logs, tmp_path, capsys):
     assert said["findings"][0]["declared"] == pytest.approx(one.declared["delay_s"])
     assert said["after"]["replay"]["heldout"]["rms"][0] < said["before"]["replay"]["heldout"]["rms"][0]
     assert (tmp_path / "out" / "after.fit.json").exists()
+
+
+def test_a_gain_is_doubted_on_the_joint_that_has_another_one():
+    """Two joints that move each other: that the one is wrong does not make the other so."""
+    robot = ident.Robot.from_urdf(LEG)
+    truth = {"Ia": [0.012, 0.01], "Fv": 0.1, "Fc": 0.15, "offset": 0.1, "kp": [25.0, 20.0], "kd": 0.8, "delay": 0.006}
+    log = commanded_log(robot, truth, seed=4, seconds=3.0, before=1.0)
+    model = robot.rigid_body()
+    for name in EFFECTS:
+        model = model + ident.make_effect(name)
+    found = diagnose_drives(LogSet((log,)), model, DriveLaw.of(robot, kp=[25.0, 26.0], kd=0.8, delay_s=0.006))
+    (finding,) = found.findings
+    assert (finding.effect, finding.joints) == ("kp", ("knee",))
+    ((name, value, std, _),) = finding.values
+    assert name == "kp_knee"
+    assert abs(value - 20.0) < min(3.0 * std, 0.2)
+    assert finding.gain > 0.5

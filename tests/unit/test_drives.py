@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,11 @@ import pytest
 import ident
 from benchmarks.actuators import coverage
 from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
-from ident.drives import DriveFit, DriveLaw, fit_drives, simulate
+from ident.drives import DriveFit, DriveLaw, DriveLog, fit_drives, simulate
+from ident.drives.descent import SimulatedSearch
 from ident.drives.determined import Standing
+from ident.drives.plant import DrivePlant
+from ident.drives.starts import starts
 from ident.drives.torque import with_torque
 from ident.drives.unknowns import unknowns
 from ident.logs.log import LogSet
@@ -129,6 +133,29 @@ def test_gains_that_are_hardly_distinguished_keep_their_intervals():
     assert max(map(abs, errors.values())) < 3.5
     assert not found.missed
     assert not found.invented
+
+
+def test_derivatives_along_a_joints_whole_torque_are_those_of_the_simulation():
+    """A rotor that is heavy beside its link, gains unknown: all torque of that joint by another factor changes next to nothing, which is
+    where errors of single derivatives would add up to more."""
+    robot = ident.Robot.from_urdf(LEG)
+    truth = {"Ia": [0.012, 0.1], "Fv": [0.1, 0.3], "Fc": [0.3, 0.3], "offset": 0.1, "kp": [25.0, 40.0], "kd": [0.8, 1.5], "delay": 0.006}
+    log = commanded_log(robot, truth, seed=5, seconds=3.0, rate=200, before=1.0)
+    law = DriveLaw.of(robot, kp="identify", kd="identify")
+    plant = DrivePlant(model_of(robot), law, (DriveLog.of(log, robot, law),))
+    values = np.array([truth["delay"] if u.joint < 0 else np.ones(2)[u.joint] * np.broadcast_to(truth[u.name.split("_")[0]], 2)[u.joint]
+                       for u in plant.unknowns])  # fmt: skip
+    search = SimulatedSearch(plant, log.q, starts(plant)[1], np.ones_like(log.q)).precise()
+    _, slopes = search.linear(values, central=True)
+    for joint in range(2):
+        step = np.array([0.05 * v if u.joint == joint else 0.0 for u, v in zip(plant.unknowns, values, strict=True)])
+        (more,), (less,) = (replace(plant, step=5e-5).positions(values + sign * step)[0] for sign in (1.0, -1.0))
+        change = 0.5 * (more - less)
+        assert np.linalg.norm(slopes @ step - change) < 0.02 * np.linalg.norm(change)
+    # kd for viscous friction: nothing at all, while no velocity is commanded.
+    names = [u.name for u in plant.unknowns]
+    apart = slopes[..., names.index("kd_hip")] - slopes[..., names.index("Fv_hip")]
+    assert np.abs(apart).max() < 1e-6 * np.abs(slopes[..., names.index("kd_hip")]).max()
 
 
 @pytest.mark.slow

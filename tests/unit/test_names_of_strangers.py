@@ -126,3 +126,10 @@ def test_units_that_only_look_like_known_ones_are_not_used(unit: str, what: str,
     log = ident.read_logs(written(tmp_path / "a.csv", columns))[0]
     assert (log.dq is None, not log.tau) == (what == "vel", what == "torque")
     assert any(f"are in {unit!r}, which is no unit that is known" in note for note in log.notes)
+
+
+def test_garbled_names_do_not_fill_the_message(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(",".join(["一 " * 2000, "b"]) + "\n1,2\n2,3\n", encoding="utf-8")
+    with pytest.raises(ident.DataError) as caught:
+        ident.read_logs(tmp_path / "a.csv")
+    assert len(str(caught.value)) < 1000

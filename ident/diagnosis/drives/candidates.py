@@ -78,14 +78,16 @@ def candidates(plant: DrivePlant) -> Iterator[DriveCandidate]:
     by_log = {key for table in law.by_log.values() for key in table["constants"]}
     moved = any(np.any(log.dq_cmd) for log in plant.logs)
     for place, name in _CONSTANTS.items():
+        if place == "joint_stiffness":
+            # A spring on one joint leaves the others in doubt.
+            if place not in by_log and np.isinf(law.constants[place]).any() and "rotor_inertia" in declared:
+                yield from (DriveCandidate(name, place, {"hz": hz}) for hz in _SPRINGS_HZ)
+            continue
         if place in by_log or np.isnan(law.constants[place]).any():
             continue
         if (place == "kd" and not moved) or (place == "kp" and (law.kind == "pd_velocity" or not law.links_known)):
             continue
-        if place != "joint_stiffness":
-            yield DriveCandidate(name, place)
-        elif not np.isfinite(law.constants[place]).any() and "rotor_inertia" in declared:
-            yield from (DriveCandidate(name, place, {"hz": hz}) for hz in _SPRINGS_HZ)
+        yield DriveCandidate(name, place)
 
 
 def values_in(wider: DrivePlant, plant: DrivePlant, values: Array, candidate: DriveCandidate, inertia: Array) -> tuple[Array, Array, Array]:

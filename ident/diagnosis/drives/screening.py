@@ -8,8 +8,8 @@ import numpy as np
 
 from ..._utils.singular_values import lstsq, svd
 from ...drives.folds import turns
-from ...drives.plant import DrivePlant
-from ...drives.search import Fitted, sensitivities
+from ...drives.plant import DrivePlant, joined
+from ...drives.search import Fitted, derivatives
 from ...drives.uncertainty import memory
 from .candidates import DriveCandidate, candidates, values_in
 
@@ -93,8 +93,13 @@ def screened(plant: DrivePlant, fit: Fitted, inertia: Array) -> list[Screened]:
         weighted.reshape(-1), directions[:, sizes > 1e-7 * sizes[0]], np.repeat(turns(plant), n), memory(weighted), n
     )  # fmt: skip
     found = []
-    for candidate in candidates(plant):
-        steps, columns = _columns(plant, fit.values, candidate, inertia)
+    offered = list(candidates(plant))
+    springs = _springs(plant, fit.values, [one for one in offered if one.place == "joint_stiffness"], inertia)
+    for candidate in offered:
+        if candidate.place == "joint_stiffness":
+            steps, columns = springs[candidate.settings["hz"]]
+        else:
+            steps, columns = _columns(plant, fit.values, candidate, inertia)
         columns, own = base.without(columns * weights[:, None])
         kept, moves = [], []
         for k in np.flatnonzero(own > _OWN):
@@ -104,28 +109,37 @@ def screened(plant: DrivePlant, fit: Fitted, inertia: Array) -> list[Screened]:
             if doubt or size > SIGNIFICANT or (size > 0.0 and base.gain(J, columns[:, [k]]) > _GAIN):
                 kept.append(int(k))
                 moves.append(step)
+        if candidate.place == "joint_stiffness" and len(kept) > 1:
+            # Joints that move each other each seem to hang on a spring where one does: the best first.
+            best = int(np.argmax([base.gain(J, columns[:, [k]]) for k in kept]))
+            kept, moves = [kept[best]], [moves[best]]
         if kept and ((gain := base.gain(J, columns[:, kept])) > LEAST or candidate.place in doubted):
             found.append(Screened(candidate, tuple(steps[k] for k in kept), np.array(moves), gain))
     return _best_settings(found)
 
 
 def _columns(plant: DrivePlant, values: Array, candidate: DriveCandidate, inertia: Array) -> tuple[list[int], Array]:
-    """Joints, and what a step of the candidate on each changes (M, k). A spring: what it changes at that stiffness."""
-    every = range(plant.robot.n)
-    if candidate.place == "joint_stiffness":
-        out = []
-        (plain,) = np.concatenate(plant.positions(values), axis=1)
-        for j in every:
-            wider = candidate.added_to(plant, [j])
-            at, _, _ = values_in(wider, plant, values, candidate, inertia)
-            (sprung,) = np.concatenate(wider.positions(at), axis=1)
-            out.append(np.nan_to_num(sprung - plain).reshape(-1))
-        return list(every), np.stack(out, axis=1)
-    wider = candidate.added_to(plant, list(every))
+    """Joints, and what a step of the candidate on each changes (M, k)."""
+    wider = candidate.added_to(plant, list(range(plant.robot.n)))
     at, sizes, own = values_in(wider, plant, values, candidate, inertia)
-    _, slopes = sensitivities(wider, at, sizes)
-    mine = [i for i in np.flatnonzero(own) if wider.unknowns[i].place == candidate.place]
-    return [max(wider.unknowns[i].joint, 0) for i in mine], slopes[..., mine].reshape(-1, len(mine))
+    mine = np.array([i for i in np.flatnonzero(own) if wider.unknowns[i].place == candidate.place])
+    return [max(wider.unknowns[i].joint, 0) for i in mine], derivatives(wider, at, sizes, mine).reshape(-1, len(mine))
+
+
+def _springs(
+    plant: DrivePlant, values: Array, springs: list[DriveCandidate], inertia: Array
+) -> dict[float, tuple[list[int], Array]]:  # fmt: skip
+    """Resonance of a spring → joints that have none yet, and what it changes on each (M, k)."""
+    if not springs:
+        return {}
+    rigid = [int(j) for j in np.flatnonzero(np.isinf(plant.law.constants["joint_stiffness"]))]
+    (plain,) = joined(plant.positions(values))
+    columns = np.empty((len(springs), plain.size, len(rigid)))
+    for k, j in enumerate(rigid):
+        wider = springs[0].added_to(plant, [j])
+        sets = np.stack([values_in(wider, plant, values, one, inertia)[0] for one in springs])
+        columns[..., k] = np.nan_to_num(joined(wider.positions(sets)) - plain).reshape(len(springs), -1)
+    return {one.settings["hz"]: (rigid, own) for one, own in zip(springs, columns, strict=True)}
 
 
 def _best_settings(found: list[Screened]) -> list[Screened]:
