@@ -222,3 +222,16 @@ def test_what_one_stretch_alone_shows_is_told_and_names_nothing() -> None:
     assert found.verdict is Verdict.UNEXPLAINED, str(found)
     assert not found.findings
     assert any("one stretch" in u.evidence for u in found.unexplained)
+
+
+def test_terms_of_a_series_are_no_causes() -> None:
+    """Rubber beyond an angle: a cubic and four waves follow it together, which one smooth function does as well."""
+
+    def rubber(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        return np.asarray(30.0 * np.maximum(q - np.quantile(q, 0.85), 0.0) ** 1.5)
+
+    found = diagnosed(recorded(31, rubber), recorded(31, rubber))
+    assert found.verdict is Verdict.UNEXPLAINED, str(found)
+    assert not found.findings
+    assert found.description is not None
+    assert found.description.comparison.error_after.relative_all < 0.5 * found.comparison.error_before.relative_all

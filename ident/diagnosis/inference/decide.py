@@ -29,8 +29,6 @@ Array = np.ndarray
 _REPEATABLE = frozenset({"cogging", "torque_ripple", "gear_coupling", "position_dependent_friction"})
 #: Times that an accepted effect is replaced by a member of its set beside which less is left.
 _SWAPS = 3
-#: Effects, of more than one name, that follow one quantity on one joint, from which on they are no separate causes.
-_SERIES = 3
 
 
 @dataclass(frozen=True)
@@ -158,14 +156,11 @@ def _withdraw(state: EffectSearch, say: Callable[[str], None]) -> None:
 
 
 def _give_way(state: EffectSearch, say: Callable[[str], None]) -> None:
-    """Take back what is named on a joint where one smooth law accounts for more with less, and where so many names follow one quantity that
-    they are the terms of a series: they stood for that law."""
+    """Take back what is named on a joint where one smooth law accounts for more with less: it stood for that law."""
     for joints in dict.fromkeys(j for _, j in state.accepted if len(j) == 1):
         named = [x for x in state.accepted if x[1] == joints]
-        series = len(named) >= _SERIES and len({e.name for e, _ in named}) > 1 and len({e.axis for e, _ in named}) == 1
-        if series or outdone(state, joints[0]):
-            why = "so many of one quantity are the terms of a series" if series else "one smooth law accounts for more with less"
-            say(f"retracted: {', '.join(e.name for e, _ in named)} on {joints[0]}: {why}")
+        if outdone(state, joints[0]):
+            say(f"retracted: {', '.join(e.name for e, _ in named)} on {joints[0]}: one smooth law accounts for more with less")
             state.accepted = [x for x in state.accepted if x[1] != joints]
             state.solve()
 

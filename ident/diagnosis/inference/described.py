@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...effects.described import DESCRIPTIONS, Described, Turned
-from ...effects.kinds import Need
+from ...effects.kinds import Axis, Need
 from ..design.catalogue import Catalogue
 from ..thresholds import COMPETES, HALF, MATERIAL
 from .scores import Scores
@@ -25,6 +25,10 @@ _INTERVALS = (2, 4, 7, 12)
 _LAWS = 2
 #: Quantities that are compared by a refit, at most.
 _TRIED = 4
+#: Quantities of effects that are one with a law's.
+_SAME = {Axis.POSITION: {Axis.POSITION, Axis.MOTOR_ANGLE}}
+#: Effects of one quantity on a joint from which on they are no separate causes.
+_SERIES = 3
 
 
 def describing(fit: Fit, frame: Solved, joints: tuple[str, ...], say: Callable[[str], None]) -> tuple[Described, ...]:
@@ -46,7 +50,8 @@ def outdone(state: EffectSearch, joint: str) -> bool:
     """Whether one smooth law accounts for more with less than all that is named on a joint.
 
     A law of the joint's own motion can always do what an effect of that motion does, one of time what a drift does: it speaks against
-    several names of its own quantity, or where what is named leaves twice the error (rms) that the law leaves.
+    several names of its own quantity, or where what is named leaves twice the error (rms) that the law leaves. Three and more of its
+    quantity, of more than one name, are the terms of a series: they must leave half the error that the law leaves.
 
     Both are refits at one noise, by Schwarz's criterion; what a likelihood gains by chance, or by less than what is material, does not
     count."""
@@ -61,9 +66,11 @@ def outdone(state: EffectSearch, joint: str) -> bool:
     robot = state.fit.robot
     more = sum(len(e.parameters(robot)) + len(e.shape()) for e in named) - len(law.parameters(robot))
     gain = state.fit.energy(state.frame, gains) - fit.energy(frame, gains) + np.log(max(frame.rows, 2)) * more
+    left = [f.noise(x)[robot.joint_index(joint)] for f, x in ((fit, frame), (state.fit, state.frame))]
     alike = law.own_motion or bool(law.needs & named[0].needs & {Need.TIME})
+    if alike and len(named) >= _SERIES and len({e.name for e in named}) > 1 and {e.axis for e in named} <= _SAME.get(law.axis, {law.axis}):
+        return bool(HALF * left[0] < left[1])
     if alike and (len(named) == 1 or any(e.axis != law.axis for e in named)):
-        left = [f.noise(x)[robot.joint_index(joint)] for f, x in ((fit, frame), (state.fit, state.frame))]
         return bool(gain > state.critical**2 and left[0] < HALF * left[1])
     return bool(gain > state.critical**2)
 
