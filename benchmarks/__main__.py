@@ -8,6 +8,7 @@ import argparse
 import importlib
 import platform
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,14 @@ import pinocchio
 import scipy
 
 TOPICS = ("real", "actuators", "methods", "diagnosis", "performance", "physical", "excitation", "monitoring")
+#: What topics need beyond `ident` itself.
+NEEDS = {"performance": ("pyarrow", "rosbags"), "methods": ("example_robot_data",), "excitation": ("example_robot_data",)}
+
+
+def lacking(topic: str) -> str:
+    """What a topic needs and this environment lacks, with the remedy; "" where nothing is lacking."""
+    missing = [name.replace("_", "-") for name in NEEDS.get(topic, ()) if find_spec(name) is None]
+    return f"{topic} needs {' and '.join(missing)}: pip install -e '.[test]'" if missing else ""
 
 
 def main() -> int:
@@ -31,6 +40,11 @@ def main() -> int:
     print(f"{platform.machine()} {platform.system()}, {versions}")
     args.out.mkdir(parents=True, exist_ok=True)
     worst = 0
+    # Said before hours of work, not after.
+    lacks = [said for topic in args.topics if (said := lacking(topic))]
+    if lacks:
+        print("\n".join(lacks), file=sys.stderr)
+        return 1
     for topic in args.topics:
         print(f"\n== {topic} ==", flush=True)
         worst = max(worst, int(importlib.import_module(f"benchmarks.{topic}.run").main(short=args.short, folder=args.out) or 0))
