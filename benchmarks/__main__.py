@@ -8,7 +8,7 @@ import argparse
 import importlib
 import platform
 import sys
-from importlib.util import find_spec
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +16,22 @@ import pinocchio
 import scipy
 
 TOPICS = ("real", "actuators", "methods", "diagnosis", "performance", "physical", "excitation", "monitoring")
-#: What topics need beyond `ident` itself.
-NEEDS = {"performance": ("pyarrow", "rosbags"), "methods": ("example_robot_data",), "excitation": ("example_robot_data",)}
+#: Distributions that topics need beyond `ident` itself.
+NEEDS = {"performance": ("pyarrow", "rosbags"), "methods": ("example-robot-data",), "excitation": ("example-robot-data",)}
 
 
 def lacking(topic: str) -> str:
     """What a topic needs and this environment lacks, with the remedy; "" where nothing is lacking."""
-    missing = [name.replace("_", "-") for name in NEEDS.get(topic, ()) if find_spec(name) is None]
+    missing = [name for name in NEEDS.get(topic, ()) if not _installed(name)]
     return f"{topic} needs {' and '.join(missing)}: pip install -e '.[test]'" if missing else ""
+
+
+def _installed(distribution: str) -> bool:
+    try:
+        version(distribution)
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def main() -> int:
