@@ -10,7 +10,8 @@ from .._utils.singular_values import pinv
 from .design.places import is_order
 from .inference.scores import blocks
 from .result import FoundParameter
-from .scoring.fit import SINGULAR, Fit, deviations, effect_columns, rows_of
+from .scoring.columns import effect_columns, rows_of
+from .scoring.fit import SINGULAR, Fit, deviations
 
 if TYPE_CHECKING:
     from ..effects.base import Effect

@@ -10,7 +10,7 @@ from .search import Fitted
 from .starts import expected
 
 Array = np.ndarray
-#: Derivatives are taken anew so often at most, where steps along those at hand fall short of what they foretell by this share.
+#: Derivatives are recomputed at most so many times: where a step reaches less than this share of the decrease that they predict.
 _ANEW, _SHORT = 2, 0.3
 #: Damping of the first step, and beyond which there is none that leads further.
 _DAMPED, _STUCK = 1e-2, 1e6

@@ -14,8 +14,9 @@ from ..diagnosis.design.catalogue import Catalogue
 from ..diagnosis.design.places import places
 from ..diagnosis.inference.decide import decide
 from ..diagnosis.inference.scores import Scores
-from ..diagnosis.scoring.fit import Fit, prior_rows
+from ..diagnosis.scoring.fit import Fit
 from ..diagnosis.scoring.known import Known
+from ..diagnosis.scoring.prior import prior_rows
 from ..effects.registry import effect_types
 from ..effects.rigid_body import RigidBody
 

@@ -13,7 +13,7 @@ from ..design.catalogue import Catalogue
 from ..design.places import search_range
 from ..scoring.fit import depends
 from ..thresholds import COMPETES, CONTAINED
-from .refinement import PASSES, agreed, can_be, refined, settled, sharpened
+from .refinement import PASSES, agreed, can_be, last_values, refined, settled, sharpened
 from .scores import Scores
 
 if TYPE_CHECKING:
@@ -186,8 +186,8 @@ def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
     if sharper != effect:
         effect = sharper
         fit, frame = solved(effect)
-    own = slice(len(frame.theta) - len(effect.parameters(fit.robot)), None)
-    if effect.told_by(frame.theta[own]) != effect and not can_be(effect, fit, frame.theta[own], frame.std[own]):
+    values, std = last_values(fit, frame)
+    if effect.told_by(values) != effect and not can_be(effect, fit, values, std):
         effect = agreed(effect, others, state.fit)
         fit, frame = solved(effect)
     if anew:

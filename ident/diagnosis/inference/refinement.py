@@ -74,9 +74,7 @@ def sharpened(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...
     if found == effect:
         return effect
     other = fit.with_effects((*others, found))
-    refit = other.behind(gains)
-    own = slice(len(refit.theta) - len(found.parameters(fit.robot)), None)
-    return found if can_be(found, other, refit.theta[own], refit.std[own]) else refined(effect, joints, fit, frame, near=True)
+    return found if can_be(found, other, *last_values(other, other.behind(gains))) else refined(effect, joints, fit, frame, near=True)
 
 
 def likeliest(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, frame: Solved) -> Effect:
@@ -85,15 +83,15 @@ def likeliest(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...
 
     What a wrong shape leaves passes for coloured noise, at which that very shape scores best: the shape is sought with one weight for all
     frequencies, too."""
-    found = {sharpened(effect, joints, others, fit, gains) for gains in (frame.gains, fit.with_effects((*others, effect)).flat(None))}
+    weights = (frame.gains, fit.with_effects((*others, effect)).flat(None))
+    found = list(dict.fromkeys(sharpened(effect, joints, others, fit, gains) for gains in weights))
     if len(found) == 1:
-        return found.pop()
+        return found[0]
 
     def worth(e: Effect) -> tuple[bool, float]:
         other = fit.with_effects((*others, e))
         refit = other.solved(1)
-        own = slice(len(refit.theta) - len(e.parameters(fit.robot)), None)
-        return can_be(e, other, refit.theta[own], refit.std[own]), other.likelihood(refit)
+        return can_be(e, other, *last_values(other, refit)), other.likelihood(refit)
 
     return max(found, key=worth)
 
@@ -138,19 +136,30 @@ def scored(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solv
 
     A shape thus stays where its effect is possible: friction |ω|^a, a < 1, that resists has a mirror beside viscous friction, a > 1, that
     drives."""
-    scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, joints) for e in effects]))
-    out = np.zeros(len(effects))
-    for i, (z, k) in enumerate(zip(scores.plain, scores.kept, strict=True)):
-        out[k] = z if can_be(effects[k], fit, *scores.values(i)) else 0.0
-    return out
+    scores, z = _scores(effects, joints, fit, frame)
+    for i, k in enumerate(scores.kept):
+        if not can_be(effects[k], fit, *scores.values(i)):
+            z[k] = 0.0
+    return z
 
 
 def _plain(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solved) -> Array:
     """z of each effect of a list beside a frame, whatever its values."""
+    return _scores(effects, joints, fit, frame)[1]
+
+
+def _scores(effects: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solved) -> tuple[Scores, Array]:
+    """Scores of a list of effects, and z of each; nothing where the model absorbs it."""
     scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, joints) for e in effects]))
-    out = np.zeros(len(effects))
-    out[scores.kept] = scores.plain
-    return out
+    z = np.zeros(len(effects))
+    z[scores.kept] = scores.plain
+    return scores, z
+
+
+def last_values(fit: Fit, frame: Solved) -> tuple[Array, Array]:
+    """Values (k,) of the last effect of a fit, and their standard deviations."""
+    own = slice(len(frame.theta) - len(fit.effects[-1].parameters(fit.robot)), None)
+    return frame.theta[own], frame.std[own]
 
 
 def can_be(effect: Effect, fit: Fit, values: Array, std: Array) -> bool:
@@ -193,13 +202,12 @@ def agreed(effect: Effect, others: tuple[Effect, ...], fit: Fit) -> Effect:
     found = effect
     for _ in range(_AGREE):
         other = fit.with_effects((*others, found))
-        frame = other.solved(PASSES)
-        own = slice(len(frame.theta) - len(found.parameters(fit.robot)), None)
-        told = found.told_by(frame.theta[own])
+        values, std = last_values(other, other.solved(PASSES))
+        told = found.told_by(values)
         ends = search_range(told, fit.declared, fit.sought(told))
         told = told.with_shape(**{name: float(np.clip(getattr(told, name), *ends[name])) for name in ends})
         if all(abs(getattr(told, name) - getattr(found, name)) <= _AGREES * abs(getattr(found, name)) for name in ends):
-            return found if can_be(found, other, frame.theta[own], frame.std[own]) else effect
+            return found if can_be(found, other, values, std) else effect
         found = told
     return effect
 

@@ -17,6 +17,8 @@ from ...effects.reference import Reference
 from ...model import Model
 from ...robots.transmission import Side
 from ..thresholds import FEW
+from .columns import effect_columns, on_motors, rows_of, turns_fast
+from .prior import prior_rows
 from .whitening import density
 
 if TYPE_CHECKING:
@@ -29,12 +31,6 @@ _DEPENDENT = frozenset({Need.LOAD, Need.REFERENCE, Need.TORQUE})
 SINGULAR = 1e-9
 #: Part that a coefficient has in directions which the equations leave open, from which on it is open itself.
 _OPEN = 1e-3
-#: Periods of an angle after which what a disturbance adds to it averages out.
-_PERIODS = 5.0
-#: Sizes of a link that are one standard deviation of the prior.
-_WEAK = 3.0
-#: Frequency, as a share of the rate, at which columns of a turning angle have fallen to half.
-_FADE = 0.11
 #: By what the log of a residual's power may grow from pass to pass.
 _WORSE = 0.02
 
@@ -42,42 +38,6 @@ _WORSE = 0.02
 def depends(effect: Effect) -> bool:
     """The effect's columns depend on what the model predicts."""
     return bool(effect.needs & _DEPENDENT)
-
-
-def on_motors(values: Array, side: Side, robot) -> Array:  # type: ignore[no-untyped-def]
-    """Columns (N, n, k) of torque on a side, as torque of the motors."""
-    return values if side == Side.MOTOR else np.matmul(robot.transmission.torque_map(side, Side.MOTOR), values)
-
-
-def rows_of(values: Array, run: RunRows) -> Array:
-    """Columns (N, n, k) on the motors as rows (count, n, k)."""
-    out = np.zeros((run.band.count, values.shape[1], values.shape[2]))
-    for m in range(values.shape[1]):
-        live = np.flatnonzero(values[:, m].any(axis=0))
-        if len(live):
-            out[:, m, live] = run.masked(values[:, m, live], m)
-    return out
-
-
-def effect_columns(effect: Effect, motion: Motion, robot) -> Array:  # type: ignore[no-untyped-def]
-    """Columns (N, n, k) of an effect on the motors; where its angle turns faster than the motion's band, they fade like the torque does."""
-    values = on_motors(effect.columns(motion, robot), effect.side, robot)
-    shape = effect.shape()
-    if len(shape) == 1 and shape[0].unit.startswith("1/rad"):
-        side, j = getattr(effect, "angle", effect.side), effect.at(robot)[0]
-        turning = np.abs(motion.on(side).dq[:, j]) * float(getattr(effect, shape[0].name)) / (2.0 * np.pi)
-        values = values / (1.0 + (turning / (_FADE * motion.rate)) ** 8)[:, None, None]
-    return values
-
-
-def _turns_fast(effect: Effect, robot, motions: Sequence[Motion]) -> bool:  # type: ignore[no-untyped-def]
-    """The effect has an order, of whose angle the runs hold several periods."""
-    shape = effect.shape()
-    if len(shape) != 1 or not shape[0].unit.startswith("1/rad"):
-        return False
-    side, j = getattr(effect, "angle", effect.side), effect.at(robot)[0]
-    q = np.concatenate([m.on(side).q[:, j] for m in motions])
-    return float(np.ptp(q)) * float(getattr(effect, shape[0].name)) > 2.0 * np.pi * _PERIODS
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +120,7 @@ class Fit:
         The instrument of an effect whose angle turns fast holds the measured positions: what a disturbance adds to an angle is lost in
         the mean over its turns, and a smoothed angle has lost the phase."""
         chosen = [run.instrument if instrument else run.measured for run in self.runs]
-        fast = instrument and effect is not None and _turns_fast(effect, self.robot, chosen)
+        fast = instrument and effect is not None and turns_fast(effect, self.robot, chosen)
         key = (instrument, fast)
         if self._motions.get("values") is not self.values:
             self._motions.clear()
@@ -379,40 +339,3 @@ def deviations(equations: Array, gram: Array) -> Array:
     inverse = (Vt[good].T / s[good]) @ U[:, good].T
     std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", inverse, gram, inverse), 0.0))
     return np.where(np.sum(Vt[~good] ** 2, axis=0) > _OPEN, np.inf, std)
-
-
-def prior_rows(model: Model) -> Array:
-    """A weak inertial prior as rows (k, b) over the model's base parameters: a mass of all that is outboard, at its reach, is one standard
-    deviation. Where instruments are weak it keeps parameters finite; where data speak it changes nothing."""
-    robot, base = model.robot, model.base
-    if robot.nominal is None or robot.floating_base:
-        return np.zeros((0, base.count))
-    tree = robot.model
-    nb = len(robot.nominal) // 10
-    table = np.asarray(robot.nominal).reshape(nb, 10)
-    mass = np.maximum(np.abs(table[:, 0]), 1e-3)
-    lever = np.linalg.norm(table[:, 1:4], axis=1) / mass
-    offset = [float(np.linalg.norm(tree.jointPlacements[i + 1].translation)) for i in range(nb)]
-    parent = [int(tree.parents[i + 1]) - 1 for i in range(nb)]
-    reach, whole = lever + 0.02, mass.copy()
-    moment = np.abs(table[:, [4, 6, 9]]).sum(axis=1)
-    for i in reversed(range(nb)):
-        if parent[i] >= 0:
-            whole[parent[i]] += whole[i]
-            moment[parent[i]] += moment[i]
-            reach[parent[i]] = max(reach[parent[i]], offset[i] + reach[i])
-    own = next((part for effect, part in zip(model.effects, model.slices, strict=True) if effect.name == "rigid_body"), None)
-    if own is None:
-        return np.zeros((0, base.count))
-    others = np.delete(np.arange(len(model.parameters)), np.arange(own.start, own.stop))
-    found = []
-    for place, k in enumerate(base.independent):
-        body, symbol = divmod(int(k) - own.start, 10)
-        # What a rotor is grouped into has no link's size.
-        if own.start <= k < own.stop and body < nb and not np.any(base.regroup[place, others]):
-            powers = (whole[body], whole[body] * reach[body], max(whole[body] * reach[body] ** 2, moment[body]))
-            size = _WEAK * powers[0 if symbol == 0 else 1 if symbol < 4 else 2]
-            row = np.zeros(base.count)
-            row[place] = 1.0 / size
-            found.append(row)
-    return np.array(found).reshape(-1, base.count)
