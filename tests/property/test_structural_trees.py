@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from structures import compare_row_spaces, random_tree, sampled_regressor, urdf_text
 
@@ -49,8 +49,11 @@ def check(seed: int) -> None:
     compared = compare_row_spaces(form, sampled_regressor(robot, rotors, seed))
     where = f"seed {seed}: {found.count_formula}; {compared}"
     assert compared.rank == found.count, where
-    assert compared.form_outside < 1e-9, where
-    assert compared.sampled_outside < 1e-9, where
+    # A sampled space is known to its rounding (what it drops) over the least that it keeps (P. Wedin, BIT 12, 1972): in geometry that is
+    # nearly degenerate, where that is 7e-9, the oracle shows no more.
+    shown = max(1e-9, compared.gap[1] / compared.gap[0])
+    assert compared.form_outside < shown, where
+    assert compared.sampled_outside < shown, where
     # Reduced form: a one at the parameter that names the row, zero there in every other row.
     assert np.array_equal(found.full[:, found.kept], np.eye(found.count)), where
     assert found.names == tuple(found.columns[c] for c in found.kept), where
@@ -58,6 +61,7 @@ def check(seed: int) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
+@example(seed=281904735)  # least singular value kept: 7e-9
 def test_structural_set_spans_what_a_sampled_regressor_shows(seed: int) -> None:
     check(seed)
 
