@@ -131,6 +131,11 @@ class Effect(ABC):
         changes: dict[str, Any] = dict(values)
         return dataclasses.replace(self, **changes)
 
+    def nearest_shape(self, **values: float) -> Self:
+        """The same effect with other shape parameters, each at the nearest value that it can have."""
+        ends = self.bounded()
+        return self.with_shape(**{name: float(np.clip(value, *ends[name])) for name, value in values.items()})
+
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
         """For each shape parameter the range worth searching on these samples, within its bounds."""
         return self.bounded()

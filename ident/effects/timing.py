@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
@@ -58,7 +58,7 @@ class Delay(JointEffect):
         return np.full(len(self.at(robot)), self.late)
 
     def told_by(self, values: Array) -> Self:
-        return replace(self, late=float(np.mean(values))) if self.late else self
+        return self.nearest_shape(late=float(np.mean(values))) if self.late else self
 
     def memory(self, robot: Robot) -> Array:
         """The delay."""
@@ -103,7 +103,7 @@ class FilterLag(JointEffect):
         return np.full(len(self.at(robot)), self.T)
 
     def told_by(self, values: Array) -> Self:
-        return replace(self, T=max(float(np.mean(values)), 0.0))
+        return self.nearest_shape(T=float(np.mean(values)))
 
     def memory(self, robot: Robot) -> Array:
         """Until a twentieth is left."""

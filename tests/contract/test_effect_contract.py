@@ -283,6 +283,19 @@ def test_the_range_worth_searching_is_within_the_bounds(name: str, robot_name: s
             assert p.lower <= low < high <= p.upper
 
 
+@EVERYWHERE
+@EVERY
+@pytest.mark.parametrize("value", [-1e6, -0.3, 0.0, 1e-12, 0.3, 1e6])
+def test_whatever_was_fitted_tells_a_shape_that_the_effect_can_have(name: str, robot_name: str, value: float) -> None:
+    robot, motion = case(robot_name)
+    effect = settled(name, robot, motion)
+    told = effect.told_by(np.full(len(effect.parameters(robot)), value))
+    for p in told.shape():
+        assert p.lower <= getattr(told, p.name) <= p.upper
+    for other in (told, *told.twins()):
+        other.search_range(motion, robot)
+
+
 def motion_at_rest(robot: Robot) -> Motion:
     still = np.zeros((20, robot.n))
     motion = Motion.of(robot, still + 0.2, still, still, np.arange(20) / 100.0, rate=100.0, torque=still + 1.0)
