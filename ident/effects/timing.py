@@ -58,7 +58,7 @@ class Delay(JointEffect):
         return np.full(len(self.at(robot)), self.late)
 
     def told_by(self, values: Array) -> Self:
-        return self.nearest_shape(late=float(np.mean(values))) if self.late else self
+        return self.nearest_shape(late=float(np.mean(values)))
 
     def memory(self, robot: Robot) -> Array:
         """The delay."""

@@ -13,7 +13,7 @@ from ..design.catalogue import Catalogue
 from ..design.places import search_range
 from ..scoring.fit import depends
 from ..thresholds import COMPETES, CONTAINED
-from .refinement import PASSES, agreed, can_be, last_values, refined, settled, sharpened
+from .refinement import PASSES, agreed, refined, settled, sharpened
 from .scores import Scores
 
 if TYPE_CHECKING:
@@ -72,7 +72,11 @@ def _simplest(state: EffectSearch, chosen: _Trial, trials: list[_Trial], refused
 
 
 def _chosen(state: EffectSearch, trials: list[_Trial]) -> _Trial:
-    """Of those that account for the residual as well as any, the one that asks for least."""
+    """Of those beside which nothing is left (of all, where something is beside each) and that account for the residual as well as any of
+    them, the one that asks for least.
+
+    What is left along the instrument comes first: the residual itself holds what feedback and the noise of the measured motion make, and
+    an effect that smooths leaves less of it."""
     if len(trials) < 2:
         return trials[0]
     # One noise for all: the least that any of them leaves, at each frequency.
@@ -80,12 +84,12 @@ def _chosen(state: EffectSearch, trials: list[_Trial]) -> _Trial:
     # Schwarz's criterion: what a parameter must gain grows with the logarithm of the rows.
     each = np.log(max(state.frame.rows, 2)) / 2.0
     trials = [dataclasses.replace(t, cost=t.fit.energy(t.frame, gains) / 2.0 + each * t.rank[0]) for t in trials]
+    trials = sorted(trials, key=lambda t: t.cost)
+    sharp = trials[0].frame.gains
+    told = [dataclasses.replace(t, left=_left(state, t, sharp)) for t in trials]
+    enough = [t for t in told if t.left <= state.critical] or told
     # What a likelihood gains by chance, or by less than what is material, does not decide.
-    sharpest = min(trials, key=lambda t: t.cost)
-    level = [t for t in trials if t.cost <= sharpest.cost + state.critical**2 / 2.0]
-    if len(level) > 1:
-        level = [dataclasses.replace(t, left=_left(state, t, sharpest.frame.gains)) for t in level]
-    return min(level, key=lambda t: (t.left > state.critical, *t.rank, t.cost))
+    return min((t for t in enough if t.cost <= enough[0].cost + state.critical**2 / 2.0), key=lambda t: (*t.rank, t.cost))
 
 
 def _inside(state: EffectSearch, trial: _Trial) -> list[Group]:
@@ -186,9 +190,9 @@ def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
     if sharper != effect:
         effect = sharper
         fit, frame = solved(effect)
-    values, std = last_values(fit, frame)
-    if effect.told_by(values) != effect and not can_be(effect, fit, values, std):
-        effect = agreed(effect, others, state.fit)
+    told = agreed(effect, others, state.fit)
+    if told != effect:
+        effect = told
         fit, frame = solved(effect)
     if anew:
         effect = settled(effect, others, state.fit)
@@ -199,4 +203,4 @@ def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
 def _left(state: EffectSearch, trial: _Trial, gains: Sequence[Array]) -> float:
     """The largest score beside a candidate, at a given noise."""
     frame = trial.fit.behind(tuple(gains))
-    return float(Scores.of(trial.fit, frame, state.catalogue).z.max(initial=0.0))
+    return float(state.scored(trial.fit, frame).z.max(initial=0.0))

@@ -12,10 +12,10 @@ import numpy as np
 from ..design.catalogue import Catalogue
 from ..thresholds import COMPETES, CONTAINED
 from .candidates import rank
-from .scores import Scores
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
+    from .scores import Scores
     from .search import EffectSearch
 
 
@@ -70,7 +70,7 @@ def accepted_effect(state: EffectSearch, i: int) -> AcceptedEffect:
 def own_score(state: EffectSearch, i: int) -> float:
     """z of the i-th accepted effect beside the others, at the noise of the whole model."""
     fit = state.fit_without(i)
-    own = Scores.of(fit, fit.behind(state.frame.gains), Catalogue.of_effects(state.fit, [state.accepted[i]]))
+    own = state.scored(fit, fit.behind(state.frame.gains), Catalogue.of_effects(state.fit, [state.accepted[i]]))
     return float(own.z[0]) if len(own.kept) else 0.0
 
 

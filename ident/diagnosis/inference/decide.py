@@ -88,6 +88,8 @@ def decide(
     _withdraw(state, say)
     tell(0.87)
     _give_way(state, say)
+    if most:
+        state = _with_one_stretch(state, say, most)
     tell(0.9)
     left = _left(state)
     laws = _described(state, say) if most else ()
@@ -163,6 +165,31 @@ def _give_way(state: EffectSearch, say: Callable[[str], None]) -> None:
             say(f"retracted: {', '.join(e.name for e, _ in named)} on {joints[0]}: one smooth law accounts for more with less")
             state.accepted = [x for x in state.accepted if x[1] != joints]
             state.solve()
+
+
+def _with_one_stretch(state: EffectSearch, say: Callable[[str], None], most: int) -> EffectSearch:
+    """The search with what one stretch of the log alone shows, if names account for it so well that the whole log, that stretch included,
+    shows nothing else; the search as it was where they do not.
+
+    What happens once is like many effects for a moment, and is not like any of them to within the noise."""
+    if state.scores.z.max(initial=0.0) > state.critical or _of_one_stretch(state) is None:
+        return state
+    whole = EffectSearch(state.fit, state.catalogue, state.level, list(state.accepted), stretch=0.0)
+    whole.solve()
+    refused: set[Kind] = set()
+    while len(whole.accepted) < most:
+        whole.calibrate()
+        found = best(whole, refused)
+        if found is None:
+            break
+        whole.accept(found)
+        whole.reprofile()
+        refused.add((found[0].name, found[1]))
+    if len(whole.accepted) > len(state.accepted) and whole.impossible() is None and not _left(whole):
+        say(f"accepted, seen in one stretch alone: {', '.join(e.name for e, _ in whole.accepted[len(state.accepted) :])}")
+        return whole
+    state.catalogue.updated(state.fit)
+    return state
 
 
 def _left(state: EffectSearch) -> list[Left]:

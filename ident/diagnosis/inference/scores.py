@@ -39,11 +39,13 @@ def z_of(squares: Array, degrees: Array) -> Array:
     return z
 
 
-def least_squares_left(blocks: Array, starts: Array) -> Array:
-    """The least sums of squares (K, …) of scores by blocks (c, B, …) when any window of a tenth of the blocks is left out."""
+def least_squares_left(blocks: Array, starts: Array, stretch: float = STRETCH) -> Array:
+    """The least sums of squares (K, …) of scores by blocks (c, B, …) when any window of a share of the blocks is left out."""
     B = blocks.shape[1]
-    width = max(round(STRETCH * B), 1)
     total = blocks.sum(axis=1)
+    if stretch <= 0.0:
+        return np.asarray(np.add.reduceat(total**2, starts))
+    width = max(round(stretch * B), 1)
     sums = np.concatenate([np.zeros_like(blocks[:, :1]), np.cumsum(blocks, axis=1)], axis=1)
     least = np.add.reduceat(total**2, starts)
     for b in range(B - width + 1):
@@ -67,10 +69,11 @@ class Scores:
     raw_scores: Array = field(repr=False)
     raw_gram: Array = field(repr=False)
     parts: list[Array] = field(repr=False)
+    stretch: float = STRETCH
 
     @classmethod
-    def of(cls, fit: Fit, frame: Solved, catalogue: Catalogue) -> Scores:
-        """Score a catalogue beside a frame's model."""
+    def of(cls, fit: Fit, frame: Solved, catalogue: Catalogue, stretch: float = STRETCH) -> Scores:
+        """Score a catalogue beside a frame's model; `stretch`: share of the log that may not decide alone."""
         R, n, p = frame.Z.shape
         scaled = frame.Z / frame.scale
         inverse = frame.inverse.reshape(p, R, n)
@@ -91,10 +94,10 @@ class Scores:
         T = CZ @ A
         G = G - T - T.T + A.T @ (frame.gram @ A)
         S = S - (model @ A).T
-        return cls._orthonormal(catalogue, raw, G, S)
+        return cls._orthonormal(catalogue, raw, G, S, stretch)
 
     @classmethod
-    def _orthonormal(cls, catalogue: Catalogue, raw: Array, G: Array, S: Array) -> Scores:
+    def _orthonormal(cls, catalogue: Catalogue, raw: Array, G: Array, S: Array, stretch: float) -> Scores:
         """Orthonormal directions inside each group; what the model absorbs is dropped."""
         import scipy.sparse as sparse
 
@@ -123,7 +126,7 @@ class Scores:
         Q = sparse.csr_matrix((entries, (rows, columns)), shape=(total, len(raw)))
         gram = np.asarray(Q @ (Q @ G).T)
         parts = _by_motor(catalogue, kept)
-        return cls(groups, kept, Q @ S, gram, np.array(starts, int), np.array(degrees, int), S.sum(axis=1), G, parts)
+        return cls(groups, kept, Q @ S, gram, np.array(starts, int), np.array(degrees, int), S.sum(axis=1), G, parts, stretch)
 
     @cached_property
     def named(self) -> Array:
@@ -149,8 +152,8 @@ class Scores:
 
     @cached_property
     def z(self) -> Array:
-        """z (K,), the least over all windows of a tenth of the log that are left out: no single stretch decides."""
-        return z_of(least_squares_left(self.blocks, self.starts), self.degrees)
+        """z (K,), the least over all windows of a tenth of the log (`stretch`) that are left out: no single one decides."""
+        return z_of(least_squares_left(self.blocks, self.starts, self.stretch), self.degrees)
 
     def values(self, k: int) -> tuple[Array, Array]:
         """What the parameters of the k-th group would be, and their standard deviations, in the units of its columns; of parameters that

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...effects.kinds import Need
-from ..thresholds import LEVEL, MATERIAL
+from ..thresholds import LEVEL, MATERIAL, STRETCH
 from .refinement import agreed, at_an_end, can_be, likeliest, refined, settled
 from .scores import Scores
 from .significance import parametric
@@ -26,12 +26,15 @@ Placed = tuple["Effect", tuple[str, ...]]
 
 @dataclass(eq=False)
 class EffectSearch:
-    """Fit with accepted effects, its frame, the scores beside it, and the largest score that chance explains."""
+    """Fit with accepted effects, its frame, the scores beside it, and the largest score that chance explains.
+
+    `stretch`: share of the log that may not decide alone."""
 
     fit: Fit
     catalogue: Catalogue
     level: float = LEVEL
     accepted: list[Placed] = field(default_factory=list)
+    stretch: float = STRETCH
     frame: Solved = field(init=False)
     scores: Scores = field(init=False)
     chance: float = field(init=False, default=0.0)
@@ -41,7 +44,11 @@ class EffectSearch:
         self.fit = self.fit.with_effects(tuple(e for e, _ in self.accepted))
         self.frame = self.fit.solved(2)
         self.catalogue.updated(self.fit)
-        self.scores = Scores.of(self.fit, self.frame, self.catalogue)
+        self.scores = self.scored(self.fit, self.frame)
+
+    def scored(self, fit: Fit, frame: Solved, catalogue: Catalogue | None = None) -> Scores:
+        """Scores of a catalogue (the search's own) beside a frame's model."""
+        return Scores.of(fit, frame, self.catalogue if catalogue is None else catalogue, self.stretch)
 
     def accept(self, placed: Placed) -> None:
         """Take an effect into the model; in the place of another name of changes of the model's own, these."""
@@ -68,7 +75,7 @@ class EffectSearch:
     def without(self, i: int) -> Scores:
         """Scores beside a model without the i-th accepted effect, at the noise, and with the columns, of the model with it."""
         fit = self.fit_without(i)
-        return Scores.of(fit, fit.behind(self.frame.gains), self.catalogue)
+        return self.scored(fit, fit.behind(self.frame.gains))
 
     def reprofile(self) -> None:
         """Shapes of all accepted effects anew, each beside the others, at the noise of the whole model."""
@@ -85,16 +92,11 @@ class EffectSearch:
             lone = len(self.accepted) == 1
             better = effect if lone else refined(effect, joints, fit, fit.behind(self.frame.gains))
             better = likeliest(better, joints, fit.effects, fit, self.frame)
-            if self._tells_its_shape(effect):
-                better = agreed(better, fit.effects, fit)
+            better = agreed(better, fit.effects, fit)
             changed |= better != effect
             self.accepted[i] = (better, joints)
         if changed:
             self.solve()
-
-    def _tells_its_shape(self, effect: Effect) -> bool:
-        """Whether fitted values of an effect tell its shape."""
-        return effect.told_by(np.ones(len(effect.parameters(self.fit.robot)))) != effect
 
     def labelled(self, effect: Effect) -> Effect:
         """The effect under a label that keeps its parameters apart from those of the accepted ones."""

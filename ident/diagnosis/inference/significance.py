@@ -21,7 +21,7 @@ _EULER = 0.5772156649
 
 def parametric(scores: Scores, level: float = LEVEL) -> float:
     """Quantile (1 − `level`) of the maximum for normal scores of this covariance, each taken as the scores are: without the stretch that
-    speaks for it most. Gumbel's law by moments of the draws.
+    speaks for it most, if they are. Gumbel's law by moments of the draws.
 
     Groups of one motor are drawn together, and apart from those of others: their noise is another one. What correlation the model's own
     columns make between them is left out, which can only raise the maximum (Slepian's lemma)."""
@@ -35,7 +35,7 @@ def parametric(scores: Scores, level: float = LEVEL) -> float:
         normal = rng.normal(size=(len(ix), _PARTS * _DRAWS)).astype(np.float32) / np.float32(np.sqrt(_PARTS))
         parts = (L @ normal).reshape(len(ix), _PARTS, _DRAWS)
         starts = np.cumsum(np.concatenate([[0], degrees[:-1]]))
-        largest = np.maximum(largest, z_of(least_squares_left(parts, starts).astype(float), degrees).max(axis=0))
+        largest = np.maximum(largest, z_of(least_squares_left(parts, starts, scores.stretch).astype(float), degrees).max(axis=0))
     return _quantile(largest, level)
 
 
