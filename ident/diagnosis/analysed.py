@@ -74,6 +74,13 @@ def _rate(signals: Signals) -> float:
     return float(signals.report.rate_hz or signals.rate)
 
 
+def _position_noise(signals: Signals) -> Array:
+    """Density (n,) of the noise of the motors' positions, rad²/Hz, white over the logs' rate."""
+    joints = np.array([j.noise for j in signals.report.joints])
+    joints = np.where(np.isfinite(joints), joints, 0.0)
+    return np.asarray(2.0 / _rate(signals) * signals.robot.transmission.K_inverse**2 @ joints**2)
+
+
 def desired(signals: Signals) -> list[Array] | None:
     """Desired positions (N, n) along each run, where every log has them and the joints follow them."""
     if signals.source is None:
@@ -127,7 +134,7 @@ def prepared(model: Model, signals: Signals, values: Array | None = None, *, wit
     reading = readings(signals, full)
     runs = _runs(full, model, START_HZ, reference, reading)
     first = Fit(runs, model, (), values)
-    band = _ABOVE * reference_band(first, first.solved(2))
+    band = _ABOVE * reference_band(first, first.solved(2), _position_noise(signals))
     fit = Fit(_runs(full, model, band, reference, reading), model, (), values)
     if not fit.share.any():
         raise DataError(

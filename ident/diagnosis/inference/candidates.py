@@ -75,12 +75,15 @@ def _chosen(state: EffectSearch, trials: list[_Trial]) -> _Trial:
     """Of those beside which nothing is left (of all, where something is beside each) and that account for the residual as well as any of
     them, the one that asks for least.
 
-    What is left along the instrument comes first: the residual itself holds what feedback and the noise of the measured motion make, and
-    an effect that smooths leaves less of it."""
+    What is left along the instrument comes first, and the residual counts in the instrument's band alone: beyond it, it holds what feedback
+    and the noise of the measured motion make, of which an effect that smooths leaves less."""
     if len(trials) < 2:
         return trials[0]
     # One noise for all: the least that any of them leaves, at each frequency.
-    gains = [np.max([t.frame.gains[i] for t in trials], axis=0) for i in range(len(state.fit.runs))]
+    gains = [
+        np.max([t.frame.gains[i] for t in trials], axis=0) * (run.band.frequencies <= run.instrument.cutoff_hz)
+        for i, run in enumerate(state.fit.runs)
+    ]
     # Schwarz's criterion: what a parameter must gain grows with the logarithm of the rows.
     each = np.log(max(state.frame.rows, 2)) / 2.0
     trials = [dataclasses.replace(t, cost=t.fit.energy(t.frame, gains) / 2.0 + each * t.rank[0]) for t in trials]

@@ -214,15 +214,18 @@ def _left(state: EffectSearch) -> list[Left]:
 def _of_one_stretch(state: EffectSearch) -> tuple[int, float] | None:
     """The group that the whole log speaks for most beyond chance, though without one stretch of it nothing does, with its z.
 
-    It names nothing, and is not nothing. How an accepted effect begins no law says: the moment itself does not count."""
+    How an accepted effect begins no law says: the moment itself does not count."""
     scores = state.scores
+    if not (scores.plain > state.critical).any():
+        return None
+    whole = state.scored(state.fit, state.frame, stretch=0.0).z
     own = {(e.name, j) for e, j in state.accepted}
     kept = ~at_moments(state.fit, state.frame, len(scores.blocks[0]))
     z = z_of(np.add.reduceat(scores.blocks[:, kept].sum(axis=1) ** 2, scores.starts), scores.degrees) if len(scores.kept) else np.zeros(0)
     for k in np.argsort(-z).tolist():
         if z[k] <= state.critical:
             return None
-        if scores.group(k).kind not in own:
+        if scores.group(k).kind not in own and whole[k] > state.critical:
             return k, float(z[k])
     return None
 

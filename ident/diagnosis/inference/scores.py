@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..._utils.singular_values import pinv
-from ..thresholds import ABSORBED, STRETCH
+from ..thresholds import ABSORBED, LEVEL, STRETCH
 
 if TYPE_CHECKING:
     from ..design.catalogue import Catalogue, Group
@@ -58,7 +59,8 @@ class Scores:
     """Scores of a frame. K groups that the model does not absorb (`kept`), with c whitened directions in all.
 
     `blocks` (c, B): score of each block of time; `gram` (c, c): their covariance; `starts` (K,), `degrees` (K,): directions of each group;
-    `parts`: groups that act on one motor, motor by motor, then those that act on several."""
+    `parts`: groups that act on one motor, motor by motor, then those that act on several; `row_scores(columns)` (R, k): what each row adds to
+    the raw scores of some columns; `stretch`: share of the log that may not decide alone."""
 
     groups: list[Group]
     kept: list[int]
@@ -69,11 +71,12 @@ class Scores:
     raw_scores: Array = field(repr=False)
     raw_gram: Array = field(repr=False)
     parts: list[Array] = field(repr=False)
+    row_scores: Callable[[Array], Array] = field(repr=False)
     stretch: float = STRETCH
 
     @classmethod
     def of(cls, fit: Fit, frame: Solved, catalogue: Catalogue, stretch: float = STRETCH) -> Scores:
-        """Score a catalogue beside a frame's model; `stretch`: share of the log that may not decide alone."""
+        """Score a catalogue beside a frame's model."""
         R, n, p = frame.Z.shape
         scaled = frame.Z / frame.scale
         inverse = frame.inverse.reshape(p, R, n)
@@ -94,10 +97,12 @@ class Scores:
         T = CZ @ A
         G = G - T - T.T + A.T @ (frame.gram @ A)
         S = S - (model @ A).T
-        return cls._orthonormal(catalogue, raw, G, S, stretch)
+        return cls._orthonormal(catalogue, raw, G, S, partial(_row_scores, fit, frame, catalogue), stretch)
 
     @classmethod
-    def _orthonormal(cls, catalogue: Catalogue, raw: Array, G: Array, S: Array, stretch: float) -> Scores:
+    def _orthonormal(
+        cls, catalogue: Catalogue, raw: Array, G: Array, S: Array, row_scores: Callable[[Array], Array], stretch: float
+    ) -> Scores:
         """Orthonormal directions inside each group; what the model absorbs is dropped."""
         import scipy.sparse as sparse
 
@@ -126,7 +131,7 @@ class Scores:
         Q = sparse.csr_matrix((entries, (rows, columns)), shape=(total, len(raw)))
         gram = np.asarray(Q @ (Q @ G).T)
         parts = _by_motor(catalogue, kept)
-        return cls(groups, kept, Q @ S, gram, np.array(starts, int), np.array(degrees, int), S.sum(axis=1), G, parts, stretch)
+        return cls(groups, kept, Q @ S, gram, np.array(starts, int), np.array(degrees, int), S.sum(axis=1), G, parts, row_scores, stretch)
 
     @cached_property
     def named(self) -> Array:
@@ -152,8 +157,34 @@ class Scores:
 
     @cached_property
     def z(self) -> Array:
-        """z (K,), the least over all windows of a tenth of the log (`stretch`) that are left out: no single one decides."""
-        return z_of(least_squares_left(self.blocks, self.starts, self.stretch), self.degrees)
+        """z (K,), the least over all windows of a tenth of the log (`stretch`) that are left out: no single one decides. Where one may, a
+        score counts for no more than its own rows bear out."""
+        if self.stretch > 0.0:
+            return z_of(least_squares_left(self.blocks, self.starts, self.stretch), self.degrees)
+        return np.asarray(np.minimum(self.plain, self._self_normalised))
+
+    @cached_property
+    def _self_normalised(self) -> Array:
+        """z (K,) of scores over the size of their own rows' parts, of those that one test alone would see; infinite for others.
+
+        Noise that is loud for a moment makes no such score large, however loud: what follows a column over many rows does. Its tails are no
+        heavier than the normal ones for any noise that is symmetric from row to row.
+
+        B. Efron, "Student's t-test under symmetry conditions", Journal of the American Statistical Association 64, 1969."""
+        from scipy.stats import norm
+
+        found = np.full(len(self.kept), np.inf)
+        heard = np.flatnonzero(self.plain > norm.isf(LEVEL / 2.0)).tolist()
+        if not heard:
+            return found
+        columns = [self.group(k).columns for k in heard]
+        ends = np.cumsum([len(x) for x in columns])[:-1]
+        for k, parts in zip(heard, np.split(self.row_scores(np.concatenate(columns)), ends, axis=1), strict=True):
+            size = np.sqrt(np.maximum(np.sum(parts**2, axis=0), 1e-300))
+            parts = parts / size
+            s = parts.sum(axis=0)
+            found[k] = z_of(np.array([s @ pinv(parts.T @ parts, rcond=_FLAT) @ s]), self.degrees[[k]])[0]
+        return found
 
     def values(self, k: int) -> tuple[Array, Array]:
         """What the parameters of the k-th group would be, and their standard deviations, in the units of its columns; of parameters that
@@ -194,6 +225,21 @@ class Scores:
                 along = np.einsum("kab,ka->kb", U, r)
                 squares[k] = np.where(w > 1e-3, along**2 / np.maximum(w, 1e-3), 0.0).sum(axis=1)
         return z_of(squares, self.degrees), np.minimum.reduceat(energy, self.starts)
+
+
+def _row_scores(fit: Fit, frame: Solved, catalogue: Catalogue, columns: Array) -> Array:
+    """What each row (R, k) adds to the scores of some columns of a catalogue, beside a frame's model (its prior apart)."""
+    R, n, p = frame.Z.shape
+    inverse = frame.inverse.reshape(p, R, n)
+    absorbed, found = np.zeros((p, len(columns))), np.zeros((R, len(columns)))
+    for m in range(n):
+        here, at, own = np.intersect1d(catalogue.places[m], columns, return_indices=True)
+        if len(here) and frame.gains[0][m].any():
+            x = fit.filtered([rows[:, at] for rows in catalogue.rows[m]], frame.gains, m)
+            found[:, own] += x * frame.residual[:, [m]]
+            absorbed[:, own] += inverse[:, :, m] @ x
+    model = np.einsum("rnp,rn->rp", frame.Z / frame.scale, frame.residual)
+    return np.asarray(found - model @ absorbed)
 
 
 def _by_motor(catalogue: Catalogue, kept: list[int]) -> list[Array]:

@@ -24,11 +24,13 @@ _SEGMENT = 8.0
 _LEAK = 0.25
 
 
-def reference_band(fit: Fit, frame: Solved) -> float:
-    """Frequency (Hz) up to which disturbances drive less than a small share of the motion, of the joint where that is least.
+def reference_band(fit: Fit, frame: Solved, noise: Array) -> float:
+    """Frequency (Hz) up to which disturbances and the noise of the positions make less than a small share of the motion, of the joint where
+    that is least. `noise` (n,): density of the motors' positions' noise, rad²/Hz.
 
-    There are two bounds of that share, and the lower one holds. The residual's density over the apparent inertia squared, over the density
-    of the acceleration before the mask (mask edges are broadband): as if all of the residual were a torque that no controller rejects. And
+    There are two bounds of that share, and the lower one holds. The residual's density over the apparent inertia squared, and the noise's,
+    over the density of the acceleration before the mask (mask edges are broadband): as if all of the residual were a torque that no
+    controller rejects. And
     the largest density of the speed beyond a frequency over the density there: a controller rejects disturbances the better the slower they
     are, so that above the reference's band they drive no less than inside it. One joint's disturbance moves the others through the inertia,
     so the least band counts for all; a joint whose motion says nothing of its reference is not asked."""
@@ -39,11 +41,12 @@ def reference_band(fit: Fit, frame: Solved) -> float:
         if fit.share[m] < max(FEW, 0.05):
             continue
         f, left, acceleration, speed = _densities(fit, raw, m)
-        by_residual = _smooth(f, left / max(inertia[m], 1e-300) ** 2 / np.maximum(acceleration, 1e-300))
+        other = left / max(inertia[m], 1e-300) ** 2 + noise[m] * (2.0 * np.pi * f) ** 4
+        by_residual = _smooth(f, other / np.maximum(acceleration, 1e-300))
         band = max(_first_beyond(f, by_residual), _last_cliff(f, _smooth(f, speed)))
         if band > 0.0:
             found.append(float(np.clip(band, _LEAST, _LARGEST)))
-        power = np.cumsum(speed)
+        power = np.cumsum(np.maximum(speed - noise[m] * (2.0 * np.pi * f) ** 2, 0.0))
         driven.append(float(f[np.searchsorted(power, _BULK * power[-1])]))
     # What a model lacks is in the residual, too, and is no disturbance: where the bulk of the motion is, the reference drives it.
     return float(np.clip(max(min(found, default=_LEAST), min(driven, default=START_HZ)), _LEAST, _LARGEST))
