@@ -36,9 +36,8 @@ Kind = tuple[str, tuple[str, ...]]
 
 
 @dataclass(frozen=True)
-class _Trial:
-    """A candidate after a refit with it: `rank`: how much it asks for; `cost` of what it leaves, in units of a log-likelihood; `left`: the
-    largest score beside it."""
+class Trial:
+    """A candidate after a refit with it: `rank`: how much it asks for; `cost` of what it leaves, in units of a log-likelihood."""
 
     effect: Effect
     joints: tuple[str, ...]
@@ -46,32 +45,31 @@ class _Trial:
     fit: Fit
     frame: Solved
     cost: float = 0.0
-    left: float = 0.0
 
 
 def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
     """The effect that accounts best for what is left: of those whose scores come near the largest, by a refit with each.
 
     Scores are taken at the noise of a model that lacks something, and so are compressed: what a refit leaves tells more."""
-    demanded = [t for g in _readings(state, refused) if _stands(state, t := _trial(state, g, anew=_ANEW))]
-    trials = [*demanded, *(_trial(state, g) for g in _candidates(state, refused))]
+    demanded = [t for g in _readings(state, refused) if _stands(state, t := tried(state, g, anew=_ANEW))]
+    trials = [*demanded, *(tried(state, g) for g in _candidates(state, refused))]
     if not trials:
         return None
     return _simplest(state, _chosen(state, trials), trials, refused)
 
 
-def _simplest(state: EffectSearch, chosen: _Trial, trials: list[_Trial], refused: set[Kind]) -> Placed:
+def _simplest(state: EffectSearch, chosen: Trial, trials: list[Trial], refused: set[Kind]) -> Placed:
     """The chosen effect, or a simpler one inside it beside which nothing is left: by scores along the instrument, because what a refit
     leaves falls by feedback, too."""
     inner = _inside(state, chosen)
     known = {(t.effect.name, t.joints): t for t in trials}
-    pool = [known[g.kind] if g.kind in known else _trial(state, g) for g in inner if g.kind not in refused]
-    enough = [t for t in pool if _left(state, t, chosen.frame.gains) <= state.critical]
+    pool = [known[g.kind] if g.kind in known else tried(state, g) for g in inner if g.kind not in refused]
+    enough = [t for t in pool if left_beside(state, t, chosen.frame.gains) <= state.critical]
     found = min(enough, key=lambda t: t.rank) if enough else chosen
     return found.effect, found.joints
 
 
-def _chosen(state: EffectSearch, trials: list[_Trial]) -> _Trial:
+def _chosen(state: EffectSearch, trials: list[Trial]) -> Trial:
     """Of those beside which nothing is left (of all, where something is beside each) and that account for the residual as well as any of
     them, the one that asks for least.
 
@@ -87,15 +85,20 @@ def _chosen(state: EffectSearch, trials: list[_Trial]) -> _Trial:
     # Schwarz's criterion: what a parameter must gain grows with the logarithm of the rows.
     each = np.log(max(state.frame.rows, 2)) / 2.0
     trials = [dataclasses.replace(t, cost=t.fit.energy(t.frame, gains) / 2.0 + each * t.rank[0]) for t in trials]
-    trials = sorted(trials, key=lambda t: t.cost)
-    sharp = trials[0].frame.gains
-    told = [dataclasses.replace(t, left=_left(state, t, sharp)) for t in trials]
-    enough = [t for t in told if t.left <= state.critical] or told
     # What a likelihood gains by chance, or by less than what is material, does not decide.
-    return min((t for t in enough if t.cost <= enough[0].cost + state.critical**2 / 2.0), key=lambda t: (*t.rank, t.cost))
+    margin = state.critical**2 / 2.0
+    trials = sorted(trials, key=lambda t: t.cost)
+    enough: list[Trial] = []
+    for t in trials:
+        if enough and t.cost > enough[0].cost + margin:
+            break
+        if left_beside(state, t, trials[0].frame.gains) <= state.critical:
+            enough.append(t)
+    level = enough or [t for t in trials if t.cost <= trials[0].cost + margin]
+    return min(level, key=lambda t: (*t.rank, t.cost))
 
 
-def _inside(state: EffectSearch, trial: _Trial) -> list[Group]:
+def _inside(state: EffectSearch, trial: Trial) -> list[Group]:
     """Simpler effects that a candidate contains, the largest scores first: of a spring that a constant torque explains, the constant."""
     scores = state.scores
     own = [k for k in range(len(scores.kept)) if scores.group(k).kind == (trial.effect.name, trial.joints)]
@@ -156,7 +159,7 @@ def _readings(state: EffectSearch, refused: set[Kind]) -> list[Group]:
     return list(found.values())
 
 
-def _stands(state: EffectSearch, trial: _Trial) -> bool:
+def _stands(state: EffectSearch, trial: Trial) -> bool:
     """Whether an effect of the reading is what it says, beside itself: its shape lies where it can for a model that has it, and what would
     deny it is not there: not beyond chance, or not beyond the share of it that its law is exact to."""
     effect, fit = trial.effect, trial.fit
@@ -171,7 +174,7 @@ def _stands(state: EffectSearch, trial: _Trial) -> bool:
     return bool(against**2 <= max(state.critical, effect.tolerance**0.5 * own) ** 2)
 
 
-def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
+def tried(state: EffectSearch, group: Group, anew: int = 0) -> Trial:
     """A refit with a group's effect, its shape sought first at the noise before, then at the noise after it; `anew`: times that it is
     sought over its whole range again, where what it accounts for drowns all else."""
     assert group.effect is not None
@@ -200,10 +203,10 @@ def _trial(state: EffectSearch, group: Group, anew: int = 0) -> _Trial:
     if anew:
         effect = settled(effect, others, state.fit)
         fit, frame = solved(effect)
-    return _Trial(effect, joints, rank(group), fit, frame)
+    return Trial(effect, joints, rank(group), fit, frame)
 
 
-def _left(state: EffectSearch, trial: _Trial, gains: Sequence[Array]) -> float:
+def left_beside(state: EffectSearch, trial: Trial, gains: Sequence[Array]) -> float:
     """The largest score beside a candidate, at a given noise."""
     frame = trial.fit.behind(tuple(gains))
     return float(state.scored(trial.fit, frame).z.max(initial=0.0))

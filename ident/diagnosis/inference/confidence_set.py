@@ -11,12 +11,15 @@ import numpy as np
 
 from ..design.catalogue import Catalogue
 from ..thresholds import COMPETES, CONTAINED
-from .candidates import rank
+from .candidates import left_beside, rank, tried
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
     from .scores import Scores
     from .search import EffectSearch
+
+#: Kinds of effects that are tried by refits in the place of an accepted one, at most.
+_REFINED = 3
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,8 @@ def drop_unnecessary(state: EffectSearch, say: Callable[[str], None], spared: in
 def accepted_effect(state: EffectSearch, i: int) -> AcceptedEffect:
     """The i-th accepted effect with its score beside the others, and what could stand in its place."""
     effect, joints = state.accepted[i]
-    return AcceptedEffect(effect, joints, own_score(state, i), competing(state, i))
+    members = competing(state, i)
+    return AcceptedEffect(effect, joints, own_score(state, i), (*members, *_at_their_best(state, i, members)))
 
 
 def own_score(state: EffectSearch, i: int) -> float:
@@ -100,6 +104,28 @@ def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
         if member is not None and member.left <= limit and (g.kind not in found or member.left < found[g.kind].left):
             found[g.kind] = member
     return tuple(sorted(found.values(), key=lambda m: m.left))
+
+
+def _at_their_best(state: EffectSearch, i: int, members: tuple[Member, ...]) -> list[Member]:
+    """Others that could stand in the place of the i-th accepted effect at shapes of their own between those of the catalogue, by refits."""
+    own = state.accepted[i]
+    known = {(m.effect.name, m.joints) for m in members} | {(own[0].name, own[1])}
+    others = state.apart_from(i)
+    near: dict[tuple[str, tuple[str, ...]], int] = {}
+    for k in np.argsort(-others.scores.plain).tolist():
+        g = others.scores.group(k)
+        if others.scores.plain[k] < max(COMPETES * float(others.scores.plain.max()), state.critical) or len(near) >= _REFINED:
+            break
+        if g.effect is not None and g.joints == own[1] and g.effect.shape() and g.kind not in known and others.scores.z[k] > state.critical:
+            near.setdefault(g.kind, k)
+    found = []
+    for k in near.values():
+        trial = tried(others, others.scores.group(k))
+        left = left_beside(others, trial, state.frame.gains)
+        beside = state.scored(trial.fit, trial.fit.behind(state.frame.gains), Catalogue.of_effects(trial.fit, [own]))
+        if left <= state.critical and beside.plain.max(initial=0.0) <= state.chance:
+            found.append(Member(trial.effect, trial.joints, float(others.scores.plain[k]), left))
+    return found
 
 
 def _member(state: EffectSearch, scores: Scores, k: int, nearest: int | None) -> Member | None:

@@ -72,6 +72,13 @@ class EffectSearch:
         """The fit with all accepted effects but the i-th."""
         return self.fit.with_effects(tuple(e for k, (e, _) in enumerate(self.accepted) if k != i))
 
+    def apart_from(self, i: int) -> EffectSearch:
+        """The search as it is without the i-th accepted effect."""
+        others = dataclasses.replace(self, fit=self.fit, accepted=[x for k, x in enumerate(self.accepted) if k != i])
+        others.solve()
+        others.chance = self.chance
+        return others
+
     def without(self, i: int) -> Scores:
         """Scores beside a model without the i-th accepted effect, at the noise, and with the columns, of the model with it."""
         fit = self.fit_without(i)
