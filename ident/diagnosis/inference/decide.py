@@ -218,14 +218,14 @@ def _of_one_stretch(state: EffectSearch) -> tuple[int, float] | None:
     scores = state.scores
     if not (scores.plain > state.critical).any():
         return None
-    whole = state.scored(state.fit, state.frame, stretch=0.0).z
+    own_rows = scores.self_normalised
     own = {(e.name, j) for e, j in state.accepted}
     kept = ~at_moments(state.fit, state.frame, len(scores.blocks[0]))
     z = z_of(np.add.reduceat(scores.blocks[:, kept].sum(axis=1) ** 2, scores.starts), scores.degrees) if len(scores.kept) else np.zeros(0)
     for k in np.argsort(-z).tolist():
         if z[k] <= state.critical:
             return None
-        if scores.group(k).kind not in own and whole[k] > state.critical:
+        if scores.group(k).kind not in own and own_rows[k] > state.chance:
             return k, float(z[k])
     return None
 

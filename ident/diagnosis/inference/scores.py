@@ -59,8 +59,8 @@ class Scores:
     """Scores of a frame. K groups that the model does not absorb (`kept`), with c whitened directions in all.
 
     `blocks` (c, B): score of each block of time; `gram` (c, c): their covariance; `starts` (K,), `degrees` (K,): directions of each group;
-    `parts`: groups that act on one motor, motor by motor, then those that act on several; `row_scores(columns)` (R, k): what each row adds to
-    the raw scores of some columns; `stretch`: share of the log that may not decide alone."""
+    `parts`: groups that act on one motor, motor by motor, then those that act on several; `row_scores(columns)` (R, k): what each row adds
+    to the raw scores of some columns; `stretch`: share of the log that may not decide alone."""
 
     groups: list[Group]
     kept: list[int]
@@ -161,10 +161,10 @@ class Scores:
         score counts for no more than its own rows bear out."""
         if self.stretch > 0.0:
             return z_of(least_squares_left(self.blocks, self.starts, self.stretch), self.degrees)
-        return np.asarray(np.minimum(self.plain, self._self_normalised))
+        return np.asarray(np.minimum(self.plain, self.self_normalised))
 
     @cached_property
-    def _self_normalised(self) -> Array:
+    def self_normalised(self) -> Array:
         """z (K,) of scores over the size of their own rows' parts, of those that one test alone would see; infinite for others.
 
         Noise that is loud for a moment makes no such score large, however loud: what follows a column over many rows does. Its tails are no

@@ -46,9 +46,9 @@ class EffectSearch:
         self.catalogue.updated(self.fit)
         self.scores = self.scored(self.fit, self.frame)
 
-    def scored(self, fit: Fit, frame: Solved, catalogue: Catalogue | None = None, *, stretch: float | None = None) -> Scores:
+    def scored(self, fit: Fit, frame: Solved, catalogue: Catalogue | None = None) -> Scores:
         """Scores of a catalogue (the search's own) beside a frame's model."""
-        return Scores.of(fit, frame, self.catalogue if catalogue is None else catalogue, self.stretch if stretch is None else stretch)
+        return Scores.of(fit, frame, self.catalogue if catalogue is None else catalogue, self.stretch)
 
     def accept(self, placed: Placed) -> None:
         """Take an effect into the model; in the place of another name of changes of the model's own, these."""
