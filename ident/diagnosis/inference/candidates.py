@@ -77,11 +77,7 @@ def _chosen(state: EffectSearch, trials: list[Trial]) -> Trial:
     and the noise of the measured motion make, of which an effect that smooths leaves less."""
     if len(trials) < 2:
         return trials[0]
-    # One noise for all: the least that any of them leaves, at each frequency.
-    gains = [
-        np.max([t.frame.gains[i] for t in trials], axis=0) * (run.band.frequencies <= run.instrument.cutoff_hz)
-        for i, run in enumerate(state.fit.runs)
-    ]
+    gains = state.fit.in_band([t.frame for t in trials])
     # Schwarz's criterion: what a parameter must gain grows with the logarithm of the rows.
     each = np.log(max(state.frame.rows, 2)) / 2.0
     trials = [dataclasses.replace(t, cost=t.fit.energy(t.frame, gains) / 2.0 + each * t.rank[0]) for t in trials]

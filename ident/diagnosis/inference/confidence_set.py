@@ -53,11 +53,13 @@ class AcceptedEffect:
 
 def drop_unnecessary(state: EffectSearch, say: Callable[[str], None], spared: int = 0) -> None:
     """Drop what the others make unnecessary, at the noise of the whole model: one that lacks an effect would hide it in its own. The last
-    `spared` ones stay."""
+    `spared` ones stay. Where something is left in any case, what goes leaves no more than that."""
     while len(state.accepted) > max(spared, 1):
-        tops = [max(float(state.without(i).z.max(initial=0.0)), own_score(state, i)) for i in range(len(state.accepted) - spared)]
-        least = int(np.argmin(tops))
-        if tops[least] > state.critical:
+        limit = max(state.critical, float(state.scores.z.max(initial=0.0)))
+        unseen = [i for i in range(len(state.accepted) - spared) if own_score(state, i) <= state.critical]
+        tops = {i: float(state.without(i).z.max(initial=0.0)) for i in unseen}
+        least = min(tops, key=lambda i: tops[i], default=-1)
+        if least < 0 or tops[least] > limit:
             return
         say(f"dropped: {state.accepted[least][0].name}")
         del state.accepted[least]

@@ -84,7 +84,8 @@ def decide(
     tell(0.75)
     drop_unnecessary(state, say)
     tell(0.85)
-    _swap(state, say)
+    if _swap(state, say):
+        drop_unnecessary(state, say)
     _withdraw(state, say)
     tell(0.87)
     _give_way(state, say)
@@ -134,19 +135,20 @@ def _forward(state: EffectSearch, say: Callable[[str], None], tell: Callable[[fl
         say(f"accepted: {effect.name} on {', '.join(joints) or 'the whole robot'}")
 
 
-def _swap(state: EffectSearch, say: Callable[[str], None]) -> None:
-    """Where something is left, replace an accepted effect by a member of its set beside which nothing is."""
-    for _ in range(_SWAPS):
+def _swap(state: EffectSearch, say: Callable[[str], None]) -> bool:
+    """Where something is left, replace an accepted effect by a member of its set beside which nothing is; whether any was."""
+    for turn in range(_SWAPS):
         if not state.accepted or state.scores.z.max(initial=0.0) <= state.critical:
-            return
+            return turn > 0
         adequate = [(m.left, i, m) for i in range(len(state.accepted)) for m in competing(state, i) if not m.same]
         if not adequate:
-            return
+            return turn > 0
         _, i, member = min(adequate, key=lambda x: x[0])
         say(f"swapped: {state.accepted[i][0].name} for {member.effect.name}")
         state.accepted[i] = (state.labelled(member.effect), member.joints)
         state.solve()
         state.reprofile()
+    return True
 
 
 def _withdraw(state: EffectSearch, say: Callable[[str], None]) -> None:

@@ -62,7 +62,7 @@ def outdone(state: EffectSearch, joint: str) -> bool:
         return False
     fit = rest.with_effects((*rest.effects, law))
     frame = fit.solved(2)
-    gains = [np.maximum(a, b) for a, b in zip(frame.gains, state.frame.gains, strict=True)]
+    gains = fit.in_band([frame, state.frame])
     robot = state.fit.robot
     more = sum(len(e.parameters(robot)) + len(e.shape()) for e in named) - len(law.parameters(robot))
     gain = state.fit.energy(state.frame, gains) - fit.energy(frame, gains) + np.log(max(frame.rows, 2)) * more

@@ -267,6 +267,14 @@ class Fit:
                 gain[m] = (f <= 1.1 * run.band.top_hz) / np.sqrt(level * run.band.row_rate) if good else 0.0
         return tuple(gains)
 
+    def in_band(self, frames: Sequence[Solved]) -> list[Array]:
+        """One noise for several frames: the least that any of them leaves, at each frequency of the instrument's band; nothing beyond it,
+        where the residual holds what feedback and the noise of the measured motion make."""
+        return [
+            np.max([x.gains[i] for x in frames], axis=0) * (run.band.frequencies <= run.instrument.cutoff_hz)
+            for i, run in enumerate(self.runs)
+        ]
+
     def energy(self, frame: Solved, gains: Sequence[Array]) -> float:
         """Sum of squares of a frame's residual behind whitening filters."""
         raw = [x[:, :, None] for x in self.raw_residual(frame)]
