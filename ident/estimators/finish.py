@@ -62,17 +62,13 @@ def finish(
     # What was fitted judges the status; what is shown may be judged elsewhere.
     own = error if error.judged == JudgedOn.ROWS else TorqueError.of(residual, problem.tau)
     poor = _explained(problem, own.relative if unexplained is None else unexplained)
-    # Whatever else is wrong: that next to nothing is explained is never left unsaid. Standard deviations are of the residual: where it is
-    # what the model lacks, they do not tell what the motion excites, and predictions are no use either.
-    code = poor.code if status.code == StatusCode.POORLY_EXCITED and poor.details else status.code
-    status = poor if status.code == StatusCode.OK else replace(status, code=code, details=(*poor.details, *status.details))
     return Estimate(
         method=method,
         model=problem.model,
         base=reduced,
         values=solution.values,
         covariance=covariance,
-        status=status,
+        status=_both(status, poor),
         fit_error=error,
         noise=noise,
         weights=weights,
@@ -117,6 +113,15 @@ def _status(
         listed = ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
         return Status(StatusCode.POORLY_EXCITED, (f"Poorly excited: {listed}.", *advice(problem.model.robot, base, tuple(names))))
     return Status(StatusCode.OK)
+
+
+def _both(status: Status, poor: Status) -> Status:
+    """The status, with what is said of torque that stays unexplained: that is never left out, whatever else is wrong."""
+    if status.code == StatusCode.OK:
+        return poor
+    # Standard deviations are of the residual: where it is what the model lacks, they do not tell what the motion excites.
+    code = poor.code if status.code == StatusCode.POORLY_EXCITED and poor.details else status.code
+    return replace(status, code=code, details=(*poor.details, *status.details))
 
 
 def _explained(problem: Problem, relative: Array) -> Status:
