@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..estimate.status import Status, StatusCode
 from ..problem.advice import advice
@@ -42,6 +43,11 @@ def finish(
     `score`: of rows whose solution is not plain weighted least squares (default weights times columns). `covariance` over
     the solution's columns, and `noise`, where the estimator has its own. `unexplained` (n,): relative torque error that judges
     the fit, where the residual's own also holds noise of the motion."""
+    if not isinstance(solution, LinearSolution):
+        raise ConfigurationError(
+            f"method {method!r}: finish() takes a LinearSolution, which solve_triangle(R, z) gives, not {type(solution).__name__};"
+            " other values go in by dataclasses.replace(solve_triangle(R, z), values=...)."
+        )
     base = problem.base
     full = full_values(problem, solution)
     residual = problem.residual(full)
