@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.text import counted
 from ..estimate.estimate import Estimate
 from ..estimate.status import Status, StatusCode
 from ..problem.advice import advice
@@ -103,7 +104,9 @@ def _status(
     exact = noise.variance * rows <= 1e-20 * np.sum(np.where(problem.valid, problem.tau, 0.0) ** 2, axis=0)
     effective = float(np.sum(np.where(exact, rows, rows / noise.correlation_time)))
     if effective < 1.5 * len(solution.values):
-        return Status(StatusCode.FEW_SAMPLES, (f"About {effective:.0f} independent samples for {len(solution.values)} parameters.",))
+        return Status(
+            StatusCode.FEW_SAMPLES, (f"About {effective:.0f} independent samples for {counted(len(solution.values), 'parameter')}.",)
+        )
     if dropped:
         kept = ", ".join(dropped[:8]) + (" …" if len(dropped) > 8 else "")
         return Status(StatusCode.RANK_DEFICIENT, (f"Not determined alone: {kept}.", *advice(problem.model.robot, base, dropped)))

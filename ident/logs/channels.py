@@ -43,6 +43,12 @@ _ALIKE = ({"angle", "length"}, {"rate", "speed"}, {"acceleration", "linear accel
 _AXES = {"x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw"} | NOT_JOINTS - {"base"}
 #: What the symbols of angles and ways, of torques and forces stand for: joints of both kinds may be written side by side.
 _SYMBOLS = {"position #": {"q", "theta", "th", "d", "x", "s", "l"}, "torque #": {"tau", "f", "t", "m"}}
+#: Words for one quantity that joints that turn and joints that slide have each their own of.
+_ONE_WORD = {
+    "position": {"position", "pos", "angle", "travel", "stroke", "extension", "displacement"},
+    "velocity": {"velocity", "vel", "speed", "rate"},
+    "torque": {"torque", "torques", "force", "forces"},
+}
 #: What stands in brackets and is no unit, and in names and tells no joint: which joint, side or sensor it is of.
 BESIDE = {"joint", "axis", "motor", "link", "arm", "side", "raw", "left", "right", "sensor", "encoder", "si"}
 #: What two sensors of one joint are told by.
@@ -199,20 +205,21 @@ def _of_any_numbers(
 
 
 def _of_all_units(stems: Mapping[str, list[tuple[int, str, str]]], names: Sequence[str]) -> dict[str, list[tuple[int, str, str]]]:
-    """Groups of which each holds some joints only, and that differ in their unit (and the symbol that goes with it) alone, as one: angles
-    of some joints, ways of others."""
-    alike: dict[str, list[str]] = {}
+    """Groups of which each holds some joints only, and that differ in their unit, and the words or the symbol that go with it, alone, as
+    one: angles of some joints, ways of others; forces beside torques."""
+    alike: dict[tuple[str, bool], list[str]] = {}
     for stem, members in stems.items():
         bare, unit = split_unit(stem)
-        if unit and members:
-            word = re.sub(r"[^a-z]", "", bare.lower())
-            symbol = next((stands for stands, written in _SYMBOLS.items() if word in written), "")
-            alike.setdefault(symbol or _as_torque(bare.lower()), []).append(stem)
+        if not members:
+            continue
+        word = re.sub(r"[^a-z]", "", bare.lower())
+        symbol = next((stands for stands, written in _SYMBOLS.items() if word in written), "") if unit else ""
+        alike.setdefault((symbol or _same_words(bare.lower()), bool(unit)), []).append(stem)
     out = dict(stems)
-    for bare, own in alike.items():
+    for (bare, _), own in alike.items():
         members = [m for stem in own for m in stems[stem]]
         who = [joint or str(number) for number, _, joint in members]
-        if len(own) < 2 or len(set(who)) < len(who):
+        if len(own) < 2 or len(set(who)) < len(who) or (bare in out and bare not in own):
             continue
         if len({number for number, *_ in members}) < len(members):  # names of which no robot tells the order
             members = [(k, name, joint) for k, (_, name, joint) in enumerate(sorted(members, key=lambda m: names.index(m[1])))]
@@ -220,9 +227,9 @@ def _of_all_units(stems: Mapping[str, list[tuple[int, str, str]]], names: Sequen
     return out
 
 
-def _as_torque(words: str) -> str:
-    """Words in small letters with forces as torques: what a slide has beside a joint that turns."""
-    return re.sub(r"[a-z]+", lambda word: "torque" if english(word[0]) in ("force", "forces", "torque") else word[0], words)
+def _same_words(words: str) -> str:
+    """Words in small letters, those for one quantity as one: what a slide has beside a joint that turns."""
+    return re.sub(r"[a-z]+", lambda word: next((said for said, known in _ONE_WORD.items() if english(word[0]) in known), word[0]), words)
 
 
 def _elements(names: Sequence[str]) -> dict[str, re.Match[str]]:

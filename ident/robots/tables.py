@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from .._utils.text import counted
 from .._utils.toml import Kind, Unfit, check_table, flag, load_toml, matrix, number, numbers, one_of, table_of, text, texts
 from ..errors import ConfigurationError
 from .transmission import Side, Transmission
@@ -193,7 +194,7 @@ class DriveTable:
             K = np.eye(n)
         if len(K) != n:
             raise ConfigurationError(
-                f"[drive] {'ratio' if self.ratio is not None else 'K'} describes {len(K)} joints, but the robot has {n}."
+                f"[drive] {'ratio' if self.ratio is not None else 'K'} describes {counted(len(K), 'joint')}, but the robot has {n}."
             )
         constants = None if self.torque_constants is None else np.array(self.torque_constants)
         zero = np.zeros(n) if self.zero is None else np.array(self.zero)

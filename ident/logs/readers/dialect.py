@@ -7,7 +7,7 @@ import io
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from .encodings import likely_encodings
 from .header import Header, is_number, once
 from .moments import MOMENT, is_moment
 from .packed import bounded_lines, open_binary
+from .remarks import told_by_cells, told_in
 from .stacked_headers import stacked_names
 
 #: A first line by which spreadsheets are told what separates fields; what else may, and of how many columns at least.
@@ -63,28 +64,31 @@ def plain_number(text: str) -> str:
 
 @dataclass(frozen=True)
 class _Beginning:
-    """The first line that is no comment, its number (from 1), the lines behind it, the comment right before it, and the separator told."""
+    """The first line that is no comment, its number (from 1), the lines behind it, the comment right before it, the separator told,
+    and what all comments before it say."""
 
     line: str
     number: int
     rows: tuple[str, ...]
     comment: str
     told: str
+    remarks: tuple[str, ...]
 
 
 def _beginning(path: Path, encoding: str) -> _Beginning:
     try:
         with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=encoding, newline="") as text:
-            told, said = "", (0, "")
+            told, said, remarks = "", (0, ""), list[str]()
             lines = bounded_lines(text, path)
             for number, line in enumerate(lines, 1):
                 if mark := _COMMENT.match(line):
                     said = number, line[mark.end() :].lstrip("#%/").strip()
+                    remarks.append(said[1])
                 elif found := _SEPARATOR.fullmatch(line.strip(" \r\n")):
                     told = found[1]
                 elif line.strip():
                     rows = tuple(row for row in islice(lines, 4) if row.strip())
-                    return _Beginning(line, number, rows, said[1] if said[0] == number - 1 else "", told)
+                    return _Beginning(line, number, rows, said[1] if said[0] == number - 1 else "", told, tuple(remarks))
     except DAMAGED as error:
         raise DataError(f"log {path}: is not a text table ({reason(error)}).") from None
     raise DataError(f"log {path}: the file holds no header row.")
@@ -92,6 +96,11 @@ def _beginning(path: Path, encoding: str) -> _Beginning:
 
 def _header_of(path: Path, encoding: str) -> Header:
     begin = _beginning(path, encoding)
+    found = _header_behind(begin, path, encoding)
+    return replace(found, constants=(*found.constants, *told_in(begin.remarks)))
+
+
+def _header_behind(begin: _Beginning, path: Path, encoding: str) -> Header:
     line, number, rows = begin.line, begin.number, begin.rows
     if "\x00" in line:
         raise DataError(f"log {path}: line {number} holds NUL characters: it is no text, or UTF-16 without its mark. Save it as UTF-8.")
@@ -196,14 +205,16 @@ def _behind_preamble(path: Path, encoding: str, names: tuple[str, ...]) -> Heade
         whole = stacked_names(table[above[0]], [table[k] for k in above[1:]]) if len(above) > 1 and above[0] else None
         if whole is not None and above == list(range(above[0], first)) and len(above) == whole[2] + 1:
             comma = delimiter != "," and any("," in x for x in table[first])
-            return Header(once(whole[0]), first, delimiter, "," if comma else ".", whole[1], encoding)
+            constants = told_by_cells(table[: above[0]])
+            return Header(once(whole[0]), first, delimiter, "," if comma else ".", whole[1], encoding, constants=constants)
         if len(above) not in (1, 2) or above[0] == 0 or len(names) >= len(table[above[0]]) or any(table[above[-1] + 1 : first]):
             continue
         units = table[above[1]] if len(above) == 2 and _is_units(table[above[1]]) else ()
         if len(above) == 2 and not units:
             continue
         comma = delimiter != "," and any("," in x for x in table[first])
-        return Header(once(table[above[0]]), above[-1] + 1, delimiter, "," if comma else ".", units, encoding)
+        constants = told_by_cells(table[: above[0]])
+        return Header(once(table[above[0]]), above[-1] + 1, delimiter, "," if comma else ".", units, encoding, constants=constants)
     return None
 
 
