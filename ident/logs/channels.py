@@ -58,6 +58,8 @@ _NO_UNITS = {
     "percent", "pct", "prozent", "permille", "promille", "permil", "perthousand", "ticks", "tick", "counts", "count", "lsb", "inc", "incs",
     "increments", "digits", "adc", "pu",
 }  # fmt: skip
+#: A letter or two before a unit: a multiple that is not known.
+_LIKE_UNIT = re.compile(r"[a-zµ]{1,2}(deg|rad|nm|rpm|rev|turns?)|(deg|rad|nm|rev|turns?|mm)(per)?[a-z]{1,3}", re.IGNORECASE)
 #: What is told for something a time, in other units of time than those of rates that are known.
 _RATE = re.compile(r"/\s*(ms|us|µs|ns|h|cycle|tick|sample)\b", re.IGNORECASE)
 _LAST_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
@@ -318,7 +320,7 @@ def _group(stem: str, members: list[tuple[int, str, str]], units: Mapping[str, s
         own = tuple(found or split_unit(c)[1] or "" for found, c in zip(own, columns, strict=True))
     differ = len(set(own)) > 1 and any({unit_of(u).dimension for u in own if u} <= alike for alike in _ALIKE) and all(own)
     unit = unit_suffix(units.get(columns[0], "")) or _unit_in(stem) or (own[0] if differ else "")
-    unread = "" if unit else unread_unit(units.get(columns[0], "")) or _unread_in(stem)
+    unread = "" if unit else unread_unit(units.get(columns[0], "")) or unread_in(stem)
     quantity = told.removesuffix("_ref") or quantity_of(words)
     if words in ({"observation", "state"}, {"action"}):  # LeRobot: positions, and what was asked for
         quantity = "q"
@@ -351,11 +353,14 @@ def unread_unit(text: str) -> str:
     return "" if plain else inside
 
 
-def _unread_in(stem: str) -> str:
-    bare = stem.replace("[#]", "").replace("[]", "").replace("#", "")
+def unread_in(name: str) -> str:
+    """What a name tells for a unit, in brackets or behind its last line, where it is none that is known."""
+    bare = name.replace("[#]", "").replace("[]", "").replace("#", "")
     found = _LAST_BRACKETS.search(bare)
-    last = re.split(r"[_\s]+", bare.strip("_ "))[-1].lower()
-    return unread_unit(found[1]) if found else last if last in _NO_UNITS else ""
+    last = re.split(r"[_\s]+", bare.strip("_ "))[-1]
+    alike = last != bare and bool(_LIKE_UNIT.fullmatch(last)) and not words_of(last) & (SAID | TIME | BESIDE)
+    suffix = last.lower() in _NO_UNITS or (alike and not unit_suffix(last))
+    return unread_unit(found[1]) if found else last if suffix else ""
 
 
 def known_scale(unit: str) -> float:

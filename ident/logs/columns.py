@@ -199,7 +199,7 @@ def _named_once(header: Sequence[str]) -> tuple[Sequence[str], set[str]]:
     for h in plain:
         counts[h] = counts.get(h, 0) + 1
     twice |= {h for h, k in counts.items() if k > 1}
-    return list(dict.fromkeys(plain)), twice
+    return list(dict.fromkeys(plain)), twice - {""}
 
 
 def _refuse_twice(names: Sequence[str], where: str) -> None:
@@ -279,7 +279,7 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
     guessed = split_unit(source)[1] if suffix is None else None
     if guessed is not None and unit_of(guessed).dimension in expected_units(target.quantity):
         suffix = guessed
-    elif guessed is not None:
+    elif guessed is not None and not (len(guessed) == 1 and not source.endswith((guessed, f"{guessed}]", f"{guessed})"))):
         notes.append(f"{where}: {guessed}, on which {source!r} ends, is not a unit of {TEXT[target.quantity]}; SI is assumed.")
     elif suffix is None and "scale" not in options and bracketed(source)[1] and not _is_element(source, header):
         notes.append(f"{where}: what stands in the brackets of {source!r} is no unit that is known; SI is assumed.")

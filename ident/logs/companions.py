@@ -10,8 +10,9 @@ import numpy as np
 from ..errors import DataError
 from .channels import BESIDE, ChannelGroup, bare_name, known_scale, scalar_time_names
 from .clocks import RecordedTime, rate_ratio
+from .languages import english
 from .unread_units import unread_note
-from .words import MOTOR, SAID
+from .words import MOTOR, QUANTITY_WORDS, SAID
 
 Array = np.ndarray
 Reader = Callable[[Sequence[str]], Mapping[str, Array]]
@@ -148,10 +149,10 @@ def refuse_parts(found: Sequence[ChannelGroup], names: Sequence[str]) -> None:
     positions = [g for g in found if g.quantity == "q" and not g.wanted and not g.estimated]
     if any(len(g.columns) > 1 for g in positions):
         return
-    parts: dict[tuple[str, frozenset[str]], dict[frozenset[str], ChannelGroup]] = {}
+    parts: dict[frozenset[str], dict[frozenset[str], ChannelGroup]] = {}
     for g in positions:
-        if (own := g.words - SAID - MOTOR - BESIDE) and not g.of_motors:
-            parts.setdefault((g.unit, g.words & SAID), {}).setdefault(own, g)
+        if (own := _own_words(g)) and not g.of_motors:
+            parts.setdefault(frozenset(map(english, g.words & SAID)) - QUANTITY_WORDS["q"], {}).setdefault(own, g)
     for alike in parts.values():
         if len(alike) > 1:
             columns = [g.columns[0] for g in alike.values()]
@@ -165,11 +166,16 @@ def refuse_parts(found: Sequence[ChannelGroup], names: Sequence[str]) -> None:
             )
 
 
+def _own_words(g: ChannelGroup) -> frozenset[str]:
+    """The words of a group's name that say neither what it holds nor of which kind it is."""
+    return frozenset(word for word in g.words if english(word) not in SAID | MOTOR | BESIDE)
+
+
 def _torques_of(joints: Sequence[frozenset[str]], found: Sequence[ChannelGroup]) -> str:
     """The lines of [columns] for the torques, or currents, of joints that words tell; as an example where none is there."""
     for quantity in ("tau", "i"):
         own = [g for g in found if g.quantity == quantity and not g.wanted and not g.estimated]
-        of = {g.words - SAID - MOTOR - BESIDE: g.columns[0] for g in reversed(own)}
+        of = {_own_words(g): g.columns[0] for g in reversed(own)}
         said = [f'{quantity}{j + 1} = "{of[words]}"' for j, words in enumerate(joints[:_SHOWN]) if words in of]
         if said:
             return ", ".join(said) + (" …" if len(joints) > _SHOWN else "")

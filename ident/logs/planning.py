@@ -132,7 +132,7 @@ def _recognised(source: TableSource, joints: JointNames | None, rate: float | No
         return known
 
     try:
-        found = recognised(names, read, None if joints is None else joints.names, header.units)
+        found = recognised(names, read, None if joints is None else joints.names, header.units, rate)
     except DataError as error:
         raise DataError(str(error) if str(error).startswith("log ") else f"{where}: {error}") from None
     if found is None:

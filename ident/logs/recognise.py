@@ -54,12 +54,12 @@ class RecordedChannels:
 
 
 def recognised(
-    names: Sequence[str], read: Reader, joints: Sequence[str] | None = None, units: Sequence[str] = ()
+    names: Sequence[str], read: Reader, joints: Sequence[str] | None = None, units: Sequence[str] = (), rate_hz: float | None = None
 ) -> RecordedChannels | None:
     """What the columns of a recording are, None where no group of positions is among them.
 
-    `read`: columns by name → values (N,); `joints`: the robot's, whose order counts where columns name joints; `units`: of the columns.
-    Raises DataError where something must be asked."""
+    `read`: columns by name → values (N,); `joints`: the robot's, whose order counts where columns name joints; `units`: of the columns;
+    `rate_hz`: samples per second, where they are told otherwise. Raises DataError where something must be asked."""
     unit_of_column = dict(zip(names, units, strict=False))
     recorder = recorder_of(names)
     found = groups(names, joints, unit_of_column, {} if recorder is None else recorder.channels)
@@ -79,8 +79,7 @@ def recognised(
     scale, offset, counted = _position_scale(q, table, recorder)
     rate = _factor("dq", chosen["dq"], scale, counted, recorder) if "dq" in chosen else scale
     time = time_of(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
-    t = time.factor * np.asarray(seconds(read([time.column])[time.column]), float) if time.column else None
-    t = t if t is not None and np.mean(np.diff(t) > 0) > _RISING else None  # seconds of which the fraction stands elsewhere tell no speed
+    t = _seconds(time, read) if rate_hz is None else np.arange(len(table[q.columns[0]])) / rate_hz
     angles = agreed(q, chosen.get("dq"), (scale, rate), counted or recorder is not None, t, table)
     scale = angles.scale
     if "tau" in chosen and chosen["tau"].of_motors and not q.of_motors:
@@ -115,6 +114,14 @@ def recognised(
         None if recorder is None else recorder.rate_hz,
         time.doubt,
     )
+
+
+def _seconds(time: RecordedTime, read: Reader) -> Array | None:
+    """Times (N,) in s; None where none is there, or the fraction of a second stands in another column."""
+    if not time.column:
+        return None
+    t = time.factor * np.asarray(seconds(np.asarray(read([time.column])[time.column])), float)
+    return t if np.mean(np.diff(t) > 0) > _RISING else None
 
 
 def _fitting_positions(
@@ -249,6 +256,8 @@ def _position_scale(q: ChannelGroup, table: Mapping[str, Array], recorder: Recor
     beyond two turns is in degrees. Raises DataError for counts of which nobody knows how many are a turn."""
     if q.unit:
         return 1.0 if q.units else known_scale(q.unit), 0.0, False
+    if recorder is not None and recorder.counts == 1:
+        return 2 * np.pi, 0.0, False
     values = [np.asarray(table[c], float) for c in q.columns]
     reach = max(float(np.nanmax(np.abs(v), initial=0.0)) for v in values)
     whole = all(np.all(v[np.isfinite(v)] == np.round(v[np.isfinite(v)])) for v in values)

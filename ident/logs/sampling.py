@@ -108,7 +108,7 @@ def with_summed_time(source: TableSource, found: Sampling) -> TableSource:
 
 def _bare(name: str) -> tuple[str, str]:
     """The last part of a name in small letters, its words apart, without its unit; and that unit."""
-    stem, unit = split_unit(re.split(r"[./]", name)[-1])
+    stem, unit = split_unit(re.sub("kHz", "khz", re.split(r"[./]", name)[-1]))
     bare = re.sub(r"[\s\-]+", "_", re.sub(r"([a-z])([A-Z])", r"\1_\2", stem)).lower().strip("_")
     if bare not in _PERIOD | _RATE and (found := re.fullmatch(r"(.+?)_?\(?\[?(k?)hz\]?\)?", bare)):
         return found[1].strip("_"), f"{found[2]}Hz"

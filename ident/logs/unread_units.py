@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
-from .channels import groups, unread_unit
+from .channels import groups, unread_in
 from .columns import ColumnPlan
 from .names import KEYS, parse_name
-from .units import bracketed
 
 #: What one of a unit is to be told in, by the key under [columns].
 _SI = {"q": "rad (m)", "dq": "rad/s (m/s)", "ddq": "rad/s^2 (m/s^2)", "tau": "N m (N)", "i": "A"}
@@ -29,10 +29,10 @@ def unread_beside(plan: ColumnPlan, units: Mapping[str, str]) -> tuple[str, ...]
     there = {(c.quantity, c.joint) for c in plan.columns}
     found: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for name in plan.extra:
-        stem, inside = bracketed(name)
-        named = parse_name(stem, None, list(plan.joints)) if inside else None
-        unread = unread_unit(inside) if named is not None else ""
-        if named is not None and unread and 0 <= named.joint < plan.n and (named.quantity, named.joint) not in there:
+        unread = unread_in(name)
+        stem = re.sub(r"[\s_\[(]*$", "", name.rpartition(unread)[0]) if unread else ""
+        named = parse_name(stem, None, list(plan.joints)) if stem else None
+        if named is not None and 0 <= named.joint < plan.n and (named.quantity, named.joint) not in there:
             found.setdefault((KEYS[named.quantity], unread), []).append((named.joint, name))
     said = []
     for (key, unit), members in found.items():

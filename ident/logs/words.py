@@ -18,14 +18,15 @@ QUANTITY_WORDS = {
            "vitesse", "velocidad", "velocidade", "velocita", "dtheta", "velo",
            "spd", "angvel", "dpos", "dangle", "thetadot", "rate", "rates"},
     "ddq": {"qdd", "ddq", "acc", "acceleration", "qddot", "beschleunigung"},
-    "tau": {"tau", "torque", "torques", "effort", "eff", "moment", "drehmoment", "mt", "force", "trq", "torq", "couple", "coppia"},
+    "tau": {"tau", "torque", "torques", "effort", "eff", "moment", "drehmoment", "mt", "force", "trq", "torq", "tq", "couple", "coppia"},
     "i": {"current", "currents", "iq", "strom", "courant", "corriente"},
 }  # fmt: skip
 WANTED = DESIRED | {"d", "ip", "aspos", "planned", "pl", "plan", "action"}
 #: Words for what is no measurement of what the rest of the name says.
 ESTIMATED = {
     "ext", "mocap", "et", "external", "hat", "model", "gravity", "filtered", "rel", "relative", "error", "err", "deviation", "feedforward",
-    "ff", "next", "prev", "previous", "predicted", "pred", "ideal", "max", "std", "stdev", "sigma", "lower", "upper",
+    "ff", "disturb",
+    "disturbance", "next", "prev", "previous", "predicted", "pred", "ideal", "max", "std", "stdev", "sigma", "lower", "upper",
 }  # fmt: skip
 #: Words for a value that is computed: taken only where there is no other.
 COMPUTED = {"est", "estimated", "estimate", "computed", "calculated", "calc"}

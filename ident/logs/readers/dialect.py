@@ -28,6 +28,8 @@ _COLUMNS = 2
 _COMMENT = re.compile(r"#|//|%(?=\s)")
 #: What stands before names of columns in a comment, and before the header in LabVIEW's measurement files.
 _LABEL, _END = re.compile(r"^(columns|fields|header|names|format|data)\s*:\s*", re.IGNORECASE), "***End_of_Header***"
+#: A field of a line that is drawn below a header.
+_RULE = re.compile(r":?[-=+]*:?")
 #: Lines in which a header behind others is looked for.
 _PREAMBLE = 80
 #: Longest word that a row of units holds.
@@ -148,6 +150,8 @@ def _delimiter(line: str, rows: Sequence[str], path: Path) -> str:
 
 def _with_rows(names: tuple[str, ...], rows: list[tuple[str, ...]], number: int, delimiter: str, encoding: str) -> Header:
     """The header on line `number`, with what the first rows behind it tell: units, the decimal sign, moments, separators at the end."""
+    while len(rows) > 1 and any(rows[0]) and all(_RULE.fullmatch(x) for x in rows[0]):
+        rows, number = rows[1:], number + 1  # a line of dashes below the header
     decimal, units, first = ".", tuple[str, ...](), rows[0]
     if (whole := stacked_names(names, rows[:-1])) is not None:
         names, units, below = whole
