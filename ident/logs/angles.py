@@ -46,7 +46,12 @@ def agreed(
             if not told and dq.unit and _same(scale, _DEG):
                 return Angles(1.0, rate, " (in radians, as the velocities tell)")
             if not dq.unit and rate == 1.0:
-                return Angles(scale, _DEG, "" if told else _untold(scale), (f"{dq} are in deg/s, as the change of {q} tells.",))
+                return Angles(
+                    scale,
+                    _DEG,
+                    "" if told else " (in radians, as the velocities tell)",
+                    (f"{dq} are in deg/s, as the change of {q} tells.",),
+                )
         if dq.unit and abs(np.log(ratio)) < _NEAR:
             return Angles(scale, rate, _in_degrees(scale))
     return Angles(scale, rate, _in_degrees(scale) if told else _untold(scale))

@@ -273,7 +273,7 @@ def _around_names(
     of_stem = {stem: {joint for *_, joint in members} for stem, members in stems.items()}
     of_words: dict[str, set[str]] = {}
     for stem, own in of_stem.items():
-        of_words.setdefault(stem.partition(" [")[0], set()).update(own)
+        of_words.setdefault(_same_words(stem.partition(" [")[0]), set()).update(own)
     placed = [
         own
         for stem, own in of_words.items()

@@ -88,7 +88,7 @@ def unit_of(name: str) -> Unit:
     return next(u for u in (*_TABLE, *_BRACKETS) if u.name.lower() == name.lower())
 
 
-_BRACKETED = re.compile(r"[\[(]([^\[\]()]*)[\])]")
+_BRACKETED = re.compile(r"[\[(]([^\[\]()]*)[\])]|<([^<>]*)>|\{([^{}]*)\}")
 #: What stands between the factors of a unit; powers, and what is divided by seconds, as they may be written.
 _BETWEEN = re.compile(r"[\s·⋅•∙*.\-]+")
 _PLAIN = (("µ", "u"), ("μ", "u"), ("²", "2"), ("⁻¹", "-1"), ("⁻", "-"), ("^", ""), ("°", "deg"), ("º", "deg"))
@@ -140,13 +140,14 @@ def bracketed(name: str) -> tuple[str, str]:
     """A column's name without the brackets in it that hold a unit, and that unit as a suffix would have it: "speed [deg/s]" → speed, deg_s.
     Without such: without the last brackets, and what they hold; (name, "") where there are none."""
     last = name, ""
-    stem, _, unit = name.rpartition(", ")
-    if stem and is_unit(as_suffix(unit)):  # "angle 1, deg"
-        return stem, as_suffix(unit)
+    for mark in (", ", " / "):  # "angle 1, deg", "angle 1 / deg"
+        stem, _, unit = name.rpartition(mark)
+        if stem and is_unit(as_suffix(unit)):
+            return stem.strip(), as_suffix(unit)
     for found in _BRACKETED.finditer(name):
         stem = f"{name[: found.start()].strip()} {name[found.end() :].strip()}".strip()
         if stem:
-            last = stem, as_suffix(found[1])
+            last = stem, as_suffix(next(inside for inside in found.groups() if inside is not None))
             if is_unit(last[1]):
                 break
     return last
@@ -167,6 +168,6 @@ def split_unit(name: str) -> tuple[str, str | None]:
             return name[: -len(suffix) - 1], suffix
     lower = name.lower()
     for suffix in _BY_LENGTH:
-        if lower.endswith("_" + suffix.lower()) and len(name) > len(suffix) + 1:
+        if lower.endswith("_" + suffix.lower()) and len(name) > len(suffix) + 1 and not _is_mega(name[-len(suffix) :]):
             return name[: -len(suffix) - 1], suffix
     return name, None
