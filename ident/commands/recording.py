@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from .._utils.json import result
 from .._utils.text import counted
-from ..auditing import audit
+from ..auditing import AuditFinding, audit
 from ..errors import ConfigurationError
 from ..logs.log import Log, LogSet
 from ..logs.reading import read_logs
@@ -34,10 +35,10 @@ def check_recording(args: argparse.Namespace, out: Output) -> int:
     for line in told(logs):
         out.say_wrapped(line)
     doubts = [f for f in audit(logs).findings if f.code in _MISREAD]
-    alike: dict[str, list[str]] = {}
+    alike: dict[str, list[AuditFinding]] = {}
     for doubt in doubts:
-        alike.setdefault(doubt.text, []).append(doubt.where)
-    said = [f"{', '.join(joints)}: {text}" for text, joints in alike.items()]
+        alike.setdefault(re.sub(r"[\d.e+-]+", "#", doubt.text), []).append(doubt)
+    said = [f"{', '.join(f.where for f in found)}: {found[0].text}" for found in alike.values()]
     for one in said:
         out.say_wrapped(f"warning: {one}")
     out.say_wrapped("No robot was named, so nothing was checked against one: add --robot NAME or --urdf FILE.")
