@@ -30,7 +30,7 @@ _COMMENT = re.compile(r"#|//|%(?=\s)")
 _LABEL, _END = re.compile(r"^(columns|fields|header|names|format|data)\s*:\s*", re.IGNORECASE), "***End_of_Header***"
 #: A field of a line that is drawn below a header.
 _RULE = re.compile(r":?[-=+]*:?")
-#: Lines in which a header behind others is looked for.
+#: Lines in which a header behind others is looked for, and comments that are looked at.
 _PREAMBLE = 80
 #: Longest word that a row of units holds.
 _UNIT = 8
@@ -85,7 +85,8 @@ def _beginning(path: Path, encoding: str) -> _Beginning:
             for number, line in enumerate(lines, 1):
                 if mark := _COMMENT.match(line):
                     said = number, line[mark.end() :].lstrip("#%/").strip()
-                    remarks.append(said[1])
+                    if len(remarks) < _PREAMBLE:
+                        remarks.append(said[1])
                 elif found := _SEPARATOR.fullmatch(line.strip(" \r\n")):
                     told = found[1]
                 elif line.strip():
