@@ -25,7 +25,7 @@ _ROUNDS, _SAME, _ENOUGH = 6, 0.02, 1e-4
 
 
 @dataclass(frozen=True)
-class Stretch:
+class LogStretch:
     """Part of a log, `start` to `stop` s, of one joint (index), with its error as a multiple of the usual one."""
 
     log: str
@@ -42,9 +42,9 @@ class Stretch:
         )
 
 
-def unexplained(plant: DrivePlant, fit: Fitted) -> tuple[Stretch, ...]:
+def unexplained(plant: DrivePlant, fit: Fitted) -> tuple[LogStretch, ...]:
     """Stretches with more than three times the usual error of their joint in their log, adjoining ones as one."""
-    found: list[Stretch] = []
+    found: list[LogStretch] = []
     for i, j, _rows, number, times in _multiples(plant, fit):
         log = plant.logs[i]
         for k in np.flatnonzero(times > _FAR):
@@ -52,7 +52,7 @@ def unexplained(plant: DrivePlant, fit: Fitted) -> tuple[Stretch, ...]:
             start, stop, size = float(own[0]), float(own[-1]), float(times[k])
             if found and (found[-1].log, found[-1].joint) == (log.name, j) and k and times[k - 1] > _FAR:
                 start, size = found[-1].start, max(size, found.pop().times)
-            found.append(Stretch(log.name, j, start, stop, size))
+            found.append(LogStretch(log.name, j, start, stop, size))
     return tuple(found)
 
 
