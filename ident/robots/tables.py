@@ -100,7 +100,7 @@ class RobotTable:
 #: Constants of a law from command to torque.
 _CONSTANTS = (
     "kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "gear_loss", "gear_loss_square", "gear_loss_slow", "slow_speed",
-    "joint_stiffness", "joint_damping",
+    "joint_stiffness", "joint_damping", "feed_forward",
 )  # fmt: skip
 
 
@@ -137,6 +137,7 @@ class DriveTable:
     slow_speed: Any = None
     joint_stiffness: Any = None
     joint_damping: Any = None
+    feed_forward: Any = None
     command: str | None = None
     velocity_command: str | None = None
     links: str | None = None
