@@ -193,8 +193,11 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
             scale,
         )
     elif abs(scale - 1) > max(0.02, 3 * math.sqrt(left / len(reference) * m.rate / m.cutoff)):
-        per_degree = abs(scale * math.pi / 180 - 1) < 0.1 or abs(scale * 180 / math.pi - 1) < 0.1
-        hint = " One of the two is in degrees." if per_degree else " Check units and gear ratio."
+        hint = " Check units and gear ratio."
+        if abs(scale * math.pi / 180 - 1) < 0.1:
+            hint = f" It is in degrees: name it dq{j + 1}_deg_s."
+        elif abs(scale * 180 / math.pi - 1) < 0.1:
+            hint = f" The position is in degrees, which would spoil every parameter: name it q{j + 1}_deg."
         add(
             "velocity_scale",
             Severity.WARNING,

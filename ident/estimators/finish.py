@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..estimate.status import Status, StatusCode
@@ -43,11 +44,7 @@ def finish(
     `score`: of rows whose solution is not plain weighted least squares (default weights times columns). `covariance` over
     the solution's columns, and `noise`, where the estimator has its own. `unexplained` (n,): relative torque error that judges
     the fit, where the residual's own also holds noise of the motion."""
-    if not isinstance(solution, LinearSolution):
-        raise ConfigurationError(
-            f"method {method!r}: finish() takes a LinearSolution, which solve_triangle(R, z) gives, not {type(solution).__name__};"
-            " other values go in by dataclasses.replace(solve_triangle(R, z), values=...)."
-        )
+    _require_solution(solution, method)
     base = problem.base
     full = full_values(problem, solution)
     residual = problem.residual(full)
@@ -88,6 +85,15 @@ def finish(
     )
 
 
+def _require_solution(solution: object, method: str) -> None:
+    """Refuse bare values, which say nothing of what the data determine."""
+    if not isinstance(solution, LinearSolution):
+        raise ConfigurationError(
+            f"method {method!r}: finish() takes a LinearSolution, which solve_triangle(R, z) gives, not {type(solution).__name__};"
+            " other values go in by dataclasses.replace(solve_triangle(R, z), values=...)."
+        )
+
+
 def _status(
     code: StatusCode,
     details: tuple[str, ...],
@@ -105,7 +111,9 @@ def _status(
     exact = noise.variance * rows <= 1e-20 * np.sum(np.where(problem.valid, problem.tau, 0.0) ** 2, axis=0)
     effective = float(np.sum(np.where(exact, rows, rows / noise.correlation_time)))
     if effective < 1.5 * len(solution.values):
-        return Status(StatusCode.FEW_SAMPLES, (f"About {effective:.0f} independent samples for {len(solution.values)} parameters.",))
+        return Status(
+            StatusCode.FEW_SAMPLES, (f"About {effective:.0f} independent samples for {counted(len(solution.values), 'parameter')}.",)
+        )
     if dropped:
         kept = ", ".join(dropped[:8]) + (" …" if len(dropped) > 8 else "")
         return Status(StatusCode.RANK_DEFICIENT, (f"Not determined alone: {kept}.", *advice(problem.model.robot, base, dropped)))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.text import counted
 from ..drawing.document import Figure
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError, DataError, unknown_name
@@ -246,7 +247,9 @@ class LogSet(ShortRepr):
     def with_robot(self, robot: Robot) -> LogSet:
         """The same logs, of this robot."""
         if robot.n != self.n:
-            raise DataError(f"the logs have {self.n} joints, but robot {robot.name!r} has {robot.n}: {', '.join(robot.joint_names)}.")
+            raise DataError(
+                f"the logs have {counted(self.n, 'joint')}, but robot {robot.name!r} has {robot.n}: {', '.join(robot.joint_names)}."
+            )
         return replace(self, robot=robot)
 
     def select(self, names: Iterable[str]) -> LogSet:

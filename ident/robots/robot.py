@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.text import counted
 from ..errors import ConfigurationError, unknown_name
 from .transmission import Side, Transmission
 from .tree import RigidBodyTree
@@ -157,7 +158,8 @@ class Robot(ShortRepr):
         drive = (
             "direct" if np.array_equal(self.transmission.K, np.eye(self.n)) else "geared" if self.transmission.is_diagonal else "coupled"
         )
-        lines = [f"robot {self.name}: {self.n} joints: {kinds}; {drive} drive, torque measured on the {self.transmission.measured} side"]
+        side = self.transmission.measured
+        lines = [f"robot {self.name}: {counted(self.n, 'joint')}: {kinds}; {drive} drive, torque measured on the {side} side"]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
     @property
@@ -217,7 +219,8 @@ class Robot(ShortRepr):
         """The same robot behind another drive train."""
         if transmission.n != self.n:
             raise ConfigurationError(
-                f"[drive] describes {transmission.n} joints, but robot {self.name!r} has {self.n}: {', '.join(self.joint_names)}."
+                f"[drive] describes {counted(transmission.n, 'joint')}, but robot {self.name!r} has"
+                f" {self.n}: {', '.join(self.joint_names)}."
             )
         return replace(self, transmission=transmission)
 

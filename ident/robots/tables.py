@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from .._utils.text import counted
 from .._utils.toml import Kind, Unfit, check_table, flag, load_toml, matrix, number, numbers, one_of, table_of, text, texts
 from ..errors import ConfigurationError
 from .transmission import Side, Transmission
@@ -99,7 +100,7 @@ class RobotTable:
 #: Constants of a law from command to torque.
 _CONSTANTS = (
     "kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "gear_loss", "gear_loss_square", "gear_loss_slow", "slow_speed",
-    "joint_stiffness", "joint_damping",
+    "joint_stiffness", "joint_damping", "feed_forward",
 )  # fmt: skip
 
 
@@ -136,6 +137,7 @@ class DriveTable:
     slow_speed: Any = None
     joint_stiffness: Any = None
     joint_damping: Any = None
+    feed_forward: Any = None
     command: str | None = None
     velocity_command: str | None = None
     links: str | None = None
@@ -193,7 +195,7 @@ class DriveTable:
             K = np.eye(n)
         if len(K) != n:
             raise ConfigurationError(
-                f"[drive] {'ratio' if self.ratio is not None else 'K'} describes {len(K)} joints, but the robot has {n}."
+                f"[drive] {'ratio' if self.ratio is not None else 'K'} describes {counted(len(K), 'joint')}, but the robot has {n}."
             )
         constants = None if self.torque_constants is None else np.array(self.torque_constants)
         zero = np.zeros(n) if self.zero is None else np.array(self.zero)

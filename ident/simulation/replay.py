@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.text import counted
 from ..effects.force import Simulated
 from ..effects.kinds import Nature, Need
 from ..errors import ConfigurationError, DataError
@@ -92,7 +93,7 @@ class Replay:
         }
 
     def __str__(self) -> str:
-        lines = [f"replay: {len(self.starts)} windows of {self.t[-1]:.2f} s, {int(self.diverged.sum())} diverged"]
+        lines = [f"replay: {counted(len(self.starts), 'window')} of {self.t[-1]:.2f} s, {int(self.diverged.sum())} diverged"]
         lines.append(f"{'joint':<24}{'position rms':>16}{'velocity rms':>18}{'of the motion':>16}")
         for j, joint in enumerate(self.robot.joints):
             scale, unit = (1e3, "mm") if joint.prismatic else (180 / np.pi, "deg")

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 DEFAULT_PREPARATION = "zero_phase"
 DEFAULT_METHOD = "wls"
+#: Endings of files that hold a robot.
+_URDF = (".urdf", ".xml")
 _COLUMN_ENTRIES = (
     'a table of quantity = "column of the file", with a unit as in q1_deg = "...", or = { column = "...", scale = -1, offset = 0 }'
 )
@@ -119,6 +121,8 @@ class Study:
 
         `drive`: a drive file (`read_drive`). `effects`: names, one or several a text, separated by commas, or NAME:JOINTS:KEY=VALUE,…
         Raises ConfigurationError."""
+        if robot is not None and urdf is None and robot.lower().endswith(_URDF) and Path(robot).is_file():
+            robot, urdf = None, robot  # a file by its name
         if robot is not None and urdf is not None:
             raise ConfigurationError("a robot by name and a URDF are both given; give one of them.")
         table, gearing = self.description.robot, self.description.drive
