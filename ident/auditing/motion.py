@@ -193,15 +193,10 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
             scale,
         )
     elif abs(scale - 1) > max(0.02, 3 * math.sqrt(left / len(reference) * m.rate / m.cutoff)):
-        hint = " Check units and gear ratio."
-        if abs(scale * math.pi / 180 - 1) < 0.1:
-            hint = f" It is in degrees: name it dq{j + 1}_deg_s."
-        elif abs(scale * 180 / math.pi - 1) < 0.1:
-            hint = f" The position is in degrees, which would spoil every parameter: name it q{j + 1}_deg."
         add(
             "velocity_scale",
             Severity.WARNING,
-            f"The measured velocity is {scale:.4g} times the position's change a second.{hint}",
+            f"The measured velocity is {scale:.4g} times the position's change a second. {_told_by(scale, j)}",
             name,
             scale,
         )
@@ -215,6 +210,15 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
             name,
             lag,
         )
+
+
+def _told_by(scale: float, j: int) -> str:
+    """What the ratio of a velocity to the position's change suggests."""
+    if abs(scale * math.pi / 180 - 1) < 0.1:
+        return f"It is in degrees: name it dq{j + 1}_deg_s."
+    if abs(scale * 180 / math.pi - 1) < 0.1:
+        return f"The position is in degrees, which would spoil every parameter: name it q{j + 1}_deg."
+    return "Check units and gear ratio."
 
 
 def _best_lag(signals: Array, m: _Motion, basis: Array) -> tuple[float, bool]:
