@@ -19,7 +19,6 @@ ALONE = {"errors.py", "model.py", "cli.py", "__init__.py", "__main__.py"}
 LAZY = {
     ("robots/robot.py", "ident.effects.rigid_body"): "a documented convenience above its layer",
     ("robots/robot.py", "ident.model"): "a documented convenience above its layer",
-    ("logs/log.py", "ident.logs.reading"): "Log.from_frame beside Log.to_frame: tables are read where files are",
     ("regressor/kernel_choice.py", "ident.regressor"): "the compiled kernel may not be built",
     ("commands/check.py", "ident.commands.diagnose"): "a check loads the diagnosis only when it is strict",
     ("effects/flexing.py", "ident._native"): "the compiled recursions may not be built",
