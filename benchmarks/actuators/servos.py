@@ -14,6 +14,8 @@ STEP = 1e-4
 RATE = 200
 SECONDS = 6.0
 NOISE = 5e-4
+#: Dry friction (N m) of a joint that sticks for a while.
+STICKS = 1.0
 MASS, LENGTH, INERTIA, GRAVITY = 0.6, 0.2, 0.002, 9.81
 URDF = f"""<robot name="servo"><link name="base"/>
   <link name="arm"><inertial><origin xyz="0 0 {-LENGTH}"/><mass value="{MASS}"/>
@@ -71,8 +73,8 @@ def command(seed: int) -> Array:
     return out
 
 
-def recorded(servos: list[Servo], seeds: list[int]) -> tuple[Array, Array, Array]:
-    """Times (N,), positions with noise and commands (N, B) at `RATE`."""
+def recorded(servos: list[Servo], seeds: list[int], stuck: tuple[float, float] = (0.0, 0.0)) -> tuple[Array, Array, Array]:
+    """Times (N,), positions with noise and commands (N, B) at `RATE`; from and to the seconds `stuck`, all joints stick."""
     value = {key: np.array([getattr(s, key) for s in servos]) for key in Servo.__dataclass_fields__ if key != "declared"}
     wanted = np.stack([command(seed) for seed in seeds], axis=1)
     count, every = round(SECONDS / STEP), round(1.0 / RATE / STEP)
@@ -96,7 +98,7 @@ def recorded(servos: list[Servo], seeds: list[int]) -> tuple[Array, Array, Array
         spring = value["stiffness"] * (q - p) + twist * (v - w)
         drive = value["kp"] * (sent - q) - value["offset"] - np.where(elastic, spring, gravity)
         mass, damped = rotor + np.where(elastic, 0.0, inertia), 0.5 * STEP * (value["kd"] + value["Fv"])
-        level = value["Fc"] + value["load"] * np.abs(bias)
+        level = value["Fc"] + value["load"] * np.abs(bias) + (STICKS if stuck[0] <= k * STEP < stuck[1] else 0.0)
         momentum = (mass - damped) * v + STEP * drive
         stop = np.clip(momentum / STEP, -level, level)
         after = np.where(np.abs(stop) < level, 0.0, (momentum - STEP * stop) / (mass + damped))

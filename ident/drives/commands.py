@@ -144,7 +144,7 @@ def _first_state(t: Array, q: Array) -> tuple[Array, Array]:
     few = min(_FIRST, len(t))
     for j, values in enumerate(q.T):
         slope, doubt = _line(t[:few], values[:few])
-        if abs(slope) > _SURE * doubt:
+        if abs(slope) > _SURE * doubt and _goes_on(t[: 2 * few], values[: 2 * few], few):
             origin[j], speed[j] = _moving(t[:few], values[:few], slope)
             continue
         count = few
@@ -156,6 +156,17 @@ def _first_state(t: Array, q: Array) -> tuple[Array, Array]:
             count *= 2
         origin[j] = float(np.mean(values[:count]))
     return origin, speed
+
+
+def _goes_on(t: Array, values: Array, few: int) -> bool:
+    """Whether the readings behind the first few are elsewhere. A line through few readings is never quite level, and its doubt, taken from
+    the same few, is by chance several times too small: of one joint at rest in sixty that would be a speed."""
+    if len(t) < 2 * few:
+        return True
+    halves = (slice(0, few), slice(few, 2 * few))
+    spread = sum((_line(t[at], values[at])[1] ** 2) * float(np.sum((t[at] - t[at].mean()) ** 2)) for at in halves) / 2.0
+    apart = abs(float(np.mean(values[halves[1]]) - np.mean(values[halves[0]])))
+    return bool(apart > _SURE * np.sqrt(2.0 * spread / few))
 
 
 def _moving(t: Array, values: Array, slope: float) -> tuple[float, float]:

@@ -25,7 +25,9 @@ _NARROW, _FINEST = 3e-2, 1e-4
 #: The last steps: so many at most, damping, and the share of a reading's variance that one is to take off.
 _LAST, _HARDLY, _WORTH = 3, 1e-6, 1e-2
 #: What scales with the torque of a joint, and the factors that are tried.
-_TORQUE = ("armature", "viscous", "dry", "excess", "offset", "spring", "kp", "kd", "back_emf", "torque_scale", "effort_limit")
+_TORQUE = (
+    "armature", "viscous", "dry", "excess", "offset", "spring", "kp", "kd", "back_emf", "torque_scale", "effort_limit", "feed_forward",
+)  # fmt: skip
 _FACTORS = (1.0, 0.1, 0.3, 0.6, 0.8, 0.9, 1.1, 1.25, 1.6, 3.0, 10.0)
 #: Seconds of a step of the last search at most, and steps in a sample at least: where a joint comes to rest depends on them, and the more
 #: samples there are, the less of that may be left.

@@ -16,7 +16,7 @@ Array = np.ndarray
 SHARE = 0.3
 #: Where unknowns trade with each other, these are held first: what stays is then named after the physics, not after the drive.
 _HELD_FIRST = (
-    "kd", "kp", "torque_scale", "back_emf", "delay_s", "joint_damping", "joint_stiffness", "slow_speed", "gear_loss_slow",
+    "feed_forward", "kd", "kp", "torque_scale", "back_emf", "delay_s", "joint_damping", "joint_stiffness", "slow_speed", "gear_loss_slow",
     "gear_loss_square", "gear_loss", "spring", "excess", "load", "effort_limit", "offset", "armature", "viscous", "dry", "link",
 )  # fmt: skip
 #: Coefficients that differ from a round one by less than this are that one.

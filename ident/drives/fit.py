@@ -13,8 +13,10 @@ from .plant import DrivePlant
 from .profile import delay_profiles
 from .result import DriveFit
 from .search import Fitted, fitted
+from .sizes import doubtful_sizes, without_sizes
 from .space import drive_logs
 from .starts import starts
+from .stretches import steadied, unexplained
 from .uncertainty import Precision
 
 if TYPE_CHECKING:
@@ -65,14 +67,18 @@ def fit_drives(
     robot = model.robot
     plant = DrivePlant(model, law, drive_logs(logs, robot, law))
     at, sizes = starts(plant)
-    fit = finished(plant, fitted(plant, at, sizes, progress=progress), sizes, logs.inputs)
+    found = steadied(plant, fitted(plant, at, sizes, progress=progress), sizes)
+    fit = finished(plant, found, sizes, logs.inputs)
     return fit if held is None else fit.with_heldout(held)
 
 
 def finished(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[str, str], ...] = ()) -> DriveFit:
-    """`result_of` with the delay's interval by profile likelihood, which takes about as long as the search."""
+    """`result_of` with the delay's interval by profile likelihood, which takes about as long as the search, and with a warning of each
+    stretch that is not explained."""
     precision = Precision.of(found, np.maximum(np.abs(found.values), sizes))
-    return replace(result_of(plant, found, sizes, inputs), delay_ends=delay_profiles(plant, found, sizes, precision))
+    told = tuple(one.text(plant.robot.joint_names[one.joint]) for one in unexplained(plant, found))
+    fit = result_of(plant, found, sizes, inputs)
+    return replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision), warnings=(*fit.warnings, *told))
 
 
 def result_of(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[str, str], ...] = ()) -> DriveFit:
@@ -81,16 +87,18 @@ def result_of(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict
     period = max(log.period for log in plant.logs)
     decided = determination(plant.unknowns, found.values, precision, period)
     covariance = precision.covariance(np.arange(len(found.values))) * np.outer(precision.scale, precision.scale)
+    doubts = doubtful_sizes(plant.unknowns, found.values, covariance)
     return DriveFit(
         plant.model,
         plant.law,
         plant.unknowns,
         found.values,
         covariance,
-        decided,
+        without_sizes(decided, doubts),
         found.rms,
         period,
         len(found.residual),
         found.settled,
         inputs,
+        warnings=tuple(doubts.values()),
     )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ _GEAR: dict[str, float | str | None] = {
     "slow_speed": 1.0,
     "joint_stiffness": np.inf,
     "joint_damping": 0.0,
+    "feed_forward": 1.0,
 }
 _DEFAULTS: dict[str, dict[str, float | str | None]] = {
     "pd_position": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0, **_GEAR},
@@ -55,7 +57,7 @@ class VelocityCommand(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class DriveLaw:
-    """τ = s (kp (q_cmd(t − d) − q) + kd (dq_cmd(t − d) − dq) + tau_ff(t − d)) − back_emf dq, the bracket within ±effort_limit.
+    """τ = s (kp (q_cmd(t − d) − q) + kd (dq_cmd(t − d) − dq) + f tau_ff(t − d)) − back_emf dq, the bracket within ±effort_limit.
 
     Parameters
     ----------
@@ -66,7 +68,8 @@ class DriveLaw:
         "kp" (N m/rad), "kd" (N m s/rad), "delay_s" (s), "effort_limit" (N m), "torque_scale" (1; pwm: N m/V), "back_emf" (N m s/rad) →
         (n,), NaN where the constant is to be identified. What a gear loses of the drive's torque τ, as dry friction: `gear_loss` |τ|,
         `gear_loss_square` τ², `gear_loss_slow` |τ| exp(−(dq/`slow_speed`)²); 0 by default. `joint_stiffness` (N m/rad),
-        `joint_damping`: a spring between motor and link, the encoder on the motor; none by default.
+        `joint_damping`: a spring between motor and link, the encoder on the motor; none by default. `feed_forward` f: the share
+        of the logged tau_ff that reaches the drive, 1 by default; 0 in a log whose tau_ff was planned and not sent.
     shared : frozenset of str
         Constants to be identified as one number for all joints.
     command, velocity_command
@@ -75,6 +78,8 @@ class DriveLaw:
         Whether the inertials of the robot's links are known.
     by_log : mapping
         Name of a log or pattern → what differs in that log.
+    only_by_log : frozenset of str
+        Constants that the law itself has no word of, and every entry of `by_log` a number.
 
     Examples
     --------
@@ -93,6 +98,7 @@ class DriveLaw:
     links_known: bool = True
     by_log: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
+    only_by_log: frozenset[str] = frozenset()
 
     @classmethod
     def of(cls, robot: Robot, kind: str = "pd_position", *, links: str = "known", by_log: Any = None, **given: Any) -> DriveLaw:
@@ -107,6 +113,7 @@ class DriveLaw:
         given = {key: value for key, value in given.items() if value is not None}
         constants, shared = {}, set()
         per_log = list((by_log or {}).values())
+        open_ = {key for key in _DEFAULTS[kind] if key not in given and per_log and all(key in table for table in per_log)}
         for key, default in _DEFAULTS[kind].items():
             value = given.pop(key, default)
             if value is None and not all(key in table for table in per_log or [{}]):
@@ -117,7 +124,15 @@ class DriveLaw:
         if given:
             raise unknown_name(f"constant of [drive] law {kind!r}", min(given), _DEFAULTS[kind])
         checked = {name: _of_a_log(name, table, robot) for name, table in (by_log or {}).items()}
-        law = cls(kind, constants, frozenset(shared), links_known=links == "known", by_log=checked, joints=robot.joint_names)
+        law = cls(
+            kind,
+            constants,
+            frozenset(shared),
+            links_known=links == "known",
+            by_log=checked,
+            joints=robot.joint_names,
+            only_by_log=frozenset(open_),
+        )
         return replace(law, **_forms(forms))
 
     @classmethod
@@ -154,7 +169,8 @@ class DriveLaw:
 
         logs = {name: {**plain(t["constants"]), **{k: str(v) for k, v in t["forms"].items()}} for name, t in self.by_log.items()}
         forms = {"command": str(self.command), "velocity_command": str(self.velocity_command)}
-        return {"law": self.kind, **plain(self.constants), **forms, "links": "known" if self.links_known else IDENTIFY, "by_log": logs}
+        own = {key: values for key, values in self.constants.items() if key not in self.only_by_log}
+        return {"law": self.kind, **plain(own), **forms, "links": "known" if self.links_known else IDENTIFY, "by_log": logs}
 
 
 def _per_joint(key: str, value: Any, robot: Robot) -> Array:
@@ -169,7 +185,8 @@ def _per_joint(key: str, value: Any, robot: Robot) -> Array:
     entries = list(value) if isinstance(value, list | tuple | np.ndarray) else [value] * robot.n
     if len(entries) != robot.n:
         raise ConfigurationError(
-            f"[drive] {key}: {len(entries)} values, but the robot has {robot.n} joints ({', '.join(robot.joint_names)})."
+            f"[drive] {key}: {counted(len(entries), 'value')}, but the robot has"
+            f" {counted(robot.n, 'joint')} ({', '.join(robot.joint_names)})."
         )
     found = np.array([np.nan if isinstance(x, str) else float(x) for x in entries])
     if np.any(found < 0):

@@ -160,7 +160,7 @@ class DrivePlant:
             if delay.tobytes() not in plans:
                 plans[delay.tobytes()] = tuple(_commanded(log.t, x, delay, h, count, form) for x in (log.q_cmd, log.dq_cmd, log.tau_ff))
             position, rate, forward = plans[delay.tobytes()]
-            target[:, lane] = constants["kp"][lane] * position + constants["kd"][lane] * rate + forward
+            target[:, lane] = constants["kp"][lane] * position + constants["kd"][lane] * rate + constants["feed_forward"][lane] * forward
         fall = np.ones((lanes, n))
         for effect in self.model.effects:
             if isinstance(effect, Stribeck):

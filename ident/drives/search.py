@@ -53,13 +53,14 @@ class Fitted:
 
 
 def fitted(
-    plant: DrivePlant, starts: Array, sizes: Array, *, counted: Array | None = None, steps: int = 40,
+    plant: DrivePlant, starts: Array, sizes: Array, *, counted: Array | None = None, narrower: Array | None = None, steps: int = 40,
     progress: Callable[[float], None] | None = None,
 ) -> Fitted:  # fmt: skip
     """From starts (S, p): the better ones are followed coarsely, the best to the end, then again with weights from its own residual: those
     of each joint in each log by themselves, since what a log leaves unexplained differs from log to log.
 
-    `sizes` (p,): what is a usual size of each unknown. `counted` (N, n): which readings count; by default those that are no repeat."""
+    `sizes` (p,): what is a usual size of each unknown. `counted` (N, n): which readings count; by default those that are no repeat.
+    `narrower` (p,): where a model with less in it has ended; what is found is no worse than what is reached from there."""
     measured = np.concatenate([log.q for log in plant.logs])
     fresh = np.concatenate([log.fresh for log in plant.logs]) if counted is None else counted
     spread = np.maximum(np.std(measured, axis=0), 1e-6)
@@ -82,7 +83,8 @@ def fitted(
         best = min([best, *(coarse.run(hop, 2 * _SHORT, _NEAR) for hop in _hops(coarse, best[0]))], key=lambda end: end[1])
     if progress is not None:
         progress(0.4)
-    values, _, _, _ = search.run(best[0], steps)
+    ends = [search.run(start, steps) for start in (best[0], *(() if narrower is None else (narrower,)))]
+    values = min(ends, key=lambda end: end[1])[0]
     rms = rms_by_log(plant, search.residual(values), fresh)
     search = replace(search, weights=fresh / np.maximum(rms, 1e-3 * spread), near=1.0).fine()
     values, _, settled, used = search.run(values, steps)

@@ -77,7 +77,7 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
         "load": np.full(plant.robot.n, 0.05), "spring": 0.05 * torque / np.maximum(spread, 1e-3), "gear_loss": np.full(plant.robot.n, 0.1),
         "gear_loss_square": 0.05 / np.maximum(torque, 1e-3), "gear_loss_slow": np.full(plant.robot.n, 0.03), "slow_speed": 0.3 * rate,
         "joint_stiffness": inertia * (2 * np.pi * _SPRING_HZ) ** 2, "joint_damping": 0.02 * inertia * 2 * np.pi * _SPRING_HZ,
-        "excess": 0.3 * friction * torque, "kp": stiff, "kd": 0.3 * 2 * inertia * 2 * np.pi * hz,
+        "feed_forward": np.ones(plant.robot.n), "excess": 0.3 * friction * torque, "kp": stiff, "kd": 0.3 * 2 * inertia * 2 * np.pi * hz,
         "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)), "effort_limit": 0.9 * np.maximum(torque, 1e-3) * 3,
         "torque_scale": stiff / np.where(np.isnan(known), 1.0, known) / volts, "back_emf": friction * torque / rate,
     }  # fmt: skip

@@ -46,7 +46,7 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
     speed = np.gradient(seen.q, seen.t, axis=0) if rate is None else rate
     sent = {name: _late(seen.t, x, law) for name, x in (("q", seen.q_cmd), ("dq", seen.dq_cmd), ("tau", seen.tau_ff))}
     constants = law.constants
-    asked = constants["kp"] * (sent["q"] - seen.q) + constants["kd"] * (sent["dq"] - speed) + sent["tau"]
+    asked = constants["kp"] * (sent["q"] - seen.q) + constants["kd"] * (sent["dq"] - speed) + constants["feed_forward"] * sent["tau"]
     strength = constants["torque_scale"] * (seen.supply if law.kind == "pwm" and seen.supply is not None else 1.0)
     torque = strength * asked - constants["back_emf"] * speed
     known = (np.abs(asked) < constants["effort_limit"]) & (seen.enabled == 1.0)

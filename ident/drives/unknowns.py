@@ -31,7 +31,7 @@ CONSTANTS = {
     "kp": ("kp", "N m/rad"), "kd": ("kd", "N m s/rad"), "delay_s": ("delay", "s"), "effort_limit": ("effort_limit", "N m"),
     "torque_scale": ("s", "1"), "back_emf": ("ke", "N m s/rad"), "gear_loss": ("Fm", "1"), "gear_loss_square": ("Fmm", "1/(N m)"),
     "gear_loss_slow": ("Fms", "1"), "slow_speed": ("v_m", "rad/s"), "joint_stiffness": ("k", "N m/rad"),
-    "joint_damping": ("d", "N m s/rad"),
+    "joint_damping": ("d", "N m s/rad"), "feed_forward": ("f", "1"),
 }  # fmt: skip
 
 
@@ -72,10 +72,9 @@ def unknowns(model: Model, law: DriveLaw) -> tuple[Unknown, ...]:
 def _asked(law: DriveLaw, key: str) -> Array:
     """Joints (n,) for which some log leaves the constant open."""
     n = len(law.joints)
-    if not law.by_log:
+    if key not in law.only_by_log:
         return np.ones(n, bool)
     given = [table["constants"].get(key) for table in law.by_log.values()]
-    # A log that no entry is for has the law's own constant: nothing is asked only where every entry gives the number.
     return np.array([not all(v is not None and np.isfinite(v[j]) for v in given) for j in range(n)])
 
 

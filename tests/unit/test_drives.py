@@ -193,7 +193,7 @@ def test_what_a_law_refuses(robot):
         DriveLaw.of(robot, "pd_positon", kp=1.0)
     with pytest.raises(ident.UnsupportedError, match="pid_position"):
         DriveLaw.of(robot, "pid_position", kp=1.0)
-    with pytest.raises(ident.ConfigurationError, match="2 values, but the robot has 1 joints"):
+    with pytest.raises(ident.ConfigurationError, match="2 values, but the robot has 1 joint "):
         DriveLaw.of(robot, kp=[1.0, 2.0])
     log = ident.Log("bare", t=np.arange(5) * 0.01, q=np.zeros((5, 1)))
     with pytest.raises(ident.DataError, match="needs the position commands q_cmd1"):
@@ -275,3 +275,13 @@ def test_the_compiled_step_does_what_the_plain_one_does(monkeypatch, loaded):
     monkeypatch.setattr(simulate, "_recursions", None)
     assert np.ptp(compiled, axis=0).min() > 0.1
     np.testing.assert_allclose(compiled, run(), atol=1e-9)
+
+
+def test_a_constant_is_asked_where_single_logs_only_have_it(robot):
+    """A law that says "identify" means it, though a log has a number of its own; what only logs have is not asked."""
+    names = {u.name for u in unknowns(model_of(robot), DriveLaw.of(robot, kp="identify", kd=0.8, by_log={"other*": {"kp": 20.0}}))}
+    assert "kp_joint1" in names
+    names = {u.name for u in unknowns(model_of(robot), DriveLaw.of(robot, kd=0.8, by_log={"other*": {"kp": 20.0}}))}
+    assert "kp_joint1" not in names
+    back = DriveLaw.of(robot, kd=0.8, by_log={"other*": {"kp": 20.0}}).to_dict()
+    assert "kp" not in back

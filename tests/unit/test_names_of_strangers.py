@@ -119,7 +119,7 @@ def test_numbers_with_their_units_are_refused_with_what_to_do(tmp_path: Path) ->
         ident.read_logs(tmp_path / "a.csv")
 
 
-@pytest.mark.parametrize(("unit", "what"), [("MNm", "torque"), ("deg/ms", "vel"), ("daNm", "torque")])
+@pytest.mark.parametrize(("unit", "what"), [("MNm", "torque"), ("deg/ms", "vel"), ("hNm", "torque")])
 def test_units_that_only_look_like_known_ones_are_not_used(unit: str, what: str, tmp_path: Path) -> None:
     names = {"pos{} [rad]": Q, "vel{} [rad/s]": DQ, "torque{} [Nm]": TAU}
     columns = table("t [s]", 1.0, {f"{what}{{}} [{unit}]" if name.startswith(what) else name: x for name, x in names.items()})

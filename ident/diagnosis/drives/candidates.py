@@ -20,7 +20,10 @@ _EFFECTS = {
     "stribeck": "excess", "linear_spring": "spring",
 }  # fmt: skip
 #: Names of what is found where a constant of the law is not as declared.
-_CONSTANTS = {"kp": "kp", "kd": "kd", "delay_s": "delay", "gear_loss": "gear_loss", "joint_stiffness": "joint_elasticity"}
+_CONSTANTS = {
+    "kp": "kp", "kd": "kd", "delay_s": "delay", "gear_loss": "gear_loss", "joint_stiffness": "joint_elasticity",
+    "feed_forward": "feed_forward",
+}  # fmt: skip
 #: Stribeck velocities that are looked at, as shares of a joint's usual speed.
 _SLOW = (0.1, 0.4)
 #: Resonances (Hz) of links on springs that are looked at.
@@ -28,7 +31,7 @@ _SPRINGS_HZ = (4.0, 7.0, 12.0, 20.0)
 #: Damping of such a spring as a share of the critical.
 _DAMPED = 0.02
 #: What may be smaller than declared.
-_EITHER_WAY = ("offset", "kp", "kd", "delay_s")
+_EITHER_WAY = ("offset", "kp", "kd", "delay_s", "feed_forward")
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,8 @@ def candidates(plant: DrivePlant) -> Iterator[DriveCandidate]:
                 yield from (DriveCandidate(name, place, {"hz": hz}) for hz in _SPRINGS_HZ)
             continue
         if place in by_log or np.isnan(law.constants[place]).any():
+            continue
+        if place == "feed_forward" and not any(np.any(log.tau_ff) for log in plant.logs):
             continue
         if (place == "kd" and not moved) or (place == "kp" and (law.kind == "pd_velocity" or not law.links_known)):
             continue

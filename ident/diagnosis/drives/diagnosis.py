@@ -11,6 +11,7 @@ import numpy as np
 from ...drives.fit import result_of
 from ...drives.plant import DrivePlant
 from ...drives.search import fitted
+from ...drives.sizes import doubtful_sizes
 from ...drives.space import drive_logs
 from ...drives.starts import moved_inertia, starts
 from ..verdict import Verdict
@@ -85,14 +86,15 @@ def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[DriveFind
     fit = result_of(plant, stage.fit, stage.sizes)
     before = {(u.place, u.joint) for u in now.plant.unknowns}
     new = [i for i, u in enumerate(plant.unknowns) if (u.place, u.joint) not in before]
-    values = tuple(
-        (plant.unknowns[i].name, float(fit.values[i]), float(np.sqrt(fit.covariance[i, i])), plant.unknowns[i].unit) for i in new
-    )
+    doubts = doubtful_sizes(plant.unknowns, fit.values, fit.covariance)
+    std = [np.inf if i in doubts else float(np.sqrt(fit.covariance[i, i])) for i in new]
+    values = tuple((plant.unknowns[i].name, float(fit.values[i]), s, plant.unknowns[i].unit) for i, s in zip(new, std, strict=True))
     declared = None
     if one.candidate.place in now.plant.law.constants and one.candidate.either_way:
         declared = one.candidate.declared(now.plant.law, one.joints[0])
     joints = tuple(plant.robot.joint_names) if one.candidate.place == "delay_s" else _names(plant, one)
-    finding = DriveFinding(one.candidate.name, joints, values, declared, one.gain, float(1.0 / (1.0 + odds.sum())), rivals)
+    no_size = tuple(text for i, text in doubts.items() if i in new)
+    finding = DriveFinding(one.candidate.name, joints, values, declared, one.gain, float(1.0 / (1.0 + odds.sum())), rivals, no_size)
     counted = stage.fit.weights > 0
     rms = np.sqrt(np.sum(np.square(stage.fit.residual * counted), axis=0) / np.maximum(counted.sum(axis=0), 1))
     return finding, replace(stage, fit=replace(stage.fit, weights=counted / np.maximum(rms, 1e-12)))

@@ -27,8 +27,9 @@ class DriveRival:
 
 @dataclass(frozen=True)
 class DriveFinding:
-    """One thing that is missing, or not as declared. `values`: (name, value, standard deviation, unit); `declared`: the number that the
-    law gave, None for what it did not have; `gain`: share of the squared error that it takes off readings for which it was not adjusted."""
+    """One thing that is missing, or not as declared. `values`: (name, value, standard deviation, unit), of which an infinite one says that
+    there is no size to tell, and `no_size` why; `declared`: the number that the law gave, None for what it did not have; `gain`: share of
+    the squared error that it takes off readings for which it was not adjusted."""
 
     effect: str
     joints: tuple[str, ...]
@@ -37,6 +38,7 @@ class DriveFinding:
     gain: float
     confidence: float
     rivals: tuple[DriveRival, ...]
+    no_size: tuple[str, ...] = ()
 
     def text(self) -> str:
         """One paragraph for people."""
@@ -45,6 +47,8 @@ class DriveFinding:
         if self.declared is not None:
             told += f" (declared: {self.declared:.4g})"
         told += f"; takes {self.gain:.0%} off the squared error of readings held out"
+        if self.no_size:
+            told += "; " + "; ".join(self.no_size)
         if self.rivals:
             told += "; as well explained by " + ", ".join(f"{r.effect} ({r.confidence:.0%})" for r in self.rivals)
         return told
@@ -87,6 +91,7 @@ class DriveDiagnosis:
                 "declared": f.declared,
                 "heldout_gain": f.gain,
                 "confidence": f.confidence,
+                "no_size": list(f.no_size),
                 "imitators": [{"effect": r.effect, "joints": list(r.joints), "confidence": r.confidence} for r in f.rivals],
             }
             for f in self.findings
@@ -112,11 +117,15 @@ _MEANS = {
 def _told(name: str, value: float, std: float, unit: str) -> str:
     if std <= SHARE * abs(value):
         return f"{name} {value:.4g} ± {std:.2g} {unit}"
+    if not np.isfinite(std):
+        return f"{name} not determined"
     return f"{name} not determined ({value - 1.96 * std:.2g} to {value + 1.96 * std:.2g} {unit})"
 
 
 def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]:
-    entry: dict[str, Any] = {"name": name, "unit": unit, "interval": [value - 1.96 * std, value + 1.96 * std]}
+    entry: dict[str, Any] = {"name": name, "unit": unit}
+    if np.isfinite(std):
+        entry["interval"] = [value - 1.96 * std, value + 1.96 * std]
     return {**entry, "value": value, "std": std} if std <= SHARE * abs(value) else entry
 
 

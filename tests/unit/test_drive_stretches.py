@@ -1,0 +1,134 @@
+"""A stretch of a log that no model explains, and what is sent and does not arrive: neither bends what the rest of the log says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ident
+from benchmarks.actuators.commanded import PENDULUM, commanded_log
+from benchmarks.actuators.servos import URDF, recorded, servo
+from ident.diagnosis.drives import diagnose_drives
+from ident.drives import DriveLaw, DriveLog, fit_drives
+from ident.drives.plant import DrivePlant
+from ident.drives.search import fitted
+from ident.drives.sizes import doubtful_sizes
+from ident.drives.space import drive_logs
+from ident.drives.starts import starts
+from ident.drives.stretches import steadied, unexplained
+from ident.drives.unknowns import Unknown
+from ident.logs.log import LogSet
+
+EFFECTS = ("rotor_inertia", "viscous", "coulomb", "offset")
+SEEDS = [700, 701, 702]
+TRUTH = {"Ia": 0.012, "Fv": 0.08, "Fc": 0.15, "offset": 0.1, "kp": 25.0, "kd": 0.8, "delay": 0.006}
+SHARE = 0.4
+
+
+def model_of(robot):
+    model = robot.rigid_body()
+    for name in EFFECTS:
+        model = model + ident.make_effect(name)
+    return model
+
+
+def logs_of(stuck):
+    servos = [servo("clean", seed) for seed in SEEDS]
+    t, q, sent = recorded(servos, SEEDS, stuck)
+    return [(one, ident.Log("run", t=t, q=q[:, [k]], extra={"q_cmd1": sent[:, k]})) for k, one in enumerate(servos)]
+
+
+@pytest.fixture(scope="module")
+def stuck():
+    """Servos that stick from 2.0 to 2.5 s."""
+    return logs_of((2.0, 2.5))
+
+
+def search(robot, log, **law):
+    law = DriveLaw.of(robot, **law)
+    plant = DrivePlant(model_of(robot), law, drive_logs(LogSet((log,)), robot, law))
+    at, sizes = starts(plant)
+    return plant, fitted(plant, at, sizes), sizes
+
+
+def test_a_joint_that_sticks_for_a_while_does_not_bend_the_rest(stuck):
+    robot = ident.Robot.from_urdf(URDF)
+    off = []
+    for one, log in stuck:
+        plant, plain, sizes = search(robot, log, kp="identify", kd=one.kd)
+        kp, dry = (next(i for i, u in enumerate(plant.unknowns) if u.place == place) for place in ("kp", "dry"))
+        steady = steadied(plant, plain, sizes)
+        assert steady.values[kp] == pytest.approx(one.kp, rel=0.02)
+        assert steady.values[dry] == pytest.approx(one.Fc, rel=0.08)
+        off.append(abs(plain.values[dry] / one.Fc - 1.0))
+    assert min(off) > 0.1
+
+
+def test_the_stretch_is_told(stuck):
+    robot = ident.Robot.from_urdf(URDF)
+    one, log = stuck[0]
+    fit = fit_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, kp=one.kp, kd=one.kd))
+    assert any("joint1, 2 to" in text and "times the usual error" in text for text in fit.warnings)
+
+
+def test_a_clean_log_keeps_its_fit():
+    robot = ident.Robot.from_urdf(URDF)
+    for one, log in logs_of((0.0, 0.0)):
+        plant, plain, sizes = search(robot, log, kp=one.kp, kd=one.kd)
+        assert not unexplained(plant, plain)
+        assert steadied(plant, plain, sizes) is plain
+
+
+@pytest.fixture(scope="module")
+def partly_sent():
+    """A log whose feed-forward reaches the drive by four tenths: under known kp, a torque is a shift of the position command."""
+    robot = ident.Robot.from_urdf(PENDULUM)
+    log = commanded_log(robot, TRUTH, seed=3)
+    forward = 0.6 * np.sin(2.0 * np.pi * 1.3 * log.t) * (log.t > 0.5)
+    extra = {"q_cmd1": log.extra["q_cmd1"] - SHARE * forward / TRUTH["kp"], "tau_ff1": forward}
+    return robot, ident.Log("run", t=log.t, q=log.q, extra=extra)
+
+
+def test_the_share_of_a_feed_forward_that_arrives(partly_sent):
+    robot, log = partly_sent
+    fit = fit_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, kp=25.0, kd=0.8, feed_forward="identify"))
+    assert fit.value("f_joint1") == pytest.approx(SHARE, abs=0.02)
+    known = fit_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, kp=25.0, kd=0.8, by_log={"run": {"feed_forward": SHARE}}))
+    assert known.fit_rms[0] == pytest.approx(5e-4, rel=0.1)
+
+
+def test_a_feed_forward_that_was_not_sent_as_logged_is_named(partly_sent):
+    robot, log = partly_sent
+    found = diagnose_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, kp=25.0, kd=0.8, delay_s=TRUTH["delay"]))
+    assert [f.effect for f in found.findings] == ["feed_forward"]
+    assert found.findings[0].declared == 1.0
+    assert found.findings[0].values[0][1] == pytest.approx(SHARE, abs=0.03)
+
+
+def test_noise_on_a_joint_at_rest_is_no_speed():
+    robot = ident.Robot.from_urdf(PENDULUM)
+    law = DriveLaw.of(robot, kp=1.0)
+    rng = np.random.default_rng(12)
+    t = np.arange(100) * 0.005
+
+    def starts_of(motion):
+        logs = (ident.Log("run", t=t, q=(motion + 5e-4 * rng.standard_normal(100))[:, None], extra={"q_cmd1": t}) for _ in range(400))
+        return [DriveLog.of(log, robot, law) for log in logs]
+
+    still = starts_of(np.zeros(100))
+    assert sum(log.start[0] != 0.0 for log in still) <= 1
+    assert np.std([log.origin[0] for log in still]) < 1.3e-4
+    moving = starts_of(0.5 * t)
+    assert np.mean([log.start[0] != 0.0 for log in moving]) > 0.9
+
+
+def test_friction_that_has_pushed_another_to_zero_has_no_size():
+    """By two unknowns of one joint: a minimum beyond a bound has no standard deviation; a loss of more than all is none of a gear."""
+    named = [("Fc", "dry", 0.0), ("Fl", "load", 0.4)]
+    unknowns = [Unknown(f"{symbol}_joint1", "1", place, 0) for symbol, place, _ in named]
+    values = np.array([value for *_, value in named])
+    apart, traded = np.diag([0.01, 0.0025]), np.array([[0.01, -0.0045], [-0.0045, 0.0025]])
+    assert doubtful_sizes(unknowns, values, apart) == {}
+    assert "Fc_joint1 is at zero" in doubtful_sizes(unknowns, values, traded)[1]
+    assert doubtful_sizes(unknowns, values + [0.3, 0.0], traded) == {}
+    assert "no gear has" in doubtful_sizes(unknowns, values + [0.3, 2.0], apart)[1]
