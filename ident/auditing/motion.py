@@ -28,6 +28,8 @@ Add = Callable[..., None]
 _MOST_SAMPLES = 200_000
 _MOST_ROWS = 5000
 _LAGS = 81
+#: A factor so near to that of degrees is theirs: gears have ratios about 57, too.
+_NEAR = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,10 +196,10 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
         )
     elif abs(scale - 1) > max(0.02, 3 * math.sqrt(left / len(reference) * m.rate / m.cutoff)):
         hint = " Check units and gear ratio."
-        if abs(scale * math.pi / 180 - 1) < 0.1:
-            hint = f" It is in degrees: name it dq{j + 1}_deg_s."
-        elif abs(scale * 180 / math.pi - 1) < 0.1:
-            hint = f" The position is in degrees, which would spoil every parameter: name it q{j + 1}_deg."
+        if abs(scale * math.pi / 180 - 1) < _NEAR:
+            hint = f" It seems to be in degrees: name it dq{j + 1}_deg_s."
+        elif abs(scale * 180 / math.pi - 1) < _NEAR:
+            hint = f" The position seems to be in degrees, which would spoil every parameter: name it q{j + 1}_deg."
         add(
             "velocity_scale",
             Severity.WARNING,
