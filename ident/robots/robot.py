@@ -15,13 +15,13 @@ from .._utils.short_repr import ShortRepr
 from .._utils.text import counted
 from ..errors import ConfigurationError, unknown_name
 from .transmission import Side, Transmission
+from .tree import RigidBodyTree
 from .urdf import UrdfText, prepare_urdf, read_urdf, some
 
 if TYPE_CHECKING:
     import pinocchio as pin
 
     from ..model import Model
-    from .tree import RigidBodyTree
 
 Array = np.ndarray
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
@@ -186,8 +186,6 @@ class Robot(ShortRepr):
     @cached_property
     def tree(self) -> RigidBodyTree:
         """The kinematic tree as arrays, for the rigid-body kernels."""
-        from .tree import RigidBodyTree
-
         return RigidBodyTree.from_pinocchio(self.model)
 
     def joint_index(self, name: str) -> int:

@@ -145,10 +145,9 @@ def replay(
         )
     rows = first[None, :] + stride * np.arange(length + 1)[:, None]
 
-    dynamics = Plant(forward, own).dynamics()
     measured, rate = signals.q[rows], signals.dq[rows]
     period = stride / signals.rate
-    simulated, simulated_rate, correction = _simulated(dynamics, clock, measured, rate, torque[rows], period, observer_hz, most)
+    simulated, simulated_rate, correction = _simulated(Plant(forward, own), clock, measured, rate, torque[rows], period, observer_hz, most)
     diverged = ~np.isfinite(simulated).all(axis=(0, 2))
     return Replay(
         model.robot,
@@ -219,7 +218,7 @@ def _without(signals: Signals, torque: Array) -> str:
 
 
 def _simulated(
-    dynamics: PlantDynamics, t: Array, q: Array, dq: Array, torque: Array, period: float, observer_hz: float, most: int | None
+    plant: Plant, t: Array, q: Array, dq: Array, torque: Array, period: float, observer_hz: float, most: int | None
 ) -> tuple[Array, Array, Array]:
     """Positions, velocities and the observer's torque (K, B, n) of all windows; NaN from where a window has diverged.
 
@@ -227,15 +226,15 @@ def _simulated(
     reach = 10.0 * (1.0 + np.abs(dq).max())
     substeps = max(1, int(np.ceil(period / _STEP - 1e-9)))
     if observer_hz > 0 or most is not None:
-        return _integrate(dynamics, t, q, dq, torque, period, substeps, reach, observer_hz, most)
-    simulated, rate, left = compiled_windows(dynamics, t, (q[0], dq[0]), torque, period, substeps)
+        return _integrate(plant.dynamics(), t, q, dq, torque, period, substeps, reach, observer_hz, most)
+    simulated, rate, left = compiled_windows(plant, t, (q[0], dq[0]), torque, period, substeps)
     lost = ~(np.abs(rate).max(axis=2, initial=0.0) < reach)
     lost[0] = False
     lost = np.logical_or.accumulate(lost, axis=0)
     simulated[lost], rate[lost] = np.nan, np.nan
     if len(left):
         own = q[:, left], dq[:, left], torque[:, left]
-        simulated[:, left], rate[:, left], _ = _integrate(dynamics, t[left], *own, period, substeps, reach, 0.0, None)
+        simulated[:, left], rate[:, left], _ = _integrate(plant.dynamics(), t[left], *own, period, substeps, reach, 0.0, None)
     return simulated, rate, np.zeros(q.shape)
 
 

@@ -280,12 +280,9 @@ def read_study(path: str | Path) -> Study:
     data = check_table(load_toml(path, "study"), schema, "", where)
     plugins = check_table(data.get("plugins", {}), {"modules": texts}, "plugins", where).get("modules", ())
     load_modules(plugins, path.parent, f"{where}: [plugins]")
-    logs = check_table(
-        data.get("logs", {}), {"fit": texts, "validate": texts, "missing": text, "rate_hz": number, "recorders": texts}, "logs", where
-    )
-    missing, rate_hz = logs.pop("missing", None), logs.pop("rate_hz", None)
-    for file in logs.get("recorders", ()):
-        add_recorders(path.parent / file)
+    logs = _logs(data.get("logs", {}), path.parent, where)
+    for file in logs.recorders:
+        add_recorders(Path(file))
     strategies = {table: _strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
     form = strategies["estimator"].options.get("form", TORQUE)
     try:
@@ -299,17 +296,22 @@ def read_study(path: str | Path) -> Study:
             DriveTable.read(data.get("drive", {}), where),
             read_loop(data.get("loop", {}), where),
         ),
-        LogsTable(
-            **{key: tuple(_from_folder(path.parent, entry) for entry in entries) for key, entries in logs.items()},
-            missing=missing,
-            rate_hz=rate_hz,
-        ),
+        logs,
         strategies["signals"],
         strategies["estimator"].without("form"),
         columns,
         tuple(plugins),
         form,
     )
+
+
+def _logs(data: Any, folder: Path, where: str) -> LogsTable:
+    """The `[logs]` table of a study in `folder`."""
+    kinds = {"fit": texts, "validate": texts, "missing": text, "rate_hz": number, "recorders": texts}
+    logs = check_table(data, kinds, "logs", where)
+    missing, rate_hz = logs.pop("missing", None), logs.pop("rate_hz", None)
+    files = {key: tuple(_from_folder(folder, entry) for entry in entries) for key, entries in logs.items()}
+    return LogsTable(**files, missing=missing, rate_hz=rate_hz)
 
 
 def _column_entry(value: Any) -> Any:
