@@ -28,6 +28,8 @@ Add = Callable[..., None]
 _MOST_SAMPLES = 200_000
 _MOST_ROWS = 5000
 _LAGS = 81
+#: A factor so near to that of degrees is theirs: gears have ratios about 57, too.
+_NEAR = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,10 +216,10 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
 
 def _told_by(scale: float, j: int) -> str:
     """What the ratio of a velocity to the position's change suggests."""
-    if abs(scale * math.pi / 180 - 1) < 0.1:
-        return f"It is in degrees: name it dq{j + 1}_deg_s."
-    if abs(scale * 180 / math.pi - 1) < 0.1:
-        return f"The position is in degrees, which would spoil every parameter: name it q{j + 1}_deg."
+    if abs(scale * math.pi / 180 - 1) < _NEAR:
+        return f"It seems to be in degrees: name it dq{j + 1}_deg_s."
+    if abs(scale * 180 / math.pi - 1) < _NEAR:
+        return f"The position seems to be in degrees, which would spoil every parameter: name it q{j + 1}_deg."
     return "Check units and gear ratio."
 
 

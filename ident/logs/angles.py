@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from .channels import ChannelGroup
-from .clocks import rate_ratio
+from .rates import velocity_ratio
 
 Array = np.ndarray
 _DEG = np.pi / 180
-#: Velocities that are so near (logarithm) to the positions' change, or to it in degrees, are that.
-_NEAR = 0.25
+#: Velocities that are so near (logarithm) to the positions' change, or to it in degrees, are that: gears have ratios about 57, too.
+_NEAR = 0.03
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def agreed(
     `scales`: factors as units tell them, or the positions' reach; `known`: positions are counts, or of a recorder whose units are known;
     `t`: times (N,) in s, None where they are not known."""
     told = known or bool(q.unit)
-    ratio = None if dq is None or t is None or (told and dq.unit) else rate_ratio(t, table, q, dq, scales)
+    ratio = None if dq is None or t is None or (told and dq.unit) else _times(t, table, q, dq, scales)
     scale, rate = scales
     if ratio is not None and dq is not None:
         if abs(np.log(ratio) + np.log(_DEG)) < _NEAR:  # the positions change 57 times as fast as the velocities say
@@ -55,6 +55,14 @@ def agreed(
         if dq.unit and abs(np.log(ratio)) < _NEAR:
             return Angles(scale, rate, _in_degrees(scale))
     return Angles(scale, rate, _in_degrees(scale) if told else _untold(scale))
+
+
+def _times(t: Array, table: Mapping[str, Array], q: ChannelGroup, dq: ChannelGroup, scales: tuple[float, float]) -> float | None:
+    """How many times as fast as the velocities say the positions change; None where they have nothing to do with each other."""
+    values = [scale * np.column_stack([np.asarray(table[c], float) for c in g.columns]) for g, scale in zip((q, dq), scales, strict=True)]
+    with np.errstate(all="ignore"):
+        ratio = velocity_ratio(t, *values)
+    return 1.0 / ratio if np.isfinite(ratio) and ratio > 0.0 else None
 
 
 def _same(a: float, b: float) -> bool:

@@ -358,7 +358,7 @@ def unread_in(name: str) -> str:
     bare = name.replace("[#]", "").replace("[]", "").replace("#", "")
     found = _LAST_BRACKETS.search(bare)
     last = re.split(r"[_\s]+", bare.strip("_ "))[-1]
-    alike = last != bare and bool(_LIKE_UNIT.fullmatch(last)) and not words_of(last) & (SAID | TIME | BESIDE)
+    alike = last != bare and bool(_LIKE_UNIT.fullmatch(last)) and last.lower() != "return" and not words_of(last) & (SAID | TIME | BESIDE)
     suffix = last.lower() in _NO_UNITS or (alike and not unit_suffix(last))
     return unread_unit(found[1]) if found else last if suffix else ""
 

@@ -61,6 +61,21 @@ def test_velocities_tell_the_unit_of_positions(kind: str, timed: bool, tmp_path:
     assert said.startswith("no unit") or not noted(log, "no unit is told")
 
 
+@pytest.mark.parametrize("gear", [50.0, 60.0, 100.0])
+def test_speeds_of_motors_are_not_taken_for_degrees(gear: float, tmp_path: Path) -> None:
+    log = ident.read_logs(written(tmp_path / "a.csv", table({"pos_{}": Q, "vel_{}": gear * DQ, "torque_{}": TAU})))[0]
+    np.testing.assert_allclose(log.q, Q, atol=1e-12)
+    assert not noted(log, "deg/s")
+    log = ident.read_logs(written(tmp_path / "b.csv", table({"pos_{}": gear * Q, "vel_{}": DQ, "torque_{}": TAU})))[0]
+    np.testing.assert_allclose(log.q, gear * Q, atol=1e-12)
+
+
+def test_noise_of_positions_hides_no_degrees(tmp_path: Path) -> None:
+    noisy = Q / _DEG + 0.05 * np.random.default_rng(0).standard_normal(Q.shape)
+    log = ident.read_logs(written(tmp_path / "a.csv", table({"pos_{}": noisy, "vel_{}": DQ, "torque_{}": TAU})))[0]
+    np.testing.assert_allclose(log.q, noisy * _DEG, atol=1e-12)
+
+
 def test_wheels_beyond_two_turns_are_in_radians_where_velocities_tell(tmp_path: Path) -> None:
     far = Q + 12.0 * T[:, None]
     path = written(tmp_path / "a.csv", table({"angle_{}": far, "speed_{} [rad/s]": DQ + 12.0, "torque_{}": TAU}))
@@ -69,9 +84,9 @@ def test_wheels_beyond_two_turns_are_in_radians_where_velocities_tell(tmp_path: 
 
 def test_positions_of_our_own_names_in_degrees_are_told_by_their_velocities(tmp_path: Path) -> None:
     log = ident.read_logs(written(tmp_path / "a.csv", table({"q{}": Q / _DEG, "dq{}": DQ, "tau{}": TAU})))
-    assert "The position is in degrees" in ident.audit(log).of("velocity_scale")[0].text
+    assert "The position seems to be in degrees" in ident.audit(log).of("velocity_scale")[0].text
     log = ident.read_logs(written(tmp_path / "b.csv", table({"q{}": Q, "dq{}": DQ / _DEG, "tau{}": TAU})))
-    assert "It is in degrees: name it dq1_deg_s" in ident.audit(log).of("velocity_scale")[0].text
+    assert "It seems to be in degrees: name it dq1_deg_s" in ident.audit(log).of("velocity_scale")[0].text
 
 
 UNKNOWN = {
