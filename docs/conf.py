@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from docutils import nodes
+from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 
 import ident
@@ -41,9 +43,23 @@ suppress_warnings = ["ref.python"]  # shapes such as (n,) in docstrings are no n
 
 
 def setup(app: Sphinx) -> None:
-    """Docstrings are prose with absolute values: |x| is no substitution."""
+    """Docstrings are prose with absolute values: |x| is no substitution; what stands before a colon is no type of an attribute."""
+
+    def whole(app: Sphinx, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
+        if what in ("attribute", "data", "property") and lines:
+            lines.insert(0, "\\ ")  # a first line without a colon, which shows nothing: napoleon takes "A: b" for type and description
 
     def plain(app: Sphinx, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
         lines[:] = ["`".join(p.replace("|", "\\|") if i % 2 == 0 else p for i, p in enumerate(line.split("`"))) for line in lines]
 
+    def shown(app: Sphinx, doctree: nodes.document) -> None:
+        for link in list(doctree.findall(pending_xref)):
+            if link.get("refdomain") == "py" and link["reftarget"][:1].islower() and "." not in link["reftarget"]:
+                link.replace_self(link.children)  # a size in a shape, (n,), or a word: no name to link to
+        for words in list(doctree.findall(nodes.Text)):
+            if words == " -- ":
+                words.parent.replace(words, nodes.Text(" – "))
+
+    app.connect("doctree-read", shown)
+    app.connect("autodoc-process-docstring", whole, priority=100)
     app.connect("autodoc-process-docstring", plain, priority=900)

@@ -9,16 +9,22 @@ import logging
 import os
 import sys
 import textwrap
+import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from ._utils.fault_report import fault_report
+from ._utils.plugins import from_plugin, load_modules
 from ._utils.version import __version__
 from .commands import COMMANDS
 from .commands.examples import EXAMPLES
 from .commands.names import nearest_flags, take_names
 from .errors import IdentError
+
+#: Commands that know no effect, estimator or reader.
+_WITHOUT_PLUGINS = ("demo", "completion")
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
@@ -36,6 +42,13 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
         if only in (None, name):
             module = importlib.import_module(f"ident.commands.{name.replace('-', '_')}")
             module.add_arguments(sub)
+            if name not in _WITHOUT_PLUGINS:
+                sub.add_argument(
+                    "--plugin",
+                    action="append",
+                    metavar="FILE",
+                    help="your own effects, estimators, readers, targets: a Python file; once for each (docs/extend.md)",
+                )
             sub.set_defaults(run=module.run, parsers=parsers)
             sub.description, sub.formatter_class = textwrap.fill(what, 100), argparse.RawDescriptionHelpFormatter
             examples = "\n".join(("example:", *(f"  {line}" for line in EXAMPLES[name])))
@@ -62,6 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     warnings.showwarning = _show_warning
     try:
         with _told(args.verbose_steps):
+            load_modules(getattr(args, "plugin", None) or (), Path.cwd(), "--plugin")
             return int(args.run(args))
     except IdentError as error:
         print(f"ident {args.command}: {error}", file=sys.stderr)
@@ -108,7 +122,15 @@ def _told(wanted: bool) -> Iterator[None]:
 
 
 def _fault(command: str, given: Sequence[str], error: Exception) -> int:
-    """Report a fault of ours: what to send, in one file that reproduces it. Exit code 70."""
+    """Report a fault of ours: what to send, in one file that reproduces it. Exit code 70; 2 where it arose in or below a plugin."""
+    if frames := from_plugin(error):
+        print("".join(traceback.format_list(frames)), end="", file=sys.stderr)
+        print(
+            f"ident {command}: {type(error).__name__}: {error}. It arose in a plugin, {Path(frames[0].filename).name}, or in what that"
+            " called; docs/extend.md says what plugins get and return.",
+            file=sys.stderr,
+        )
+        return 2
     archive, text = fault_report(given, error)
     if archive is None:
         print(text, file=sys.stderr)

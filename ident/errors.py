@@ -6,9 +6,10 @@ import difflib
 import re
 from collections.abc import Iterable
 
-#: A message of more characters than this quotes something that is no name; words in it of more than `_SHOWN` are cut.
+#: A message of more characters than this quotes something that is no name; words, and what stands in quotes, of more than `_SHOWN` are cut.
 _LONGEST, _SHOWN = 600, 120
-_LONG_WORD = re.compile(rf"\S{{{_SHOWN},}}")
+_LONG_WORD = re.compile(rf"[^ \n]{{{_SHOWN},}}")  # spaces of other scripts part no words of ours
+_QUOTED = re.compile(r""""[^"]*"|(?<![^\s(\[{])'[^'\n]*'""")
 
 
 class IdentError(Exception):
@@ -25,7 +26,9 @@ class IdentError(Exception):
 
     def __init__(self, message: str = "") -> None:
         message = message.replace("\x00", "\\x00")  # a terminal shows nothing where one stands
-        super().__init__(_LONG_WORD.sub(lambda word: f"{word[0][:_SHOWN]}…", message) if len(message) > _LONGEST else message)
+        for long in (_QUOTED, _LONG_WORD) if len(message) > _LONGEST else ():
+            message = long.sub(lambda found: found[0] if len(found[0]) < _SHOWN else f"{found[0][:_SHOWN]}…", message)
+        super().__init__(message)
 
 
 class ConfigurationError(IdentError, ValueError):

@@ -103,10 +103,6 @@ class Model(ShortRepr):
         """The same effects on another robot."""
         return replace(self, robot=robot)
 
-    def replacing(self, old: Effect, new: Effect) -> Model:
-        """The same model with one effect (by identity) replaced."""
-        return replace(self, effects=tuple(new if e is old else e for e in self.effects))
-
     def without(self, effect: Effect) -> Model:
         """The same model without one effect (by identity)."""
         return replace(self, effects=tuple(e for e in self.effects if e is not effect))

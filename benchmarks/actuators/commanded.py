@@ -10,8 +10,8 @@ import numpy as np
 import ident
 from ident.robots.library.nominal import nominal_values
 from ident.simulation.compiled import CompiledPlant
-from ident.simulation.controller import Script
 from ident.simulation.plant import Plant
+from ident.simulation.script import Script
 
 PENDULUM = """<robot name="pendulum"><link name="base"/>
   <link name="arm"><inertial><origin xyz="0 0 -0.2"/><mass value="0.6"/>

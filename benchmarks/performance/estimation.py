@@ -15,8 +15,8 @@ from ident.estimators import InstrumentalVariable, RecursiveLeastSquares
 from ident.logs.log import Log, LogSet
 from ident.physical import judge
 from ident.regressor import rigid
-from ident.simulation.controller import Script
 from ident.simulation.replay import replay
+from ident.simulation.script import Script
 from ident.simulation.simulate import Plant
 
 from .cases import noisy_subject, puma
@@ -257,11 +257,11 @@ def judgement_row(joints: int) -> Row:
 def step_work(lanes: int) -> Work:
     """Runge-Kutta steps of `lanes` runs; its unit is a step of one of them."""
     puma = Puma(1)
-    dynamics = Plant(puma.model, puma.values).dynamics()
-    assert dynamics.compiled is not None
-    compiled, periods, substeps = dynamics.compiled, 20, 100
+    plant = Plant(puma.model, puma.values)
+    compiled, periods, substeps = plant.compiled(), 20, 100
+    assert compiled is not None
     script = Script(puma.robot.transmission.measured, np.zeros((periods, lanes, puma.robot.n)))
     speed = np.tile(puma.robot.transmission.joint_rate(np.full(puma.robot.n, 30.0)), (lanes, 1))
-    state = dynamics.start(np.zeros(lanes), np.zeros((lanes, puma.robot.n)), speed)
+    state = plant.dynamics().start(np.zeros(lanes), np.zeros((lanes, puma.robot.n)), speed)
     steps = lanes * periods * substeps
     return Work(lambda: compiled.run(script, state, None, period=1e-6 * substeps, substeps=substeps), steps)

@@ -101,12 +101,20 @@ def kind_of(schema: Any) -> str:
     if "const" in schema:
         return f'`"{schema["const"]}"`'
     if "enum" in schema:
-        return " or ".join(f"`{json.dumps(v)}`" for v in schema["enum"]) if len(schema["enum"]) <= 8 else "one of the names below"
+        return (
+            " or ".join(f"`{json.dumps(v)}`" for v in schema["enum"] if v != "fit")
+            if len(schema["enum"]) <= 8
+            else "one of the names below"
+        )
     if "anyOf" in schema:
-        return " or ".join(dict.fromkeys(kind_of(s) for s in schema["anyOf"]))
+        each = [s for s in schema["anyOf"] if inner(s) is None or not all(x in schema["anyOf"] for x in inner(s))]
+        parts = list(dict.fromkeys(kind_of(s) for s in each))
+        if several := [s["type"].replace("array", "list").replace("object", "table") for s in schema["anyOf"] if s not in each]:
+            parts.append(f"{' or '.join(several)} of these")
+        return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} or {parts[-1]}"
     match schema.get("type"):
         case "array":
-            return f"list of {kind_of(schema.get('items', {}))}"
+            return f"list of {several_of(kind_of(schema.get('items', {})))}"
         case "object":
             return "table"
         case "boolean":
@@ -117,6 +125,20 @@ def kind_of(schema: Any) -> str:
             return "whole number"
         case other:
             return str(other or "anything")
+
+
+def inner(schema: Any) -> list[Any] | None:
+    """The alternatives of what a list or a table holds, None of anything else."""
+    held = schema.get("items", schema.get("additionalProperties"))
+    return held.get("anyOf") if isinstance(held, dict) else None
+
+
+def several_of(kind: str) -> str:
+    """A kind of value in the plural."""
+    for one, many in (("number", "numbers"), ("text", "texts"), ("list", "lists"), ("table", "tables")):
+        if kind == one or kind == f"whole {one}" or kind.startswith(f"{one} of "):
+            return kind.replace(one, many, 1)
+    return kind
 
 
 def study_page() -> str:

@@ -16,6 +16,8 @@ from pathlib import Path
 from ..errors import ConfigurationError, IdentError
 
 GROUP = "ident.plugins"
+#: Files of the modules that were imported as plugins.
+_FILES: set[str] = set()
 
 
 @cache
@@ -36,6 +38,7 @@ def load_installed() -> tuple[str, ...]:
     for point in importlib.metadata.entry_points(group=GROUP):
         try:
             point.load()
+            _FILES.add(str(getattr(sys.modules.get(point.module), "__file__", "")))
         except IdentError:
             raise
         except Exception as error:
@@ -69,7 +72,7 @@ def load_modules(names: Iterable[str], folder: Path, where: str) -> None:
             elif name.endswith(".py"):
                 raise ConfigurationError(f"{where}: there is no file {file}.")
             else:
-                importlib.import_module(name)
+                _FILES.add(str(importlib.import_module(name).__file__))
         except IdentError:
             raise
         except ModuleNotFoundError as error:
@@ -83,6 +86,7 @@ def load_modules(names: Iterable[str], folder: Path, where: str) -> None:
 def _import_file(file: Path) -> None:
     """Import a file as a module of its own; once, however often it is named."""
     file = file.resolve()
+    _FILES.add(str(file))
     if any(getattr(module, "__file__", None) == str(file) for module in list(sys.modules.values())):
         return
     name = f"ident_plugin_{file.stem}_{abs(hash(file)):x}"
@@ -96,6 +100,13 @@ def _import_file(file: Path) -> None:
     except BaseException:
         del sys.modules[name]
         raise
+
+
+def from_plugin(error: Exception) -> list[traceback.FrameSummary]:
+    """The calls that led to an error, from the first in code of the user's own; empty where none is involved."""
+    frames = traceback.extract_tb(error.__traceback__)
+    first = next((i for i, frame in enumerate(frames) if frame.filename in _FILES), len(frames))
+    return list(frames[first:])
 
 
 def _failed(what: str, error: Exception) -> str:

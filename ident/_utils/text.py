@@ -9,6 +9,24 @@ import textwrap
 WIDTH = 160
 
 
+#: Verbs of one thing that do not end on s.
+_ONE = {"are": "is", "were": "was", "have": "has"}
+
+
+def counted(count: int, noun: str, verb: str = "", *, plural: str = "", of: str = "") -> str:
+    """So many things, and what they do: "1 row repeats", "2 rows repeat". `noun`: of one thing; `verb` and
+    `plural` (where it is not the noun with an s): of several; `of`: what stands between noun and verb.
+
+    Examples
+    --------
+    >>> counted(1, "row", "are"), counted(2, "usable row")
+    ('1 row is', '2 usable rows')
+    """
+    one = count == 1
+    does = f" {_ONE.get(verb, verb + 's') if one else verb}" if verb else ""
+    return f"{count} {noun if one else plural or noun + 's'}{of}{does}"
+
+
 def shortened(expression: str, width: int) -> str:
     """An expression that fits `width` columns: whole terms, then "…" for the rest. At least the first term is kept."""
     if len(expression) <= width:

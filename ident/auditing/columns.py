@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import IdentError
 from ..logs.log import Log, measured
 from ..logs.unwrap import unwrapped
@@ -66,7 +67,7 @@ def check_columns(log: Log, robot: Robot | None) -> list[AuditFinding]:
             add(
                 "position_missing",
                 Severity.ERROR,
-                f"{bad} positions are no number. Read the log with read_logs, which cuts them out.",
+                f"{counted(bad, 'position', 'are')} no number. Read the log with read_logs, which cuts them out.",
                 name,
                 bad,
             )

@@ -28,6 +28,8 @@ Add = Callable[..., None]
 _MOST_SAMPLES = 200_000
 _MOST_ROWS = 5000
 _LAGS = 81
+#: A factor so near to that of degrees is theirs: gears have ratios about 57, too.
+_NEAR = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,12 +195,10 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
             scale,
         )
     elif abs(scale - 1) > max(0.02, 3 * math.sqrt(left / len(reference) * m.rate / m.cutoff)):
-        per_degree = abs(scale * math.pi / 180 - 1) < 0.1 or abs(scale * 180 / math.pi - 1) < 0.1
-        hint = " One of the two is in degrees." if per_degree else " Check units and gear ratio."
         add(
             "velocity_scale",
             Severity.WARNING,
-            f"The measured velocity is {scale:.4g} times the position's change a second.{hint}",
+            f"The measured velocity is {scale:.4g} times the position's change a second. {_told_by(scale, j)}",
             name,
             scale,
         )
@@ -212,6 +212,15 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
             name,
             lag,
         )
+
+
+def _told_by(scale: float, j: int) -> str:
+    """What the ratio of a velocity to the position's change suggests."""
+    if abs(scale * math.pi / 180 - 1) < _NEAR:
+        return f"It seems to be in degrees: name it dq{j + 1}_deg_s."
+    if abs(scale * 180 / math.pi - 1) < _NEAR:
+        return f"The position seems to be in degrees, which would spoil every parameter: name it q{j + 1}_deg."
+    return "Check units and gear ratio."
 
 
 def _best_lag(signals: Array, m: _Motion, basis: Array) -> tuple[float, bool]:
@@ -247,10 +256,10 @@ def _minimum(lags: Array, left: Array) -> tuple[float, bool]:
 
 def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
     """Torque against what the robot's structure can explain: the delay that fits best, and torque that hardly drives the motion."""
-    step = max(1, len(m.q) // _MOST_ROWS)
-    q, dq, ddq = m.q[::step], m.dq[::step], m.ddq[::step]
     if robot.floating_base:
         return
+    step = max(1, len(m.q) // _MOST_ROWS)
+    q, dq, ddq = m.q[::step], m.dq[::step], m.ddq[::step]
     columns = regressor(robot.tree, robot.tree_position(q), robot.tree_rate(dq), robot.tree_rate(ddq))
     side = robot.transmission.torque_map(Side.JOINT, robot.transmission.measured)
     columns = np.einsum("ij,njk->nik", side @ robot.loop.W.T, columns)
@@ -266,18 +275,11 @@ def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
             continue
         use = (np.abs(v[:, j]) > 0.15 * np.percentile(np.abs(v[:, j]), 99)) & ~missing
         basis = np.column_stack([columns[:, j], v[:, j], np.sign(v[:, j]), a[:, j], np.ones(len(t))])[use]
-        scale = np.linalg.norm(basis, axis=0)
-        keep = scale > 1e-9 * scale.max(initial=0.0)
-        if not keep.any() or use.sum() < 20 * keep.sum():
-            continue
-        U, S, Vt = svd(basis[:, keep] / scale[keep], full_matrices=False)
-        good = S > 1e-4 * S[0]
-        U = U[:, good]
         shifted = np.stack([np.interp(t[use] + lag, m.run.t, m.torque[:, j]) for lag in lags], axis=1)
-        energy = float(np.sum(shifted[:, len(lags) // 2] ** 2))
-        if energy <= 0 or not np.isfinite(energy):
+        told = _against_structure(basis, shifted)
+        if told is None:
             continue
-        left = np.sum((shifted - U @ (U.T @ shifted)) ** 2, axis=0) / energy
+        left, balance = told
         pooled += left * use.sum()
         lag, inside = _minimum(lags, left)
         found.append((lag, inside, float(left[len(lags) // 2])))
@@ -290,12 +292,7 @@ def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
                 joint.name,
                 float(left[len(lags) // 2]),
             )
-            continue
-        # Only directions that are told well: between nearly equal columns anything cancels.
-        solid = S[good] > 1e-2 * S[0]
-        parts = (Vt[good][solid].T / S[good][solid]) @ (U[:, solid].T @ shifted[:, len(lags) // 2])
-        balance = math.sqrt(float(np.sum((basis[:, keep] / scale[keep] * parts) ** 2)) / energy)
-        if balance > 2:
+        elif balance > 2:
             add(
                 "free_motion",
                 Severity.WARNING,
@@ -306,6 +303,27 @@ def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
                 balance,
             )
     _delay(add, lags, pooled, found, m)
+
+
+def _against_structure(basis: Array, shifted: Array) -> tuple[Array, float] | None:
+    """What columns (N, k) leave of torque at each of L lags (N, L), over that at the middle one; and how much larger than it the parts are
+    that cancel in it. None where nothing can be told."""
+    scale = np.linalg.norm(basis, axis=0)
+    keep = scale > 1e-9 * scale.max(initial=0.0)
+    if not keep.any() or len(basis) < 20 * keep.sum():
+        return None
+    middle = shifted[:, shifted.shape[1] // 2]
+    energy = float(np.sum(middle**2))
+    if energy <= 0 or not np.isfinite(energy):
+        return None
+    U, S, Vt = svd(basis[:, keep] / scale[keep], full_matrices=False)
+    good = S > 1e-4 * S[0]
+    U = U[:, good]
+    left = np.sum((shifted - U @ (U.T @ shifted)) ** 2, axis=0) / energy
+    # Only directions that are told well: between nearly equal columns anything cancels.
+    solid = S[good] > 1e-2 * S[0]
+    parts = (Vt[good][solid].T / S[good][solid]) @ (U[:, solid].T @ middle)
+    return left, math.sqrt(float(np.sum((basis[:, keep] / scale[keep] * parts) ** 2)) / energy)
 
 
 def _delay(add: Add, lags: Array, pooled: Array, found: list[tuple[float, bool, float]], m: _Motion) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._utils.text import counted
 from ..logs.log import Log
 from ..logs.spacing import GAP
 from ..signals.resample import Clock, is_even, slow_clock
@@ -53,10 +54,10 @@ def check_time(log: Log) -> list[AuditFinding]:
 
     if back or not np.all(np.isfinite(log.t)):
         at = int(np.flatnonzero((steps < 0) | ~np.isfinite(steps))[0]) + 2
-        text = f"Time runs backwards or is missing in {max(back, 1)} places, first at row {at}. Sort or cut the log."
+        text = f"Time runs backwards or is missing in {counted(max(back, 1), 'place')}, first at row {at}. Sort or cut the log."
         return add("time_backwards", text, back)
     if equal:
-        text = f"{equal} rows repeat the time stamp before them. Read the log with read_logs, which drops them."
+        text = f"{counted(equal, 'row', 'repeat')} the time stamp before. Read the log with read_logs, which drops them."
         return add("time_repeated", text, equal)
     return [*out, *stamp_findings(log.name, Stamps.of(log.t))]
 
@@ -67,7 +68,9 @@ def repairs(name: str, notes: Iterable[str]) -> list[AuditFinding]:
 
 
 def _short(name: str, samples: int) -> AuditFinding:
-    return AuditFinding("too_short", Severity.ERROR, f"{samples} samples; nothing can be estimated from them.", "", name, samples)
+    return AuditFinding(
+        "too_short", Severity.ERROR, f"{counted(samples, 'sample')}; nothing can be estimated from them.", "", name, samples
+    )
 
 
 def stamp_findings(name: str, stamps: Stamps) -> list[AuditFinding]:
@@ -81,14 +84,15 @@ def stamp_findings(name: str, stamps: Stamps) -> list[AuditFinding]:
         return [_short(name, stamps.samples)]
     clock = stamps.clock
     rate = 1 / clock.step
-    add("sample_rate", Severity.INFO, f"{stamps.samples} samples in {stamps.duration:.4g} s, {rate:.5g} Hz.", rate)
+    add("sample_rate", Severity.INFO, f"{counted(stamps.samples, 'sample')} in {stamps.duration:.4g} s, {rate:.5g} Hz.", rate)
     if why := slow_clock(clock.step):
         add("time_unit", Severity.ERROR, f"{why[0].upper()}{why[1:]}", clock.step)
     if stamps.duration * rate < 200:
         add(
             "too_short",
             Severity.WARNING,
-            f"Only {stamps.samples} samples: filters lose a good part of them, and few parameters can be distinguished from the rest.",
+            f"Only {counted(stamps.samples, 'sample')}: filters lose a good part of them, and few parameters can be"
+            " distinguished from the rest.",
         )
     if stamps.gaps:
         add(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .._utils.text import counted
 from ..logs.repair import usable_numbers
 from ..robots.robot import Robot
 from ..signals.masks import find_saturation
@@ -40,7 +41,7 @@ def _logged(add: Add, name: str, x: Array, q: Array) -> Array | None:
         add("torque_missing", Severity.WARNING, text, name)
         return None
     if missing.any():
-        text = f"Torque is missing in {int(missing.sum())} samples; rows that rest on them are not used."
+        text = f"Torque is missing in {counted(int(missing.sum()), 'sample')}; rows that rest on them are not used."
         add("torque_nan", Severity.WARNING, text, name, missing.mean())
     present = x[~missing]
     if float(np.ptp(present)) != 0:

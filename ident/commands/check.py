@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .._utils.json import result
+from .._utils.text import counted
 from ..errors import ConfigurationError, DataError
 from ..streaming.session import StreamedSession
 from ..study.session import Session
@@ -59,7 +60,7 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
             " or check without --strict."
         )
     robot = session.robot
-    out.say_wrapped(f"robot {robot.name}: {robot.n} joints in the order of the log: {', '.join(robot.joint_names)}")
+    out.say_wrapped(f"robot {robot.name}: {counted(robot.n, 'joint')} in the order of the log: {', '.join(robot.joint_names)}")
     for note in robot.notes:
         out.say_wrapped(f"note: {note}")
     for doubt in robot.doubts:

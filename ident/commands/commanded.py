@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from .._utils.json import result
+from .._utils.text import counted
 from ..drives import DriveLog
 from ..drives.plant import DrivePlant
 from ..drives.seen import seen_in
@@ -39,7 +40,7 @@ def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
         raise ConfigurationError("check --strict needs a torque, which logs of commands lack; `ident fit` says what they determine.")
     robot, law, recorded = read_commanded(study)
     plant = DrivePlant(study.model(robot), law, tuple(DriveLog.of(log, robot, law) for log in recorded))
-    out.say_wrapped(f"robot {robot.name}: {robot.n} joints in the order of the log: {', '.join(robot.joint_names)}")
+    out.say_wrapped(f"robot {robot.name}: {counted(robot.n, 'joint')} in the order of the log: {', '.join(robot.joint_names)}")
     for note in (*robot.notes, *robot.doubts, *recorded.notes):
         out.say_wrapped(f"note: {note}")
     seen = [seen_in(log, law) for log in plant.logs]

@@ -5,15 +5,14 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from .._utils.files import write_atomic
 from .._utils.text import wrapped
 from ..drives import DriveFit, fit_drives
 from ..errors import ConfigurationError
-from ..reporting import report
 from ..reporting.commanded import drive_report
 from ..study.session import HELD_SHARE
 from .commanded import read_commanded, split_commanded
 from .common import Output
+from .kept_report import keep_report
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -44,11 +43,6 @@ def _keep(fit: DriveFit, shown: LogSet, out: Output) -> None:
         if folder is not None:
             fit.save(folder / "fit.json")
             out.keep("fit.txt", fit.summary() + "\n")
-            document = drive_report(fit, shown)
-            write_atomic(folder / "report.json", document.to_json())
-            try:
-                report(document, folder / "report.html", figures=folder / "figures")
-            except ConfigurationError as error:  # without the drawing library everything else is still of use
-                out.note(f"no report.html: {error}")
+            keep_report(folder, out, drive_report(fit, shown))
     if out.folder is not None:
         out.note(f"saved {out.folder / 'fit.json'}, report")

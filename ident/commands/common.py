@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from .._utils.files import remove_all_leftovers, sha256, staged, write_atomic
-from .._utils.plugins import load_modules
 from .._utils.text import WIDTH, wrapped
 from ..errors import ConfigurationError
 from ..estimators import make_estimator
@@ -44,7 +43,6 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
         type=locked_joint,
         help="joints that do not move, and are in no log (a hand's): JOINT, at zero, or JOINT=POSITION",
     )
-    parser.add_argument("--plugin", nargs="+", metavar="FILE", help="your own effects, estimators, readers: Python files (docs/extend.md)")
     parser.add_argument("--drive", help="TOML file with a [drive] table: ratio or K, measured, effects …")
     if logs:
         add_log_argument(parser, "logs to fit (CSV, Parquet, MAT, HDF5, bags and more: docs/logs.md; patterns and folders allowed)")
@@ -109,7 +107,6 @@ def study_from(args: argparse.Namespace) -> Study:
             "no study file and no robot given. Name a study file, or use --robot NAME or --urdf FILE (and --log FILE)."
         )
     plugins = tuple(getattr(args, "plugin", None) or ())
-    load_modules(plugins, Path.cwd(), "--plugin")
     if args.study and Path(args.study).is_dir():
         fit = f" a kept fit is given by --fit {args.study}," if hasattr(args, "fit") else ""
         raise ConfigurationError(f"{args.study} is a folder, not a study file:{fit} logs by --log {args.study}.")

@@ -15,12 +15,12 @@ from ..diagnosis.next_motion import next_motion
 from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..excitation.surroundings import Surroundings
 from ..problem.integrated import TORQUE
-from ..reporting import report
 from ..reporting.diagnosis import diagnosis_report
 from ..study.session import HELD_SHARE, Session
 from .commanded import asks_for_simulation
 from .commanded_diagnosis import diagnose_under_law
 from .common import Output, add_output_arguments, add_study_arguments, positive, study_from
+from .kept_report import keep_report
 
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
@@ -119,9 +119,4 @@ def _keep(folder: Path, out: Output, diagnosis: Diagnosis, session: Session) -> 
     if diagnosis.description is not None:
         described = session.study.with_effects(diagnosis.description.estimate.model.effects)
         write_atomic(folder / "described.toml", described.to_toml(out.folder))
-    document = diagnosis_report(diagnosis)
-    write_atomic(folder / "report.json", document.to_json())
-    try:
-        report(document, folder / "report.html", figures=folder / "figures")
-    except ConfigurationError as error:  # without the drawing library everything else is still of use
-        out.note(f"no report.html: {error}")
+    keep_report(folder, out, diagnosis_report(diagnosis))

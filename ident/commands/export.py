@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from .._utils.json import result
-from .._utils.plugins import load_modules
 from .._utils.structured import read_json
 from ..drives import DriveFit
 from ..drives.result import is_drive_fit
@@ -26,7 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TARGET",
         help="format, where the suffix does not say it: " + "; ".join(f"{name}: {kind.title}" for name, kind in known.items()),
     )
-    parser.add_argument("--plugin", nargs="+", metavar="FILE", help="your own targets, effects: Python files (docs/simulators.md)")
     parser.add_argument("--urdf", help="URDF to patch; by default the one that was fitted")
     parser.add_argument("--allow-inconsistent", action="store_true", help="write links that are no real bodies, too")
     parser.add_argument("--log", nargs="+", metavar="FILE", help="motion on which the errors of what is left out are computed")
@@ -39,7 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
-    load_modules(args.plugin or (), Path.cwd(), "--plugin")
     fit = saved(args.fit)
     logs = None if args.log is None else read_logs(args.log, fit.model.robot)
     written = export(

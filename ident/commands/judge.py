@@ -24,11 +24,13 @@ from ..physical import (
     subject_of,
     with_repair,
 )
+from ..reporting import report_of
 from ..robots.library.load import load_robot
 from ..robots.library.published import published_tables
 from ..study.session import like
 from .common import Output, add_log_argument, add_output_arguments
 from .compare import logs_for
+from .kept_report import keep_report
 
 if TYPE_CHECKING:
     from ..physical import Prior, Repair, Subject
@@ -94,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
             (folder / "judgement.json").write_text(json.dumps(data, indent=2) + "\n")
             if repaired is not None:
                 repaired.save(folder / "fit.json")
+            keep_report(folder, out, report_of(judgement))
     if repaired is not None and out.folder is not None:
         out.note(f"saved the repaired fit as {out.folder / 'fit.json'}")
     return 1 if args.strict and not judgement.possible.possible else 0

@@ -13,10 +13,11 @@ from ..errors import ConfigurationError, IdentError
 from ..estimate.estimate import Estimate
 from ..logs.reading import read_logs
 from ..monitoring import monitor
-from ..reporting import report, report_of
+from ..reporting import report_of
 from ..study.session import like
 from ..study.study import Study, read_study
 from .common import Output, add_log_argument, add_output_arguments, add_reading_arguments, read_as_asked
+from .kept_report import keep_report
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -92,9 +93,4 @@ def _reference(args: argparse.Namespace, study: Study, estimate: Estimate) -> tu
 def _keep(folder: Path, out: Output, found: Monitoring) -> None:
     write_atomic(folder / "monitor.json", json.dumps(found.to_dict(), indent=2) + "\n")
     write_atomic(folder / "monitor.txt", f"{found}\n")
-    document = report_of(found)
-    write_atomic(folder / "report.json", document.to_json())
-    try:
-        report(document, folder / "report.html", figures=folder / "figures")
-    except ConfigurationError as error:  # without the drawing library everything else is still of use
-        out.note(f"no report.html: {error}")
+    keep_report(folder, out, report_of(found))

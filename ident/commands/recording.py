@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from .._utils.json import result
+from .._utils.text import counted
+from ..auditing import AuditFinding, audit
 from ..errors import ConfigurationError
 from ..logs.log import Log, LogSet
 from ..logs.reading import read_logs
@@ -19,6 +22,8 @@ from .common import Output
 
 #: Columns that are listed as not used, and runs that are told of, at the most.
 _LISTED, _RUNS = 12, 6
+#: Findings of the audit that need no robot, and tell that something was misread.
+_MISREAD = {"unit", "velocity", "velocity_sign", "velocity_scale"}
 _TORQUE = {"joint": "torque (N m, N)", "motor": "motor torque (N m, N)", "current": "current (A)"}
 
 
@@ -29,10 +34,18 @@ def check_recording(args: argparse.Namespace, out: Output) -> int:
     logs = read_logs(args.log, None, None, missing=args.missing or "refuse", **rate)
     for line in told(logs):
         out.say_wrapped(line)
+    doubts = [f for f in audit(logs).findings if f.code in _MISREAD]
+    alike: dict[str, list[AuditFinding]] = {}
+    for doubt in doubts:
+        alike.setdefault(re.sub(r"[\d.e+-]+", "#", doubt.text), []).append(doubt)
+    said = [f"{', '.join(f.where for f in found)}: {found[0].text}" for found in alike.values()]
+    for one in said:
+        out.say_wrapped(f"warning: {one}")
     out.say_wrapped("No robot was named, so nothing was checked against one: add --robot NAME or --urdf FILE.")
+    warnings = [*logs.notes, *said]
     if args.write_study:
         write_study_of(study, logs, Path(args.write_study), out)
-    out.result(result("ident.recording/1", {"logs": [_data(log) for log in logs]}, inputs=logs.inputs, warnings=list(logs.notes)), "check")
+    out.result(result("ident.recording/1", {"logs": [_data(log) for log in logs]}, inputs=logs.inputs, warnings=warnings), "check")
     return 0
 
 
@@ -45,9 +58,13 @@ def told(logs: Iterable[Log]) -> list[str]:
         what = f"{found.recorder}, " if found is not None and found.recorder else ""
         step = float(np.median(np.diff(log.t)))
         joints = f" ({', '.join(log.joint_names)})" if log.joint_names else ""
-        lines.append(f"log {log.name}: {what}{len(log)} samples in {log.duration:.4g} s ({1 / step:.4g} Hz), {log.n} joints{joints}")
-        lines.append(f"  read as: {found.text}." if found is not None else f"  read as: {', '.join(_own(log))}, by our own names.")
-        lines.append(f"  torque: {_torque(log)}.")
+        lines.append(
+            f"log {log.name}: {what}{counted(len(log), 'sample')} in {log.duration:.4g} s ({1 / step:.4g} Hz),"
+            f" {counted(log.n, 'joint')}{joints}"
+        )
+        own = f"{', '.join(_own(log))}, by our own names (rad, m, N m, N, A, s where no unit is told)"
+        lines.append(f"  read as: {own if found is None else found.text}.")
+        lines.append(f"  torque: {_torque(log).rstrip('.')}.")
         if wanted := sorted({key.rstrip("0123456789") for key in log.extra if "_ref" in key or "_cmd" in key}):
             lines.append(f"  desired motion: {', '.join(wanted)}.")
         if found is not None and found.ignored:
@@ -55,7 +72,7 @@ def told(logs: Iterable[Log]) -> list[str]:
             lines.append(f"  not used: {', '.join(found.ignored[:_LISTED])}{more}.")
         lines += [f"  note: {note.removeprefix(f'log {log.source}: ')}" for note in log.notes if ": recognised by" not in note]
     if len(logs) > _RUNS:
-        lines.append(f"… and {len(logs) - _RUNS} more runs.")
+        lines.append(f"… and {counted(len(logs) - _RUNS, 'more run')}.")
     return lines
 
 

@@ -22,11 +22,13 @@ if TYPE_CHECKING:
     from ..drawing.document import Report
 
 _KEPT = "report.json"
+#: Results beside which a command keeps its report.
+_REPORTED = ("ident.diagnosis/1", "ident.monitor/1", "ident.validation/1", "ident.judgement/1")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "result", help="folder of `ident diagnose --out` or `ident monitor --out`, its report.json, a saved fit, or a study file"
+        "result", help="folder of `ident diagnose --out` (or validate, judge, monitor), its report.json, a saved fit, or a study file"
     )
     parser.add_argument("-o", "--output", metavar="FILE", default="report.html", help="HTML file to write (default: %(default)s)")
     parser.add_argument("--figures", metavar="DIR", help="folder for the figures as SVG files")
@@ -51,7 +53,7 @@ def _document(path: Path, args: argparse.Namespace) -> Report:
             return report_of(Estimate.load(path))
         if not (path / _KEPT).exists():
             raise ConfigurationError(
-                f"{path} holds no {_KEPT}; give the folder that `ident diagnose --out` or `ident monitor --out` filled."
+                f"{path} holds no {_KEPT}; give the folder that `ident diagnose --out` (or validate, judge, monitor) filled."
             )
         return read_report(path / _KEPT)
     if path.suffix == ".toml":
@@ -63,12 +65,12 @@ def _document(path: Path, args: argparse.Namespace) -> Report:
             return read_report(path.parent / _KEPT)
         case "ident.fit/1":
             return report_of(Estimate.load(path))
-        case schema if (path.parent / _KEPT).exists() and schema in ("ident.diagnosis/1", "ident.monitor/1"):
+        case schema if (path.parent / _KEPT).exists() and schema in _REPORTED:
             return read_report(path.parent / _KEPT)
         case schema:
             raise ConfigurationError(
-                f"{path}: there is no report of {schema or 'this'}; give a folder that `ident diagnose --out` filled, its {_KEPT},"
-                " a saved fit (fit.json), or a study file."
+                f"{path}: there is no report of {schema or 'this'}; give a folder that `ident diagnose --out` (or validate, judge, monitor)"
+                f" filled, its {_KEPT}, a saved fit (fit.json), or a study file."
             )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._utils.json import result
+from .._utils.text import counted
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
@@ -108,7 +109,9 @@ def run(args: argparse.Namespace) -> int:
     with out.together() as folder:
         made.to_csv(target if folder is None or args.log is not None else folder / _LOG, force=args.force)
         out.result(result("ident.simulation/1", data, inputs=inputs_of(args, model.robot, args.trajectory)), "simulation")
-    out.say(f"wrote {target}: {len(made.t)} samples at {args.rate:g} Hz of {model.robot.name} ({', '.join(model.robot.joint_names)})")
+    out.say(
+        f"wrote {target}: {counted(len(made.t), 'sample')} at {args.rate:g} Hz of {model.robot.name} ({', '.join(model.robot.joint_names)})"
+    )
     for line in exceeded_lines(beyond, model.robot):
         out.say(f"  {line}: a robot could not do this")
     return 0
@@ -156,7 +159,7 @@ def _planned(args: argparse.Namespace) -> int:
         assert folder is not None
         simulate_plan(plan, Plant(model, values), folder, tests=[t.name for t in tests], tracking=args.tracking, seed=args.seed, **settings)
         out.result(result("ident.simulation/1", data, inputs=inputs_of(args, model.robot, args.plan)), "simulation")
-    out.say(f"wrote {len(tests)} logs ({seconds:.0f} s at {args.rate:g} Hz) of {model.robot.name} and {manifest}")
+    out.say(f"wrote {counted(len(tests), 'log')} ({seconds:.0f} s at {args.rate:g} Hz) of {model.robot.name} and {manifest}")
     return 0
 
 

@@ -8,18 +8,15 @@ import sys
 from pathlib import Path
 
 from .._utils.files import write_atomic
-from .._utils.plugins import load_modules
 from ..study.schema import study_schema
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--plugin", nargs="+", metavar="FILE", help="your own effects and estimators, to be known to the schema")
     parser.add_argument("-o", "--output", metavar="FILE", help="file to write (default: standard output)")
     parser.add_argument("--force", action="store_true", help="write over an existing file")
 
 
 def run(args: argparse.Namespace) -> int:
-    load_modules(tuple(args.plugin or ()), Path.cwd(), "--plugin")
     text = json.dumps(study_schema(), indent=2, ensure_ascii=False) + "\n"
     if args.output is None:
         sys.stdout.write(text)

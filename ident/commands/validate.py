@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._utils.json import result
-from ..errors import ConfigurationError
+from ..errors import ConfigurationError, UnsupportedError
 from ..estimate.estimate import Estimate
 from ..evaluation.validation import validate
+from ..reporting import report_of
 from ..study.study import Study, read_study
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, read_as_asked, study_from
+from .kept_report import keep_report
 from .streaming import add_streaming_arguments, session_from, signals_from
 
 if TYPE_CHECKING:
@@ -43,7 +45,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _told(validation: Validation, inputs: Iterable[Mapping[str, Any]], args: argparse.Namespace, out: Output) -> int:
     out.say(validation)
-    out.result(result("ident.validation/1", validation.to_dict(), inputs=inputs, warnings=validation.estimate.warnings), "validation")
+    with out.together() as folder:
+        out.result(result("ident.validation/1", validation.to_dict(), inputs=inputs, warnings=validation.estimate.warnings), "validation")
+        if folder is not None:
+            try:
+                keep_report(folder, out, report_of(validation))
+            except UnsupportedError as error:  # pictures need the whole log in memory
+                out.note(f"no report.html: {error}")
     if args.max_error is not None and not validation.error.relative_all <= args.max_error:
         out.note(f"gate: relative error {validation.error.relative_all:.4g} exceeds {args.max_error:g}")
         return 1

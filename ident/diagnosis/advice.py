@@ -51,24 +51,3 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
 def motion_for(effect: Effect, joint: str) -> str:
     """The motion of a joint that shows an effect."""
     return _MOTION[effect.axis].format(joint=joint)
-
-
-def advice_to_confirm(finding: Finding, where: str) -> str:
-    """What to do before a finding is relied on that the data `where` ("fitted" or "held out") do not show beyond chance."""
-    return _first(finding, f"the data {where} do not show it beyond chance")
-
-
-def advice_without_period(finding: Finding) -> str:
-    """What to do before a periodic finding is relied on of whose period next to nothing was seen."""
-    return _first(finding, "the motion covers too little of its period to tell it from any other slow dependence on the position")
-
-
-def advice_unconfirmed(finding: Finding) -> str:
-    """What to do before a finding is relied on to which no data are left that had no part in it."""
-    return _first(finding, "no data are left that could confirm it")
-
-
-def _first(finding: Finding, why: str) -> str:
-    """The motion that is to be logged before a finding is relied on."""
-    motion = motion_for(finding.effect, finding.joints[0] if finding.joints else "every joint")
-    return f"{finding.effect.title}: {why}; {motion}, and validate on that."

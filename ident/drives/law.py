@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 
 if TYPE_CHECKING:
@@ -184,7 +185,8 @@ def _per_joint(key: str, value: Any, robot: Robot) -> Array:
     entries = list(value) if isinstance(value, list | tuple | np.ndarray) else [value] * robot.n
     if len(entries) != robot.n:
         raise ConfigurationError(
-            f"[drive] {key}: {len(entries)} values, but the robot has {robot.n} joints ({', '.join(robot.joint_names)})."
+            f"[drive] {key}: {counted(len(entries), 'value')}, but the robot has"
+            f" {counted(robot.n, 'joint')} ({', '.join(robot.joint_names)})."
         )
     found = np.array([np.nan if isinstance(x, str) else float(x) for x in entries])
     if np.any(found < 0):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from .._utils.text import wrapped
+from .._utils.text import counted, wrapped
 from .determined import Determination, Standing
 
 if TYPE_CHECKING:
@@ -63,7 +63,8 @@ class Summarised(Protocol):
 def summary(fit: Summarised) -> str:
     """Determined values, combinations, what is not determined, delay, error of simulated position."""
     robot, found = fit.model.robot, fit.determination
-    lines = [f"{robot.name}: {len(fit.unknowns)} unknowns from {fit.samples} samples of commands and positions, law {fit.law.kind}"]
+    unknowns, samples = counted(len(fit.unknowns), "unknown"), counted(fit.samples, "sample")
+    lines = [f"{robot.name}: {unknowns} from {samples} of commands and positions, law {fit.law.kind}"]
     if not fit.settled:
         lines.append("the search did not settle: do not rely on the values.")
     if found is not None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.text import counted
 from ..drawing.document import BlockKind, Figure, Layer, Panel, Role, Section, Table, Text, percent, plain, uncertain
 from ..robots.transmission import Side
 from ..signals.timeline import Timeline, binned, cloud
@@ -65,7 +66,7 @@ def parameters_section(estimate: EstimateRecord) -> Table:
         mark = "insignificant" if p.name in doubtful else ""
         rows.append((p.name, expression, mark, uncertain(float(value), float(std)), p.unit, plain(float(ratio))))
     head = ("parameter", "base-parameter expression", "", "value ± std", "unit", "|value| / std")
-    note = f"{len(rows)} base parameters from {estimate.samples} rows; condition {estimate.condition:.3g}."
+    note = f"{counted(len(rows), 'base parameter')} from {counted(estimate.samples, 'row')}; condition {estimate.condition:.3g}."
     return Table("Parameters", head, tuple(rows), note, left=3)
 
 

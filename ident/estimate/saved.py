@@ -11,7 +11,8 @@ import numpy as np
 
 from .._utils.fields import Field
 from .._utils.structured import read_json
-from ..effects.registry import make_effect
+from ..effects.base import Effect
+from ..effects.registry import effect_types, make_effect
 from ..errors import ConfigurationError
 from ..model import Model
 from ..problem.information import Form, Information
@@ -193,8 +194,17 @@ def model_from_dict(data: dict[str, Any]) -> Model:
     )
     known = {key: robot[key] for key in ("urdf", "robot", "payload") if key in robot}
     built = dataclasses.replace(built, source={**built.source, **known})
-    effects = tuple(make_effect(**_tuples(e)) for e in data["effects"])
+    effects = tuple(_effect(e) for e in data["effects"])
     return Model(built, effects)
+
+
+def _effect(data: dict[str, Any]) -> Effect:
+    """An effect as it was saved. Raises ConfigurationError for one that is not known here."""
+    if data["name"] not in effect_types():
+        raise ConfigurationError(
+            f"unknown effect {data['name']!r}: if it is one of your own, name its file (--plugin FILE; in Python, import it before)."
+        )
+    return make_effect(**_tuples(data))
 
 
 def _tuples(effect: dict[str, Any]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._utils.text import WIDTH, shortened, wrapped
+from .._utils.text import WIDTH, counted, shortened, wrapped
 from ..problem.information import Form
 from .significance import insignificant
 
@@ -22,7 +22,7 @@ def estimate_summary(estimate: EstimateRecord, correlations: int = 5) -> str:
     names, std, values = estimate.names, estimate.std, estimate.values
     width = max((len(n) for n in names), default=4)
     unit_width = max((len(p.unit) for p in estimate.parameters), default=4)
-    count = f"{len(values)} parameters from {estimate.samples} rows"
+    count = f"{counted(len(values), 'parameter')} from {counted(estimate.samples, 'row')}"
     lines = [
         f"{estimate.method}{_form(estimate)}: {count}; condition {estimate.condition:.3g}{_reduced(estimate)}",
         wrapped(estimate.status.text),

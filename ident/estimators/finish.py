@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.text import counted
+from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..estimate.status import Status, StatusCode
 from ..problem.advice import advice
@@ -42,6 +44,7 @@ def finish(
     `score`: of rows whose solution is not plain weighted least squares (default weights times columns). `covariance` over
     the solution's columns, and `noise`, where the estimator has its own. `unexplained` (n,): relative torque error that judges
     the fit, where the residual's own also holds noise of the motion."""
+    _require_solution(solution, method)
     base = problem.base
     full = full_values(problem, solution)
     residual = problem.residual(full)
@@ -62,17 +65,13 @@ def finish(
     # What was fitted judges the status; what is shown may be judged elsewhere.
     own = error if error.judged == JudgedOn.ROWS else TorqueError.of(residual, problem.tau)
     poor = _explained(problem, own.relative if unexplained is None else unexplained)
-    # Whatever else is wrong: that next to nothing is explained is never left unsaid. Standard deviations are of the residual: where it is
-    # what the model lacks, they do not tell what the motion excites, and predictions are no use either.
-    code = poor.code if status.code == StatusCode.POORLY_EXCITED and poor.details else status.code
-    status = poor if status.code == StatusCode.OK else replace(status, code=code, details=(*poor.details, *status.details))
     return Estimate(
         method=method,
         model=problem.model,
         base=reduced,
         values=solution.values,
         covariance=covariance,
-        status=status,
+        status=_both(status, poor),
         fit_error=error,
         noise=noise,
         weights=weights,
@@ -84,6 +83,15 @@ def finish(
         warnings=(*problem.signals.report.warnings, *base.notes, *warnings),
         trace=trace or {},
     )
+
+
+def _require_solution(solution: object, method: str) -> None:
+    """Refuse bare values, which say nothing of what the data determine."""
+    if not isinstance(solution, LinearSolution):
+        raise ConfigurationError(
+            f"method {method!r}: finish() takes a LinearSolution, which solve_triangle(R, z) gives, not {type(solution).__name__};"
+            " other values go in by dataclasses.replace(solve_triangle(R, z), values=...)."
+        )
 
 
 def _status(
@@ -103,7 +111,9 @@ def _status(
     exact = noise.variance * rows <= 1e-20 * np.sum(np.where(problem.valid, problem.tau, 0.0) ** 2, axis=0)
     effective = float(np.sum(np.where(exact, rows, rows / noise.correlation_time)))
     if effective < 1.5 * len(solution.values):
-        return Status(StatusCode.FEW_SAMPLES, (f"About {effective:.0f} independent samples for {len(solution.values)} parameters.",))
+        return Status(
+            StatusCode.FEW_SAMPLES, (f"About {effective:.0f} independent samples for {counted(len(solution.values), 'parameter')}.",)
+        )
     if dropped:
         kept = ", ".join(dropped[:8]) + (" …" if len(dropped) > 8 else "")
         return Status(StatusCode.RANK_DEFICIENT, (f"Not determined alone: {kept}.", *advice(problem.model.robot, base, dropped)))
@@ -117,6 +127,15 @@ def _status(
         listed = ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
         return Status(StatusCode.POORLY_EXCITED, (f"Poorly excited: {listed}.", *advice(problem.model.robot, base, tuple(names))))
     return Status(StatusCode.OK)
+
+
+def _both(status: Status, poor: Status) -> Status:
+    """The status, with what is said of torque that stays unexplained: that is never left out, whatever else is wrong."""
+    if status.code == StatusCode.OK:
+        return poor
+    # Standard deviations are of the residual: where it is what the model lacks, they do not tell what the motion excites.
+    code = poor.code if status.code == StatusCode.POORLY_EXCITED and poor.details else status.code
+    return replace(status, code=code, details=(*poor.details, *status.details))
 
 
 def _explained(problem: Problem, relative: Array) -> Status:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,16 +29,6 @@ Array = np.ndarray
 _WINDOW_S, _ROWS_PER_WINDOW, _WINDOW_SAMPLES = 0.3, 3, 40
 #: Fewest samples of a stretch that is used.
 _LEAST = 20
-
-
-class SteadyStretch(Protocol):
-    """A part of a test's log: seconds in the log's time, number of the posture, direction ±1 (`ident.plan.Segment`)."""
-
-    begin: float
-    end: float
-    posture: int
-    direction: int
-    speed: float
 
 
 @dataclass(frozen=True, eq=False)

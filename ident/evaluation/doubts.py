@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import DataError
 from ..problem.opposite_signs import negative_share, opposite_sign
 from .against_nominal import factor_doubt, size_doubt, zero_doubt
@@ -172,6 +173,7 @@ def require_rows(estimate: Estimate) -> None:
     """Refuse a fit of as many parameters as rows: it passes through every row, and says nothing (DataError)."""
     if estimate.samples <= len(estimate.values):
         raise DataError(
-            f"{estimate.samples} usable rows for {len(estimate.values)} parameters: a fit would pass through every row and say nothing."
+            f"{counted(estimate.samples, 'usable row')} for {counted(len(estimate.values), 'parameter')}: a fit would pass through every"
+            " row and say nothing."
             " Give more data, or a higher cut-off (`ident check` says what limits it), or fewer effects."
         )

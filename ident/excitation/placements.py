@@ -54,6 +54,12 @@ class ShapePlacements:
         self.ends = np.array([ends for ends, _ in capsules]).reshape(-1, 2, 3)
         self.radius = np.array([radius for _, radius in capsules])
 
+    @property
+    def last(self) -> int:
+        """The shape at the end of the robot: of those that most joints move, the last."""
+        joints = self.moves.sum(axis=1)
+        return len(joints) - 1 - int(np.argmax(joints[::-1]))
+
     def at(self, q: Array) -> Placed:
         """Placements at positions q (N, J) of the tree joints."""
         tree, N = self.tree, len(q)

@@ -123,7 +123,7 @@ class Safety:
             out.append(f"NOT checked, shapes overlap in nearly every posture: {'; '.join(self.unchecked)}")
         if self.invented:
             out.append(
-                f"no shape in the URDF, taken as a capsule of {1000 * self.radius:.0f} mm radius: {', '.join(self.invented)}"
+                f"no <collision> in the URDF, taken as a capsule of {1000 * self.radius:.0f} mm radius: {', '.join(self.invented)}"
                 " (--link-radius; look whether that covers them)"
             )
         out += [f"note: {note}" for note in self.notes]

@@ -45,7 +45,7 @@ def swept_page(robot: Robot, trajectory: Trajectory, surroundings: Surroundings 
         "shapes": shapes,
         "frames": frames.tolist(),
         "obstacles": obstacles,
-        "path": placed.p[:, -1].round(_DIGITS).tolist(),
+        "path": placed.p[:, placements.last].round(_DIGITS).tolist(),
         "walls": _edges(room),
         "ground": None if ground is None else -ground,
         "duration": trajectory.duration,
@@ -91,10 +91,11 @@ def swept_figure(robot: Robot, trajectory: Trajectory, surroundings: Surrounding
     q = trajectory.sample(np.linspace(0.0, trajectory.duration, _POSTURES)).q
     placed = placements.at(robot.tree_position(q))
     fine = placements.at(robot.tree_position(trajectory.sample(np.linspace(0.0, trajectory.duration, 400)).q))
-    middle = 0.5 * (placements.ends[:, 0] + placements.ends[:, 1])
+    last = placements.last
+    middle = placements.ends[last].mean(axis=0)
 
     def ends(own: Any) -> Array:
-        return own.p[:, -1] + own.R[:, -1] @ middle[-1]
+        return own.p[:, last] + own.R[:, last] @ middle
 
     chains = [_chain(placements, placed, i, ends(placed)[i]) for i in range(len(q))]
     ground = None if surroundings is None else next((-limit for name, _, limit in surroundings.planes if name == GROUND), None)
@@ -116,7 +117,7 @@ def swept_figure(robot: Robot, trajectory: Trajectory, surroundings: Surrounding
 
 def _chain(placements: ShapePlacements, placed: Any, i: int, end: Array) -> Array:
     """Joint origins from the base to the last joint, and the end, (K, 3)."""
-    joints, joint = [], int(placements.joint[-1])
+    joints, joint = [], int(placements.joint[placements.last])
     while joint >= 0:
         joints.append(placed.origin[i, joint])
         joint = int(placements.tree.parent[joint])

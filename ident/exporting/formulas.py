@@ -10,6 +10,7 @@ from ..effects.base import Effect
 from ..effects.factors import declares
 from ..effects.joint_effect import JointEffect
 from ..effects.kinds import Factor
+from ..errors import ConfigurationError
 from ..robots.transmission import Side
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def _printed(node: ast.expr, names: Mapping[str, str], power: str) -> str:
     match node:
         case ast.Constant(value=value):
             return repr(float(value))  # type: ignore[arg-type]
-        case ast.Name(id=name):
+        case ast.Name(id=name) if name in names:
             return names[name]
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             return f"(-{_printed(operand, names, power)})"
@@ -70,4 +71,7 @@ def _printed(node: ast.expr, names: Mapping[str, str], power: str) -> str:
             return f"({_printed(left, names, power)} {_OPERATORS[type(op)]} {_printed(right, names, power)})"
         case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in _FUNCTIONS:
             return f"{name}({_printed(argument, names, power)})"
-    raise ValueError(f"a formula of an effect holds {ast.unparse(node)!r}, which is not written as code.")
+    raise ConfigurationError(
+        f"a formula of an effect holds {ast.unparse(node)!r}, which is not written as code; known are + - * / **, numbers,"
+        f" {', '.join(_FUNCTIONS)}, and the names {', '.join(names)}."
+    )

@@ -43,6 +43,12 @@ _ALIKE = ({"angle", "length"}, {"rate", "speed"}, {"acceleration", "linear accel
 _AXES = {"x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw"} | NOT_JOINTS - {"base"}
 #: What the symbols of angles and ways, of torques and forces stand for: joints of both kinds may be written side by side.
 _SYMBOLS = {"position #": {"q", "theta", "th", "d", "x", "s", "l"}, "torque #": {"tau", "f", "t", "m"}}
+#: Words for one quantity that joints that turn and joints that slide have each their own of.
+_ONE_WORD = {
+    "position": {"position", "pos", "angle", "travel", "stroke", "extension", "displacement"},
+    "velocity": {"velocity", "vel", "speed", "rate"},
+    "torque": {"torque", "torques", "force", "forces"},
+}
 #: What stands in brackets and is no unit, and in names and tells no joint: which joint, side or sensor it is of.
 BESIDE = {"joint", "axis", "motor", "link", "arm", "side", "raw", "left", "right", "sensor", "encoder", "si"}
 #: What two sensors of one joint are told by.
@@ -52,6 +58,8 @@ _NO_UNITS = {
     "percent", "pct", "prozent", "permille", "promille", "permil", "perthousand", "ticks", "tick", "counts", "count", "lsb", "inc", "incs",
     "increments", "digits", "adc", "pu",
 }  # fmt: skip
+#: A letter or two before a unit: a multiple that is not known.
+_LIKE_UNIT = re.compile(r"[a-zµ]{1,2}(deg|rad|nm|rpm|rev|turns?)|(deg|rad|nm|rev|turns?|mm)(per)?[a-z]{1,3}", re.IGNORECASE)
 #: What is told for something a time, in other units of time than those of rates that are known.
 _RATE = re.compile(r"/\s*(ms|us|µs|ns|h|cycle|tick|sample)\b", re.IGNORECASE)
 _LAST_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
@@ -199,20 +207,21 @@ def _of_any_numbers(
 
 
 def _of_all_units(stems: Mapping[str, list[tuple[int, str, str]]], names: Sequence[str]) -> dict[str, list[tuple[int, str, str]]]:
-    """Groups of which each holds some joints only, and that differ in their unit (and the symbol that goes with it) alone, as one: angles
-    of some joints, ways of others."""
-    alike: dict[str, list[str]] = {}
+    """Groups of which each holds some joints only, and that differ in their unit, and the words or the symbol that go with it, alone, as
+    one: angles of some joints, ways of others; forces beside torques."""
+    alike: dict[tuple[str, bool], list[str]] = {}
     for stem, members in stems.items():
         bare, unit = split_unit(stem)
-        if unit and members:
-            word = re.sub(r"[^a-z]", "", bare.lower())
-            symbol = next((stands for stands, written in _SYMBOLS.items() if word in written), "")
-            alike.setdefault(symbol or _as_torque(bare.lower()), []).append(stem)
+        if not members:
+            continue
+        word = re.sub(r"[^a-z]", "", bare.lower())
+        symbol = next((stands for stands, written in _SYMBOLS.items() if word in written), "") if unit else ""
+        alike.setdefault((symbol or _same_words(bare.lower()), bool(unit)), []).append(stem)
     out = dict(stems)
-    for bare, own in alike.items():
+    for (bare, _), own in alike.items():
         members = [m for stem in own for m in stems[stem]]
         who = [joint or str(number) for number, _, joint in members]
-        if len(own) < 2 or len(set(who)) < len(who):
+        if len(own) < 2 or len(set(who)) < len(who) or (bare in out and bare not in own):
             continue
         if len({number for number, *_ in members}) < len(members):  # names of which no robot tells the order
             members = [(k, name, joint) for k, (_, name, joint) in enumerate(sorted(members, key=lambda m: names.index(m[1])))]
@@ -220,9 +229,9 @@ def _of_all_units(stems: Mapping[str, list[tuple[int, str, str]]], names: Sequen
     return out
 
 
-def _as_torque(words: str) -> str:
-    """Words in small letters with forces as torques: what a slide has beside a joint that turns."""
-    return re.sub(r"[a-z]+", lambda word: "torque" if english(word[0]) in ("force", "forces", "torque") else word[0], words)
+def _same_words(words: str) -> str:
+    """Words in small letters, those for one quantity as one: what a slide has beside a joint that turns."""
+    return re.sub(r"[a-z]+", lambda word: next((said for said, known in _ONE_WORD.items() if english(word[0]) in known), word[0]), words)
 
 
 def _elements(names: Sequence[str]) -> dict[str, re.Match[str]]:
@@ -264,7 +273,7 @@ def _around_names(
     of_stem = {stem: {joint for *_, joint in members} for stem, members in stems.items()}
     of_words: dict[str, set[str]] = {}
     for stem, own in of_stem.items():
-        of_words.setdefault(stem.partition(" [")[0], set()).update(own)
+        of_words.setdefault(_same_words(stem.partition(" [")[0]), set()).update(own)
     placed = [
         own
         for stem, own in of_words.items()
@@ -311,7 +320,7 @@ def _group(stem: str, members: list[tuple[int, str, str]], units: Mapping[str, s
         own = tuple(found or split_unit(c)[1] or "" for found, c in zip(own, columns, strict=True))
     differ = len(set(own)) > 1 and any({unit_of(u).dimension for u in own if u} <= alike for alike in _ALIKE) and all(own)
     unit = unit_suffix(units.get(columns[0], "")) or _unit_in(stem) or (own[0] if differ else "")
-    unread = "" if unit else unread_unit(units.get(columns[0], "")) or _unread_in(stem)
+    unread = "" if unit else unread_unit(units.get(columns[0], "")) or unread_in(stem)
     quantity = told.removesuffix("_ref") or quantity_of(words)
     if words in ({"observation", "state"}, {"action"}):  # LeRobot: positions, and what was asked for
         quantity = "q"
@@ -344,11 +353,14 @@ def unread_unit(text: str) -> str:
     return "" if plain else inside
 
 
-def _unread_in(stem: str) -> str:
-    bare = stem.replace("[#]", "").replace("[]", "").replace("#", "")
+def unread_in(name: str) -> str:
+    """What a name tells for a unit, in brackets or behind its last line, where it is none that is known."""
+    bare = name.replace("[#]", "").replace("[]", "").replace("#", "")
     found = _LAST_BRACKETS.search(bare)
-    last = re.split(r"[_\s]+", bare.strip("_ "))[-1].lower()
-    return unread_unit(found[1]) if found else last if last in _NO_UNITS else ""
+    last = re.split(r"[_\s]+", bare.strip("_ "))[-1]
+    alike = last != bare and bool(_LIKE_UNIT.fullmatch(last)) and last.lower() != "return" and not words_of(last) & (SAID | TIME | BESIDE)
+    suffix = last.lower() in _NO_UNITS or (alike and not unit_suffix(last))
+    return unread_unit(found[1]) if found else last if suffix else ""
 
 
 def known_scale(unit: str) -> float:

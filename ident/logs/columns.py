@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import ConfigurationError, DataError, unknown_name
 from .hints import lookalikes, question, torque_question
 from .names import KEYS, LOCKED, QUANTITIES, TEXT, Column, JointNames, known_units, parse_name
@@ -20,6 +21,7 @@ from .units import Unit, bracketed, expected_units, is_unit, split_unit, unit_of
 Array = np.ndarray
 #: Characters of a column's name that messages show.
 _SHOWN = 120
+_EXAMPLE = 'Name them under [columns] of a study file, for example t = "clock", q1 = "angle 1", tau1 = "torque 1".'
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,7 @@ def _named_once(header: Sequence[str]) -> tuple[Sequence[str], set[str]]:
     for h in plain:
         counts[h] = counts.get(h, 0) + 1
     twice |= {h for h, k in counts.items() if k > 1}
-    return list(dict.fromkeys(plain)), twice
+    return list(dict.fromkeys(plain)), twice - {""}
 
 
 def _refuse_twice(names: Sequence[str], where: str) -> None:
@@ -277,7 +279,7 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
     guessed = split_unit(source)[1] if suffix is None else None
     if guessed is not None and unit_of(guessed).dimension in expected_units(target.quantity):
         suffix = guessed
-    elif guessed is not None:
+    elif guessed is not None and not (len(guessed) == 1 and not source.endswith((guessed, f"{guessed}]", f"{guessed})"))):
         notes.append(f"{where}: {guessed}, on which {source!r} ends, is not a unit of {TEXT[target.quantity]}; SI is assumed.")
     elif suffix is None and "scale" not in options and bracketed(source)[1] and not _is_element(source, header):
         notes.append(f"{where}: what stands in the brackets of {source!r} is no unit that is known; SI is assumed.")
@@ -309,7 +311,12 @@ def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | N
         names = joints.names if joints else ()
         neither = "" if ("t", 0) in found else ", and no time (t or time, in s; or --rate-hz, the samples per second)"
         asked = question(lookalikes(unknown, "q", range(len(names) or len(unknown)), names), "q")
-        asked = asked[:1].upper() + asked[1:] or 'Name them under [columns] of a study file, for example q1 = "angle".'
+        asked = (
+            asked[:1].upper() + asked[1:]
+            or 'Name them under [columns] of a study file, for example t = "clock", q1 = "angle 1", tau1 = "torque 1".'
+        )
+        if torque := torque_question(unknown, range(len(names) or len(unknown)), names):
+            asked += f" Torques: {torque}"
         raise DataError(
             f"{where}: no joint position found (q1, q2, … or q_m1, … or <joint>.position){neither}."
             f" Columns not understood: {_listed(unknown) or 'none'}."
@@ -320,7 +327,7 @@ def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | N
     surplus = [j for j in positions if j >= count]
     if missing or surplus:
         have = _listed([found.get(("q", j), found.get(("q_motor", j))).source for j in positions])  # type: ignore[union-attr]
-        expected = f"the robot has {count} joints" if joints else f"the columns go up to joint {count}"
+        expected = f"the robot has {counted(count, 'joint')}" if joints else f"the columns go up to joint {count}"
         what = (
             f"missing: {_listed([_label(j, joints) for j in missing])}"
             if missing
@@ -336,15 +343,25 @@ def _joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | N
     stray = [j for j in others if j >= count]
     if stray:
         raise DataError(
-            f"{where}: columns of joint {stray[0] + 1}, but {'the robot' if joints else 'the log'} has {count} joints with positions."
+            f"{where}: columns of joint {stray[0] + 1}, but {'the robot' if joints else 'the log'}"
+            f" has {counted(count, 'joint')} with positions."
         )
     if ("t", 0) not in found:
         raise DataError(
-            f"{where}: no time column (t or time, in s, or with a unit as in time_ms)."
+            f"{where}: no time column (t or time, in s, or with a unit as in time_ms{_unread_time(unknown)})."
             f" Columns not understood: {_listed(unknown) or 'none'}."
             ' Name it under [columns] of a study file: t = "...", or tell the samples per second: [logs] rate_hz = 500 (--rate-hz 500).'
         )
     return count
+
+
+def _unread_time(columns: Sequence[str]) -> str:
+    """What is said of a column of time whose unit is not known."""
+    for name in columns:
+        stem, unit = bracketed(name)
+        if unit and (named := parse_name(stem)) is not None and named.quantity == "t":
+            return f'; {name!r} is in {unit!r}, which is no unit of time that is known: t = {{ column = "{name}", scale = … }}'
+    return ""
 
 
 def _columns_of(mapping: Mapping[str, Any] | None) -> set[Any]:

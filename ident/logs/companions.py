@@ -8,9 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from ..errors import DataError
-from .channels import BESIDE, ChannelGroup, bare_name, known_scale
+from .channels import BESIDE, ChannelGroup, bare_name, known_scale, scalar_time_names
 from .clocks import RecordedTime, rate_ratio
-from .words import MOTOR, SAID
+from .languages import english
+from .unread_units import unread_note
+from .words import MOTOR, QUANTITY_WORDS, SAID
 
 Array = np.ndarray
 Reader = Callable[[Sequence[str]], Mapping[str, Array]]
@@ -40,7 +42,7 @@ def companions(
         notes += [f"{g} do not tell the joints that {q} tell, and are not used." for g in same if g.along(q, names) is None]
         same = [g for one in same if (g := one.along(q, names)) is not None]
         read = [g for g in same if not g.unread and not (quantity == "dq" and g.of_motors and not q.of_motors)]
-        notes += [_unread(g) for g in same if g.unread]
+        notes += [unread_note(f"{g.quantity}1", g.columns, g.unread) for g in same if g.unread]
         notes += [f"{g} are of the motors, and not used for the joints." for g in same if not g.unread and g not in read]
         if quantity == "tau" and "i" in chosen and all(g.computed for g in read):
             continue
@@ -114,15 +116,6 @@ def _as_torque(g: ChannelGroup) -> str:
     return f'tau1 = "{g.columns[0]}" …'
 
 
-def _unread(g: ChannelGroup) -> str:
-    """What is said of channels in a unit that nobody knows."""
-    key, si = {"dq": ("dq1", "rad/s"), "tau": ("tau1", "N m"), "i": ("i1", "A")}[g.quantity]
-    return (
-        f"{g} are in {g.unread!r}, which is no unit that is known, and are not used: say what one of it is in {si} under [columns] of a"
-        f' study file, {key} = {{ column = "{g.columns[0]}", scale = … }} ….'
-    )
-
-
 def _of_other_names(q: ChannelGroup, joints: Sequence[str] | None) -> list[str]:
     """What is said of joints that the file names otherwise than the robot does."""
     own = {bare_name(name) for name in joints or ()}
@@ -150,21 +143,40 @@ def moves(table: Mapping[str, Array], group: ChannelGroup) -> bool:
     return any(np.nanmax(np.abs(table[c]), initial=0.0) > 0.0 for c in group.columns)
 
 
-def refuse_parts(found: Sequence[ChannelGroup]) -> None:
-    """Raise DataError where positions stand in columns of their own, each of some joint, and nothing tells which: none is taken alone."""
+def refuse_parts(found: Sequence[ChannelGroup], names: Sequence[str]) -> None:
+    """Raise DataError where positions stand in columns of their own, each of some joint, and nothing tells which: none is taken alone.
+    `names`: all columns."""
     positions = [g for g in found if g.quantity == "q" and not g.wanted and not g.estimated]
     if any(len(g.columns) > 1 for g in positions):
         return
-    parts: dict[tuple[str, frozenset[str]], dict[frozenset[str], ChannelGroup]] = {}
+    parts: dict[frozenset[str], dict[frozenset[str], ChannelGroup]] = {}
     for g in positions:
-        if (own := g.words - SAID - MOTOR - BESIDE) and not g.of_motors:
-            parts.setdefault((g.unit, g.words & SAID), {}).setdefault(own, g)
+        if (own := _own_words(g)) and not g.of_motors:
+            parts.setdefault(frozenset(map(english, g.words & SAID)) - QUANTITY_WORDS["q"], {}).setdefault(own, g)
     for alike in parts.values():
         if len(alike) > 1:
             columns = [g.columns[0] for g in alike.values()]
             more = " …" if len(columns) > _SHOWN else ""
             said = ", ".join(f'q{j + 1} = "{column}"' for j, column in enumerate(columns[:_SHOWN])) + more
+            clock = next((f't = "{name}", ' for name in scalar_time_names(names) if name != "t"), "")
+            torque = _torques_of([*alike], found)
             raise DataError(
                 f"{', '.join(map(repr, columns[:_SHOWN]))}{more} hold positions, and nothing tells of which joints. Say so under"
-                f" [columns] of a study file, with their torques: {said}."
+                f" [columns] of a study file, with time and torques: {clock}{said}, {torque}."
             )
+
+
+def _own_words(g: ChannelGroup) -> frozenset[str]:
+    """The words of a group's name that say neither what it holds nor of which kind it is."""
+    return frozenset(word for word in g.words if english(word) not in SAID | MOTOR | BESIDE)
+
+
+def _torques_of(joints: Sequence[frozenset[str]], found: Sequence[ChannelGroup]) -> str:
+    """The lines of [columns] for the torques, or currents, of joints that words tell; as an example where none is there."""
+    for quantity in ("tau", "i"):
+        own = [g for g in found if g.quantity == quantity and not g.wanted and not g.estimated]
+        of = {_own_words(g): g.columns[0] for g in reversed(own)}
+        said = [f'{quantity}{j + 1} = "{of[words]}"' for j, words in enumerate(joints[:_SHOWN]) if words in of]
+        if said:
+            return ", ".join(said) + (" …" if len(joints) > _SHOWN else "")
+    return 'tau1 = "…" …'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
+from .channels import unread_in
 from .names import KEYS
 from .units import expected_units, split_unit, unit_of
 
@@ -67,6 +68,8 @@ def torque_question(columns: Sequence[str], joints: Iterable[int], names: Sequen
 
 def _rest(column: str, words: frozenset[str], quantity: str) -> frozenset[str] | None:
     """The words of a column's name that say which joint it is of; None where the name is not one of `quantity`."""
+    if unread_in(column):
+        return None  # its unit is to be told first
     stem, unit = split_unit(column)
     if unit is not None and unit_of(unit).dimension not in expected_units(quantity):
         # A unit of something else; what ends in _m may also be a name.

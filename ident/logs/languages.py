@@ -8,14 +8,16 @@ from functools import lru_cache
 
 #: English word → what other languages write for it. Latin letters stand without their accents.
 _LATIN = {
-    "position": "posicion posicao posizione positie polozenie pozycja poloha konum stellung lage laege",
-    "angle": "winkel angolo angulo hoek kat uhel aci vinkel kulma",
-    "velocity": "vitesse velocidad velocidade velocita geschwindigkeit drehzahl snelheid predkosc rychlost hiz hastighet hastighed nopeus",
+    "position": "weg verfahrweg pozicio pozitie posisi polozaj asento "
+    "posicion posicao posizione positie polozenie pozycja poloha konum stellung lage laege",
+    "angle": "winkel angolo angulo hoek kat uhel aci vinkel kulma szog unghi sudut kut ugao kampas",
+    "velocity": "sebesseg szogsebesseg viteza kecepatan brzina vinkelhastighet winkelgeschwindigkeit "
+    "vitesse velocidad velocidade velocita geschwindigkeit drehzahl snelheid predkosc rychlost hiz hastighet hastighed nopeus",
     "acceleration": "beschleunigung accelerazione aceleracion aceleracao versnelling przyspieszenie zrychleni ivme",
-    "torque": "drehmoment couple coppia koppel tork momento moment vaantomomentti",
-    "force": "kraft forza fuerza forca kracht sila kuvvet voima",
-    "current": "strom courant corrente corriente stroom prad proud akim virta",
-    "time": "zeit temps tiempo tempo tijd czas cas zaman tid aika",
+    "torque": "drehmoment couple coppia koppel tork momento moment vaantomomentti nyomatek forgatonyomatek cuplu torsi",
+    "force": "kraft forza fuerza forca kracht sila kuvvet voima ero forta gaya",
+    "current": "strom courant corrente corriente stroom prad proud akim virta aram curent arus struja",
+    "time": "zeit temps tiempo tempo tijd czas cas zaman tid aika ido timp waktu vrijeme vreme laikas",
     "desired": "soll consigne consigna wunsch deseado deseada desejado desejada desiderato desiderata gewenst zadana zadane hedef",
     "axis": "achse axe eje eixo asse",
     "measured": "ist gemessen mesure mesuree medido medida misurato misurata gemeten zmierzona zmierzone olculen",
@@ -46,6 +48,11 @@ _SCRIPTS = {
     "motor": "电机 電機 モータ モーター 모터 двигател",
     "tool": "末端 手先 工具 엔드",
 }  # fmt: skip
+#: Greek words, in which a letter is no symbol.
+_GREEK_WORDS = {
+    "θέση": "position", "γωνία": "angle", "ταχύτητα": "velocity", "ροπή": "torque", "δύναμη": "force", "ρεύμα": "current",
+    "χρόνος": "time", "άξονας": "axis", "άρθρωση": "joint",
+}  # fmt: skip
 _ENGLISH = {word: english for english, words in _LATIN.items() for word in words.split()}
 _PARTS = {word: english for english, words in _SCRIPTS.items() for word in words.split()}
 _PART = re.compile("|".join(f"{word}[а-яё]*" if re.match("[а-я]", word) else word for word in sorted(_PARTS, key=len, reverse=True)))
@@ -67,6 +74,8 @@ def in_english(name: str) -> str:
     """
     if name.isascii():
         return name
+    for word, said in _GREEK_WORDS.items():
+        name = name.replace(word, f" {said} ")
     name = _with_dots(name).translate(_GREEK)
     plain = "".join(_bare(letter) for letter in name.translate(_LETTERS))
     return plain if plain.isascii() else _PART.sub(lambda found: f" {_part(found[0])} ", plain)

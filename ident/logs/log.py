@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.text import counted
 from ..drawing.document import Figure
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError, DataError, unknown_name
@@ -96,26 +97,6 @@ class Log(Shown, ShortRepr):
     def began(self) -> float:
         """Time at which the recording began."""
         return self.origin if self.origin is not None else float(self.t[0]) if len(self.t) else 0.0
-
-    @classmethod
-    def from_frame(cls, frame: pd.DataFrame, robot: Robot | None = None, *, name: str = "frame", **reading: Any) -> Log:
-        """A log from a pandas DataFrame whose columns are named as a file's would be.
-
-        `reading`: as of `ident.read_logs`, `columns` among it. Raises DataError for a table that is more than one run.
-
-        Examples
-        --------
-        >>> import ident
-        >>> train, test = ident.demo_logs()
-        >>> ident.Log.from_frame(train[0].to_frame()).n
-        6
-        """
-        from .reading import read_logs
-
-        logs = read_logs(frame, robot, **reading)
-        if len(logs) > 1:
-            raise DataError(f"log {name}: {len(logs)} runs are in one table; read them with ident.read_logs(frame).")
-        return replace(logs[0], name=name)
 
     def to_frame(self) -> pd.DataFrame:
         """One row per sample, columns by the names of docs/formats.md, SI; `read_logs` takes it back."""
@@ -246,7 +227,9 @@ class LogSet(ShortRepr):
     def with_robot(self, robot: Robot) -> LogSet:
         """The same logs, of this robot."""
         if robot.n != self.n:
-            raise DataError(f"the logs have {self.n} joints, but robot {robot.name!r} has {robot.n}: {', '.join(robot.joint_names)}.")
+            raise DataError(
+                f"the logs have {counted(self.n, 'joint')}, but robot {robot.name!r} has {robot.n}: {', '.join(robot.joint_names)}."
+            )
         return replace(self, robot=robot)
 
     def select(self, names: Iterable[str]) -> LogSet:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.text import counted
 from ..drawing.document import BlockKind, Figure, Layer, Panel, Role
 
 if TYPE_CHECKING:
@@ -40,4 +41,4 @@ def log_figure(name: str, t: Array, kinds: Sequence[tuple[str, Array]]) -> Figur
         for (label, values), role in zip(kinds, (Role.AFTER, Role.MEASURED), strict=False):
             layer = Layer.of(BlockKind.LINE, role, t[keep], values[keep, j])
             panels.append(Panel(f"joint {j + 1}", "time (s)" if j == n - 1 else "", label, (layer,)))
-    return Figure("log", f"Log {name}", f"{len(t)} samples as recorded.", tuple(panels), columns=len(kinds))
+    return Figure("log", f"Log {name}", f"{counted(len(t), 'sample')} as recorded.", tuple(panels), columns=len(kinds))

@@ -24,6 +24,7 @@ from .sampling import sampling_of, with_summed_time
 from .source import TableSource
 from .stamps import fraction_beside, since_1970
 from .unnamed import proposal
+from .unread_units import unread_beside
 
 Array = np.ndarray
 #: The time of a log that has none, counted from its rate.
@@ -96,6 +97,10 @@ def _planned(
         plan = _on_its_clock(plan, source)
         plan = plan if columns or rate is not None else with_rates(plan, source)
         reference, more = _beside(source, plan)
+        unread = () if columns else unread_beside(plan, dict(zip(header.names, header.units, strict=False)))
+        if unread and not any(c.quantity.startswith("tau") for c in plan.columns):
+            plan = replace(plan, hint=plan.hint or " ".join(unread))
+        more = (*more, *(f"{where}: {said}" for said in unread))
         return PlannedLog(replace(plan, notes=(*notes, *plan.notes, *more), rate_hz=rate), None, reference)
     except DataError:
         if columns or header.unnamed:
@@ -127,7 +132,7 @@ def _recognised(source: TableSource, joints: JointNames | None, rate: float | No
         return known
 
     try:
-        found = recognised(names, read, None if joints is None else joints.names, header.units)
+        found = recognised(names, read, None if joints is None else joints.names, header.units, rate)
     except DataError as error:
         raise DataError(str(error) if str(error).startswith("log ") else f"{where}: {error}") from None
     if found is None:

@@ -37,7 +37,7 @@ def with_rates(plan: ColumnPlan, source: TableSource) -> ColumnPlan:
     for g in sorted(likely, key=lambda g: (g.computed, not g.measured)):
         scales = [known_scale(u) for u in g.units] or [known_scale(g.unit) if g.unit else own[0].scale] * plan.n
         values = np.column_stack([np.asarray(table[c], float) * k for c, k in zip(g.columns, scales, strict=True)])
-        ratio = _ratio(arrays["t"], arrays["q"], values)
+        ratio = velocity_ratio(arrays["t"], arrays["q"], values)
         if abs(np.log(ratio)) < _NEAR:
             named = [Column(c, "dq", j, k) for j, (c, k) in enumerate(zip(g.columns, scales, strict=True))]
             columns = sorted((*plan.columns, *named), key=lambda c: (QUANTITIES.index(c.quantity), c.joint))
@@ -48,7 +48,7 @@ def with_rates(plan: ColumnPlan, source: TableSource) -> ColumnPlan:
     return replace(plan, notes=(*plan.notes, *notes))
 
 
-def _ratio(t: Array, q: Array, dq: Array) -> float:
+def velocity_ratio(t: Array, q: Array, dq: Array) -> float:
     """How many times the change of position per second, (N, n) both, a velocity is; NaN where they have nothing to do with each other."""
     ratios = [_joint_ratio(t, q[:, j], dq[:, j]) for j in range(q.shape[1])]
     told = [ratio for ratio in ratios if ratio is not None]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.files import sha256
+from .._utils.text import counted
 from ..errors import DataError, IdentError, unknown_name
 from .channels import joint_of
 from .columns import resolve_columns
@@ -125,7 +126,7 @@ def read_logs(
     for log in logs:
         _LOG.info("read %s: %d samples, %d joints, %.4g s", log.source or log.name, len(log), log.n, log.duration)
     if left_out and not logs:
-        raise DataError(f"none of the {len(left_out)} logs can be read; the first: {left_out[0]}")
+        raise DataError(f"none of {counted(len(left_out), 'log')} can be read; the first: {left_out[0]}")
     names: dict[str, int] = {}
     for i, log in enumerate(logs):
         names[log.name] = names.get(log.name, 0) + 1

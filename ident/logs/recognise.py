@@ -11,11 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import DataError
+from .angles import agreed
 from .channels import ChannelGroup, bare_name, groups, known_scale
 from .clocks import RecordedTime, time_of
 from .companions import SAME, companions, moves, refuse_parts, side_of_motors
 from .hands import driven_hands, left_hands
+from .readers.header import seconds
 from .recorders import EFFORTS, Recorder, recorder_of
 from .references import references
 from .units import expected_units, split_unit, unit_of
@@ -27,6 +30,8 @@ Reader = Callable[[Sequence[str]], Mapping[str, Array]]
 _TURNS = 2.2
 #: A turn of an encoder's counts, as usual.
 _WHOLE = 3.0
+#: Share of rows in which a time rises.
+_RISING = 0.5
 _QUANTITIES = {"t": "t", "q": "q", "dq": "dq", "tau": "tau_joint", "tau_m": "tau_motor", "i": "tau_current"}
 
 
@@ -49,12 +54,12 @@ class RecordedChannels:
 
 
 def recognised(
-    names: Sequence[str], read: Reader, joints: Sequence[str] | None = None, units: Sequence[str] = ()
+    names: Sequence[str], read: Reader, joints: Sequence[str] | None = None, units: Sequence[str] = (), rate_hz: float | None = None
 ) -> RecordedChannels | None:
     """What the columns of a recording are, None where no group of positions is among them.
 
-    `read`: columns by name → values (N,); `joints`: the robot's, whose order counts where columns name joints; `units`: of the columns.
-    Raises DataError where something must be asked."""
+    `read`: columns by name → values (N,); `joints`: the robot's, whose order counts where columns name joints; `units`: of the columns;
+    `rate_hz`: samples per second, where they are told otherwise. Raises DataError where something must be asked."""
     unit_of_column = dict(zip(names, units, strict=False))
     recorder = recorder_of(names)
     found = groups(names, joints, unit_of_column, {} if recorder is None else recorder.channels)
@@ -74,15 +79,19 @@ def recognised(
     scale, offset, counted = _position_scale(q, table, recorder)
     rate = _factor("dq", chosen["dq"], scale, counted, recorder) if "dq" in chosen else scale
     time = time_of(names, read, table, q, chosen.get("dq"), (scale, rate), unit_of_column)
+    t = _seconds(time, read) if rate_hz is None else np.arange(len(table[q.columns[0]])) / rate_hz
+    angles = agreed(q, chosen.get("dq"), (scale, rate), counted or recorder is not None, t, table)
+    scale = angles.scale
     if "tau" in chosen and chosen["tau"].of_motors and not q.of_motors:
         geared, about = side_of_motors(chosen["tau"], [g for g in fitting if g.of_motors], q, table, scale, time, read)
         beside.append(about)
         chosen = {"tau_m" if geared and k == "tau" else k: g for k, g in chosen.items()}
-    factors = {k: (scale, offset) if k == "q" else (_factor(k, g, scale, counted, recorder), 0.0) for k, g in chosen.items()}
+    factors = {k: (_factor(k, g, scale, counted, recorder), 0.0) for k, g in chosen.items()}
+    factors |= {"q": (scale, offset)} | ({"dq": (angles.rate, 0.0)} if "dq" in chosen else {})
     mapping = _mapping(chosen, factors)
     if time.column:
         mapping["t"] = _entry(time.column, "t", time.factor)
-    said = _said(chosen, time, _in(scale, counted))
+    said = _said(chosen, time, " (counts)" if counted else angles.said)
     wanted, order_notes = references(fitting, q, table, (scale, offset))
     if wanted:
         said += f", desired motion from {next(iter(wanted.values()))[0]!r} …"
@@ -92,7 +101,7 @@ def recognised(
     effort = EFFORTS[recorder.effort] if recorder is not None and recorder.effort and len(chosen) > 1 else ""
     told = q.joints if q.named else recorder.joints if recorder is not None and len(recorder.joints) == len(q.columns) else ()
     say = [recorder.say] if recorder is not None and recorder.say else []
-    beside = [*say, *beside, *_put_in_order(order, joints), *order_notes, *left_hands(q, found)]
+    beside = [*say, *angles.notes, *beside, *_put_in_order(order, joints), *order_notes, *left_hands(q, found)]
     return RecordedChannels(
         mapping,
         wanted,
@@ -107,6 +116,14 @@ def recognised(
     )
 
 
+def _seconds(time: RecordedTime, read: Reader) -> Array | None:
+    """Times (N,) in s; None where none is there, or the fraction of a second stands in another column."""
+    if not time.column:
+        return None
+    t = time.factor * np.asarray(seconds(np.asarray(read([time.column])[time.column])), float)
+    return t if np.mean(np.diff(t) > 0) > _RISING else None
+
+
 def _fitting_positions(
     names: Sequence[str], found: Sequence[ChannelGroup], joints: Sequence[str] | None, units: Mapping[str, str], read: Reader
 ) -> tuple[list[ChannelGroup], list[ChannelGroup]]:
@@ -118,7 +135,7 @@ def _fitting_positions(
         fitting, _ = _fitting(groups(names, None, units), joints)
         positions = [g for g in _positions(fitting) if g.named and len(g.columns) == len(joints)]
     if not positions or (joints is None and all(len(g.columns) == 1 for g in positions)):
-        refuse_parts(found)
+        refuse_parts(found, names)
     if not positions and wide:
         raise _other_number(wide[0], joints or ())
     return fitting, positions
@@ -149,7 +166,7 @@ def _other_number(positions: ChannelGroup, joints: Sequence[str]) -> DataError:
         if count > there
         else "map those of the robot's joints under [columns] of a study file, q1 = … first"
     )
-    return DataError(f"the robot has {count} joints, but positions of {there} are there ({positions}); {remedy}.")
+    return DataError(f"the robot has {counted(count, 'joint')}, but positions of {there} are there ({positions}); {remedy}.")
 
 
 def named_alike(known: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
@@ -239,6 +256,8 @@ def _position_scale(q: ChannelGroup, table: Mapping[str, Array], recorder: Recor
     beyond two turns is in degrees. Raises DataError for counts of which nobody knows how many are a turn."""
     if q.unit:
         return 1.0 if q.units else known_scale(q.unit), 0.0, False
+    if recorder is not None and recorder.counts == 1:
+        return 2 * np.pi, 0.0, False
     values = [np.asarray(table[c], float) for c in q.columns]
     reach = max(float(np.nanmax(np.abs(v), initial=0.0)) for v in values)
     whole = all(np.all(v[np.isfinite(v)] == np.round(v[np.isfinite(v)])) for v in values)
@@ -270,7 +289,3 @@ def _factor(quantity: str, g: ChannelGroup, scale: float, counted: bool, recorde
     if counted:  # a Dynamixel's 0.229 revolutions per minute
         return 0.229 * np.pi / 30
     return scale
-
-
-def _in(scale: float, counted: bool) -> str:
-    return " (counts)" if counted else " (in degrees)" if abs(scale - np.pi / 180) < 1e-12 else ""

@@ -28,7 +28,7 @@ class Recorder:
     """What is known of a recorder: patterns of its `columns`, and what they do not tell (docs/logs.md).
 
     `effort`: a key of `EFFORTS`, "" if none is known; `effort_scale`: SI value of one unit of it; `rate_hz`: what it usually runs at;
-    `counts` of position a turn, of which `centre` is zero; `joints` in its order; `channels`: quantity
+    `counts` of position a turn, of which `centre` is zero (1: positions are turns); `joints` in its order; `channels`: quantity
     (`q`, `dq`, `tau`, `i`, `q_ref`, `dq_ref`) → a column's name with {} for the joint's number, where words do not tell it; `desired`:
     "command" where what was asked for is what the drives were sent (`q_cmd`); `say`: what a user has to know.
     """

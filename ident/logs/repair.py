@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import DataError
 
 Array = np.ndarray
@@ -124,8 +125,8 @@ def moving_rows(positions: Array, usual: Array) -> Array:
 def repeats_told(count: int, where: str) -> str:
     """What to say of rows that repeat the row before them."""
     return (
-        f"{where}: {count} rows repeat the row before them in every column but the time while the joints move (the recorder took a slower"
-        " stream's sample again); they are left out as gaps of one sample."
+        f"{where}: {counted(count, 'row', 'repeat')} the row before in every column but the time while the joints move (the recorder"
+        " took a slower stream's sample again), left out as gaps of one sample."
     )
 
 
@@ -170,19 +171,19 @@ def missing_rows(unstamped: Holes, holes: Mapping[str, Holes], rows: int, where:
     """Notes on rows left out for want of a time stamp or a position. Raises DataError where there are too many."""
     notes: list[str] = []
     if unstamped:
-        notes.append(f"{where}: {unstamped.count} rows without a time stamp are left out ({unstamped}).")
+        notes.append(f"{where}: left out: {counted(unstamped.count, 'row')} without a time stamp ({unstamped}).")
         if unstamped.count > _SHARE * rows:
-            raise DataError(f"{where}: {unstamped.count} of {rows} rows have no time stamp ({unstamped}).")
+            raise DataError(f"{where}: {unstamped.count} of {counted(rows, 'row', 'have')} no time stamp ({unstamped}).")
     for name, hole in holes.items():
         if not hole:
             continue
         if missing == "refuse" and (hole.longest > _ISOLATED or hole.count > max(_ISOLATED, _SHARE * rows)):
             raise DataError(
-                f"{where}: column {name!r} has no number in {hole.count} of {rows} rows ({hole})."
+                f"{where}: column {name!r} has no number in {hole.count} of {counted(rows, 'row')} ({hole})."
                 ' A position that is missing cannot be used. Cut the log there, or read it with missing = "gap" (--missing gap)'
                 " to leave these rows out as a gap."
             )
-        notes.append(f"{where}: column {name!r} has no number in {hole.count} rows ({hole}); they are left out as a gap.")
+        notes.append(f"{where}: column {name!r} has no number in {counted(hole.count, 'row')} ({hole}), left out as a gap.")
     return notes
 
 
@@ -190,7 +191,7 @@ def rising_runs(t: Array, index: Array, where: str, notes: list[str], moved: Cal
     """The rows `index` of stamps `t` (N,) as runs of rising time. `moved`: which of some rows hold another position than the row before
     them. Raises DataError naming the rows."""
     if len(index) < 2:
-        raise DataError(f"{where}: {len(index)} usable rows; at least a few hundred are needed.")
+        raise DataError(f"{where}: {counted(len(index), 'usable row')}; at least a few hundred are needed.")
     step = np.diff(t[index])
     back = np.flatnonzero(step < 0)
     pieces = [index] if not len(back) else _runs(t, index, back, where, notes)
@@ -204,12 +205,13 @@ def rising_runs(t: Array, index: Array, where: str, notes: list[str], moved: Cal
             again = np.flatnonzero(dropped)
             if keep.sum() > 1 and len(again) > _ROUNDED * len(piece) and np.mean(moved(again)) > _MOVED:
                 raise DataError(
-                    f"{where}: {len(again)} of {len(piece)} rows repeat the time stamp before them ({ranges(dropped)}), but not its"
-                    " positions: the stamps are rounded to more than the time between samples, and no speed can be had from them."
+                    f"{where}: {len(again)} of {counted(len(piece), 'row', 'repeat')} the time stamp before ({ranges(dropped)}), but not"
+                    " its positions: the stamps are rounded to more than the time between samples, and no speed can be had from them."
                     " Write them with more digits; or, if the samples are evenly spaced, give the time as row number / rate."
                 )
             notes.append(
-                f"{where}: {int((~keep).sum())} rows repeat the time stamp before them ({ranges(dropped)}); the first of each is used."
+                f"{where}: {counted(int((~keep).sum()), 'row', 'repeat')} the time stamp before ({ranges(dropped)}); the"
+                " first of each is used."
             )
         out.append(piece[keep])
     if all(len(p) < 2 for p in out):

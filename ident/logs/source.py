@@ -63,7 +63,7 @@ class TableSource:
                 source,
                 said,
                 stored is not None,
-                {} if stored is None else stored.constants,
+                dict(header.constants) if stored is None else stored.constants,
             )
         columns = frame_columns(source)
 

@@ -75,11 +75,15 @@ def measured(log: TorqueColumns, transmission: Transmission) -> MeasuredTorque:
     other = Side.MOTOR if side == Side.JOINT else Side.JOINT
     if other.value in log.tau:
         torque = _through(log.tau[other.value], transmission.torque_map(other, side))
-        note = (
-            ""
-            if np.allclose(transmission.K, np.eye(transmission.n))
-            else f"log {log.name}: torque was logged on the {other} side and is carried to the {side} side through K."
-        )
+        if not np.allclose(transmission.K, np.eye(transmission.n)):
+            note = f"log {log.name}: torque was logged on the {other} side and is carried to the {side} side through K."
+        elif other == Side.MOTOR:
+            note = (
+                f"log {log.name}: the torque is the motors', and no gears are declared: each motor is taken to turn its joint one to one."
+                ' Give [drive] ratio = [...] (--drive FILE), or for direct drives measured = "motor".'
+            )
+        else:
+            note = ""
         return MeasuredTorque(torque, (note,) if note else ())
     if "current" in log.tau:
         if transmission.torque_constants is None:

@@ -13,18 +13,20 @@ MEASURED = frozenset({"measured", "meas", "actual", "feedback", "state", "ist"})
 #: Words for a quantity, by its symbol.
 QUANTITY_WORDS = {
     "q": {"q", "pos", "position", "positions", "angle", "angles", "winkel", "mp", "ip", "qpos", "aipos", "aspos", "theta", "posicion",
-          "posicao", "posizione", "angolo", "stellung"},
+          "posicao", "posizione", "angolo", "stellung", "travel", "stroke", "extension", "displacement"},
     "dq": {"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "drehzahl", "qvel", "dp", "qdot", "omega", "geschwindigkeit",
-           "vitesse", "velocidad", "velocidade", "velocita", "dtheta"},
+           "vitesse", "velocidad", "velocidade", "velocita", "dtheta", "velo",
+           "spd", "angvel", "dpos", "dangle", "thetadot", "rate", "rates"},
     "ddq": {"qdd", "ddq", "acc", "acceleration", "qddot", "beschleunigung"},
-    "tau": {"tau", "torque", "torques", "effort", "eff", "moment", "drehmoment", "mt", "force", "trq", "torq", "couple", "coppia"},
+    "tau": {"tau", "torque", "torques", "effort", "eff", "moment", "drehmoment", "mt", "force", "trq", "torq", "tq", "couple", "coppia"},
     "i": {"current", "currents", "iq", "strom", "courant", "corriente"},
 }  # fmt: skip
 WANTED = DESIRED | {"d", "ip", "aspos", "planned", "pl", "plan", "action"}
 #: Words for what is no measurement of what the rest of the name says.
 ESTIMATED = {
     "ext", "mocap", "et", "external", "hat", "model", "gravity", "filtered", "rel", "relative", "error", "err", "deviation", "feedforward",
-    "ff", "next", "prev", "previous", "predicted", "pred", "ideal", "max", "std", "stdev", "sigma", "lower", "upper",
+    "ff", "disturb",
+    "disturbance", "next", "prev", "previous", "predicted", "pred", "ideal", "max", "std", "stdev", "sigma", "lower", "upper",
 }  # fmt: skip
 #: Words for a value that is computed: taken only where there is no other.
 COMPUTED = {"est", "estimated", "estimate", "computed", "calculated", "calc"}
@@ -34,6 +36,11 @@ MOTOR = {"mot", "motor", "motors"}
 TIME = {
     "t", "time", "timestamp", "timestamps", "tstamps", "tstamp", "zeit", "tout", "clock", "stamp", "ts", "tempo", "temps", "tiempo", "ms",
     "secs", "sec", "seconds", "datetime", "elapsed", "millis", "micros", "nanos",
+}  # fmt: skip
+#: What rates are of that are no joints' velocities.
+_RATES_OF = {
+    "sample", "samples", "sampling", "frame", "frames", "update", "control", "data", "baud", "heart", "publish", "refresh", "drop", "slew",
+    "packet", "packets", "loss", "bit", "scan", "log", "loop", "clock", "bus", "message", "messages", "learning", "success", "error",
 }  # fmt: skip
 NOT_JOINTS = {
     "euler", "quat", "tcp", "tool", "imu", "foot", "temp", "temperature", "temperatur", "ee", "cart", "base", "voltage", "mode", "id",
@@ -70,6 +77,8 @@ def _apart(word: str) -> tuple[str, ...]:
 
 def quantity_of(words: frozenset[str]) -> str:
     """The symbol of the quantity that words tell, "" for none; a dot makes a rate of a position."""
+    if words & {"rate", "rates"} and words & (_RATES_OF | QUANTITY_WORDS["tau"] | QUANTITY_WORDS["i"] | QUANTITY_WORDS["ddq"]):
+        return ""
     if words & {"ddot", "dotdot"} and words & QUANTITY_WORDS["q"]:
         return "ddq"
     if "dot" in words and words & QUANTITY_WORDS["q"]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.text import counted
 from ..diagnosis.analysed import prepared
 from ..diagnosis.inference.decide import Decision, decide
 from ..diagnosis.scoring.fit import Fit
@@ -118,7 +119,10 @@ def _check(estimate: Estimate, signals: Signals, look: int) -> None:
         raise ConfigurationError(f"look is {look}; the first look at a robot since the fit is 1.")
     rows, parameters = int(signals.valid.sum()), estimate.model.base.count
     if rows < ROWS_EACH * parameters:
-        raise DataError(f"only {rows} usable rows for {parameters} parameters: too few to tell a change from chance; give a longer log.")
+        raise DataError(
+            f"only {counted(rows, 'usable row')} for {counted(parameters, 'parameter')}: too few to"
+            " tell a change from chance; give a longer log."
+        )
 
 
 def level_of(look: int) -> float:

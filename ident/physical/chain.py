@@ -19,7 +19,6 @@ import numpy as np
 from .._utils.singular_values import svd
 from .conic import symmetric_basis
 from .energy import Velocities, skew
-from .search import random_positions
 from .structure import InertiaStructure
 
 Array = np.ndarray
@@ -332,8 +331,3 @@ def _arms(structure: InertiaStructure, lower: Array, upper: Array, scale: Array,
                 out[i] += float(scale[k + 5 * first] ** 2) * (1.0 if tree.prismatic[k] else 1.0 + lever**2)
             lever += float(length[k])
     return out
-
-
-def joint_positions(structure: InertiaStructure, lower: Array, upper: Array, count: int) -> Array:
-    """Random positions for checks of the chain."""
-    return random_positions(structure, lower, upper, count, np.random.default_rng(1))

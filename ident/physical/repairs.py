@@ -155,34 +155,46 @@ def repair(
             )
         repaired, how, possible = _inside(structure, values, covariance, root, unseen, method, margin, limits, time_limit)
     else:
-        if method == RepairMethod.FIT:
-            if triangle is None:
-                raise ConfigurationError("repair method 'fit' works from the information block: give triangle=(R, z), or use 'consistent'.")
-            target, settling = Target.from_information(*triangle), Settling(near)
-        else:
-            target, settling = Target.from_covariance(values, covariance, unseen), Settling(near, share=0.01)
+        known = Target.from_covariance(values, covariance, unseen)
+        target, settling = (known, Settling(near, share=0.01)) if method != RepairMethod.FIT else (_fitted(triangle), Settling(near))
         fit = consistent_fit(structure, target, bounds=bounds, prior=prior, settling=settling)
         repaired, standard, how, notes = fit.values, fit.standard, fit.method, notes + fit.notes
         if solver_available():
-            binding = binding_constraints(structure, Target.from_covariance(values, covariance, unseen), bounds=bounds, prior=prior)
+            binding = binding_constraints(structure, known, bounds=bounds, prior=prior)
         possible = judge_possible(structure, repaired, covariance=covariance, limits=limits, time_limit=min(time_limit, _JUDGED))
     consistent, unsolved = _consistency(structure, repaired, needed=standard is not None)
-    if not possible.possible:
-        raise SolverError(f"repair ({method.value}): the result does not pass its own judgement ({possible.text()}).")
-    if standard is not None and consistent is not None and not consistent.consistent:
-        raise SolverError(f"repair ({method.value}): the result does not pass its own judgement ({consistent.text()}).")
-    std = np.sqrt(np.diagonal(covariance))
-    changes = {
-        name: (float(b), float(a), float((a - b) / s) if s > 0 else (0.0 if a == b else np.inf))
-        for name, b, a, s in zip(structure.base_names, values, repaired, std, strict=True)
-    }
+    _require_passed(method, possible, consistent if standard is not None else None)
     errors = {
         name: {"before": torque_errors(block, values), "after": torque_errors(block, repaired)} for name, block in (data or {}).items()
     }
     return Repair(
-        method, repaired, standard, mahalanobis(root, repaired - values, unseen), changes, possible, consistent, binding, how,
+        method, repaired, standard, mahalanobis(root, repaired - values, unseen),
+        _changes(structure, values, repaired, covariance), possible, consistent, binding, how,
         time.perf_counter() - start, errors, notes + unsolved,
     )  # fmt: skip
+
+
+def _changes(structure: InertiaStructure, values: Array, repaired: Array, covariance: Array) -> dict[str, tuple[float, float, float]]:
+    """Of each base parameter: before, after, and the change in standard deviations."""
+    std = np.sqrt(np.diagonal(covariance))
+    return {
+        name: (float(b), float(a), float((a - b) / s) if s > 0 else (0.0 if a == b else np.inf))
+        for name, b, a, s in zip(structure.base_names, values, repaired, std, strict=True)
+    }
+
+
+def _fitted(triangle: tuple[Array, Array] | None) -> Target:
+    """The target of method "fit"."""
+    if triangle is None:
+        raise ConfigurationError("repair method 'fit' works from the information block: give triangle=(R, z), or use 'consistent'.")
+    return Target.from_information(*triangle)
+
+
+def _require_passed(method: RepairMethod, possible: Possible, consistent: Consistent | None) -> None:
+    """Refuse a result that does not pass its own judgement."""
+    failed = possible.text() if not possible.possible else consistent.text() if consistent is not None and not consistent.consistent else ""
+    if failed:
+        raise SolverError(f"repair ({method.value}): the result does not pass its own judgement ({failed}).")
 
 
 def _known_to(structure: InertiaStructure, values: Array, covariance: Array | None) -> tuple[Array, tuple[str, ...]]:

@@ -17,7 +17,6 @@ from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
 from ..regressor.rigid import mass_matrix, regressor
-from ..robots.parameters import LINK_SYMBOLS
 from ..robots.transmission import Side
 from ..robots.tree import link_names
 from .energy import energy_gradient, energy_rows
@@ -258,11 +257,6 @@ class InertiaStructure(ShortRepr):
         """d(v' H(q) v)/dq: (N, n), at fixed rates (N, nv)."""
         slope = energy_gradient(self.tree, self.lift[self.inertial] @ values, self.tree_position(q), v @ self.projection.T)
         return slope @ self.projection[6 * self.tree.floating :, 6 * self.tree.floating :]
-
-
-def parameter_names(body_names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the inertial parameters of all bodies, in Pinocchio's order."""
-    return tuple(f"{symbol}_{body}" for body in body_names for symbol in LINK_SYMBOLS)
 
 
 def _identity_columns(regroup: Array) -> list[int] | None:

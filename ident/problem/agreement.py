@@ -128,8 +128,10 @@ def agreement(robot: Robot, rotor_inertia: bool = False, seed: int = 0) -> Agree
     linked = base_set(robot) if rotor_inertia else structural
     sampled = sampled_space(robot, rotor_inertia, seed)
     closed, refused = closed_forms(robot)
-    # Rounding of the sampled directions grows as the smallest singular value falls; well-posed geometry stays at the usual tolerance.
-    tolerance = max(_SAME, 1e-13 / max(sampled.gap[0], 1e-10), 10 * sampled.gap[1] / max(sampled.gap[0], 1e-10))
+    # Rounding of the sampled directions grows as the smallest singular value falls, and where faint columns stand beside strong ones;
+    # well-posed geometry stays at the usual tolerance.
+    rounding = max(1e-13, np.finfo(float).eps * float(sampled.scale.max(initial=1.0) / sampled.scale.min(initial=1.0)), 10 * sampled.gap[1])
+    tolerance = max(_SAME, rounding / max(sampled.gap[0], 1e-10))
     names = structural.columns if rotor_inertia else structural.parameters
     mine = structural.full if rotor_inertia else structural.matrix
     found = _compare(("structural", _orthonormal(mine / sampled.scale)), ("sampled", sampled.basis), sampled.scale, names, tolerance)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.text import counted
 from ..regressor.base_parameters.base_form import BaseForm
 from ..regressor.base_parameters.expressions import parameter_unit, split_name
 from ..regressor.base_parameters.principal import PrincipalParameters
@@ -92,7 +93,7 @@ class BaseReport(ShortRepr):
         kinds = [f"{len(robot.tree_joints) - prismatic} revolute", f"{prismatic} prismatic"]
         joints = " and ".join(k for k in kinds if not k.startswith("0"))
         extra = (", floating base" if robot.floating_base else "") + ("" if robot.loop.is_trivial else f", {robot.n} of them independent")
-        lines = [f"{robot.name}: {base.count} base parameters of {shown} ({joints} joints{extra})"]
+        lines = [f"{robot.name}: {counted(base.count, 'base parameter')} of {shown} ({joints} joints{extra})"]
         form = self.closed_form
         motors = base.count - (form.count if form else 0)
         beside = f", and {motors} of the motors" if form and motors else ""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -232,9 +232,3 @@ def formulate(model: Model, signals: Signals, formulation: str = TORQUE, **optio
     if kind is Problem and options:
         raise ConfigurationError(f"the torque form has no option {min(options)!r}; window_s belongs to the other forms.")
     return kind(model, signals, **options)
-
-
-def reformulated(problem: Problem, formulation: str, **options: Any) -> Problem:
-    """The same problem in another form."""
-    other = formulate(problem.model, problem.signals, formulation, **options)
-    return replace(other, reference=problem.reference, progress=problem.progress)

@@ -157,7 +157,7 @@ def packed_columns(
     return packed, live, finite
 
 
-class FixedRows:
+class NativeRows:
     """Information on fixed rows and columns that takes one sample at a time (see `rigid.live_information`), without new memory."""
 
     def __init__(self, tree: RigidBodyTree, factors: Array, rows: Array, columns: Array, pattern: Array) -> None:
@@ -193,7 +193,7 @@ def simulate(tree: RigidBodyTree, work: tuple[Any, ...], plant: tuple[Array, ...
     return int(_kernel.simulate(own.handle, *work, thread_count(), moved, *arrays))
 
 
-class FixedDynamics:
+class NativeDynamics:
     """Dynamics of one tree with fixed parameters (see `rigid.dynamics`): arguments are only checked where the kernel refuses."""
 
     def __init__(self, tree: RigidBodyTree, inertia: Array, added: Array | None = None) -> None:
@@ -236,5 +236,5 @@ class FixedDynamics:
         return mass, bias
 
 
-#: The name under which integrators know it.
-NativeDynamics = FixedDynamics
+#: What `kernel()` calls them in either kernel.
+fixed_rows, fixed_dynamics = NativeRows, NativeDynamics

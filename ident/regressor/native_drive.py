@@ -19,7 +19,7 @@ if not hasattr(_kernel, "respond"):
 _DRIVE = _kernel.drive
 
 
-class FixedDrive:
+class NativeDrive:
     """Torque and acceleration of a fixed-base tree with `inertia` (10 nb,) and the terms of its drives; one state (n,) or a batch (N, n).
 
     Arguments are only checked where the kernel refuses."""
@@ -71,3 +71,7 @@ def respond(inertia: Array, force: Array, carried: Array, scale: Array, least: f
     out, sound = np.empty(force.shape), np.empty(len(force), bool)
     _kernel.respond(inertia, force, carried, scale, float(least), *force.shape, out, sound)
     return out, sound
+
+
+#: What `kernel()` calls it in either kernel.
+fixed_drive = NativeDrive

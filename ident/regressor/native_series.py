@@ -58,8 +58,8 @@ def whiten(
     return int(_kernel.whiten(predictors, width, past, age, len(flags), given, flags, flags.shape[1], column, out, products, rows))
 
 
-class Lattice:
-    """Burg's lattice over samples (N,) with NaN in the gaps; see `numpy_series.Lattice`."""
+class NativeLattice:
+    """Burg's lattice over samples (N,) with NaN in the gaps; see `numpy_series.NumpyLattice`."""
 
     def __init__(self, x: Array) -> None:
         present = np.isfinite(x)
@@ -108,3 +108,7 @@ def _wide(x: Array) -> Array:
     out = np.zeros((len(x), -(-x.shape[1] // _LANES) * _LANES))
     out[:, : x.shape[1]] = x
     return out
+
+
+#: What `kernel()` calls it in either kernel.
+lattice = NativeLattice

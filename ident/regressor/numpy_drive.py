@@ -11,7 +11,7 @@ from .numpy_dynamics import fitting, forward_dynamics, inverse_dynamics
 Array = np.ndarray
 
 
-class FixedDrive:
+class NumpyDrive:
     """Torque and acceleration of a fixed-base tree with `inertia` (10 nb,) and the terms of its drives; one state (n,) or N of them."""
 
     def __init__(self, tree: RigidBodyTree, inertia: Array, terms: DriveTerms) -> None:
@@ -69,3 +69,7 @@ def _eliminated(matrix: Array, right: Array) -> tuple[Array, Array]:
         for j in reversed(range(n)):
             right[j] = (right[j] - np.sum(matrix[j, j + 1 :] * right[j + 1 :], axis=0)) / matrix[j, j]
     return sound, right
+
+
+#: What `kernel()` calls it in either kernel.
+fixed_drive = NumpyDrive

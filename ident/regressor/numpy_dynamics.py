@@ -277,7 +277,7 @@ def forward_dynamics(
         raise singular(int(np.argmin(ranks))) from None
 
 
-class FixedDynamics:
+class NumpyDynamics:
     """Forward dynamics of one tree with fixed parameters; see `rigid.dynamics`."""
 
     def __init__(self, tree: RigidBodyTree, inertia: Array, added: Array) -> None:
@@ -326,3 +326,7 @@ def singular(sample: int) -> DataError:
         f"the mass matrix is singular at sample {sample}: some joint moves no inertia with these parameters."
         " Give the rotor inertia through `added`, or parameters from a possible model."
     )
+
+
+#: What `kernel()` calls it in either kernel.
+fixed_dynamics = NumpyDynamics

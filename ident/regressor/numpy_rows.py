@@ -80,7 +80,7 @@ def packed_columns(
     return out.reshape(count, len(rows) * len(columns)), (np.arange(len(columns)),) * len(rows), finite
 
 
-class FixedRows:
+class NumpyRows:
     """Information on fixed rows and columns that takes one sample at a time (see `rigid.live_information`)."""
 
     def __init__(self, tree: RigidBodyTree, factors: Array, rows: Array, columns: Array, pattern: Array) -> None:
@@ -148,3 +148,7 @@ def _triangle(block: Array) -> Array:
     if len(live):
         out[np.ix_(live, live)] = np.linalg.qr(block[:, live], mode="r")
     return out
+
+
+#: What `kernel()` calls it in either kernel.
+fixed_rows = NumpyRows

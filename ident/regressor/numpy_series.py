@@ -38,7 +38,7 @@ def recursion(polynomial: Array, x: Array, before: Array) -> Array:
     return np.concatenate([before, lfilter([1.0], polynomial, x, axis=0, zi=state)[0]])
 
 
-class Lattice:
+class NumpyLattice:
     """Burg's lattice over samples (N,) with NaN in the gaps: errors of prediction forwards and backwards, of the `order` that comes next,
     where the whole past is present."""
 
@@ -107,3 +107,7 @@ def whiten(
     if products is not None:
         products[:rows] += made[:, :rows].T @ made
     return int(min(place[-1] - gap[-1], p)) if m else age
+
+
+#: What `kernel()` calls it in either kernel.
+lattice = NumpyLattice

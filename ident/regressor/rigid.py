@@ -82,7 +82,7 @@ def dynamics(tree: RigidBodyTree, inertia: Any, added: Any = None) -> Dynamics:
     """Dynamics of a tree with fixed parameters: checked once here, then as little as possible around each call.
 
     `inertia` (10 nb,), `added` (nv, nv) as in `forward_dynamics`. States that are not finite raise DataError."""
-    made: Dynamics = kernel().dynamics.FixedDynamics(tree, _inertia(tree, inertia), added_inertia(tree, added))
+    made: Dynamics = kernel().dynamics.fixed_dynamics(tree, _inertia(tree, inertia), added_inertia(tree, added))
     return made
 
 
@@ -98,7 +98,7 @@ class Drive(Protocol):
 
 def drive(tree: RigidBodyTree, inertia: Any, terms: DriveTerms) -> Drive:
     """A fixed-base tree with `inertia` (10 nb,) and the terms of its drives: checked once, then as little as possible around each call."""
-    made: Drive = kernel().drive.FixedDrive(tree, _inertia(tree, inertia), terms)
+    made: Drive = kernel().drive.fixed_drive(tree, _inertia(tree, inertia), terms)
     return made
 
 
@@ -119,7 +119,7 @@ def live_information(tree: RigidBodyTree, factors: Array, rows: Array, columns: 
     """Information that starts with `factors` (R, k+1, k+1); `rows`, `columns`, `pattern` as in `information`."""
     q, rates = np.zeros((1, tree.nq)), np.zeros((1, tree.nv))
     work = _Work.of(tree, q, rates, rates, rows, columns, np.zeros((1, np.shape(pattern)[1])), pattern, None, 1)
-    made: LiveInformation = kernel().rows.FixedRows(tree, _finite("factors", factors), work.rows, work.columns, work.pattern)
+    made: LiveInformation = kernel().rows.fixed_rows(tree, _finite("factors", factors), work.rows, work.columns, work.pattern)
     return made
 
 
@@ -162,15 +162,7 @@ def information(
     Raises DataError for input that is not finite."""
     work = _Work.of(tree, q, dq, ddq, rows, columns, extra, pattern, taps, factor)
     shape = (work.count, len(work.rows))
-    if valid is not None:
-        valid = np.ascontiguousarray(valid)
-        if valid.shape != shape or valid.dtype != bool:
-            raise ConfigurationError(f"valid: expected bool of shape {shape}, but it is {valid.dtype} of shape {valid.shape}.")
-    tau = np.ascontiguousarray(tau, dtype=np.float64)
-    weight = None if weight is None else _finite("weight", weight)
-    for name, array in (("tau", tau), ("weight", weight)):
-        if array is not None and array.shape != shape:
-            raise ConfigurationError(f"{name}: expected shape {shape}, samples by rows, but it is {array.shape}.")
+    tau, valid, weight = _of_rows(shape, tau, valid, weight)
     if form not in ("triangle", "gram"):
         raise ConfigurationError(f"form={form!r}: must be 'triangle' or 'gram'.")
     if split is not None and (form != "gram" or not 0 <= split <= len(work.columns)):
@@ -186,6 +178,20 @@ def information(
         _finite("tau", np.where(used, tau, 0.0))
         raise DataError("the sum of squares over the samples overflows: some value is beyond 1e150. Check the units of the log.")
     return factors, counts
+
+
+def _of_rows(shape: tuple[int, int], tau: Any, valid: Any, weight: Any) -> tuple[Array, Array | None, Array | None]:
+    """Torque, which of it counts, and its weights as arrays of `shape` (M, R). Raises ConfigurationError for other shapes."""
+    if valid is not None:
+        valid = np.ascontiguousarray(valid)
+        if valid.shape != shape or valid.dtype != bool:
+            raise ConfigurationError(f"valid: expected bool of shape {shape}, but it is {valid.dtype} of shape {valid.shape}.")
+    tau = np.ascontiguousarray(tau, dtype=np.float64)
+    weight = None if weight is None else _finite("weight", weight)
+    for name, array in (("tau", tau), ("weight", weight)):
+        if array is not None and array.shape != shape:
+            raise ConfigurationError(f"{name}: expected shape {shape}, samples by rows, but it is {array.shape}.")
+    return tau, valid, weight
 
 
 def packed_columns(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.text import counted
 from ..drawing.document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, plain
 from ..drives.commands import DriveLog
 from ..drives.plant import DrivePlant
@@ -38,7 +39,9 @@ def drive_report(fit: DriveFit, logs: LogSet) -> Report:
         sections.append(Text("MuJoCo", (why,)))
     size = float(np.sqrt(np.mean(np.square(ours - log.q))))
     headline = f"Error of simulated position in log {log.name}: {plain(size)} (rms, rad or m)"
-    return Report(headline, "ok" if fit.settled else "ambiguous", f"{robot.name}, {robot.n} joints; law {fit.law.kind}", tuple(sections))
+    return Report(
+        headline, "ok" if fit.settled else "ambiguous", f"{robot.name}, {counted(robot.n, 'joint')}; law {fit.law.kind}", tuple(sections)
+    )
 
 
 def _units(fit: DriveFit) -> list[tuple[float, str]]:

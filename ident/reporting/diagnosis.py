@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.text import counted
 from ..diagnosis.pictures import data_of, finding_figures, findings_section
 from ..diagnosis.result import by_effect
 from ..diagnosis.text import undecided
@@ -40,7 +41,7 @@ def diagnosis_report(d: Diagnosis, *, replay: bool = True) -> Report:
         sections += replay_sections(d.before, d.after, d.signals if d.held is None else d.held, data_of(d))
     sections += [_source(d), *_warnings(d)]
     declared = joined(e.name for e in d.before.model.effects)
-    return Report(headline(d), d.verdict, f"{robot.name}, {robot.n} joints; declared model: {declared}", tuple(sections))
+    return Report(headline(d), d.verdict, f"{robot.name}, {counted(robot.n, 'joint')}; declared model: {declared}", tuple(sections))
 
 
 def headline(d: Diagnosis) -> str:

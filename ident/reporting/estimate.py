@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from .._utils.text import counted
 from ..drawing.document import Report, Section, Text, joined
 from ..estimate.pictures import correlation_figure, estimate_sections, residual_figures, values_figure
 from .robot import robot_sections
@@ -30,4 +31,4 @@ def estimate_report(estimate: Estimate) -> Report:
     code = estimate.status.code.value
     declared = joined(e.name for e in estimate.model.effects)
     headline = re.split(r"[;.] ", estimate.status.text)[0].rstrip(".")
-    return Report(f"{estimate.method}: {headline}", code, f"{robot.name}, {robot.n} joints; model: {declared}", tuple(sections))
+    return Report(f"{estimate.method}: {headline}", code, f"{robot.name}, {counted(robot.n, 'joint')}; model: {declared}", tuple(sections))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.text import counted
 from ..drawing.document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, joined, percent, plain, uncertain
 from ..effects.places import on, place_of
 from ..estimate.pictures import residual_figures
@@ -30,7 +31,9 @@ def monitoring_report(found: Monitoring) -> Report:
     if found.warnings:
         sections.append(Text("Warnings", found.warnings))
     text = said(found)
-    return Report(text[0].upper() + text[1:], found.verdict, f"{robot.name}, {robot.n} joints, against a saved fit", tuple(sections))
+    return Report(
+        text[0].upper() + text[1:], found.verdict, f"{robot.name}, {counted(robot.n, 'joint')}, against a saved fit", tuple(sections)
+    )
 
 
 def _changes(found: Monitoring) -> list[Section]:

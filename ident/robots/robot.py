@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.text import counted
 from ..errors import ConfigurationError, unknown_name
 from .transmission import Side, Transmission
+from .tree import RigidBodyTree
 from .urdf import UrdfText, prepare_urdf, read_urdf, some
 
 if TYPE_CHECKING:
     import pinocchio as pin
 
     from ..model import Model
-    from .tree import RigidBodyTree
 
 Array = np.ndarray
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
@@ -157,7 +158,8 @@ class Robot(ShortRepr):
         drive = (
             "direct" if np.array_equal(self.transmission.K, np.eye(self.n)) else "geared" if self.transmission.is_diagonal else "coupled"
         )
-        lines = [f"robot {self.name}: {self.n} joints: {kinds}; {drive} drive, torque measured on the {self.transmission.measured} side"]
+        side = self.transmission.measured
+        lines = [f"robot {self.name}: {counted(self.n, 'joint')}: {kinds}; {drive} drive, torque measured on the {side} side"]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
     @property
@@ -184,8 +186,6 @@ class Robot(ShortRepr):
     @cached_property
     def tree(self) -> RigidBodyTree:
         """The kinematic tree as arrays, for the rigid-body kernels."""
-        from .tree import RigidBodyTree
-
         return RigidBodyTree.from_pinocchio(self.model)
 
     def joint_index(self, name: str) -> int:
@@ -219,7 +219,8 @@ class Robot(ShortRepr):
         """The same robot behind another drive train."""
         if transmission.n != self.n:
             raise ConfigurationError(
-                f"[drive] describes {transmission.n} joints, but robot {self.name!r} has {self.n}: {', '.join(self.joint_names)}."
+                f"[drive] describes {counted(transmission.n, 'joint')}, but robot {self.name!r} has"
+                f" {self.n}: {', '.join(self.joint_names)}."
             )
         return replace(self, transmission=transmission)
 

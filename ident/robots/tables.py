@@ -9,7 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .._utils.toml import Kind, Unfit, check_table, flag, load_toml, matrix, number, numbers, one_of, table_of, text, texts
+from .._utils.json_schema import NUMBER, of_kind, of_table
+from .._utils.text import counted
+from .._utils.toml import Kind, Unfit, check_table, described, flag, load_toml, matrix, number, numbers, one_of, table_of, text, texts
 from ..errors import ConfigurationError
 from .transmission import Side, Transmission
 
@@ -28,6 +30,19 @@ def constants(value: Any) -> Any:
     if isinstance(value, list | tuple) and value:
         return tuple("identify" if v in unknown else _constant(v, expected) for v in value)
     return "identify" if value in unknown else _constant(value, expected)
+
+
+_ONE_CONSTANT = {"anyOf": [NUMBER, {"enum": ["identify", "fit"]}]}
+described(
+    constants,
+    {
+        "anyOf": [
+            *_ONE_CONSTANT["anyOf"],
+            {"type": "array", "items": _ONE_CONSTANT},
+            {"type": "object", "additionalProperties": _ONE_CONSTANT},
+        ]
+    },
+)
 
 
 def _constant(value: Any, expected: str) -> float:
@@ -58,6 +73,9 @@ def _signs(value: Any) -> tuple[float, ...]:
     if not entries or any(isinstance(x, bool) or x not in (1, -1) for x in entries):
         raise Unfit("1 or -1, or a list of them, one per joint")
     return tuple(float(x) for x in entries)
+
+
+described(_signs, {"anyOf": [{"enum": [1, -1]}, {"type": "array", "items": {"enum": [1, -1]}, "minItems": 1}]})
 
 
 @dataclass(frozen=True)
@@ -160,7 +178,10 @@ class DriveTable:
         "law": text,
         **OF_A_LOG,
         "links": one_of("known", "identify"),
-        "by_log": table_of(lambda value: value, "a table of log = constants"),
+        "by_log": described(
+            table_of(lambda value: value, "a table of log = constants"),
+            {"type": "object", "additionalProperties": of_table({key: of_kind(kind) for key, kind in OF_A_LOG.items()})},
+        ),
     }
 
     @classmethod
@@ -194,7 +215,7 @@ class DriveTable:
             K = np.eye(n)
         if len(K) != n:
             raise ConfigurationError(
-                f"[drive] {'ratio' if self.ratio is not None else 'K'} describes {len(K)} joints, but the robot has {n}."
+                f"[drive] {'ratio' if self.ratio is not None else 'K'} describes {counted(len(K), 'joint')}, but the robot has {n}."
             )
         constants = None if self.torque_constants is None else np.array(self.torque_constants)
         zero = np.zeros(n) if self.zero is None else np.array(self.zero)

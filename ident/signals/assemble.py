@@ -8,6 +8,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import DataError
 from ..robots.robot import Robot
 from ..robots.urdf import some
@@ -189,7 +190,8 @@ def preparation_warnings(
             at = " and ".join(f"{x:.4g}" for x in cut.limits[j] if np.isfinite(x))
             use = "left out" if saturated == "mask" else "kept, as asked"
             out.append(
-                f"torque of {name} stays at its extreme ({at}) in {int(cut.flag[:, j].sum())} samples: taken as saturated, rows {use}."
+                f"torque of {name} stays at its extreme ({at}) in {counted(int(cut.flag[:, j].sum()), 'sample')}: taken as saturated,"
+                f" rows {use}."
             )
         rest = float(lost["standstill"][:, j].mean()) if len(valid) else 0.0
         if not still[j] and rest > 0.5:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.text import counted
 from ..drawing.document import BlockKind, Figure, Layer, Panel, Role
 from ..robots.transmission import Side
 from .timeline import Timeline
@@ -43,5 +44,5 @@ def signals_figure(robot: Robot, line: Timeline, dq: Array, tau: Array, valid: A
         )
         panels.append(Panel(name, label, f"speed ({robot.position_unit(j, Side.JOINT)}/s)", (speed,)))
         panels.append(Panel(name, label, f"torque ({robot.force_unit(j, side)})", torque))
-    caption = f"{len(tau)} rows a joint at {rate:.4g} Hz; torque on the {side.value} side."
+    caption = f"{counted(len(tau), 'row')} a joint at {rate:.4g} Hz; torque on the {side.value} side."
     return Figure("signals", "Prepared signals", caption, tuple(panels), columns=2)

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import ConfigurationError, DataError, UnsupportedError, unknown_name
 from ..logs.log import Log, LogSet
 from ..robots.robot import Robot
@@ -118,7 +119,7 @@ class Preparation(ABC):
         if not pieces:
             longest = max(len(r) for r in uniform.runs)
             raise DataError(
-                f"{of_logs([r.name for r in uniform.runs])}: the longest stretch without a gap has {longest} samples: too few to"
+                f"{of_logs([r.name for r in uniform.runs])}: the longest stretch without a gap has {counted(longest, 'sample')}: too few to"
                 " differentiate. `ident check` tells where the gaps are."
             )
         return choose_cutoff(pieces, uniform.rate, robot.joint_names, [j.prismatic for j in robot.joints], highest=highest)

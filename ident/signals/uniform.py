@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import ConfigurationError, DataError
 from ..logs.log import Log, measured
 from ..logs.repair import usable_numbers
@@ -38,7 +39,9 @@ class Recording:
     def of(cls, log: Log, robot: Robot) -> Recording:
         """Positions from the motors where need be and without jumps of a turn, torque on the measured side. Raises DataError."""
         if log.n != robot.n:
-            raise DataError(f"log {log.name} has {log.n} joints, but robot {robot.name!r} has {robot.n}: {', '.join(robot.joint_names)}.")
+            raise DataError(
+                f"log {log.name} has {counted(log.n, 'joint')}, but robot {robot.name!r} has {robot.n}: {', '.join(robot.joint_names)}."
+            )
         notes = list(log.notes)
         if log.q is None and log.q_motor is not None:
             notes += motor_turn_notes(log.name, robot, wrapping(log.q_motor))
@@ -168,14 +171,18 @@ def resampling_text(runs: int, uneven: int, rate: float, recordings: Sequence[tu
     if not runs:
         longest = max(samples for samples, _ in recordings)
         if longest < 32:
-            raise DataError(f"the longest log has {longest} samples: too few to differentiate. Record longer runs.")
+            raise DataError(f"the longest log has {counted(longest, 'sample')}: too few to differentiate. Record longer runs.")
         raise DataError("no stretch of the logs is long enough: the time stamps have gaps everywhere. See `ident check`.")
     jitter = max(clock.jitter / clock.step for _, clock in recordings)
     missing = sum(clock.missing for _, clock in recordings)
-    why = [f"{missing} samples missing"] * (missing > 0) + [f"steps vary by {jitter:.1%} rms"] * (not missing or jitter > 0.001)
-    text = f"{uneven} of {runs} stretches resampled to {rate:.6g} Hz ({', '.join(why)})" if uneven else f"even, {rate:.6g} Hz"
-    text += f"; {gaps} gap{'s' * (gaps > 1)} cut the runs" if gaps else ""
-    return text + (f"; {thinned} samples too close to the one before left out" if thinned else "")
+    why = [f"{counted(missing, 'sample')} missing"] * (missing > 0) + [f"steps vary by {jitter:.1%} rms"] * (not missing or jitter > 0.001)
+    text = (
+        f"{uneven} of {counted(runs, 'stretch', plural='stretches')} resampled to {rate:.6g} Hz ({', '.join(why)})"
+        if uneven
+        else f"even, {rate:.6g} Hz"
+    )
+    text += f"; {counted(gaps, 'gap', 'cut')} the runs" if gaps else ""
+    return text + (f"; {counted(thinned, 'sample')} too close to the one before left out" if thinned else "")
 
 
 def _uniform(rec: Recording, part: slice, rate: float) -> tuple[UniformRun, int]:

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..effects.motion import Coordinates
 from ..robots.transmission import Side
-from .controller import Controller, Law, Script
+from .controller import Controller, Law
+from .script import Script
 
 if TYPE_CHECKING:
     from .dynamics import PlantDynamics, State

@@ -14,9 +14,9 @@ import numpy as np
 from ..effects.kinds import Factor
 from ..regressor.kernel_choice import kernel
 from ..robots.transmission import Side
-from .controller import Script
 from .dynamics import PlantDynamics, Response, State, singular_inertia
 from .integrator import Phase, diverged
+from .script import Script
 
 Array = np.ndarray
 #: What stops a simulation (ident/_native/tree.h).

@@ -6,21 +6,21 @@ import numpy as np
 
 from ..errors import IdentError
 from .compiled import CompiledPlant, UnfitError
-from .controller import Script
-from .dynamics import PlantDynamics
+from .plant import Plant
+from .script import Script
 
 Array = np.ndarray
 
 
 def compiled_windows(
-    dynamics: PlantDynamics, t: Array, start: tuple[Array, Array], torque: Array, period: float, substeps: int
+    plant: Plant, t: Array, start: tuple[Array, Array], torque: Array, period: float, substeps: int
 ) -> tuple[Array, Array, Array]:
     """Replay windows by the compiled integrator, where it knows the plant.
 
     Parameters
     ----------
-    dynamics : PlantDynamics
-        The plant, n joints.
+    plant : Plant
+        The plant, n joints, whose values never change.
     t : (B,) array
         Times at which the windows begin, s.
     start : tuple of (B, n) arrays
@@ -40,25 +40,33 @@ def compiled_windows(
     """
     q, dq = np.full((2, *torque.shape), np.nan)
     every = np.arange(len(t))
-    plant = dynamics.compiled
-    if plant is None:
+    compiled = plant.compiled()
+    if compiled is None:
         return q, dq, every
-    if _ran(plant, t, start, torque, period, substeps, every, q, dq):
+    if _ran(compiled, t, start, torque, period, substeps, every, q, dq):
         return q, dq, every[:0]
     # One that stops, stops all beside it.
-    left = [i for i in every if not _ran(plant, t, start, torque, period, substeps, every[i : i + 1], q, dq)]
+    left = [i for i in every if not _ran(compiled, t, start, torque, period, substeps, every[i : i + 1], q, dq)]
     return q, dq, np.array(left, int)
 
 
 def _ran(
-    plant: CompiledPlant, t: Array, start: tuple[Array, Array], torque: Array, period: float, substeps: int, at: Array, q: Array, dq: Array
+    compiled: CompiledPlant,
+    t: Array,
+    start: tuple[Array, Array],
+    torque: Array,
+    period: float,
+    substeps: int,
+    at: Array,
+    q: Array,
+    dq: Array,
 ) -> bool:
     """Whether the windows `at` ran to their end; then their motion is put into `q`, `dq`."""
-    dynamics = plant.dynamics
+    dynamics = compiled.dynamics
     state = dynamics.start(t[at], start[0][at], start[1][at])
     script = Script(dynamics.robot.transmission.measured, np.ascontiguousarray(torque[:, at]))
     try:
-        kept, _, _ = plant.run(script, state, None, period=period, substeps=substeps, linear=True)
+        kept, _, _ = compiled.run(script, state, None, period=period, substeps=substeps, linear=True)
     except (UnfitError, IdentError):
         return False
     q[:, at], dq[:, at] = kept.q, kept.dq

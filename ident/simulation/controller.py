@@ -16,6 +16,7 @@ from ..robots.reach import reach
 from ..robots.transmission import Side
 from ..robots.tree import link_names
 from .plant import Plant
+from .script import Script
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -35,21 +36,6 @@ def _gains(name: str, values: object, n: int) -> Array:
     if array.shape != (n,) or not np.all(np.isfinite(array)) or np.any(array < 0):
         raise ConfigurationError(f"controller: {name} must be one number, or {n} (one per joint), finite and not negative.")
     return array
-
-
-@dataclass(frozen=True, eq=False)
-class Script:
-    """Torque at K control instants of B runs: `forward` + kp (q − measured position) + kd (dq − measured speed), within ±limit.
-
-    Arrays (K, B, n) on `side`; `kp`, `kd`, `limit` (n,). Without gains it is `forward` alone, whatever the state."""
-
-    side: Side
-    forward: Array
-    q: Array | None = None
-    dq: Array | None = None
-    kp: Array | None = None
-    kd: Array | None = None
-    limit: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -25,7 +24,6 @@ from .rigid import RigidDynamics
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
-    from .compiled import CompiledPlant
 
 Array = np.ndarray
 
@@ -103,13 +101,6 @@ class PlantDynamics:
         self.dry = DryFriction(robot, self.terms, self.rates)
         #: How often accelerations were asked for.
         self.evaluations = 0
-
-    @cached_property
-    def compiled(self) -> CompiledPlant | None:
-        """The same for compiled integration, where it can do all of it."""
-        from .compiled import CompiledPlant
-
-        return CompiledPlant.of(self)
 
     def fastest_spring(self, state: State) -> tuple[float, str]:
         """How fast (1/s) drives can swing, or settle, against their links while everything else gives way: the largest modulus of the

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..effects.force import ForceModel
 from ..errors import ConfigurationError
+from .compiled import CompiledPlant
 from .dynamics import Input, PlantDynamics, State
 from .flexible import FlexibleJoints
 from .forces import model_terms
@@ -54,7 +55,8 @@ class Plant:
     values: Array | Schedule
     extra: tuple[ForceModel, ...] = ()
     flexible: FlexibleJoints | None = None
-    _compiled: dict[int, PlantDynamics] = field(default_factory=dict, init=False, repr=False)
+    _dynamics: dict[int, PlantDynamics] = field(default_factory=dict, init=False, repr=False)
+    _compiled: dict[int, CompiledPlant | None] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         require_fixed_base(self.robot)
@@ -80,11 +82,18 @@ class Plant:
         return self.values if isinstance(self.values, Schedule) else Schedule(np.zeros(0), np.asarray(self.values)[None])
 
     def dynamics(self, t: float = 0.0) -> PlantDynamics:
-        """The compiled dynamics that hold at time t."""
+        """The dynamics that hold at time t."""
+        piece = self.schedule.piece(t)
+        if piece not in self._dynamics:
+            robot, terms, inertial = model_terms(self.model, self.schedule.values[piece], self.extra)
+            self._dynamics[piece] = PlantDynamics(robot, terms, inertial, self.flexible)
+        return self._dynamics[piece]
+
+    def compiled(self, t: float = 0.0) -> CompiledPlant | None:
+        """The same for compiled integration, where it can do all of it."""
         piece = self.schedule.piece(t)
         if piece not in self._compiled:
-            robot, terms, inertial = model_terms(self.model, self.schedule.values[piece], self.extra)
-            self._compiled[piece] = PlantDynamics(robot, terms, inertial, self.flexible)
+            self._compiled[piece] = CompiledPlant.of(self.dynamics(t))
         return self._compiled[piece]
 
     def forward_dynamics(self, q: Array, dq: Array, tau: Array, t: float = 0.0) -> Array:

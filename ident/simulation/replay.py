@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.text import counted
 from ..effects.force import Simulated
 from ..effects.kinds import Nature, Need
 from ..errors import ConfigurationError, DataError
@@ -92,7 +93,7 @@ class Replay:
         }
 
     def __str__(self) -> str:
-        lines = [f"replay: {len(self.starts)} windows of {self.t[-1]:.2f} s, {int(self.diverged.sum())} diverged"]
+        lines = [f"replay: {counted(len(self.starts), 'window')} of {self.t[-1]:.2f} s, {int(self.diverged.sum())} diverged"]
         lines.append(f"{'joint':<24}{'position rms':>16}{'velocity rms':>18}{'of the motion':>16}")
         for j, joint in enumerate(self.robot.joints):
             scale, unit = (1e3, "mm") if joint.prismatic else (180 / np.pi, "deg")
@@ -144,10 +145,9 @@ def replay(
         )
     rows = first[None, :] + stride * np.arange(length + 1)[:, None]
 
-    dynamics = Plant(forward, own).dynamics()
     measured, rate = signals.q[rows], signals.dq[rows]
     period = stride / signals.rate
-    simulated, simulated_rate, correction = _simulated(dynamics, clock, measured, rate, torque[rows], period, observer_hz, most)
+    simulated, simulated_rate, correction = _simulated(Plant(forward, own), clock, measured, rate, torque[rows], period, observer_hz, most)
     diverged = ~np.isfinite(simulated).all(axis=(0, 2))
     return Replay(
         model.robot,
@@ -218,7 +218,7 @@ def _without(signals: Signals, torque: Array) -> str:
 
 
 def _simulated(
-    dynamics: PlantDynamics, t: Array, q: Array, dq: Array, torque: Array, period: float, observer_hz: float, most: int | None
+    plant: Plant, t: Array, q: Array, dq: Array, torque: Array, period: float, observer_hz: float, most: int | None
 ) -> tuple[Array, Array, Array]:
     """Positions, velocities and the observer's torque (K, B, n) of all windows; NaN from where a window has diverged.
 
@@ -226,15 +226,15 @@ def _simulated(
     reach = 10.0 * (1.0 + np.abs(dq).max())
     substeps = max(1, int(np.ceil(period / _STEP - 1e-9)))
     if observer_hz > 0 or most is not None:
-        return _integrate(dynamics, t, q, dq, torque, period, substeps, reach, observer_hz, most)
-    simulated, rate, left = compiled_windows(dynamics, t, (q[0], dq[0]), torque, period, substeps)
+        return _integrate(plant.dynamics(), t, q, dq, torque, period, substeps, reach, observer_hz, most)
+    simulated, rate, left = compiled_windows(plant, t, (q[0], dq[0]), torque, period, substeps)
     lost = ~(np.abs(rate).max(axis=2, initial=0.0) < reach)
     lost[0] = False
     lost = np.logical_or.accumulate(lost, axis=0)
     simulated[lost], rate[lost] = np.nan, np.nan
     if len(left):
         own = q[:, left], dq[:, left], torque[:, left]
-        simulated[:, left], rate[:, left], _ = _integrate(dynamics, t[left], *own, period, substeps, reach, 0.0, None)
+        simulated[:, left], rate[:, left], _ = _integrate(plant.dynamics(), t[left], *own, period, substeps, reach, 0.0, None)
     return simulated, rate, np.zeros(q.shape)
 
 

@@ -12,7 +12,7 @@ from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
 from ..robots.transmission import Side
 from .actuators import Actuator
-from .compiled import Kept, UnfitError
+from .compiled import CompiledPlant, Kept, UnfitError
 from .dynamics import Input, PlantDynamics, State
 from .integrator import Phase, advance, begin, require_finite
 from .result import Simulation
@@ -136,14 +136,14 @@ def run(
     state = dynamics.start(np.zeros(lanes), q, dq)
     _require_resolved(dynamics, state, h)
     if not actuators and len(plant.schedule.values) == 1:
-        whole = _all_compiled(dynamics, command, state, linear, period, substeps, every, progress)
+        whole = _all_compiled(plant.compiled(), command, state, linear, period, substeps, every, progress)
         if whole is not None:
             return whole
     book = _Logbook.of(count, every, lanes, n, state.x.shape[1], progress)
-    loaded: list[Array] | None = None
     modes: Array | None = None
     guess: Array | None = None
     following = command(0, state, dynamics)
+    loaded = _started(actuators, following)
     for k in range(count):
         t = k * period
         new = plant.dynamics(t)
@@ -152,10 +152,8 @@ def run(
         state = State(np.full(lanes, t), state.y, state.v, state.x)
         now = following if linear or k == 0 else command(k, state, dynamics)
         following = command(min(k + 1, count - 1), state, dynamics) if linear else now
-        if loaded is None:
-            loaded = _started(actuators, now)
         book.reported[k] = now
-        begun = None if actuators or linear else _compiled_period(dynamics, state, modes, now, period, substeps, k == count - 1)
+        begun = None if actuators or linear else _compiled_period(plant.compiled(t), state, modes, now, period, substeps, k == count - 1)
         if begun is not None:
             phase, state, modes = begun
             guess = phase.response.a
@@ -213,7 +211,7 @@ def _acted(
 
 
 def _all_compiled(
-    dynamics: PlantDynamics,
+    compiled: CompiledPlant | None,
     command: Command,
     state: State,
     linear: bool,
@@ -223,24 +221,22 @@ def _all_compiled(
     progress: Callable[[float], None] | None,
 ) -> Record | None:
     """All of it by compiled code, where it knows the plant and the command; else None."""
-    script = None if dynamics.compiled is None else command.script()
-    if dynamics.compiled is None or script is None:
+    script = None if compiled is None else command.script()
+    if compiled is None or script is None:
         return None
     try:
-        kept, _, _ = dynamics.compiled.run(
-            script, state, None, period=period, substeps=substeps, every=every, linear=linear, progress=progress
-        )
+        kept, _, _ = compiled.run(script, state, None, period=period, substeps=substeps, every=every, linear=linear, progress=progress)
     except UnfitError:
         return None
-    return _record(dynamics, kept, script.side, every, period, linear)
+    return _record(compiled.dynamics, kept, script.side, every, period, linear)
 
 
 def _compiled_period(
-    dynamics: PlantDynamics, state: State, modes: Array | None, torque: Array, period: float, substeps: int, ends: bool
+    compiled: CompiledPlant | None, state: State, modes: Array | None, torque: Array, period: float, substeps: int, ends: bool
 ) -> tuple[Phase, State, Array] | None:
     """The phase at the start of a control period, state and modes at its end, where compiled code knows the plant; else None."""
     try:
-        return None if dynamics.compiled is None else dynamics.compiled.period(state, modes, torque, period, substeps, ends)
+        return None if compiled is None else compiled.period(state, modes, torque, period, substeps, ends)
     except UnfitError:
         return None
 

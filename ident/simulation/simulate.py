@@ -9,6 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from .._utils.text import counted
 from ..effects.force import ForceModel
 from ..effects.motion import Coordinates
 from ..effects.rigid_body import RigidBody
@@ -184,7 +185,7 @@ def _sampled(desired: Sequence[Trajectory | Coordinates], control_rate: float, d
     for d in desired:
         motion = d.sample(np.arange(count) / control_rate) if isinstance(d, Trajectory) else d
         if motion.q.shape[1:] != (n,):
-            raise ConfigurationError(f"the desired motion has shape {motion.q.shape}, but the robot has {n} joints.")
+            raise ConfigurationError(f"the desired motion has shape {motion.q.shape}, but the robot has {counted(n, 'joint')}.")
         last = np.minimum(np.arange(count), len(motion.q) - 1)
         moving = (np.arange(count) < len(motion.q))[:, None]
         found.append((motion.q[last], motion.dq[last] * moving, motion.ddq[last] * moving))

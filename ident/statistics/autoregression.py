@@ -38,7 +38,7 @@ def burg(x: Array, max_order: int) -> Autoregression | None:
         return None
     start, count = variance, len(known)
     a, best, score, waited = np.ones(1), Autoregression(np.ones(1), variance), count * np.log(variance), 0
-    errors = kernel().series.Lattice(x)
+    errors = kernel().series.lattice(x)
     for order in range(1, max_order + 1):
         if errors.count < max(8, 3 * order) or errors.squares <= 0.0:
             return None if order == 1 else best

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .._utils.text import counted
 from ..auditing.columns import check_columns, joint_limits
 from ..auditing.findings import Audit, AuditFinding, Severity, merged_findings
 from ..auditing.motion import check_motion
@@ -77,7 +78,7 @@ def _of_content(log: StoredLog, robot: Robot) -> list[AuditFinding]:
             joint_limits(add, robot, j, joint.name, np.array([survey.low[j], survey.high[j]]))
         if 0 < survey.missing[j] < survey.rows:
             missing = int(survey.missing[j])
-            text = f"Torque is missing in {missing} samples; rows that rest on them are not used."
+            text = f"Torque is missing in {counted(missing, 'sample')}; rows that rest on them are not used."
             add("torque_nan", Severity.WARNING, text, joint.name, missing / survey.rows)
     rate = len(log) / max(log.duration, 1e-300)
     add(

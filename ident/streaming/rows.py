@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +16,10 @@ from ..problem.columns import RowColumns, live_columns
 from ..robots.transmission import Side
 from ..signals.filters import RowFilter
 from ..signals.rows import Rows
+from ..signals.signals import Signals
 from ..signals.sound import TURNING_REACH, TURNING_SHARE, UNSOUND, filtered_share
 from .decisions import Decisions
 from .motion import DerivedRun
-
-if TYPE_CHECKING:
-    from .signals import StreamedSignals
 
 Array = np.ndarray
 #: Numbers in the columns of a block of rows, at most where parts are smaller.
@@ -125,7 +122,7 @@ class StoredRows:
 
     parts: Sequence[RowPart]
     model: Model
-    signals: StreamedSignals
+    signals: Signals
 
     @property
     def count(self) -> int:

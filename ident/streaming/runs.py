@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .._utils.text import counted
 from ..errors import DataError
 from ..logs.log import measured
 from ..robots.robot import Robot
@@ -39,7 +40,9 @@ class StoredRecording:
     def of(cls, log: StoredLog, robot: Robot, folder: Path) -> StoredRecording:
         """Raises DataError where there is no torque, ConfigurationError for currents without torque constants."""
         if log.n != robot.n:
-            raise DataError(f"log {log.name} has {log.n} joints, but robot {robot.name!r} has {robot.n}: {', '.join(robot.joint_names)}.")
+            raise DataError(
+                f"log {log.name} has {counted(log.n, 'joint')}, but robot {robot.name!r} has {robot.n}: {', '.join(robot.joint_names)}."
+            )
         notes = list(log.notes)
         notes_of_torque = measured(log.read(0, 1), robot.transmission).notes
         survey = log.survey(robot.transmission)

@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._utils.text import counted
 from ..effects.kinds import Need
 from ..errors import DataError, IdentError, UnsupportedError
 from ..estimators.base import Capability, estimator_types
@@ -242,7 +243,7 @@ def store_files(
             progress((i + 1) / len(tasks))
     give_back_memory()
     if not logs:
-        raise DataError(f"none of the {len(files)} logs can be read; the first: {skipped[0]}")
+        raise DataError(f"none of {counted(len(files), 'log')} can be read; the first: {skipped[0]}")
     return tuple(_named_apart(logs)), tuple(skipped)
 
 

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 DEFAULT_PREPARATION = "zero_phase"
 DEFAULT_METHOD = "wls"
+#: Endings of files that hold a robot.
+_URDF = (".urdf", ".xml")
 _COLUMN_ENTRIES = (
     'a table of quantity = "column of the file", with a unit as in q1_deg = "...", or = { column = "...", scale = -1, offset = 0 }'
 )
@@ -119,6 +121,8 @@ class Study:
 
         `drive`: a drive file (`read_drive`). `effects`: names, one or several a text, separated by commas, or NAME:JOINTS:KEY=VALUE,…
         Raises ConfigurationError."""
+        if robot is not None and urdf is None and robot.lower().endswith(_URDF) and Path(robot).is_file():
+            robot, urdf = None, robot  # a file by its name
         if robot is not None and urdf is not None:
             raise ConfigurationError("a robot by name and a URDF are both given; give one of them.")
         table, gearing = self.description.robot, self.description.drive
@@ -276,12 +280,9 @@ def read_study(path: str | Path) -> Study:
     data = check_table(load_toml(path, "study"), schema, "", where)
     plugins = check_table(data.get("plugins", {}), {"modules": texts}, "plugins", where).get("modules", ())
     load_modules(plugins, path.parent, f"{where}: [plugins]")
-    logs = check_table(
-        data.get("logs", {}), {"fit": texts, "validate": texts, "missing": text, "rate_hz": number, "recorders": texts}, "logs", where
-    )
-    missing, rate_hz = logs.pop("missing", None), logs.pop("rate_hz", None)
-    for file in logs.get("recorders", ()):
-        add_recorders(path.parent / file)
+    logs = _logs(data.get("logs", {}), path.parent, where)
+    for file in logs.recorders:
+        add_recorders(Path(file))
     strategies = {table: _strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
     form = strategies["estimator"].options.get("form", TORQUE)
     try:
@@ -295,17 +296,22 @@ def read_study(path: str | Path) -> Study:
             DriveTable.read(data.get("drive", {}), where),
             read_loop(data.get("loop", {}), where),
         ),
-        LogsTable(
-            **{key: tuple(_from_folder(path.parent, entry) for entry in entries) for key, entries in logs.items()},
-            missing=missing,
-            rate_hz=rate_hz,
-        ),
+        logs,
         strategies["signals"],
         strategies["estimator"].without("form"),
         columns,
         tuple(plugins),
         form,
     )
+
+
+def _logs(data: Any, folder: Path, where: str) -> LogsTable:
+    """The `[logs]` table of a study in `folder`."""
+    kinds = {"fit": texts, "validate": texts, "missing": text, "rate_hz": number, "recorders": texts}
+    logs = check_table(data, kinds, "logs", where)
+    missing, rate_hz = logs.pop("missing", None), logs.pop("rate_hz", None)
+    files = {key: tuple(_from_folder(folder, entry) for entry in entries) for key, entries in logs.items()}
+    return LogsTable(**files, missing=missing, rate_hz=rate_hz)
 
 
 def _column_entry(value: Any) -> Any:

@@ -156,7 +156,7 @@ def test_repeated_time_is_said(fit, arm, tmp_path):
     t[501:503] = t[500]
     ran = fit(write_csv(tmp_path / "repeat.csv", arm.table | {"t": t}))
     assert ran.code == 0
-    assert re.search(r"2 rows repeat the time stamp before them \(data rows 502-503\)", " ".join(ran.out.split()))
+    assert re.search(r"2 rows repeat the time stamp before \(data rows 502-503\)", " ".join(ran.out.split()))
 
 
 @pytest.mark.parametrize("suffix", ["", "_rad"])

@@ -151,3 +151,12 @@ def test_the_help_of_a_command_has_examples_that_it_understands(ident: Ident, co
         args, more = build_parser(command).parse_known_args(words[1:])
         assert take_names(args, more), line
         assert args.command == command
+
+
+def test_a_file_may_stand_where_a_robot_is_named(ident: Ident, arm: Arm, tmp_path: Path) -> None:
+    ran = ident("base", "--robot", arm.urdf)
+    assert ran.code == 0, ran.err
+    assert ran.out == ident("base", "--urdf", arm.urdf).out
+    ran = ident("base", "--robot", tmp_path / "none.urdf")
+    assert ran.code == 2
+    assert "give it as a URDF" in ran.err

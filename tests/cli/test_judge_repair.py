@@ -53,7 +53,7 @@ def test_a_repaired_fit_is_written(ident, arm, short_fit, tmp_path, method):
         assert repair["binding"]["costs"]
         assert "Constraints that bind" in ran.err
     assert short_fit.read_bytes() == before
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["fit.json", "judgement.json"]
+    assert {p.name for p in (tmp_path / "out").iterdir()} - {"report.html", "figures"} == {"fit.json", "judgement.json", "report.json"}
     # The file is a fit like any other: judged, used for prediction, exported.
     again = Estimate.load(tmp_path / "out" / "fit.json")
     assert again.method == f"wls, repaired ({method})"

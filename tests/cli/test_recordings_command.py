@@ -132,3 +132,16 @@ def test_recorders_are_checked(tmp_path):
         (tmp_path / "x.toml").write_text(wrong)
         with pytest.raises(ConfigurationError, match=r"x\.toml"):
             add_recorders(tmp_path / "x.toml")
+
+
+def test_what_needs_no_robot_is_checked_without_one(ident, arm, tmp_path):
+    """Positions in degrees beside velocities in rad/s; one warning for all joints."""
+    columns = {k: v / (np.pi / 180) if k.startswith("q") else v for k, v in arm.table.items()}
+    rates = {f"dq{j + 1}": np.gradient(arm.table[f"q{j + 1}"], arm.table["t"]) for j in range(4)}
+    ran = ident("check", "--log", write_csv(tmp_path / "a.csv", columns | rates), "--json")
+    assert ran.code == 0, ran.err
+    (found,) = [w for w in ran.json["warnings"] if "measured velocity" in w]
+    assert found.startswith("q1, q2, q3, q4: ")
+    ran = ident("check", "--log", write_csv(tmp_path / "b.csv", arm.table | rates))
+    assert "warning" not in ran.out
+    assert "by our own names (rad, m, N m" in " ".join(ran.out.split())

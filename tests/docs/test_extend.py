@@ -105,6 +105,43 @@ def test_a_study_names_its_modules(folder: Path) -> None:
     assert json.loads(run(folder, "fit", "study.toml", "--json").stdout)["method"] == "ridge"
 
 
+def test_a_saved_fit_with_the_law_serves_every_command(folder: Path) -> None:
+    options = ["--robot", "double_pendulum", "--effects", "viscous", "smooth_coulomb"]
+    law = ["--plugin", "smooth_friction.py"]
+    assert run(folder, "simulate", "--robot", "double_pendulum", "--seconds", "4", "--log", "own.csv").returncode == 0
+    assert run(folder, "fit", *law, *options, "--log", "own.csv", "--out", "own").returncode == 0
+    checked = ["validate", "--fit", "own/fit.json", "--validate", "own.csv", "--no-replay"]
+    unknown = run(folder, *checked)
+    assert (unknown.returncode, "--plugin FILE" in unknown.stderr) == (2, True)
+    for command in ([*checked, *law, "--out", "checked"], ["export", *law, "own/fit.json", "own.c"]):
+        done = run(folder, *command)
+        assert done.returncode == 0, done.stderr
+    assert "held-out" in (folder / "checked/report.json").read_text()
+    assert "tanh" in (folder / "own.c").read_text()
+
+
+def test_an_error_in_a_plugin_is_told_as_the_plugins(folder: Path) -> None:
+    text = (
+        (folder / "ridge.py")
+        .read_text()
+        .replace('"ridge"', '"broken_ridge"')
+        .replace("np.vstack([R, rows])", "np.vstack([R, rows.missing])")
+    )
+    (folder / "broken_ridge.py").write_text(text)
+    done = run(folder, "fit", "--plugin", "broken_ridge.py", "--robot", "puma560", "--log", "train.csv.gz", "--method", "broken_ridge")
+    assert done.returncode == 2
+    assert "broken_ridge.py" in done.stderr
+    assert "fault of ours" not in done.stderr
+
+
+def test_values_that_are_no_solution_are_refused() -> None:
+    train, _ = ident.demo_logs()
+    problem = ident.fit(train, "puma560", held=0).problem
+    assert problem is not None
+    with pytest.raises(ident.ConfigurationError, match=r"solve_triangle\(R, z\)"):
+        ident.estimators.finish(problem, np.zeros(52), np.ones(6), "bare")  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("name", "text", "needle"),
     [("nosuch.py", None, "nosuch.py"), ("broken.py", "x = 1 / 0\n", "line 1"), ("nosuchmodule", None, "nosuchmodule")],

@@ -103,9 +103,9 @@ def state(out: Path) -> dict[str, str]:
     """Every file of a folder but those of unfinished work (which the next run removes), by its digest."""
     if not out.exists():
         return {}
-    there = (p for p in sorted(out.rglob("*")) if p.is_file() and ".ident-" not in p.name)
-    files = [p for p in there if p.relative_to(out).parts[0] != "checkpoint"]
-    return {str(p.relative_to(out)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+    files = ((p, p.relative_to(out)) for p in sorted(out.rglob("*")) if p.is_file())
+    done = [(p, at) for p, at in files if at.parts[0] != "checkpoint" and not any(".ident-" in part for part in at.parts)]
+    return {str(at): hashlib.sha256(p.read_bytes()).hexdigest() for p, at in done}
 
 
 def whole(path: Path) -> bool:

@@ -11,6 +11,7 @@ import pytest
 import ident
 
 from . import seeds
+from .kills import state
 from .kinds import KINDS, Kind
 from .outcomes import Difference, tried
 from .run import fuzz, made
@@ -96,3 +97,23 @@ def test_faults_are_found(tmp_path: Path) -> None:
     assert tried(lambda _: 1 / 0, path).kind == "traceback"
     assert tried(lambda _: time.sleep(5), path, seconds=0.05).kind == "hang"
     assert seeds.robot().n == 2
+
+
+def test_unfinished_work_is_no_result_and_is_removed(tmp_path: Path) -> None:
+    """A folder that was being staged when its process was killed, with what it held."""
+    import subprocess
+    import sys
+
+    from ident._utils.files import remove_all_leftovers
+
+    (tmp_path / "fit.json").write_text("{}")
+    code = (
+        "import os, sys; from pathlib import Path; from ident._utils.files import staged\n"
+        "with staged(Path(sys.argv[1]) / 'checkpoint') as scratch: (scratch / 'key.json').write_text('{}'); os.kill(os.getpid(), 9)"
+    )
+    assert subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False, cwd=Path(__file__).parents[2]).returncode == -9
+    (left,) = tmp_path.glob(".checkpoint*")
+    assert (left / "key.json").exists()
+    assert [*state(tmp_path)] == ["fit.json"]
+    remove_all_leftovers(tmp_path)
+    assert not left.exists()

@@ -261,8 +261,12 @@ def test_the_page_shows_the_robot_where_it_is(tmp_path: Path) -> None:
     np.testing.assert_allclose(at, ball(found.trajectory.sample(t).q), atol=1e-4)
     assert data["ground"] == 0.0
     assert [s["moves"] for s in data["shapes"]] == [name != "base" for name in names]
+    np.testing.assert_allclose(data["path"], at, atol=1e-4)
     swept = found.swept()
     assert [p.title for p in swept.panels] == ["from the side", "from the front", "from above"]
+    (way,) = [layer for layer in swept.panels[0].layers if layer.label == "path of the last shape"]
+    along = ball(found.trajectory.sample(np.linspace(0.0, data["duration"], len(way.x))).q)
+    np.testing.assert_allclose(np.column_stack([way.x, way.y]), along[:, [0, 2]], atol=1e-4)
 
 
 def test_what_torque_is_predicted_from_is_said() -> None:

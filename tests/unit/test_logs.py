@@ -286,7 +286,7 @@ def test_a_missing_time_stamp_is_none_and_a_time_is_no_position(tmp_path: Path) 
     t[7] = np.datetime64("NaT")
     log = read_logs(stamped(tmp_path / "a.parquet", t, q1=np.sin(np.arange(2000.0))))[0]
     assert len(log.t) == 1999
-    assert any("1 rows without a time stamp are left out (data row 8)" in note for note in log.notes)
+    assert any("left out: 1 row without a time stamp (data row 8)" in note for note in log.notes)
     with pytest.raises(DataError, match=r"b\.parquet: column 'q1' holds times, not numbers; it cannot be position"):
         read_logs(stamped(tmp_path / "b.parquet", np.arange(2000.0), q1=t))
 

@@ -240,7 +240,7 @@ def test_dates_are_no_times(tmp_path):
     ("columns", "remedy"),
     [
         ("stamp,rot_1_deg,rot_2_deg,force", "no joint position found"),
-        ("stamp,force", 'for example q1 = "angle"'),
+        ("stamp,force", 'for example t = "clock", q1 = "angle 1", tau1 = "torque 1"'),
     ],
 )
 def test_columns_that_look_like_positions_are_asked_about(tmp_path, columns, remedy):

@@ -119,7 +119,7 @@ def test_numbers_with_their_units_are_refused_with_what_to_do(tmp_path: Path) ->
         ident.read_logs(tmp_path / "a.csv")
 
 
-@pytest.mark.parametrize(("unit", "what"), [("MNm", "torque"), ("deg/ms", "vel"), ("daNm", "torque")])
+@pytest.mark.parametrize(("unit", "what"), [("MNm", "torque"), ("deg/ms", "vel"), ("hNm", "torque")])
 def test_units_that_only_look_like_known_ones_are_not_used(unit: str, what: str, tmp_path: Path) -> None:
     names = {"pos{} [rad]": Q, "vel{} [rad/s]": DQ, "torque{} [Nm]": TAU}
     columns = table("t [s]", 1.0, {f"{what}{{}} [{unit}]" if name.startswith(what) else name: x for name, x in names.items()})
@@ -128,8 +128,9 @@ def test_units_that_only_look_like_known_ones_are_not_used(unit: str, what: str,
     assert any(f"are in {unit!r}, which is no unit that is known" in note for note in log.notes)
 
 
-def test_garbled_names_do_not_fill_the_message(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(",".join(["一 " * 2000, "b"]) + "\n1,2\n2,3\n", encoding="utf-8")
+@pytest.mark.parametrize("name", ["一 " * 2000, "q2" + "焬\u3000" * 2000, "q2" + "焬 Ⰱ" * 2000])
+def test_garbled_names_do_not_fill_the_message(name: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(f"t,q1,{name}\n0,1,2\n1,2,3\n2,3,4\n", encoding="utf-8")
     with pytest.raises(ident.DataError) as caught:
-        ident.read_logs(tmp_path / "a.csv")
+        ident.read_logs(tmp_path / "a.csv", ident.load_robot("scara"))
     assert len(str(caught.value)) < 1000

@@ -155,7 +155,7 @@ def test_fixed_dynamics_for_integrators(name, puma):
     q, dq, tau = rng.normal(size=(3, 9, 6))
     with using(name) as kernel:
         wanted = kernel.dynamics.forward_dynamics(puma.tree, puma.nominal, q, dq, tau, added)
-        fixed = kernel.dynamics.FixedDynamics(puma.tree, puma.nominal, added)
+        fixed = kernel.dynamics.fixed_dynamics(puma.tree, puma.nominal, added)
         assert difference(fixed.forward(q, dq, tau), wanted) < 1e-13
         single = fixed.forward(q[4], dq[4], tau[4])
         assert single.shape == (6,)

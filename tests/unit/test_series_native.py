@@ -119,7 +119,7 @@ def test_the_lattice_is_burgs_over_every_stretch(series: ModuleType) -> None:
     x[[0, 7, 8, 500, 2999]] = np.nan
     stretches = [x[a:b] for a, b in ((1, 7), (9, 500), (501, 2999))]
     ahead, behind = [s[1:] for s in stretches], [s[:-1] for s in stretches]
-    found = series.Lattice(x)
+    found = series.lattice(x)
     for reflection in (0.5, -0.3, 0.2, 0.1, 0.0, -0.6, 0.4):
         assert found.count == sum(len(a) for a in ahead)
         assert found.squares == pytest.approx(sum(a @ a + b @ b for a, b in zip(ahead, behind, strict=True)), rel=1e-12)

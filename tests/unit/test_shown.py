@@ -175,16 +175,12 @@ def test_tables_that_cannot_be_used_are_refused() -> None:
 def test_a_log_is_made_of_a_table() -> None:
     train, _ = ident.demo_logs()
     table = train[0].to_frame()
-    made = ident.Log.from_frame(
-        table.rename(columns={"q1": "a"}),
-        ident.load_robot("puma560"),
-        name="x",
-        columns={**{c: c for c in table.columns if c != "q1"}, "q1": "a"},
+    (made,) = ident.read_logs(
+        table.rename(columns={"q1": "a"}), ident.load_robot("puma560"), columns={**{c: c for c in table.columns if c != "q1"}, "q1": "a"}
     )
-    assert made.name == "x"
     np.testing.assert_array_equal(made.q, train[0].q)
     with pytest.raises(DataError):
-        ident.Log.from_frame(table.head(1))
+        ident.read_logs(table.head(1))
 
 
 @pytest.mark.parametrize("name", ["validation", "comparison", "judgement", "excitation", "audit", "estimate"])

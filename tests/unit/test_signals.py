@@ -489,7 +489,7 @@ def test_a_single_missing_sample_shifts_nothing(rate: float, place: float) -> No
     t = np.round(np.delete(t, round(place * len(t))), 6)
     whole, holed = (ZeroPhase(cutoff_hz=2.0)(truth.log(x), robot()) for x in (np.round(np.arange(round(40.0 * rate)) / rate, 6), t))
     assert whole.report.resampled.startswith("even")
-    assert "1 samples missing" in holed.report.resampled
+    assert "1 sample missing" in holed.report.resampled
     for one, other in zip(errors(holed, truth), errors(whole, truth), strict=True):
         assert one < max(3.0 * other, 1e-4)
 

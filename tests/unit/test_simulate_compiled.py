@@ -76,12 +76,12 @@ def same(one, other, tolerance: float = 1e-10) -> None:
 def both(monkeypatch, make, **arguments):
     """The runs of a plant by compiled code and by the general way."""
     plant = make()
-    assert plant.dynamics().compiled is not None
+    assert plant.compiled() is not None
     fast = simulate_batch(plant, **arguments)
     with monkeypatch.context() as patch:
         patch.setenv("IDENT_KERNEL", "numpy")
         plant = make()
-        assert plant.dynamics().compiled is None
+        assert plant.compiled() is None
         return fast, simulate_batch(plant, **arguments)
 
 
@@ -119,7 +119,7 @@ def test_other_controllers_and_feedback(puma, monkeypatch):
     for arguments in ({"controller": cascade}, {"feedback": Feedback(counts=4000.0)}):
         fast, slow = both(monkeypatch, lambda: plant_of(puma), **common, **arguments)
         same(fast[0], slow[0], 1e-9)
-    assert plant.dynamics().compiled is not None
+    assert plant.compiled() is not None
 
 
 def test_saturation_and_joint_side_law(puma, monkeypatch):
@@ -186,15 +186,15 @@ def test_what_is_not_known_goes_the_general_way(puma):
             yield own.dq**3
 
     drag = plant_of(puma, extra=(Drag(),))
-    assert drag.dynamics().compiled is None
+    assert drag.compiled() is None
     stribeck = Plant(
         puma.rigid_body() + fr.Stribeck(), np.concatenate([puma.nominal, np.ones(len((puma.rigid_body() + fr.Stribeck()).parameters) - 60)])
     )
-    assert stribeck.dynamics().compiled is None
-    assert Plant(puma.rigid_body() + Cubic(), np.concatenate([puma.nominal, np.ones(6)])).dynamics().compiled is None
+    assert stribeck.compiled() is None
+    assert Plant(puma.rigid_body() + Cubic(), np.concatenate([puma.nominal, np.ones(6)])).compiled() is None
     # Friction that feeds power in holds nothing: not for compiled code either.
     model = puma.rigid_body() + fr.RotorInertia() + fr.Coulomb()
-    assert Plant(model, np.concatenate([puma.nominal, np.full(6, 1e-4), -np.ones(6)])).dynamics().compiled is None
+    assert Plant(model, np.concatenate([puma.nominal, np.full(6, 1e-4), -np.ones(6)])).compiled() is None
 
 
 def test_declared_columns_are_what_the_basis_gives(puma):
@@ -226,7 +226,7 @@ def test_motion_that_diverges_is_refused(puma):
 def test_singular_inertia_is_named():
     robot = ident.load_robot("puma560")
     plant = Plant(robot.rigid_body() + fr.Viscous(), np.concatenate([np.zeros(60), np.ones(6)]))
-    assert plant.dynamics().compiled is not None
+    assert plant.compiled() is not None
     with pytest.raises(DataError, match="inertia matrix is singular"):
         simulate(plant, torque=np.ones((5, 6)), start=(np.zeros(6), np.zeros(6)))
 
@@ -247,9 +247,9 @@ def test_other_threads_run_meanwhile(puma):
     worker = threading.Thread(target=count)
     try:
         worker.start()
-        from ident.simulation.controller import Script
+        from ident.simulation.script import Script
 
-        compiled = plant.dynamics().compiled
+        compiled = plant.compiled()
         assert compiled is not None
         state = plant.dynamics().start(np.zeros(1), np.zeros((1, 6)), np.zeros((1, 6)))
         before = ticks

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..._utils.text import counted
 from ...errors import ConfigurationError, DataError, IdentError, UnsupportedError
 from ..words import DESIRED
 from .arrays import CHUNK, STRETCH, stretches
@@ -53,7 +54,7 @@ def _read(path: Path) -> Stored:
         columns |= onto(clock, wanted)
     sent = np.concatenate([s.stamp for s in states])[np.argsort(np.concatenate([s.received for s in states]), kind="stable")]
     if shifted := int(np.sum(np.diff(sent) < 0)):
-        notes.append(f"log {path}: {shifted} messages were recorded in another order than they were stamped; the stamps count.")
+        notes.append(f"log {path}: {counted(shifted, 'message', 'were')} recorded in another order than stamped; the stamps count.")
     return Stored({"t": clock} | {name: v for name, v in columns.items() if np.isfinite(v).any()}, notes=tuple(notes))
 
 

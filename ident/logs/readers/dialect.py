@@ -7,7 +7,7 @@ import io
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from .encodings import likely_encodings
 from .header import Header, is_number, once
 from .moments import MOMENT, is_moment
 from .packed import bounded_lines, open_binary
+from .remarks import told_by_cells, told_in
 from .stacked_headers import stacked_names
 
 #: A first line by which spreadsheets are told what separates fields; what else may, and of how many columns at least.
@@ -27,7 +28,9 @@ _COLUMNS = 2
 _COMMENT = re.compile(r"#|//|%(?=\s)")
 #: What stands before names of columns in a comment, and before the header in LabVIEW's measurement files.
 _LABEL, _END = re.compile(r"^(columns|fields|header|names|format|data)\s*:\s*", re.IGNORECASE), "***End_of_Header***"
-#: Lines in which a header behind others is looked for.
+#: A field of a line that is drawn below a header.
+_RULE = re.compile(r":?[-=+]*:?")
+#: Lines in which a header behind others is looked for, and comments that are looked at.
 _PREAMBLE = 80
 #: Longest word that a row of units holds.
 _UNIT = 8
@@ -63,28 +66,32 @@ def plain_number(text: str) -> str:
 
 @dataclass(frozen=True)
 class _Beginning:
-    """The first line that is no comment, its number (from 1), the lines behind it, the comment right before it, and the separator told."""
+    """The first line that is no comment, its number (from 1), the lines behind it, the comment right before it, the separator told,
+    and what all comments before it say."""
 
     line: str
     number: int
     rows: tuple[str, ...]
     comment: str
     told: str
+    remarks: tuple[str, ...]
 
 
 def _beginning(path: Path, encoding: str) -> _Beginning:
     try:
         with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=encoding, newline="") as text:
-            told, said = "", (0, "")
+            told, said, remarks = "", (0, ""), list[str]()
             lines = bounded_lines(text, path)
             for number, line in enumerate(lines, 1):
                 if mark := _COMMENT.match(line):
                     said = number, line[mark.end() :].lstrip("#%/").strip()
+                    if len(remarks) < _PREAMBLE:
+                        remarks.append(said[1])
                 elif found := _SEPARATOR.fullmatch(line.strip(" \r\n")):
                     told = found[1]
                 elif line.strip():
                     rows = tuple(row for row in islice(lines, 4) if row.strip())
-                    return _Beginning(line, number, rows, said[1] if said[0] == number - 1 else "", told)
+                    return _Beginning(line, number, rows, said[1] if said[0] == number - 1 else "", told, tuple(remarks))
     except DAMAGED as error:
         raise DataError(f"log {path}: is not a text table ({reason(error)}).") from None
     raise DataError(f"log {path}: the file holds no header row.")
@@ -92,6 +99,11 @@ def _beginning(path: Path, encoding: str) -> _Beginning:
 
 def _header_of(path: Path, encoding: str) -> Header:
     begin = _beginning(path, encoding)
+    found = _header_behind(begin, path, encoding)
+    return replace(found, constants=(*found.constants, *told_in(begin.remarks)))
+
+
+def _header_behind(begin: _Beginning, path: Path, encoding: str) -> Header:
     line, number, rows = begin.line, begin.number, begin.rows
     if "\x00" in line:
         raise DataError(f"log {path}: line {number} holds NUL characters: it is no text, or UTF-16 without its mark. Save it as UTF-8.")
@@ -139,6 +151,8 @@ def _delimiter(line: str, rows: Sequence[str], path: Path) -> str:
 
 def _with_rows(names: tuple[str, ...], rows: list[tuple[str, ...]], number: int, delimiter: str, encoding: str) -> Header:
     """The header on line `number`, with what the first rows behind it tell: units, the decimal sign, moments, separators at the end."""
+    while len(rows) > 1 and any(rows[0]) and all(_RULE.fullmatch(x) for x in rows[0]):
+        rows, number = rows[1:], number + 1  # a line of dashes below the header
     decimal, units, first = ".", tuple[str, ...](), rows[0]
     if (whole := stacked_names(names, rows[:-1])) is not None:
         names, units, below = whole
@@ -196,14 +210,16 @@ def _behind_preamble(path: Path, encoding: str, names: tuple[str, ...]) -> Heade
         whole = stacked_names(table[above[0]], [table[k] for k in above[1:]]) if len(above) > 1 and above[0] else None
         if whole is not None and above == list(range(above[0], first)) and len(above) == whole[2] + 1:
             comma = delimiter != "," and any("," in x for x in table[first])
-            return Header(once(whole[0]), first, delimiter, "," if comma else ".", whole[1], encoding)
+            constants = told_by_cells(table[: above[0]])
+            return Header(once(whole[0]), first, delimiter, "," if comma else ".", whole[1], encoding, constants=constants)
         if len(above) not in (1, 2) or above[0] == 0 or len(names) >= len(table[above[0]]) or any(table[above[-1] + 1 : first]):
             continue
         units = table[above[1]] if len(above) == 2 and _is_units(table[above[1]]) else ()
         if len(above) == 2 and not units:
             continue
         comma = delimiter != "," and any("," in x for x in table[first])
-        return Header(once(table[above[0]]), above[-1] + 1, delimiter, "," if comma else ".", units, encoding)
+        constants = told_by_cells(table[: above[0]])
+        return Header(once(table[above[0]]), above[-1] + 1, delimiter, "," if comma else ".", units, encoding, constants=constants)
     return None
 
 

@@ -26,7 +26,8 @@ class Header:
     """Column names of a table; for text, on which line they end (from 1), what separates fields (" ": runs of spaces) and the digits of a
     number, the units that are told of columns, and the encoding.
 
-    `unnamed`: the file names no column; `#0`, `#1` … stand for them; `moments`: columns of dates with times, or times of day."""
+    `unnamed`: the file names no column; `#0`, `#1` … stand for them; `moments`: columns of dates with times, or times of day;
+    `constants`: names and numbers that are told before the table."""
 
     names: tuple[str, ...]
     line: int = 0
@@ -36,6 +37,7 @@ class Header:
     encoding: str = "utf-8-sig"
     unnamed: bool = False
     moments: tuple[str, ...] = ()
+    constants: tuple[tuple[str, float], ...] = ()
 
 
 def check_file(path: Path) -> None:

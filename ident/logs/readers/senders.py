@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..._utils.text import counted
 from .joint_states import FIELDS, JointStates
 
 Array = np.ndarray
@@ -25,9 +26,8 @@ def by_publisher(states: Sequence[JointStates], notes: list[str], path: Path) ->
         names = sorted({name for s in others for name in s.joints} - {name for s in rows for name in s.joints})
         columns |= {name: v for name, v in onto(clock, others).items() if name not in columns}
         told, count = ", ".join(names[:_SHOWN]) or "only some of them", sum(map(len, others))
-        notes.append(
-            f"log {path}: {count} messages on the same topic name other joints ({told}); they are brought to the clock of the others."
-        )
+        several = counted(count, "message", "name", of=" on the same topic")
+        notes.append(f"log {path}: {several} other joints ({told}); brought to the clock of the others.")
     return clock, columns
 
 
@@ -46,10 +46,8 @@ def _of_one_sender(states: list[JointStates], notes: list[str], path: Path) -> l
             kept += found
             continue
         lacks = ", ".join(sorted(set(best[1]) - set(fields)))
-        notes.append(
-            f"log {path}: {sum(map(len, found))} messages on the same topic name the same joints{f' without {lacks}' if lacks else ''}:"
-            " they are another sender's, and are not used."
-        )
+        several = counted(sum(map(len, found)), "message", "name", of=" on the same topic")
+        notes.append(f"log {path}: {several} the same joints{f' without {lacks}' if lacks else ''}: another sender's, which are not used.")
     return kept
 
 

@@ -13,6 +13,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from ..._utils.text import counted
 from ...errors import DataError
 from .damage import DAMAGED, reason
 from .header import MISSING, Header, is_number
@@ -43,8 +44,8 @@ def columns_by_rows(path: Path, header: Header, names: Sequence[str], text: Buff
         at = f"line {line} (data row {row})"
         if len(fields) > len(header.names):
             raise DataError(
-                f"log {path}: {at} has {len(fields)} fields, but the header has {len(header.names)}; mend that line, or take it out: what"
-                " is missing is bridged or left out."
+                f"log {path}: {at} has {counted(len(fields), 'field')}, but the header has {len(header.names)}; mend that line, or take it"
+                " out: what is missing is bridged or left out."
             )
         values.append([_value(fields[i], header, f"log {path}: column {name!r}, {at}") if i < len(fields) else np.nan for i, name in index])
         rows[:] = [(line, fields)]

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...._utils.singular_values import matrix_rank
 from ..base_form import BaseForm, make_form
-from .frames import ANGLE, Chain, axis_frames, link_change, read_tree, refuse_nearly_parallel, unsupported
+from .frames import ANGLE, AxisFrames, Chain, axis_frames, link_change, read_tree, refuse_nearly_parallel, unsupported
 from .linear_forms import LinkForms, point_inertia, point_moment
 from .oblique import chain_rows, distal_moments, next_twist, sine, tilted_inertia
 from .rotational import hidden_moments
@@ -61,11 +61,7 @@ def parallelogram(robot: Robot) -> BaseForm:
     forms = LinkForms(changes, robot.tree.nb)
     N, K = frames.count, len(frames.clusters()[0])
     crank, coupler = where.zeta, where.zeta_next
-    R, J = [], []
-    for n, body in enumerate(main, start=1):
-        beyond = forms.masses(main[n:]) + (forms.masses([crank, coupler]) if n < xi else 0.0)
-        R.append(forms.moment(body) + point_moment(beyond, frames.length[n - 1]))
-        J.append(forms.inertia(body) + point_inertia(beyond, frames.length[n - 1]))
+    R, J = _main_links(forms, where, frames)
     L_crank = np.array([L_zeta, 0.0, 0.0])
     R_zeta = forms.moment(crank) + point_moment(forms.mass(coupler), L_crank)
     J_zeta = forms.inertia(crank) + point_inertia(forms.mass(coupler), L_crank)
@@ -96,6 +92,16 @@ def parallelogram(robot: Robot) -> BaseForm:
     count = 7 * N - 4 * K - 2 * Q + 3 - B1
     formula = f"7N - 4K - 2Q + 3 - B1 = 7*{N} - 4*{K} - 2*{Q} + 3 - {B1} = {count}"
     return make_form(robot, "parallelogram", tuple(n for n, _ in rows), np.array([r for _, r in rows]), formula)
+
+
+def _main_links(forms: LinkForms, where: Parallelogram, frames: AxisFrames) -> tuple[list[Array], list[Array]]:
+    """First moments R_n and inertias J_n of the chain's links, with the masses beyond each as points at its end."""
+    R, J = [], []
+    for n, body in enumerate(where.main, start=1):
+        beyond = forms.masses(where.main[n:]) + (forms.masses([where.zeta, where.zeta_next]) if n < where.xi else 0.0)
+        R.append(forms.moment(body) + point_moment(beyond, frames.length[n - 1]))
+        J.append(forms.inertia(body) + point_inertia(beyond, frames.length[n - 1]))
+    return R, J
 
 
 def find_parallelogram(chain: Chain) -> Parallelogram:
