@@ -131,9 +131,11 @@ def fitted(case: Case) -> tuple[DriveFit, int]:
         plant = DrivePlant(model, law, drive_logs(train, robot, law))
         at, sizes = starts(plant)
         fit = search(plant, at, sizes, narrower=_from(found[0], plant, at) if found else None)
-        found.append((plant, steadied(plant, fit, sizes), sizes))
+        found.append((plant, fit, sizes))
+    # What is chosen between is fitted to all readings alike, as they are counted in the choice.
     chosen = 0 if len(found) == 1 else best([held_out(*one) for one in found])
-    return finished(*found[chosen], train.inputs).with_heldout(held), chosen
+    plant, fit, sizes = found[chosen]
+    return finished(plant, steadied(plant, fit, sizes), sizes, train.inputs).with_heldout(held), chosen
 
 
 def _from(first: tuple[DrivePlant, Fitted, np.ndarray], plant: DrivePlant, at: np.ndarray) -> np.ndarray:

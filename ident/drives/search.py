@@ -66,7 +66,7 @@ def fitted(
     spread = np.maximum(np.std(measured, axis=0), 1e-6)
     search = SimulatedSearch(plant, measured, sizes, fresh / spread, *expected(plant), near=_COARSE)
     coarse = search.coarse()
-    starts = _composed(coarse, starts)
+    starts = _composed(coarse, starts if narrower is None else np.concatenate([narrower[None], starts[1:]]))
     costs = coarse.costs(starts)
     order = [i for i in np.argsort(costs)[:_FOLLOWED] if np.isfinite(costs[i])]
     if not order:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,14 @@ from benchmarks.actuators.commanded import LEG, commanded_log
 from benchmarks.actuators.servos import URDF, recorded, servo
 from ident.cli import main
 from ident.diagnosis.drives import diagnose_drives
+from ident.diagnosis.drives.candidates import DriveCandidate, values_in
+from ident.diagnosis.drives.screening import Screened
+from ident.diagnosis.drives.trials import Stage, settled
 from ident.drives import DriveLaw
+from ident.drives.plant import DrivePlant
+from ident.drives.search import fitted
+from ident.drives.space import drive_logs
+from ident.drives.starts import moved_inertia, starts
 from ident.logs.log import LogSet
 from ident.regressor.kernel_choice import kernel
 
@@ -81,16 +89,37 @@ def test_a_study_is_diagnosed_by_simulation(logs, tmp_path, capsys):
     assert (tmp_path / "out" / "after.fit.json").exists()
 
 
-@pytest.mark.skipif(not kernel().compiled, reason="the log is simulated by compiled code")
-def test_a_gain_is_doubted_on_the_joint_that_has_another_one():
-    """Two joints that move each other: that the one is wrong does not make the other so."""
+@pytest.fixture(scope="module")
+def wrong_knee():
+    """Two joints that move each other, of which the knee has another kp than declared: logs, model and declared law."""
+    if not kernel().compiled:
+        pytest.skip("the log is simulated by compiled code")
     robot = ident.Robot.from_urdf(LEG)
     truth = {"Ia": [0.012, 0.01], "Fv": 0.1, "Fc": 0.15, "offset": 0.1, "kp": [25.0, 20.0], "kd": 0.8, "delay": 0.006}
     log = commanded_log(robot, truth, seed=4, seconds=3.0, before=1.0)
     model = robot.rigid_body()
     for name in EFFECTS:
         model = model + ident.make_effect(name)
-    found = diagnose_drives(LogSet((log,)), model, DriveLaw.of(robot, kp=[25.0, 26.0], kd=0.8, delay_s=0.006))
+    return LogSet((log,)), model, DriveLaw.of(robot, kp=[25.0, 26.0], kd=0.8, delay_s=0.006)
+
+
+def test_a_finding_keeps_the_joints_on_which_it_counts_in_the_end(wrong_knee):
+    """Large steps of time may have put it on both: the fit to the end names the one."""
+    logs, model, law = wrong_knee
+    plant = DrivePlant(model, law, drive_logs(logs, model.robot, law))
+    at, sizes = starts(plant)
+    stage, inertia = Stage(plant, fitted(plant, at, sizes), sizes), moved_inertia(plant)
+    one = Screened(DriveCandidate("kp", "kp"), (0, 1), np.zeros(2), 0.5)
+    wider = one.candidate.added_to(plant, one.joints)
+    values, wide, _ = values_in(wider, plant, stage.fit.values, one.candidate, inertia)
+    kept, after = settled(stage, one, Stage(wider, replace(stage.fit, values=values), wide), plant.step, inertia)
+    assert kept.joints == (1,)
+    assert [u.name for u in after.plant.unknowns if u.place == "kp"] == ["kp_knee"]
+
+
+def test_a_gain_is_doubted_on_the_joint_that_has_another_one(wrong_knee):
+    """That the one is wrong does not make the other so."""
+    found = diagnose_drives(*wrong_knee)
     (finding,) = found.findings
     assert (finding.effect, finding.joints) == ("kp", ("knee",))
     ((name, value, std, _),) = finding.values

@@ -62,7 +62,7 @@ def diagnose_drives(
         better = believed(quick, [one for one in found if one is not None])
         if not better:
             break
-        finding, now = _decided(now, [(one, settled(stage, plant.step)) for one, stage in better])
+        finding, now = _decided(now, [settled(quick, one, stage, plant.step, inertia) for one, stage in better])
         findings.append(finding)
     before, after = (result_of(stage.plant, stage.fit, stage.sizes, logs.inputs) for stage in (first, now))
     left = structure(now.fit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from ...drives.folds import held_out
 from ...drives.nearby import approached
 from ...drives.plant import DrivePlant, joined
 from ...drives.search import Fitted, derivatives, refitted
+from ...drives.uncertainty import Precision
 from .candidates import values_in
 from .screening import LEAST, SIGNIFICANT, Screened
 
@@ -66,7 +68,7 @@ def tried(stage: Stage, one: Screened, inertia: Array) -> tuple[Screened, Stage]
     nothing is gained."""
     while one.joints:
         after = _with(stage, one, inertia)
-        counts = _counting(stage, one, after)
+        counts = _counting(stage, one, after, _quick)
         if len(counts) == len(one.joints):
             gain = stage.fit.cost - after.fit.cost
             gained = np.isfinite(gain) and (gain > SIGNIFICANT**2 * after.spread or gain > _LARGE * stage.fit.cost)
@@ -87,19 +89,30 @@ def _with(stage: Stage, one: Screened, inertia: Array) -> Stage:
     return Stage(wider, found, sizes)
 
 
-def _counting(stage: Stage, one: Screened, after: Stage) -> tuple[int, ...]:
-    """The joints on which the candidate differs from what was declared by more than chance."""
+def _counting(stage: Stage, one: Screened, after: Stage, deviations: Callable[[Stage], Array]) -> tuple[int, ...]:
+    """The joints on which the candidate differs from what was declared by more than chance; `deviations`: standard ones (p,) of a fit."""
     place = one.candidate.place
     at = [i for i, u in enumerate(after.plant.unknowns) if u.place == place]
     # A spring has no number to start from, and a number for all joints is one: they count as a whole.
     if place == "joint_stiffness" or len(one.joints) == 1 or len(at) != len(one.joints) or not np.isfinite(after.fit.cost):
         return one.joints
+    declared = np.array([one.candidate.declared(stage.plant.law, j) for j in one.joints])
+    far = np.abs(after.fit.values[at] - declared) > _COUNTS * deviations(after)[at]
+    return tuple(j for j, counts in zip(one.joints, far, strict=True) if counts)
+
+
+def _quick(after: Stage) -> Array:
+    """Standard deviations (p,) by the derivatives at hand."""
     J = (after.fit.slopes * after.fit.weights[..., None]).reshape(-1, len(after.fit.values))
     size = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    std = np.sqrt(after.spread * np.diag(pinv((J / size).T @ (J / size), rcond=1e-10, hermitian=True))) / size
-    declared = np.array([one.candidate.declared(stage.plant.law, j) for j in one.joints])
-    far = np.abs(after.fit.values[at] - declared) > _COUNTS * std[at]
-    return tuple(j for j, counts in zip(one.joints, far, strict=True) if counts)
+    return np.asarray(np.sqrt(after.spread * np.diag(pinv((J / size).T @ (J / size), rcond=1e-10, hermitian=True))) / size)
+
+
+def _final(after: Stage) -> Array:
+    """Standard deviations (p,) as a result has them."""
+    precision = Precision.of(after.fit, np.maximum(np.abs(after.fit.values), after.sizes))
+    variances = np.diag(precision.covariance(np.arange(len(after.fit.values))))
+    return np.asarray(precision.scale * np.sqrt(np.maximum(variances, 0.0)))
 
 
 def believed(stage: Stage, found: list[tuple[Screened, Stage]]) -> list[tuple[Screened, Stage]]:
@@ -116,7 +129,17 @@ def believed(stage: Stage, found: list[tuple[Screened, Stage]]) -> list[tuple[Sc
     return out
 
 
-def settled(stage: Stage, step: float) -> Stage:
-    """The same fitted to the end, in usual steps of time, with derivatives that intervals can be computed from."""
-    plant = replace(stage.plant, step=step)
-    return replace(stage, plant=plant, fit=refitted(plant, stage.fit.values, stage.sizes, stage.fit.weights, steps=_STEPS))
+def settled(stage: Stage, one: Screened, after: Stage, step: float, inertia: Array) -> tuple[Screened, Stage]:
+    """A candidate fitted to the end, in usual steps of time, with derivatives that intervals can be computed from, on those of its joints
+    on which it counts then: what large steps of time change may seem a difference of a joint that has none.
+
+    `stage`: without it; `after`: with it."""
+    while True:
+        plant = replace(after.plant, step=step)
+        after = replace(after, plant=plant, fit=refitted(plant, after.fit.values, after.sizes, after.fit.weights, steps=_STEPS))
+        counts = _counting(stage, one, after, _final)
+        if not counts or len(counts) == len(one.joints):
+            return one, after
+        one = replace(one, joints=counts)
+        after = _with(stage, one, inertia)
+        one = next((found for found, _ in believed(stage, [(one, after)])), one)
