@@ -15,6 +15,7 @@ from ...errors import DataError
 from ..units import bracketed, split_unit
 from .arrays import columns_of, leaves, shortest
 from .damage import damage_told
+from .mat_structure import check_structure
 from .packed import Expansion
 from .runs import grouped_by_run, of_one_run, run_name, runs_of
 from .stored import LogFormat, Stored, register_log_format, split_inside
@@ -39,6 +40,7 @@ def _loaded(path: Path, stamp: int) -> tuple[dict[str, Array], tuple[str, ...]]:
 
     with damage_told(path, "is not a MAT file"):
         _bound(path)
+        check_structure(path)
         content = loadmat(path, simplify_cells=True)
     plain = {name: value for name, value in content.items() if not str(name).startswith("__") and name != "None"}
     return grouped_by_run(leaves(plain)), ("one",) if "None" in content else ()
