@@ -178,15 +178,7 @@ def _with_one_stretch(state: EffectSearch, say: Callable[[str], None], most: int
         return state
     whole = EffectSearch(state.fit, state.catalogue, state.level, list(state.accepted), stretch=0.0)
     whole.solve()
-    refused: set[Kind] = set()
-    while len(whole.accepted) < most:
-        whole.calibrate()
-        found = best(whole, refused)
-        if found is None:
-            break
-        whole.accept(found)
-        whole.reprofile()
-        refused.add((found[0].name, found[1]))
+    _forward(whole, lambda _: None, lambda _: None, most)
     if len(whole.accepted) > len(state.accepted) and whole.impossible() is None and not _left(whole):
         say(f"accepted, seen in one stretch alone: {', '.join(e.name for e, _ in whole.accepted[len(state.accepted) :])}")
         return whole
