@@ -14,7 +14,7 @@ _LATIN = {
     "velocity": "sebesseg szogsebesseg viteza kecepatan brzina vinkelhastighet winkelgeschwindigkeit "
     "vitesse velocidad velocidade velocita geschwindigkeit drehzahl snelheid predkosc rychlost hiz hastighet hastighed nopeus",
     "acceleration": "beschleunigung accelerazione aceleracion aceleracao versnelling przyspieszenie zrychleni ivme",
-    "torque": "drehmoment couple coppia koppel tork momento moment vaantomomentti nyomatek forgatonyomatek cuplu torsi",
+    "torque": "drehmoment couple coppia koppel tork momento moment vaantomomentti nyomatek forgatonyomatek cuplu torsi par",
     "force": "kraft forza fuerza forca kracht sila kuvvet voima ero forta gaya",
     "current": "strom courant corrente corriente stroom prad proud akim virta aram curent arus struja",
     "time": "zeit temps tiempo tempo tijd czas cas zaman tid aika ido timp waktu vrijeme vreme laikas",

@@ -183,7 +183,7 @@ def _on_its_clock(plan: ColumnPlan, source: TableSource) -> ColumnPlan:
         said = f"{plan.where}: the time is {clock.source!r} and {part[0]!r} (times {part[1]:g} s)."
         extra = tuple(name for name in plan.extra if name != part[0])
         return replace(plan.on_clock(clock, Column(part[0], "t", 1, part[1])), extra=extra, notes=(*plan.notes, said))
-    factor = since_1970(source.first(clock.source)) if not clock.unit and clock.scale == 1.0 else 1.0
+    factor = since_1970(source.usual_size(clock.source)) if not clock.unit and clock.scale == 1.0 else 1.0
     if factor == 1.0:
         return plan
     said = f"{plan.where}: column {clock.source!r} counts from 1970 by its size: one of it is {factor:g} s."

@@ -14,7 +14,7 @@ import numpy as np
 from .._utils.text import counted
 from ..errors import DataError
 from .angles import agreed
-from .channels import ChannelGroup, bare_name, groups, known_scale
+from .channels import ChannelGroup, bare_name, groups, known_scale, unread_in
 from .clocks import RecordedTime, time_of
 from .companions import SAME, companions, moves, refuse_parts, side_of_motors
 from .hands import driven_hands, left_hands
@@ -159,6 +159,12 @@ def _positions(found: Sequence[ChannelGroup]) -> list[ChannelGroup]:
 def _other_number(positions: ChannelGroup, joints: Sequence[str]) -> DataError:
     """Positions of another number of joints than the robot has; a hand's joints that would make up for it are named."""
     count, there = len(joints), len(positions.columns)
+    if unread := next((unit for column in positions.columns if (unit := unread_in(column))), ""):
+        return DataError(
+            f"the robot has {counted(count, 'joint')}, but positions of {there} are together ({positions}): they are in {unread!r}, which"
+            " is no unit that is known. Write deg, rad, mm or m instead, or map the columns with their scale under [columns] of a study"
+            f' file, q1 = {{ column = "{positions.columns[0]}", scale = … }} first.'
+        )
     hand = [name for name in joints if words_of(name) & HANDS]
     likely = f", such as its hand: --lock {' '.join(hand)}" if count - there == len(hand) else ""
     remedy = (

@@ -37,12 +37,13 @@ class TableSource:
     whole: bool = False
     constants: Mapping[str, float] = field(default_factory=dict)
 
-    def first(self, name: str) -> float:
-        """The first number of a column, NaN where there is none (or it is a moment, which knows its unit)."""
+    def usual_size(self, name: str) -> float:
+        """Median size of a column's first numbers, NaN where there is none (or it is a moment, which knows its unit): one of them may be
+        damaged."""
         values = first_values(self.path, self.header, name) if self.path is not None and not self.whole else self.read([name], ())[name]
         known = np.asarray(values)
         known = known[np.isfinite(known)] if known.dtype.kind == "f" else known[:0]
-        return float(known[0]) if len(known) else np.nan
+        return float(np.median(np.abs(known))) if len(known) else np.nan
 
     @classmethod
     def of(cls, source: Path | pd.DataFrame) -> TableSource:

@@ -232,6 +232,43 @@ def test_a_line_of_dashes_below_the_header_is_none_of_units(line: str, tmp_path:
     np.testing.assert_allclose(ident.read_logs(tmp_path / "a.md")[0].q, Q[:, :1], atol=1e-11)
 
 
+def test_one_damaged_stamp_does_not_make_seconds_nanoseconds(tmp_path: Path) -> None:
+    columns = table({"q{}": Q, "tau{}": TAU})
+    damaged = columns["t"].copy()
+    damaged[0] = 1e30
+    log = ident.read_logs(written(tmp_path / "log.csv", columns | {"t": damaged}))[0]
+    np.testing.assert_allclose(log.t, T[1:])
+
+
+def test_spanish_torques_and_a_unit_of_angles_that_nobody_knows(tmp_path: Path) -> None:
+    names = ("yaw", "lift", "extend")
+    unit = {"known": ("grados", "mm"), "unknown": ("grd", "mm")}
+    for kind, (turning, sliding) in unit.items():
+        units = (turning, turning, sliding)
+        columns = {"Tiempo [s]": T} | {f"{x} posición [{u}]": 50.0 * Q[:, j] for j, (x, u) in enumerate(zip(names, units, strict=True))}
+        columns |= {f"{x} par [Nm]": TAU[:, j] for j, x in enumerate(names[:2])} | {f"{names[2]} fuerza [N]": TAU[:, 2]}
+        path = written(tmp_path / f"{kind}.csv", columns, mark=";")
+        if kind == "unknown":
+            with pytest.raises(ident.errors.DataError, match="'grd', which is no unit that is known"):
+                ident.read_logs(path, robot=_slider(names))
+            continue
+        log = ident.read_logs(path, robot=_slider(names))[0]
+        np.testing.assert_allclose(log.tau["joint"], TAU)
+
+
+def _slider(names: tuple[str, ...]) -> ident.Robot:
+    links = "".join(f'<link name="l{j}"/>' for j in range(4))
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    links = links.replace("/>", f">{inertial}</link>")
+    kinds = ("continuous", "continuous", "prismatic")
+    limit = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
+    joints = "".join(
+        f'<joint name="{x}" type="{k}"><parent link="l{j}"/><child link="l{j + 1}"/><axis xyz="0 0 1"/>{limit}</joint>'
+        for j, (x, k) in enumerate(zip(names, kinds, strict=True))
+    )
+    return ident.Robot.from_urdf(f'<robot name="r">{links}{joints}</robot>')
+
+
 def test_counted_nouns() -> None:
     assert [counted(k, "row", "repeat") for k in (0, 1, 2)] == ["0 rows repeat", "1 row repeats", "2 rows repeat"]
     assert [counted(k, "stretch", "are", plural="stretches") for k in (1, 3)] == ["1 stretch is", "3 stretches are"]
