@@ -52,7 +52,7 @@ class RunRows:
 
 
 def reduced(signals: Signals) -> Signals:
-    """Full-rate signals at a rate that columns need: the torque below the motion's own cut-off, as the preparation leaves the motion, before
+    """Full-rate signals at a rate that columns need, the torque below the cut-off that the preparation gave the motion before
     samples are left out, so that nothing above half the new rate is taken for something below."""
     d = max(1, int(signals.rate // _COLUMN_RATE))
     signals = replace(signals, torque=_low_passed_torque(signals))
