@@ -10,8 +10,6 @@ MATERIAL = 0.05
 STRETCH = 0.1
 #: Share of a motor's usual top speed below which its friction is no function of the motion (three widths of the smoothed sign).
 SLOW = 0.012
-#: Standard deviations of its noise beyond which a speed's direction is known.
-SURE = 3.0
 #: Seconds around such samples that a closed loop needs to settle.
 SETTLE = 0.04
 #: Seconds at both ends of a run that filters reach into.
@@ -22,7 +20,7 @@ DISTURBED = 0.03
 ABSORBED = 1e-4
 #: Share of the rows that a motor needs unmasked to be looked at.
 FEW = 0.03
-#: Standard deviations by which a value may miss a physical bound.
+#: Standard deviations by which a value may miss a physical bound, and beyond which the direction of a speed is known.
 BOUND = 3.0
 #: Share of the best score that a competing model needs to be considered.
 COMPETES = 0.4

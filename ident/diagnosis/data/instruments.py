@@ -14,7 +14,7 @@ import numpy as np
 
 from ...effects.motion import Motion
 from ...robots.transmission import Side
-from ..thresholds import ENDS, SETTLE, SLOW, SURE
+from ..thresholds import BOUND, ENDS, SETTLE, SLOW
 from .band import Band
 
 if TYPE_CHECKING:
@@ -128,8 +128,8 @@ def run_rows(
     motor_speed = transmission.motor_rate(signals.dq)
     top = usual_speed(motor_speed)
     # Friction is no function of a motion whose direction is not known.
-    least = np.maximum(SLOW * top, SURE * speed_noise(position_noise, kept_hz(rate)))
-    least_below = np.maximum(SLOW * top, SURE * speed_noise(position_noise, cutoff_hz) if reference is None else 0.0)
+    least = np.maximum(SLOW * top, BOUND * speed_noise(position_noise, kept_hz(rate)))
+    least_below = np.maximum(SLOW * top, BOUND * speed_noise(position_noise, cutoff_hz) if reference is None else 0.0)
     found = []
     for i, run in enumerate(signals.runs):
         if run.stop - run.start < int(4 * rate):
