@@ -191,8 +191,10 @@ def main(short: bool, folder: Path) -> None:
 
 def count(every: list[tuple[Machine, str, int, int]], folder: Path) -> None:
     """Print one line for each machine, gains and rate."""
-    head = f"{'machine':<17}{'gains':<9}{'Hz':>4}{'fits':>6}{'values':>8}{'in 95 %':>9}{'delay':>8}{'missed':>8}{'invented':>10}{'unseen':>8}{'told':>6}"
-    print(head + f"{'Ia %':>7}{'Fv %':>7}{'Fc %':>7}{'kp %':>7}{'delay':>8}{'s':>7}")
+    head = (
+        f"{'machine':<17}{'gains':<9}{'Hz':>4}{'fits':>6}{'values':>8}{'in 95 %':>9}{'delay':>8}{'missed':>8}{'invented':>10}{'unseen':>8}"
+    )
+    print(head + f"{'told':>6}{'Ia %':>7}{'Fv %':>7}{'Fc %':>7}{'kp %':>7}{'delay':>8}{'s':>7}")
     rows: dict[tuple[str, str, int], list[Counted]] = defaultdict(list)
     for i, (machine, gains, rate, seed) in enumerate(every):
         key = (machine.name, gains, rate)
