@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import stdtrit
 
 from .descent import SimulatedSearch
 from .nearby import approached
@@ -44,7 +43,7 @@ class LogStretch:
 
 
 @dataclass(frozen=True, eq=False)
-class _Own:
+class _JointStretches:
     """Stretches of one joint in one log (numbers): its rows, the stretch (N,) of each reading, the error (K,) of each by the usual one,
     which of them (K,) are far beyond the others, and the share (K,) of the log's usual weight that they have in the fit."""
 
@@ -109,7 +108,7 @@ def _lighter(plant: DrivePlant, fit: Fitted, sizes: Array, which: Sequence[Array
     return fit
 
 
-def _stretches(plant: DrivePlant, fit: Fitted) -> list[_Own]:
+def _stretches(plant: DrivePlant, fit: Fitted) -> list[_JointStretches]:
     """Those of every log and joint with enough motion for a usual error."""
     found, begin = [], 0
     for i, log in enumerate(plant.logs):
@@ -125,7 +124,7 @@ def _stretches(plant: DrivePlant, fit: Fitted) -> list[_Own]:
                 most = np.zeros(len(error))
                 np.maximum.at(most, number, weights)
                 share = np.where(count > 0, most / np.max(weights), 1.0)
-                found.append(_Own(i, j, rows, number, error / float(np.median(error[moving])), moving, share))
+                found.append(_JointStretches(i, j, rows, number, error / float(np.median(error[moving])), moving, share))
     # What is at rest is no usual error, but may be beyond it.
     level = _BY_CHANCE / max(len(found), 1)
     return [replace(own, far=own.times > beyond(own.times[own.far | (own.times > 1.0)], level)) for own in found]
@@ -134,6 +133,8 @@ def _stretches(plant: DrivePlant, fit: Fitted) -> list[_Own]:
 def beyond(errors: Array, level: float) -> float:
     """What an error among these (n,) has to exceed to be no such error: one-sided outliers of the logarithms (Rosner, 1983), of which
     less than half are some; by chance, one is told with probability `level`."""
+    from scipy.special import stdtrit
+
     logs = np.sort(np.log(np.maximum(errors, 1e-300)))
     bound = np.inf
     for out in range(1, (len(logs) + 1) // 2):
