@@ -372,7 +372,7 @@ def test_logs_named_twice_are_said(ident, arm, tmp_path):
 def test_what_is_missing_is_said_as_it_is(ident, arm, saved_fit, tmp_path):
     ran = ident("validate", "--fit", saved_fit)
     assert ran.code == 2
-    assert "no log to validate on; name it with --validate FILE or --log FILE" in ran.err
+    assert all(flag in ran.err for flag in ("--validate", "--log"))
     folder = tmp_path / "kept"
     folder.mkdir()
     (folder / "fit.json").write_bytes(Path(saved_fit).read_bytes())

@@ -52,7 +52,7 @@ def sound_log(log: ident.Log) -> None:
         if len(a) != len(log.t):
             raise Difference(f"{name} has {len(a)} rows, t {len(log.t)}")
         if name in ("q", "q_motor") and not np.all(np.isfinite(a)):
-            raise Difference(f"{name} holds what is no number")
+            raise Difference(f"{name} holds a value that is not a number")
 
 
 def sound_estimate(estimate: ident.Estimate) -> None:
