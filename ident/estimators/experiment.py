@@ -236,5 +236,5 @@ def assumed_experiment(
         controller=PDFeedforward.tuned(model, values, frequency_hz=frequency_hz), desired=desired, window_s=window_s,
         settle_s=3.0 / frequency_hz,
         assumed=f"the reference and its controller are not known; the measured motion below {cutoff_hz:g} Hz and a PD law with feedforward"
-        f" of {frequency_hz:g} Hz stand for them.",
+        f" of {frequency_hz:g} Hz are used in their place.",
     )  # fmt: skip

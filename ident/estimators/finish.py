@@ -89,7 +89,7 @@ def _require_solution(solution: object, method: str) -> None:
     """Refuse bare values, which say nothing of what the data determine."""
     if not isinstance(solution, LinearSolution):
         raise ConfigurationError(
-            f"method {method!r}: finish() takes a LinearSolution, which solve_triangle(R, z) gives, not {type(solution).__name__};"
+            f"method {method!r}: finish() takes a LinearSolution, which solve_triangle(R, z) returns, not {type(solution).__name__};"
             " other values go in by dataclasses.replace(solve_triangle(R, z), values=...)."
         )
 

@@ -81,7 +81,7 @@ class InstrumentalVariable(Estimator):
         feedback = self.loop == "closed" or (self.experiment is not None and self.experiment.feedback)
         if feedback and self._from_torque:
             raise UnsupportedError(
-                "inside a feedback loop the measured torque answers to the noise of the measurement, so instruments made from it are not"
+                "inside a feedback loop the measured torque responds to measurement noise, so instruments made from it are not"
                 " valid; use instruments = 'simulation' with experiment = Experiment(controller=…, desired=…), or 'reference' with the"
                 " desired motion, or method 'didim'."
             )

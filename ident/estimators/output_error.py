@@ -67,7 +67,7 @@ class OutputError(Estimator):
             raise UnsupportedError(
                 "method 'didim' simulates the experiment and must know its controller and desired motion:"
                 " experiment = Experiment(controller=…, desired=…). Where they are not known, assumed_experiment(logs, model, values,"
-                " cutoff_hz) supposes them. Both are Python objects (ident.estimators), which neither a study file nor the command line can"
+                " cutoff_hz) assumes them. Both are Python objects (ident.estimators), which neither a study file nor the command line can"
                 " give: there, use 'iv' for torque-driven logs, else 'wls'."
             )
 

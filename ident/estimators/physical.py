@@ -63,7 +63,7 @@ class PhysicalLeastSquares(Estimator):
         if self.spread is not None and not self.spread > 0:
             raise ConfigurationError(f"spread must be positive (0.3: links within about 30 % of the URDF's), not {self.spread}.")
         if self.spread is not None and problem.model.robot.nominal is None:
-            raise ConfigurationError(f"robot {problem.model.robot.name!r} has no nominal inertials to stay near to; leave out `spread`.")
+            raise ConfigurationError(f"robot {problem.model.robot.name!r} has no nominal inertials to stay close to; leave out `spread`.")
         if not any(isinstance(e, RigidBody) for e in problem.model.effects):
             raise UnsupportedError(
                 "method 'physical' needs links, but the model holds no rigid body; use 'bounded' for bounds on single parameters."

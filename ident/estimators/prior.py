@@ -53,7 +53,8 @@ class PriorLeastSquares(Estimator):
     def check(self, problem: Problem) -> None:
         if problem.model.robot.nominal is None:
             raise UnsupportedError(
-                f"method 'prior' draws towards the URDF's inertial parameters, but robot {problem.model.robot.name!r} has none;"
+                f"method 'prior' pulls the estimate towards the URDF's inertial parameters, but robot"
+                f" {problem.model.robot.name!r} has none;"
                 " use 'wls', or 'bounded' for physical bounds alone."
             )
 

@@ -125,7 +125,7 @@ class StepByStep(Estimator):
         scale = np.linalg.norm(rows[:, :-1], axis=0)
         if np.any(scale == 0):
             lost = ", ".join(names[i] for i in np.flatnonzero(scale == 0)[:8])
-            raise DataError(f"no test moves what {lost} depend on; add the tests that the plan asks for, or use carry = 'update'.")
+            raise DataError(f"no test excites what {lost} depend on; add the tests that the plan asks for, or use carry = 'update'.")
         held = _Held(b, scale)
         report = []
         for i, step in enumerate(steps):

@@ -52,7 +52,7 @@ class TotalLeastSquares(Estimator):
         given = {f: getattr(self, f) for f in ("position_std", "velocity_std", "acceleration_std")}
         if all(value is None for value in given.values()):
             raise ConfigurationError(
-                "method 'tls' must be told the noise of the motion: acceleration_std (rad/s² or m/s², one number for all joints or a list),"
+                "method 'tls' needs the noise of the motion: acceleration_std (rad/s² or m/s², one number for all joints or a list),"
                 ' velocity_std, position_std; in a study file: [estimator] method = "tls", acceleration_std = 0.2. Where it is not known,'
                 " use method 'iv'."
             )

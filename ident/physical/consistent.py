@@ -118,7 +118,7 @@ def judge_consistent(
         shortfall = _shortfall(structure, constant, free, scale, drive, wrong)
     notes = zero_notes(zero)
     if not holds and not wrong and abs(margin) < 1e-7:
-        notes += ("the set lies on the border: bodies without extent in some direction would do.",)
+        notes += ("the set lies on the feasibility boundary: only bodies without extent in some direction have it.",)
     return Consistent(
         consistent=holds,
         violated_links=tuple(shortfall),

@@ -120,9 +120,7 @@ def choose_cutoff(
     deciding = [s for s, p in zip(found, prismatic, strict=True) if s.moves and s.acceleration >= _WEAK * strongest[p]]
     if not deciding:
         fallback = min(cap, max(10 * f[1] if len(f) > 1 else cap, min(10.0, rate / 20)))
-        return CutoffChoice(
-            float(fallback), "no joint's motion stands out of the noise of its position; a usual value is taken", tuple(found)
-        )
+        return CutoffChoice(float(fallback), "no joint's motion exceeds the noise of its position; a default value is used", tuple(found))
     least = _PERIODS * rate / max(len(p) for p in pieces)
     heard = [s for s in deciding if s.suggested_hz >= least] or deciding
     unheard = tuple(s.name for s in deciding if s not in heard)
@@ -135,14 +133,14 @@ def choose_cutoff(
     floor = min(_TOO_FEW_ROWS / duration, needed, cap)
     if noise < floor:
         why = (
-            f"the noise of {quietest.name}'s position asks for {noise:.3g} Hz, which would leave too few independent rows of"
-            f" {duration:.3g} s; look for what makes that noise"
+            f"the noise of {quietest.name}'s position requires {noise:.3g} Hz, which would leave too few independent rows in"
+            f" {duration:.3g} s; look for the source of that noise"
         )
         return CutoffChoice(float(floor), why, tuple(found), unheard)
     if noise <= needed:
         why = f"the noise of {quietest.name}'s position allows no more (its share in the acceleration stays below {NOISE_SHARE:g})"
         if noise >= 0.999 * cap:
-            why = "a fixed share of the sample rate; neither noise nor motion asks for less"
+            why = "a fixed share of the sample rate; neither noise nor motion requires less"
         return CutoffChoice(float(noise), why, tuple(found), unheard)
     why = f"{MOTION_MULTIPLE:g} times {band:.3g} Hz, below which 99 % of {widest.name}'s acceleration lies"
     if needed > MOTION_MULTIPLE * band:

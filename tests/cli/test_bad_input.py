@@ -228,7 +228,11 @@ def test_a_torque_of_the_opposite_sign_is_named(ident, fit, arm, tmp_path, joint
     turned = write_csv(tmp_path / "turned.csv", arm.table | {f"tau{joint + 1}": -arm.table[f"tau{joint + 1}"]})
     ran = fit(turned, "--json")
     assert ran.code == 0
-    shared = [w for w in ran.json["warnings"] if f"torque of {JOINTS[joint]} seems to have the opposite sign: turned, its error falls" in w]
+    shared = [
+        w
+        for w in ran.json["warnings"]
+        if f"torque of {JOINTS[joint]} seems to have the opposite sign: with the sign flipped, its error falls" in w
+    ]
     assert len(shared) == 1, ran.json["warnings"]
     checked = ident("check", "--urdf", arm.urdf, "--log", turned, *FRICTION, "--json")
     assert any(f"torque of {JOINTS[joint]} seems to have the opposite sign" in w for w in checked.json["warnings"])
@@ -257,7 +261,7 @@ def test_part_held_out_too_short_is_a_warning_and_fails_the_gate(fit, arm, tmp_p
     assert ran.code == 1
     assert "gate: --max-error" in ran.err
     assert ran.json["torque_error"]["heldout"]["relative_all"] is None
-    assert any("no error on data held out" in w for w in ran.json["warnings"])
+    assert any("no error on held-out data" in w for w in ran.json["warnings"])
 
 
 # --- drive ---------------------------------------------------------------------------------------------------------------------

@@ -363,9 +363,9 @@ def test_logs_named_twice_are_said(ident, arm, tmp_path):
     same.write_bytes(arm.train.read_bytes())
     fit = ("fit", "--urdf", arm.urdf, *FRICTION, "--json", "--quiet", "--log")
     twice = ident(*fit, arm.train, arm.train)
-    assert any(w.endswith("train.csv is named more than once, and read once.") for w in twice.json["warnings"])
+    assert any(w.endswith("train.csv is named more than once, but read once.") for w in twice.json["warnings"])
     copied = ident(*fit, arm.train, same)
-    assert any("same.csv holds what" in w and "count twice" in w for w in copied.json["warnings"])
+    assert any("same.csv has the same content as" in w and "count twice" in w for w in copied.json["warnings"])
     assert not any("twice" in w or "more than once" in w for w in ident(*fit, arm.train, arm.test).json["warnings"])
 
 

@@ -61,7 +61,7 @@ def test_puma_reads_as_in_the_literature() -> None:
     assert expressions["Ixx_joint6"] == "Ixx_joint6 - Iyy_joint6"
     hidden = {u.parameter: u for u in report.unidentifiable}
     assert hidden["m_joint1"].why == "no effect on any torque: the origin of its frame never moves"
-    assert hidden["Ixx_joint1"].why == "no effect on any torque: the link only ever turns about one direction"
+    assert hidden["Ixx_joint1"].why == "no effect on any torque: the link only ever rotates about one axis"
     assert hidden["mz_joint4"].why == "only in combination, grouped into my_joint3"
     assert hidden["mz_joint4"].grouped_into == ("my_joint3",)
     assert len(hidden) == 60 - 36

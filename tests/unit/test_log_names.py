@@ -45,7 +45,9 @@ class TestLocked:
 
     @pytest.mark.parametrize("count", [1, 3, 5])
     def test_any_other_number_is_refused_with_what_to_do(self, count: int) -> None:
-        with pytest.raises(DataError, match=r"Locked: lift, wrist\. Number the columns by the 2 remaining joints .*waist, elbow.* or by all 4"):
+        with pytest.raises(
+            DataError, match=r"Locked: lift, wrist\. Number the columns by the 2 remaining joints .*waist, elbow.* or by all 4"
+        ):
             resolve_columns(["t", *(f"q{j + 1}" for j in range(count))], self.JOINTS)
 
     def test_counted_from_zero(self) -> None:

@@ -319,7 +319,7 @@ def test_a_velocity_without_noise_in_another_unit_is_audited() -> None:
     rates = np.stack([np.cos(t), 1.3 * np.cos(1.3 * t), 0.7 * np.cos(0.7 * t)], axis=1)
     for scale in (np.pi / 180, 101.0, 0.5):
         log = ident.Log("run", t, q=c, dq=scale * rates, tau={"joint": c + 0.1 * rates})
-        assert "times the position's change a second" in str(ident.audit(ident.LogSet((log,), arm), arm))
+        assert "times the rate of change of the position" in str(ident.audit(ident.LogSet((log,), arm), arm))
 
 
 def _text(text: str) -> bytes:
