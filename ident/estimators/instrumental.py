@@ -41,7 +41,15 @@ class InstrumentalVariable(Estimator):
     least squares (`estimators.plain_instruments`).
 
     The trace holds the steps, a Durbin-Wu-Hausman test of least squares ("least_squares"), a test of the instruments against
-    earlier ones ("validity") and their strength (F of every parameter)."""
+    earlier ones ("validity") and their strength (F of every parameter).
+
+    Examples
+    --------
+    >>> import ident
+    >>> method = ident.estimators.InstrumentalVariable(instruments="forward_dynamics", loop="open")
+    >>> sorted(capability.value for capability in method.capabilities)
+    ['noisy regressor', 'weights']
+    """
 
     name: ClassVar[str] = "iv"
     title: ClassVar[str] = "instrumental variables"

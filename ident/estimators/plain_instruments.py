@@ -17,7 +17,7 @@ from .._utils.singular_values import singular_values
 from ..errors import DataError
 from ..problem.information import triangle
 from ..problem.linear_solution import LinearSolution, order_of, solve_triangle
-from ..regressor.rigid import stacked_information
+from ..regressor.row_information import stacked_information
 from ..statistics.autoregression import Autoregression
 from .instrument_result import InstrumentResult
 from .instrument_rows import InstrumentRows

@@ -32,7 +32,16 @@ class PriorLeastSquares(Estimator):
     `metric`: "entropic" (second order of the distance between pseudo-inertias; Lee, Wensing & Park 2020) or "scale" (each
     parameter by its link's mass and size). `relative_std`: how far, relative to itself, a link's inertia may be from the
     nominal one; None takes the value that makes the log most likely (evidence). Directions that the log does not show take
-    their prior value, so that no inertial parameter is grouped away. The covariance is that of the posterior."""
+    their prior value, so that no inertial parameter is grouped away. The covariance is that of the posterior.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> method = ident.estimators.PriorLeastSquares(relative_std=0.5)
+    >>> ident.fit(train, "puma560", method=method, held=0).status.code.value
+    'ok'
+    """
 
     name: ClassVar[str] = "prior"
     title: ClassVar[str] = "least squares with the URDF's inertias as prior"

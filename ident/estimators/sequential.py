@@ -40,7 +40,15 @@ class StepByStep(Estimator):
     its logs. Without one, every run is a test and all torques are read. All tests are used in integrated form, without
     acceleration. `carry`: "update": every test brings all its information, and later tests refine earlier values; "hold":
     values once found stand, with their covariance, as in the original method. `defer`: with "hold", a direction whose singular
-    value is below this share of the test's largest waits for a later test instead of being fixed by a weak one."""
+    value is below this share of the test's largest waits for a later test instead of being fixed by a weak one.
+
+    Examples
+    --------
+    >>> import ident
+    >>> method = ident.estimators.StepByStep(carry="hold")
+    >>> sorted(capability.value for capability in method.capabilities)
+    ['weights']
+    """
 
     name: ClassVar[str] = "sequential"
     title: ClassVar[str] = "step by step"

@@ -16,7 +16,7 @@ from ..effects.reference import Reference
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError, DataError
 from ..model import Model
-from ..regressor.rigid import information
+from ..regressor.row_information import information
 from ..robots.transmission import Side
 from ..signals.known_band import within_known_band
 from ..signals.rows import KeptRows, Rows

@@ -47,14 +47,13 @@ class JointSpectrum:
     """What a joint's recorded positions say. Frequencies in Hz.
 
     `noise`: standard deviation of the position's white noise (rad or m); `level`: noise level at the cut-off suggested
-    (rad²/Hz or m²/Hz); `acceleration`: root mean square of the motion's acceleration; `motion_hz`: 99 % of its power lies
-    below; `suggested_hz`: the highest cut-off the noise allows (0: the joint does not move visibly)."""
+    (rad²/Hz or m²/Hz); `acceleration`: root mean square of the motion's acceleration; `suggested_hz`: the highest cut-off the
+    noise allows (0: the joint does not move visibly)."""
 
     name: str
     noise: float
     level: float
     acceleration: float
-    motion_hz: float
     suggested_hz: float
 
     @property
@@ -165,7 +164,7 @@ def _joint(f: Array, power: Array, transfer: Array, rate: float, cap: float, nam
     signal = np.cumsum(power) * step
     inside = np.flatnonzero((f > 0) & (f <= cap))
     if not len(inside) or signal[-1] <= 0:
-        return JointSpectrum(name, noise, white, 0.0, 0.0, 0.0)
+        return JointSpectrum(name, noise, white, 0.0, 0.0)
     # Where the motion is: half the power of its velocity, on which noise weighs less.
     speed = np.cumsum(np.divide(power, np.sqrt(transfer), out=np.zeros_like(power), where=transfer > 0)[inside])
     start = int(np.searchsorted(speed, 0.5 * speed[-1]))
@@ -173,7 +172,7 @@ def _joint(f: Array, power: Array, transfer: Array, rate: float, cap: float, nam
     share = level * (2 * np.pi) ** 4 * f[inside] ** 5 / 5 / np.maximum(signal[inside], 1e-300)
     good = start + np.flatnonzero(share[start:] <= NOISE_SHARE)
     if not len(good):
-        return JointSpectrum(name, noise, white, 0.0, 0.0, 0.0)
+        return JointSpectrum(name, noise, white, 0.0, 0.0)
     over = np.flatnonzero(share[good[0] :] > _TOLERATED)
     end = good[0] + int(over[0]) if len(over) else len(share)
     best = int(good[good < end][-1])
@@ -183,7 +182,6 @@ def _joint(f: Array, power: Array, transfer: Array, rate: float, cap: float, nam
         noise,
         float(level[best]),
         math.sqrt(inner[-1]),
-        float(f[np.searchsorted(inner, 0.99 * inner[-1])]),
         float(f[inside[best]]),
     )
 

@@ -111,9 +111,30 @@ class _Ranks:
 def base_set(robot: Robot, rotor_inertia: bool | Sequence[str] = False, tolerance: float = TOLERANCE) -> StructuralSet:
     """Base parameters of a robot with any tree of revolute and prismatic joints, loop closure or floating base.
 
-    `rotor_inertia`: True, or names of joints: the reflected inertias of their motors are included, through K.
-    `tolerance`: directions that show less than this (lengths over the typical length) count as none.
-    Raises ConfigurationError for an unknown joint."""
+    Parameters
+    ----------
+    robot : Robot
+        The robot with its transmission.
+    rotor_inertia : bool or sequence of str
+        True, or names of joints: the reflected inertias of their motors are included, through K.
+    tolerance : float
+        Directions that show less than this (lengths over the typical length) count as none.
+
+    Returns
+    -------
+    StructuralSet
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown joint.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.regressor.base_set(ident.load_robot("scara")).count
+    8
+    """
     asked = robot.joint_names if rotor_inertia is True else tuple(rotor_inertia or ())
     motors = [robot.joint_index(name) for name in asked]
     length = typical_length(robot.tree)
