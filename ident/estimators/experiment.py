@@ -265,7 +265,7 @@ def assumed_experiment(
     Examples
     --------
     >>> import ident
-    >>> from ident.robots.library import nominal_values
+    >>> from ident.robots import nominal_values
     >>> train, _ = ident.demo_logs()
     >>> model = ident.load_robot("puma560").rigid_body() + ident.friction.RotorInertia()
     >>> ident.estimators.assumed_experiment(train, model, nominal_values(model), cutoff_hz=10.0).window_s

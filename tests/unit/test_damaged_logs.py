@@ -117,7 +117,7 @@ def test_a_bomb_of_another_format_is_refused_too(tmp_path: Path, name: str, monk
     monkeypatch.setattr(packed, "_UNPACKED", 1 << 28)
     with pytest.raises(ident.IdentError) as other:
         ident.read_logs(tmp_path / name, seeds.robot())
-    assert "unpacks" not in str(other.value)
+    assert "expands" not in str(other.value)
 
 
 @pytest.mark.parametrize("suffix", [*PACKS])
