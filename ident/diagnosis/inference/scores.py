@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..._utils.singular_values import pinv
-from ..thresholds import ABSORBED, LEVEL, STRETCH
+from ..thresholds import ABSORBED, LEVEL, MATERIAL, STRETCH
 
 if TYPE_CHECKING:
     from ..design.catalogue import Catalogue, Group
@@ -60,7 +60,7 @@ class Scores:
 
     `blocks` (c, B): score of each block of time; `gram` (c, c): their covariance; `starts` (K,), `degrees` (K,): directions of each group;
     `parts`: groups that act on one motor, motor by motor, then those that act on several; `row_scores(columns)` (R, k): what each row adds
-    to the raw scores of some columns; `stretch`: share of the log that may not decide alone."""
+    to the raw scores of some columns; `stretch`: share of the log that may not decide alone; `material`: z of what is not material."""
 
     groups: list[Group]
     kept: list[int]
@@ -73,6 +73,7 @@ class Scores:
     parts: list[Array] = field(repr=False)
     row_scores: Callable[[Array], Array] = field(repr=False)
     stretch: float = STRETCH
+    material: float = 0.0
 
     @classmethod
     def of(cls, fit: Fit, frame: Solved, catalogue: Catalogue, stretch: float = STRETCH) -> Scores:
@@ -97,7 +98,8 @@ class Scores:
         T = CZ @ A
         G = G - T - T.T + A.T @ (frame.gram @ A)
         S = S - (model @ A).T
-        return cls._orthonormal(catalogue, raw, G, S, partial(_row_scores, fit, frame, catalogue), stretch)
+        found = cls._orthonormal(catalogue, raw, G, S, partial(_row_scores, fit, frame, catalogue), stretch)
+        return replace(found, material=material_z(fit, frame))
 
     @classmethod
     def _orthonormal(
@@ -158,10 +160,10 @@ class Scores:
     @cached_property
     def z(self) -> Array:
         """z (K,), the least over all windows of a tenth of the log (`stretch`) that are left out: no single one decides. Where one may, a
-        score counts for no more than its own rows bear out."""
+        score counts for no more than its own rows bear out: they speak against chance, not for a size."""
         if self.stretch > 0.0:
             return z_of(least_squares_left(self.blocks, self.starts, self.stretch), self.degrees)
-        return np.asarray(np.minimum(self.plain, self.self_normalised))
+        return np.asarray(np.minimum(self.plain, self.self_normalised + self.material))
 
     @cached_property
     def self_normalised(self) -> Array:
@@ -225,6 +227,13 @@ class Scores:
                 along = np.einsum("kab,ka->kb", U, r)
                 squares[k] = np.where(w > 1e-3, along**2 / np.maximum(w, 1e-3), 0.0).sum(axis=1)
         return z_of(squares, self.degrees), np.minimum.reduceat(energy, self.starts)
+
+
+def material_z(fit: Fit, frame: Solved) -> float:
+    """z of the largest effect that is not material, over the rows in use."""
+    share = fit.share
+    used = float(share[share > 0].mean()) if (share > 0).any() else 1.0
+    return MATERIAL * float(np.sqrt(frame.rows * used))
 
 
 def _row_scores(fit: Fit, frame: Solved, catalogue: Catalogue, columns: Array) -> Array:
