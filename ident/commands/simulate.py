@@ -29,6 +29,8 @@ from .injected import HELP, injected
 if TYPE_CHECKING:
     from ..model import Model
     from ..planning.plan import Plan
+    from ..planning.trials import PlannedTest
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: Encoder counts a motor turn, where nothing asks for more.
@@ -37,6 +39,8 @@ _COUNTS = 4000.0
 _LOG = "simulated.csv"
 #: Longest motion (s) that is simulated at once.
 _LONGEST_S = 1e5
+#: Times the usual step between the points of a motion from which on (and from 1 s on) a step is a hole.
+_HOLE = 50.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -143,6 +147,7 @@ def _planned(args: argparse.Namespace) -> int:
         )
     tests = plan.tests if args.tests is None else tuple(plan.test(name) for name in args.tests)
     for test in tests:
+        _require_reachable(test, model.robot, args.plan)
         _require_length(plan.trajectory(test)[0].duration, f"plan {args.plan}: test {test.name!r}")
     out = Output(args)
     assert out.folder is not None
@@ -251,12 +256,38 @@ def _require_length(seconds: float, what: str) -> None:
         raise ConfigurationError(f"{what}: the motion lasts {seconds:.3g} s; more than {_LONGEST_S:.0e} s are not simulated at once.")
 
 
+def _require_reachable(test: PlannedTest, robot: Robot, file: str) -> None:
+    """Raise ConfigurationError for a posture outside the joints' ranges (a joint without one turns within one turn of zero): of another
+    robot, or a damaged file."""
+    for k, posture in enumerate(test.postures.tolist()):
+        for q, joint in zip(posture, robot.joints, strict=True):
+            turn = np.inf if joint.prismatic else 2.0 * np.pi
+            low, high = max(joint.lower, -turn), min(joint.upper, turn)
+            if not low - 1e-6 <= q <= high + 1e-6:
+                raise ConfigurationError(
+                    f"plan {file}: test {test.name!r}: posture {k + 1} puts {joint.name} at {q:.4g}, outside {low:.4g} … {high:.4g}."
+                    " Make the plan for this robot (ident plan)."
+                )
+
+
+def _require_dense(t: Array, file: str) -> None:
+    """Raise ConfigurationError for a hole between the points of a motion: nothing says how the robot moves there."""
+    steps = np.diff(t)
+    usual, k = float(np.median(steps)), int(np.argmax(steps))
+    if steps[k] > max(_HOLE * usual, 1.0):
+        raise ConfigurationError(
+            f"{file}: no point of the motion lies between t = {t[k]:.6g} and {t[k + 1]:.6g} s, where the others are {usual:.3g} s"
+            " apart: nothing says how the robot moves there. Correct the times, or cut the file at that gap."
+        )
+
+
 def _followed(file: str, model: Model) -> Coordinates:
     """The motion in a CSV file, resampled to the controller's rate by splines."""
     from scipy.interpolate import CubicSpline
 
     log = read_logs(file, model.robot)[0]
     _require_length(log.duration, file)
+    _require_dense(log.t, file)
     spline = CubicSpline(log.t, log.position(model.robot.transmission))
     t = np.arange(log.t[0], log.t[-1], 1e-3)
     return Coordinates(spline(t), spline(t, 1), spline(t, 2))

@@ -41,8 +41,8 @@ def read_manifest(path: Path) -> dict[str, Any]:
         "base": _field(head, "base", where).texts(),
         "tests": tests,
         "rank": _field(head, "rank", where).whole(),
-        "velocity": _array(head, "velocity", (len(joints),), where),
-        "acceleration": _array(head, "acceleration", (len(joints),), where),
+        "velocity": _limits(head, "velocity", len(joints), where),
+        "acceleration": _limits(head, "acceleration", len(joints), where),
         "notes": _field(head, "notes", where, []).texts(),
     }
 
@@ -62,11 +62,15 @@ def _test(name: str, table: Any, joints: tuple[str, ...], path: Path) -> Planned
     motion: Sweep | Swing
     if kind == MotionKind.ACCELERATED:
         sine = _array(table, "sine", (None, n), where)
-        motion = Swing(sine, _array(table, "cosine", sine.shape, where), _field(table, "base_hz", where).number())
+        base_hz = _positive(_field(table, "base_hz", where).number(), "base_hz", where)
+        motion = Swing(sine, _array(table, "cosine", sine.shape, where), base_hz)
     else:
         speeds, reach = (tuple(_field(table, key, where).numbers(-1).tolist()) for key in ("speeds", "reach"))
         if len(speeds) != len(reach):
             raise ConfigurationError(f"{where}: speeds and reach must have the same number of entries.")
+        for key, values in (("speeds", speeds), ("reach", reach)):
+            for value in values:
+                _positive(value, key, where)
         motion = Sweep(_array(table, "direction", (n,), where), speeds, reach)
     return PlannedTest(
         name,
@@ -81,6 +85,19 @@ def _test(name: str, table: Any, joints: tuple[str, ...], path: Path) -> Planned
         _field(table, "strength", where, 0.0).number(),
         _field(table, "log", where).text(),
     )
+
+
+def _limits(table: dict[str, Any], key: str, n: int, where: str) -> np.ndarray:
+    limits = _array(table, key, (n,), where)
+    for value in limits.tolist():
+        _positive(value, key, where)
+    return limits
+
+
+def _positive(value: float, key: str, where: str) -> float:
+    if not value > 0:
+        raise ConfigurationError(f"{where}: {key} must be positive, not {value:g}: the motion would never end.")
+    return value
 
 
 def _known(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:

@@ -101,3 +101,34 @@ def test_refusals(ident, planned: Path, tmp_path: Path) -> None:
     assert (named.code, "--log" in named.err, (tmp_path / "c").exists()) == (2, True, False)
     loose = ident("simulate", "--robot", "scara", "--tests", "x")
     assert (loose.code, "--plan" in loose.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("speeds", "[0.0]"), ("reach", "[-0.01]"), ("base_hz", "0.0"), ("velocity", "[1.0, 1.0, 0.0, 1.0]")]
+)
+def test_a_motion_that_would_never_end_is_refused(ident, planned: Path, tmp_path: Path, key: str, value: str) -> None:
+    text = (planned / "plan" / "plan.toml").read_text(encoding="utf-8")
+    entry = next(line for line in text.splitlines() if line.startswith(f"{key} = "))
+    changed = tmp_path / "plan.toml"
+    changed.write_text(text.replace(entry, f"{key} = {value}", 1), encoding="utf-8")
+    ran = ident("simulate", "--plan", changed, "--out", tmp_path / "out")
+    assert (ran.code, key in ran.err, (tmp_path / "out").exists()) == (2, True, False)
+
+
+def test_a_posture_outside_the_range_is_refused(ident, planned: Path, tmp_path: Path) -> None:
+    text = (planned / "plan" / "plan.toml").read_text(encoding="utf-8")
+    entry = next(line for line in text.splitlines() if line.startswith("postures = [["))
+    first = entry.split("[[")[1].split(",")[0]
+    changed = tmp_path / "plan.toml"
+    changed.write_text(text.replace(entry, entry.replace(f"[[{first},", "[[1000.0,"), 1), encoding="utf-8")
+    ran = ident("simulate", "--plan", changed, "--out", tmp_path / "out")
+    assert (ran.code, "joint1" in ran.err, (tmp_path / "out").exists()) == (2, True, False), ran.err
+
+
+def test_a_motion_with_a_hole_is_refused(ident, tmp_path: Path) -> None:
+    rows = [f"{0.02 * k:.2f},0.1,0.2,0.05,0.1" for k in range(40)]
+    rows[20] = rows[20].replace("0.40,", "4000,")
+    path = tmp_path / "way.csv"
+    path.write_text("\n".join(["t,q1,q2,q3,q4", *rows[:20], *rows[21:], rows[20], ""]), encoding="utf-8")
+    ran = ident("simulate", "--robot", "scara", "--trajectory", path, "--log", tmp_path / "log.csv")
+    assert (ran.code, "4000" in ran.err, (tmp_path / "log.csv").exists()) == (2, True, False), ran.err
