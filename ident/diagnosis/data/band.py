@@ -83,5 +83,6 @@ class Band:
         """Rows (count, …) through a filter of this gain over `frequencies`; those that count."""
         from scipy.fft import irfft, rfft
 
-        shaped = gain.reshape(-1, *[1] * (rows.ndim - 1))
-        return np.asarray(irfft(rfft(rows, axis=0) * shaped, self.count, axis=0)[self.inner])
+        if np.all(gain == gain[0]):
+            return rows[self.inner] * gain[0]
+        return np.asarray(irfft(rfft(rows.T) * gain, self.count)[..., self.inner].T)

@@ -30,7 +30,7 @@ def parametric(scores: Scores, level: float = LEVEL) -> float:
     for groups in scores.parts:
         ix = np.concatenate([scores.slice_of(k) for k in groups.tolist()])
         degrees = scores.degrees[groups]
-        own = scores.gram[np.ix_(ix, ix)]
+        own = scores.gram(ix, ix)
         L = np.linalg.cholesky((own + own.T) / 2.0 + 1e-5 * np.eye(len(ix))).astype(np.float32)
         normal = rng.normal(size=(len(ix), _PARTS * _DRAWS)).astype(np.float32) / np.float32(np.sqrt(_PARTS))
         parts = (L @ normal).reshape(len(ix), _PARTS, _DRAWS)

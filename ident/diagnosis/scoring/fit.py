@@ -45,7 +45,7 @@ class Solved:
     """A solved stage. R rows, n motors, p columns (base parameters, then effects).
 
     `X`, `Z` (R, n, p): columns of measured motion and instrument, whitened; `residual` (R, n); `theta` (p,); `scale` (p,): of Z's columns;
-    `inverse` (p, R n): (X'Z)⁻¹ X' of scaled columns; `prior` (p,): what the prior's rows add to Z'e; `equations` (p, p): Z'X of scaled
+    `solution` (p, p): (X'Z)⁻¹ of scaled columns; `prior` (p,): what the prior's rows add to Z'e; `equations` (p, p): Z'X of scaled
     columns, `gram` (p, p): Z'Z, both with the prior's rows; `gains`: whitening filters."""
 
     X: Array
@@ -53,7 +53,7 @@ class Solved:
     residual: Array
     theta: Array
     scale: Array
-    inverse: Array
+    solution: Array
     prior: Array
     equations: Array
     gram: Array
@@ -63,6 +63,11 @@ class Solved:
     @property
     def rows(self) -> int:
         return len(self.residual)
+
+    @cached_property
+    def row_scores(self) -> Array:
+        """What each row (R, p) adds to the scores of the model's own scaled columns."""
+        return np.matmul(self.residual[:, None], self.Z)[:, 0] / self.scale
 
     @cached_property
     def std(self) -> Array:
@@ -294,9 +299,8 @@ class Fit:
     def _freed(self, frame: Solved) -> Array:
         """What each motor's residual (n,) lacks of the noise, because parameters took it up: a factor of its power."""
         R = frame.rows
-        scaled = frame.X / frame.scale
-        inverse = pinv(frame.equations, rcond=SINGULAR)
-        taken = np.einsum("rnp,pq,rnq->n", scaled, inverse, frame.Z / frame.scale)
+        inverse = frame.solution.T / np.outer(frame.scale, frame.scale)
+        taken = np.array([np.sum(inverse * (frame.X[:, m].T @ frame.Z[:, m])) for m in range(self.robot.n)])
         rows = R * self.share * min(1.0, 2.0 * self.runs[0].band.top_hz / self.runs[0].band.row_rate)
         return 1.0 / np.clip(1.0 - taken / np.maximum(rows, 1.0), 0.1, 1.0)
 
@@ -313,11 +317,11 @@ class Fit:
         equations = (Za / scale).T @ (Xa / scale)
         theta = lstsq(equations, (Za / scale).T @ ya, rcond=SINGULAR) / scale
         residual = ya - Xa @ theta
-        inverse = pinv(equations.T, rcond=SINGULAR) @ (Xf / scale).T
+        solution = pinv(equations.T, rcond=SINGULAR)
         self.values = self._expanded(theta)
         edges = np.cumsum([0, *(run.band.inner.stop - run.band.inner.start for run in self.runs)]).tolist()
         return Solved(
-            X, Z, residual[: R * n].reshape(R, n), theta, scale, inverse, (known / scale).T @ residual[R * n :],
+            X, Z, residual[: R * n].reshape(R, n), theta, scale, solution, (known / scale).T @ residual[R * n :],
             equations, (Za / scale).T @ (Za / scale), gains, tuple(edges),
         )  # fmt: skip
 
