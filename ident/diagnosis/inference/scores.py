@@ -112,7 +112,9 @@ class Scores:
         Q = sparse.csr_matrix((entries[seen][inside], at[seen][inside], starts), shape=(len(inside), count))
         kept = np.flatnonzero(degrees)
         degrees = degrees[kept]
-        return cls(fit, frame, catalogue, kept.tolist(), Q @ S, np.cumsum([0, *degrees])[:-1], degrees, Q, squares, S.sum(axis=1), A, CZ, stretch)
+        return cls(
+            fit, frame, catalogue, kept.tolist(), Q @ S, np.cumsum([0, *degrees])[:-1], degrees, Q, squares, S.sum(axis=1), A, CZ, stretch
+        )
 
     def gram(self, left: Array, right: Array) -> Array:
         """Covariance of some directions (c,) with others (d,)."""
@@ -120,9 +122,11 @@ class Scores:
         rows, columns = np.unique(Q.indices), np.unique(P.indices)
         G = np.zeros((len(rows), len(columns)))
         for _, ids, C in self.catalogue.whitened(self.fit, self.frame.gains):
-            _, here, own = np.intersect1d(rows, ids, assume_unique=True, return_indices=True)
-            _, there, other = np.intersect1d(columns, ids, assume_unique=True, return_indices=True)
-            G[np.ix_(here, there)] += C[own] @ C[other].T
+            here, there = np.isin(rows, ids), np.isin(columns, ids)
+            if there.any():
+                own = C if here.sum() == len(ids) else C[np.isin(ids, rows)]
+                other = own if np.array_equal(rows, columns) else C[np.isin(ids, columns)]
+                G[np.ix_(here, there)] += own @ other.T
         A, B = self.absorbed[rows], self.absorbed[columns]
         G += (A @ self.frame.gram - self.along[rows]) @ B.T - A @ self.along[columns].T
         return np.asarray(Q[:, rows] @ (P[:, columns] @ G.T).T)
