@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -48,6 +50,20 @@ def command(seed: int, seconds: float, rate: float, n: int, rest: float = 0.5) -
     return out
 
 
+@contextmanager
+def compiled_kernel() -> Iterator[None]:
+    """The compiled kernel, whichever IDENT_KERNEL asks for: half a million instants of a drive take NumPy minutes. What is fitted to such
+    a log goes by the kernel that was asked for. Raises ConfigurationError where none was built."""
+    asked = os.environ.get("IDENT_KERNEL")
+    os.environ["IDENT_KERNEL"] = "native"
+    try:
+        yield
+    finally:
+        del os.environ["IDENT_KERNEL"]
+        if asked is not None:
+            os.environ["IDENT_KERNEL"] = asked
+
+
 def commanded_log(
     robot: ident.Robot, truth: Mapping[str, Any], *, seed: int = 0, seconds: float = 5.0, rate: int = 100, noise: float = 5e-4,
     speed_command: bool = False, name: str = "run", before: float = 0.0,
@@ -72,7 +88,8 @@ def commanded_log(
         return np.concatenate([np.repeat(held[:1], late, axis=0), held[: len(held) - late]])[:, None]
 
     dynamics = Plant(model, values).dynamics()
-    compiled = CompiledPlant.of(dynamics)
+    with compiled_kernel():
+        compiled = CompiledPlant.of(dynamics)
     assert compiled is not None
     n = robot.n
     gains = [np.ones(n) * truth[key] for key in ("kp", "kd")]

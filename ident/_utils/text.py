@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Sequence
 
 #: Columns of a wide terminal.
 WIDTH = 160
-
-
+#: Characters of a name that a list shows.
+_SHOWN = 120
 #: Verbs of one thing that do not end on s.
 _ONE = {"are": "is", "were": "was", "have": "has"}
 
@@ -25,6 +26,12 @@ def counted(count: int, noun: str, verb: str = "", *, plural: str = "", of: str 
     one = count == 1
     does = f" {_ONE.get(verb, verb + 's') if one else verb}" if verb else ""
     return f"{count} {noun if one else plural or noun + 's'}{of}{does}"
+
+
+def listed(items: Sequence[str], most: int = 12) -> str:
+    """Names in a row: the first `most` of them, long ones cut off."""
+    shown = (item if len(item) <= _SHOWN else f"{item[:_SHOWN]}…" for item in items[:most])  # a garbled header has very long names
+    return ", ".join(shown) + (" …" if len(items) > most else "")
 
 
 def shortened(expression: str, width: int) -> str:

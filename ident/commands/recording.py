@@ -17,7 +17,8 @@ from ..auditing import AuditFinding, audit
 from ..errors import ConfigurationError
 from ..logs.log import Log, LogSet
 from ..logs.reading import read_logs
-from ..study.study import LogsTable, Study, write_study
+from ..study.study import Study, write_study
+from ..study.tables import LogsTable
 from .common import Output
 
 #: Columns that are listed as not used, and runs that are told of, at the most.

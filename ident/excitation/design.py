@@ -13,6 +13,7 @@ from ..errors import ConfigurationError, UnsupportedError
 from ..robots.library.nominal import nominal_values
 from ..simulation.trajectory import Chained, Trajectory
 from .approach import NoWay, approach, require_clear
+from .candidate import TrajectoryCandidate
 from .certificate import certify, nearest
 from .clearance import Clearance
 from .families import BSplineFamily, Family, FourierFamily
@@ -22,7 +23,7 @@ from .margins import margins_of
 from .noise import sample_noise
 from .objective import Both, ConditionNumber, DOptimality, Measure, condition_number
 from .result import Excitation
-from .search import TrajectoryCandidate, TrajectorySearch
+from .search import TrajectorySearch
 from .surroundings import Safety, Surroundings
 
 if TYPE_CHECKING:

@@ -5,13 +5,13 @@ scales the trajectory until its true extremes, between samples too, lie within t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
+from .candidate import TrajectoryCandidate
 from .certificate import certify
 from .clearance import Clearance, NearMemory
 from .descent import descend
@@ -32,15 +32,6 @@ _LEAST = 0.02
 _START_SHARES = (0.7, 0.85, 0.95)
 #: Seconds between the moments at which torque is looked at in the end, and how far it may exceed that between them, relative.
 _TORQUE_STEP, _TORQUE_MARGIN = 1e-3, 2e-4
-
-
-@dataclass(frozen=True, eq=False)
-class TrajectoryCandidate:
-    """A trajectory of a family: `offset` (n,), `coefficients` (C, n), the value of the measure."""
-
-    offset: Array
-    coefficients: Array
-    value: float
 
 
 class TrajectorySearch:

@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import ConfigurationError
 from ..physical.energy import skew
 from ..physical.pseudo_inertia import centre_of_mass, displaced, from_centre_of_mass, smallest_eigenvalues
-from ..robots.robot import held_joints
+from ..robots.joints import held_joints
 from ..robots.urdf import exact_angle, prepare_urdf
 from .xml_patch import Element, NewElement, XmlPatch
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .channels import ChannelGroup
+from .channel_group import ChannelGroup
 from .rates import velocity_ratio
 
 Array = np.ndarray

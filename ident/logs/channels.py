@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from .channel_group import ChannelGroup, bare_name, unit_suffix
 from .languages import english, in_english
-from .readers.moments import MOMENT
 from .readers.runs import RUNS
-from .stamps import fraction_of
-from .units import as_suffix, bracketed, is_unit, split_unit, unit_of
+from .told_units import BESIDE, unit_in, unread_in, unread_unit
+from .units import bracketed, is_unit, split_unit, unit_of
 from .words import (
-    COMPUTED,
-    ESTIMATED,
-    HANDS,
-    MOTOR,
     NOT_JOINTS,
     QUANTITIES,
     QUANTITY_WORDS,
     SAID,
-    TAKEN,
     TIME,
-    WANTED,
     quantity_of,
     words_of,
 )
@@ -49,112 +42,8 @@ _ONE_WORD = {
     "velocity": {"velocity", "vel", "speed", "rate"},
     "torque": {"torque", "torques", "force", "forces"},
 }
-#: What stands in brackets and is no unit, and in names and tells no joint: which joint, side or sensor it is of.
-BESIDE = {"joint", "axis", "motor", "link", "arm", "side", "raw", "left", "right", "sensor", "encoder", "si"}
 #: What two sensors of one joint are told by.
 _SIDES = {"joint", "axis", "motor", "link", "load", "output", "input", "drive", "gear", "encoder", "sensor", "raw"}
-#: Words at a name's end that tell a share, or what a sensor counts: no unit whose size is known.
-_NO_UNITS = {
-    "percent", "pct", "prozent", "permille", "promille", "permil", "perthousand", "ticks", "tick", "counts", "count", "lsb", "inc", "incs",
-    "increments", "digits", "adc", "pu",
-}  # fmt: skip
-#: A letter or two before a unit: a multiple that is not known.
-_LIKE_UNIT = re.compile(r"[a-zµ]{1,2}(deg|rad|nm|rpm|rev|turns?)|(deg|rad|nm|rev|turns?|mm)(per)?[a-z]{1,3}", re.IGNORECASE)
-#: What is told for something a time, in other units of time than those of rates that are known.
-_RATE = re.compile(r"/\s*(ms|us|µs|ns|h|cycle|tick|sample)\b", re.IGNORECASE)
-_LAST_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
-
-
-@dataclass(frozen=True)
-class ChannelGroup:
-    """Columns of one quantity over the joints, in their order. `joints`: their names, "" where only numbers tell them; `unit`: as told;
-    `unread`: what is told for a unit and is none that is known; `units`: of each column, where they differ (degrees of some joints,
-    millimetres of others)."""
-
-    stem: str
-    columns: tuple[str, ...]
-    joints: tuple[str, ...]
-    quantity: str
-    words: frozenset[str]
-    unit: str = ""
-    unread: str = ""
-    units: tuple[str, ...] = ()
-
-    @property
-    def wanted(self) -> bool:
-        """Whether it is what was asked for."""
-        return bool(self.words & WANTED)
-
-    @property
-    def estimated(self) -> bool:
-        """Whether it is estimated, modelled or a difference."""
-        return bool(self.words & ESTIMATED)
-
-    @property
-    def measured(self) -> bool:
-        """Whether its name says that it is measured."""
-        return bool(self.words & TAKEN)
-
-    @property
-    def computed(self) -> bool:
-        """Whether its name says that it is computed from something else."""
-        return bool(self.words & COMPUTED)
-
-    @property
-    def of_motors(self) -> bool:
-        """Whether its name says that it is on the motors' side."""
-        return bool(self.words & MOTOR)
-
-    @property
-    def named(self) -> bool:
-        """Whether the joints' names are told."""
-        return any(self.joints)
-
-    def only(self, keep: Sequence[int]) -> ChannelGroup:
-        """Some of its columns."""
-        return ChannelGroup(
-            self.stem,
-            tuple(self.columns[k] for k in keep),
-            tuple(self.joints[k] for k in keep),
-            self.quantity,
-            self.words,
-            self.unit,
-            self.unread,
-            tuple(self.units[k] for k in keep) if self.units else (),
-        )
-
-    def in_si(self, table: Mapping[str, Array]) -> dict[str, Array]:
-        """Its columns of a table as they are to be looked at: in SI units where these differ from column to column."""
-        return {c: np.asarray(table[c], float) * known_scale(u) for c, u in zip(self.columns, self.units, strict=False)}
-
-    def along(self, q: ChannelGroup, names: Sequence[str]) -> ChannelGroup | None:
-        """In the order of the positions' joints; None where they are put in another order than that of the columns (`names`), and nothing
-        tells which of these belongs to which."""
-        own, wanted = ([bare_name(joint) for joint in g.joints] for g in (self, q))
-        if all(own) and sorted(own) == sorted(wanted) and len(set(own)) == len(own):
-            return self.only([own.index(joint) for joint in wanted])
-        at = [names.index(column) for column in q.columns]
-        return self if not q.named or at == sorted(at) else None
-
-    def arms(self, driven: Collection[str] = ()) -> ChannelGroup:
-        """Without the channels of hands, but of those joints that are `driven` (`bare_name`)."""
-        keep = [k for k, name in enumerate(self.joints) if not words_of(name) & HANDS or bare_name(name) in driven]
-        return self.only(keep) if 0 < len(keep) < len(self.columns) else self
-
-    def __str__(self) -> str:
-        return repr(self.columns[0]) if len(self.columns) == 1 else f"{self.columns[0]!r} … {self.columns[-1]!r}"
-
-
-def joint_of(name: str) -> str:
-    """A joint's name from the path by which a channel names it: the last part that is no word for a quantity (`arm/elbow.pos`: elbow)."""
-    parts = [part for part in re.split(r"[/.]", name) if part]
-    return next((part for part in reversed(parts) if part.lower() not in QUANTITIES), parts[-1] if parts else name)
-
-
-def unit_suffix(text: str) -> str:
-    """A unit as a row of units or a label writes it, as our own suffix; "" where it is none."""
-    word = as_suffix(text.strip().strip("[]()"))
-    return unit_of(word).name if is_unit(word) else ""
 
 
 def groups(
@@ -294,11 +183,6 @@ def _words_written_as_one(part: str) -> list[str]:
     return words if all(english(word.lower()) in SAID for word in words) else [part]
 
 
-def bare_name(joint: str) -> str:
-    """A joint's name without its path, the word for joint, and what separates its words."""
-    return "".join(part for part in re.split(r"[^a-z0-9]+", joint_of(joint).lower()) if part != "joint")
-
-
 def _put(stems: dict[str, list[tuple[int, str, str]]], stem: str, name: str, joint: str, joints: Sequence[str] | None) -> None:
     members = stems.setdefault(stem, [])
     own = [] if not joints else [k for k, known in enumerate(joints) if known == joint or bare_name(known) == bare_name(joint)]
@@ -315,11 +199,11 @@ def _group(stem: str, members: list[tuple[int, str, str]], units: Mapping[str, s
         return None
     members = sorted(members)
     columns = tuple(m[1] for m in members)
-    own = tuple(unit_suffix(units.get(c, "")) or _unit_in(c) for c in columns)
+    own = tuple(unit_suffix(units.get(c, "")) or unit_in(c) for c in columns)
     if any(own) and not all(own):  # beside another that tells its unit, a single letter is one
         own = tuple(found or split_unit(c)[1] or "" for found, c in zip(own, columns, strict=True))
     differ = len(set(own)) > 1 and any({unit_of(u).dimension for u in own if u} <= alike for alike in _ALIKE) and all(own)
-    unit = unit_suffix(units.get(columns[0], "")) or _unit_in(stem) or (own[0] if differ else "")
+    unit = unit_suffix(units.get(columns[0], "")) or unit_in(stem) or (own[0] if differ else "")
     unread = "" if unit else unread_unit(units.get(columns[0], "")) or unread_in(stem)
     quantity = told.removesuffix("_ref") or quantity_of(words)
     if words in ({"observation", "state"}, {"action"}):  # LeRobot: positions, and what was asked for
@@ -329,75 +213,3 @@ def _group(stem: str, members: list[tuple[int, str, str]], units: Mapping[str, s
     if not quantity:
         return None
     return ChannelGroup(stem, columns, tuple(m[2] for m in members), quantity, words, unit, unread, own if differ else ())
-
-
-def _unit_in(stem: str) -> str:
-    """The unit that a name tells: `act_pos_mot#_deg`, `vel#_deg_per_s`, `speed # [rpm]`; single letters count only in brackets."""
-    bare = stem.replace("[#]", "").replace("[]", "").replace("#", "")
-    if found := unit_suffix(bracketed(bare)[1]):
-        return found
-    unit = split_unit(re.sub(r"_+", "_", bare.replace("_per_", "_")).strip("_"))[1] or ""
-    return unit if len(unit) > 1 else ""
-
-
-def unread_unit(text: str) -> str:
-    """What is told for a unit, where it says something that is no unit that is known; "" for a unit, for nothing, and for words."""
-    inside = text.strip().strip("[]()").strip()
-    plain = (
-        not inside
-        or inside in "-–—."
-        or inside.isdecimal()
-        or unit_suffix(inside)
-        or (bool(words_of(inside) & (SAID | TIME | BESIDE)) and not _RATE.search(inside))
-    )
-    return "" if plain else inside
-
-
-def unread_in(name: str) -> str:
-    """What a name tells for a unit, in brackets or behind its last line, where it is none that is known."""
-    bare = name.replace("[#]", "").replace("[]", "").replace("#", "")
-    found = _LAST_BRACKETS.search(bare)
-    last = re.split(r"[_\s]+", bare.strip("_ "))[-1]
-    alike = last != bare and bool(_LIKE_UNIT.fullmatch(last)) and last.lower() != "return" and not words_of(last) & (SAID | TIME | BESIDE)
-    suffix = last.lower() in _NO_UNITS or (alike and not unit_suffix(last))
-    return unread_unit(found[1]) if found else last if suffix else ""
-
-
-def known_scale(unit: str) -> float:
-    """SI value of one unit, by its suffix."""
-    return unit_of(unit).scale
-
-
-def scalar_time_names(names: Sequence[str], units: Mapping[str, str] | None = None) -> list[str]:
-    """Columns whose name, or unit, is one of time, the likeliest first: the sender's stamp before the recorder's, plain names before
-    others."""
-    exact = (
-        "t",
-        "time",
-        "timestamp",
-        "timestamps",
-        "tstamps",
-        "zeit",
-        "stamp",
-        "secs",
-        "sec",
-        "seconds",
-        "ms",
-        "%time",
-        "ipoc",
-        "x_value",  # LabVIEW
-        "clock",
-        "ts",
-    )
-    lower = {n.lower(): n for n in names}
-    found = [lower[k] for k in lower if re.search(r"stamp[./_](sec|secs)$|header[./]stamp$", k)] + [lower[k] for k in exact if k in lower]
-    others = [n for n in names if words_of(n) & (TIME - {"t", "ms", "ts", "stamp"})]
-    split = [n for n in names if fraction_of(n, names)]
-    return list(dict.fromkeys([*found, *split, *others, *(n for n in names if _time_unit(n, units or {}))]))
-
-
-def _time_unit(name: str, units: Mapping[str, str]) -> bool:
-    if units.get(name) == MOMENT:
-        return True
-    unit = unit_suffix(units.get(name, "")) or unit_suffix(bracketed(name)[1])
-    return bool(unit) and unit_of(unit).dimension == "time"

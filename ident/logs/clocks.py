@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import DataError
-from .channels import ChannelGroup, known_scale, scalar_time_names, unit_suffix, unread_unit
+from .channel_group import ChannelGroup, known_scale, unit_suffix
 from .readers.header import seconds
 from .readers.moments import MOMENT
 from .stamps import fraction_beside, fraction_of, since_1970
+from .time_names import scalar_time_names
+from .told_units import unread_unit
 from .units import as_suffix, bracketed, is_unit, split_unit, unit_of
 
 Array = np.ndarray

@@ -8,9 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from ..errors import DataError
-from .channels import BESIDE, ChannelGroup, bare_name, known_scale, scalar_time_names
+from .channel_group import ChannelGroup, bare_name, known_scale
 from .clocks import RecordedTime, rate_ratio
 from .languages import english
+from .time_names import scalar_time_names
+from .told_units import BESIDE
 from .unread_units import unread_note
 from .words import MOTOR, QUANTITY_WORDS, SAID
 

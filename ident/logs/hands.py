@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from .channels import ChannelGroup, bare_name
+from .channel_group import ChannelGroup, bare_name
 from .words import HANDS, words_of
 
 Array = np.ndarray

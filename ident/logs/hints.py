@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from .channels import unread_in
 from .names import KEYS
+from .told_units import unread_in
 from .units import expected_units, split_unit, unit_of
 
 #: Words by which people name a quantity.

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import ConfigurationError, DataError
-from .channels import ChannelGroup, groups, unit_suffix, unread_unit
-from .columns import ColumnPlan, resolve_columns
+from .channel_group import ChannelGroup, unit_suffix
+from .channels import groups
+from .column_plan import ColumnPlan
+from .columns import resolve_columns
 from .long_tables import long_table
 from .names import KEYS, Column, JointNames, parse_name
 from .rates import with_rates
@@ -23,6 +25,7 @@ from .references import numbered_reference, references
 from .sampling import sampling_of, with_summed_time
 from .source import TableSource
 from .stamps import fraction_beside, since_1970
+from .told_units import unread_unit
 from .unnamed import proposal
 from .unread_units import unread_beside
 

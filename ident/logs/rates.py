@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .channels import ChannelGroup, groups, known_scale
-from .columns import ColumnPlan
+from .channel_group import ChannelGroup, known_scale
+from .channels import groups
+from .column_plan import ColumnPlan
 from .names import KEYS, QUANTITIES, Column
 from .source import TableSource
 

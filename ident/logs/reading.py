@@ -13,7 +13,7 @@ import numpy as np
 from .._utils.files import sha256
 from .._utils.text import counted
 from ..errors import DataError, IdentError, unknown_name
-from .channels import joint_of
+from .channel_group import joint_of
 from .columns import resolve_columns
 from .files import LogFile, content_file, log_files
 from .joint_files import JointFiles, by_joints, together

@@ -14,13 +14,15 @@ import numpy as np
 from .._utils.text import counted
 from ..errors import DataError
 from .angles import agreed
-from .channels import ChannelGroup, bare_name, groups, known_scale, unread_in
+from .channel_group import ChannelGroup, bare_name, known_scale
+from .channels import groups
 from .clocks import RecordedTime, time_of
 from .companions import SAME, companions, moves, refuse_parts, side_of_motors
 from .hands import driven_hands, left_hands
 from .readers.header import seconds
 from .recorders import EFFORTS, Recorder, recorder_of
 from .references import references
+from .told_units import unread_in
 from .units import expected_units, split_unit, unit_of
 from .words import HANDS, words_of
 
@@ -91,10 +93,8 @@ def recognised(
     mapping = _mapping(chosen, factors)
     if time.column:
         mapping["t"] = _entry(time.column, "t", time.factor)
-    said = _said(chosen, time, " (counts)" if counted else angles.said)
     wanted, order_notes = references(fitting, q, table, (scale, offset))
-    if wanted:
-        said += f", desired motion from {next(iter(wanted.values()))[0]!r} …"
+    said = _said(chosen, time, " (counts)" if counted else angles.said, wanted)
     if recorder is not None and recorder.desired == "command":
         wanted |= {key.replace("_ref", "_cmd"): source for key, source in wanted.items() if key.startswith("q_ref")}
     used = {v if isinstance(v, str) else v["column"] for v in mapping.values()} | {c for c, *_ in wanted.values()}
@@ -141,7 +141,7 @@ def _fitting_positions(
     return fitting, positions
 
 
-def _said(chosen: Mapping[str, ChannelGroup], time: RecordedTime, unit: str) -> str:
+def _said(chosen: Mapping[str, ChannelGroup], time: RecordedTime, unit: str, wanted: Mapping[str, tuple[str, float, float]]) -> str:
     """What is read from where, in words."""
     said = f"positions from {chosen['q']}{unit}"
     if time.column:
@@ -149,7 +149,7 @@ def _said(chosen: Mapping[str, ChannelGroup], time: RecordedTime, unit: str) -> 
     for quantity, word in (("dq", "velocities"), ("tau", "torque"), ("tau_m", "motor torque"), ("i", "current")):
         if quantity in chosen:
             said += f", {word} from {chosen[quantity]}"
-    return said
+    return said + (f", desired motion from {next(iter(wanted.values()))[0]!r} …" if wanted else "")
 
 
 def _positions(found: Sequence[ChannelGroup]) -> list[ChannelGroup]:

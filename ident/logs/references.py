@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .channels import ChannelGroup, bare_name, known_scale
+from .channel_group import ChannelGroup, bare_name, known_scale
 
 Array = np.ndarray
 _BY_JOINT = re.compile(r"^(?P<joint>.+)\.(?P<word>position|velocity|acceleration)_reference$")

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import DataError
-from .channels import scalar_time_names
 from .languages import in_english
 from .source import TableSource
+from .time_names import scalar_time_names
 from .units import is_unit, split_unit, unit_of
 
 Array = np.ndarray

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from .channels import groups, unread_in
-from .columns import ColumnPlan
+from .channels import groups
+from .column_plan import ColumnPlan
 from .names import KEYS, parse_name
+from .told_units import unread_in
 
 #: What one of a unit is to be told in, by the key under [columns].
 _SI = {"q": "rad (m)", "dq": "rad/s (m/s)", "ddq": "rad/s^2 (m/s^2)", "tau": "N m (N)", "i": "A"}

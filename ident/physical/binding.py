@@ -11,7 +11,8 @@ import numpy as np
 from .bounds import Bounds, Prior
 from .conic import SolverError
 from .consistent import link_scales
-from .constrained import MARGIN, _nominal_scale, _Problem
+from .constrained import nominal_scale
+from .constrained_problem import MARGIN, ConstrainedProblem
 from .pseudo_inertia import pseudo_inertia
 from .structure import InertiaStructure
 from .target import Target
@@ -105,8 +106,8 @@ def binding_constraints(
 
     deadline = time.perf_counter() + time_limit
     bounds = bounds or Bounds()
-    scale = link_scales(structure) if prior is None else _nominal_scale(structure, prior)
-    values, standard, cost, _ = _Problem(structure, target, bounds, prior, MARGIN, scale).solve()
+    scale = link_scales(structure) if prior is None else nominal_scale(structure, prior)
+    values, standard, cost, _ = ConstrainedProblem(structure, target, bounds, prior, MARGIN, scale).solve()
     guess = structure.lift @ (target.offset + target.root @ target.target)
     signs = [i for i in (*structure.drive, *structure.nonnegative) if standard[i] <= 1e-6 * abs(guess[i])]
     links = np.flatnonzero(_relative_eigenvalues(structure, standard)[:, 0] < _BORDER)
@@ -117,7 +118,7 @@ def binding_constraints(
             notes = ("not every constraint was tried: time ran out.",)
             break
         try:
-            without = _Problem(structure, target, bounds, prior, MARGIN, scale, name).solve()[2]
+            without = ConstrainedProblem(structure, target, bounds, prior, MARGIN, scale, name).solve()[2]
         except SolverError:
             continue
         if cost - without >= max(least * cost, 1e-3):
@@ -152,7 +153,7 @@ def _degrees(
         noise = np.where(target.costed, rng.standard_normal(len(target.target)), 0.0)
         moved = Target(values + target.root @ noise, target.root, np.zeros(len(noise)), target.costed)
         try:
-            found.append(_Problem(structure, moved, bounds, prior, MARGIN, scale).solve()[2])
+            found.append(ConstrainedProblem(structure, moved, bounds, prior, MARGIN, scale).solve()[2])
         except SolverError:
             found.append(float(noise @ noise))
     mean = float(np.mean(found))

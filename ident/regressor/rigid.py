@@ -19,6 +19,7 @@ import numpy as np
 
 from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..robots.tree import RigidBodyTree
+from .checked import added_inertia, extra_columns, finite_numbers, inertia_of, numbers, states
 from .drive_terms import DriveTerms
 from .kernel_choice import kernel
 
@@ -29,31 +30,31 @@ def regressor(tree: RigidBodyTree, q: Any, dq: Any, ddq: Any, *, threads: int | 
     """Joint torque regressor (N, nv, 10 nb): tau = regressor @ inertia, gravity included.
 
     `q` (N, nq) in rad, m; `dq`, `ddq` (N, nv)."""
-    q, dq, ddq = _states(tree, q, dq=dq, ddq=ddq)
+    q, dq, ddq = states(tree, q, dq=dq, ddq=ddq)
     return kernel().dynamics.regressor(tree, q, dq, ddq, threads)
 
 
 def inverse_dynamics(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, ddq: Any, *, threads: int | None = None) -> Array:
     """Joint torque (N, nv) in N m, N. `inertia` (10 nb,) linear parameters; `q` (N, nq); `dq`, `ddq` (N, nv)."""
-    q, dq, ddq = _states(tree, q, dq=dq, ddq=ddq)
-    return kernel().dynamics.inverse_dynamics(tree, _inertia(tree, inertia), q, dq, ddq, threads)
+    q, dq, ddq = states(tree, q, dq=dq, ddq=ddq)
+    return kernel().dynamics.inverse_dynamics(tree, inertia_of(tree, inertia), q, dq, ddq, threads)
 
 
 def mass_matrix(tree: RigidBodyTree, inertia: Any, q: Any, *, threads: int | None = None) -> Array:
     """Joint-space mass matrix (N, nv, nv), symmetric; not positive definite where the parameters are not physical."""
-    (q,) = _states(tree, q)
-    return kernel().dynamics.mass_matrix(tree, _inertia(tree, inertia), q, threads)
+    (q,) = states(tree, q)
+    return kernel().dynamics.mass_matrix(tree, inertia_of(tree, inertia), q, threads)
 
 
 def bias_torque(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any, *, threads: int | None = None) -> Array:
     """Coriolis, centrifugal and gravity torque (N, nv): the torque at zero acceleration."""
-    q, dq = _states(tree, q, dq=dq)
-    return kernel().dynamics.bias_torque(tree, _inertia(tree, inertia), q, dq, threads)
+    q, dq = states(tree, q, dq=dq)
+    return kernel().dynamics.bias_torque(tree, inertia_of(tree, inertia), q, dq, threads)
 
 
 def terms(tree: RigidBodyTree, inertia: Any, q: Any, dq: Any) -> tuple[Array, Array]:
     """`mass_matrix` and `bias_torque` together, in one pass."""
-    q, dq = _states(tree, q, dq=dq)
+    q, dq = states(tree, q, dq=dq)
     return dynamics(tree, inertia).terms(q, dq)
 
 
@@ -64,8 +65,8 @@ def forward_dynamics(
 
     `added` (nv, nv): constant symmetric matrix, such as the reflected rotor inertia K^-T R K^-1; None for none.
     Raises DataError where the matrix is singular."""
-    q, dq, tau = _states(tree, q, dq=dq, tau=tau)
-    return kernel().dynamics.forward_dynamics(tree, _inertia(tree, inertia), q, dq, tau, added_inertia(tree, added), threads)
+    q, dq, tau = states(tree, q, dq=dq, tau=tau)
+    return kernel().dynamics.forward_dynamics(tree, inertia_of(tree, inertia), q, dq, tau, added_inertia(tree, added), threads)
 
 
 class Dynamics(Protocol):
@@ -82,7 +83,7 @@ def dynamics(tree: RigidBodyTree, inertia: Any, added: Any = None) -> Dynamics:
     """Dynamics of a tree with fixed parameters: checked once here, then as little as possible around each call.
 
     `inertia` (10 nb,), `added` (nv, nv) as in `forward_dynamics`. States that are not finite raise DataError."""
-    made: Dynamics = kernel().dynamics.fixed_dynamics(tree, _inertia(tree, inertia), added_inertia(tree, added))
+    made: Dynamics = kernel().dynamics.fixed_dynamics(tree, inertia_of(tree, inertia), added_inertia(tree, added))
     return made
 
 
@@ -98,7 +99,7 @@ class Drive(Protocol):
 
 def drive(tree: RigidBodyTree, inertia: Any, terms: DriveTerms) -> Drive:
     """A fixed-base tree with `inertia` (10 nb,) and the terms of its drives: checked once, then as little as possible around each call."""
-    made: Drive = kernel().drive.fixed_drive(tree, _inertia(tree, inertia), terms)
+    made: Drive = kernel().drive.fixed_drive(tree, inertia_of(tree, inertia), terms)
     return made
 
 
@@ -119,7 +120,7 @@ def live_information(tree: RigidBodyTree, factors: Array, rows: Array, columns: 
     """Information that starts with `factors` (R, k+1, k+1); `rows`, `columns`, `pattern` as in `information`."""
     q, rates = np.zeros((1, tree.nq)), np.zeros((1, tree.nv))
     work = _Work.of(tree, q, rates, rates, rows, columns, np.zeros((1, np.shape(pattern)[1])), pattern, None, 1)
-    made: LiveInformation = kernel().rows.fixed_rows(tree, _finite("factors", factors), work.rows, work.columns, work.pattern)
+    made: LiveInformation = kernel().rows.fixed_rows(tree, finite_numbers("factors", factors), work.rows, work.columns, work.pattern)
     return made
 
 
@@ -175,7 +176,7 @@ def information(
     if not np.isfinite(factors.sum()):  # the kernel looks at every number on its way; who is to blame is only asked now
         used = np.ones(shape, bool) if valid is None else valid
         work.blame(used)
-        _finite("tau", np.where(used, tau, 0.0))
+        finite_numbers("tau", np.where(used, tau, 0.0))
         raise DataError("the sum of squares over the samples overflows: some value is beyond 1e150. Check the units of the log.")
     return factors, counts
 
@@ -187,7 +188,7 @@ def _of_rows(shape: tuple[int, int], tau: Any, valid: Any, weight: Any) -> tuple
         if valid.shape != shape or valid.dtype != bool:
             raise ConfigurationError(f"valid: expected bool of shape {shape}, but it is {valid.dtype} of shape {valid.shape}.")
     tau = np.ascontiguousarray(tau, dtype=np.float64)
-    weight = None if weight is None else _finite("weight", weight)
+    weight = None if weight is None else finite_numbers("weight", weight)
     for name, array in (("tau", tau), ("weight", weight)):
         if array is not None and array.shape != shape:
             raise ConfigurationError(f"{name}: expected shape {shape}, samples by rows, but it is {array.shape}.")
@@ -244,18 +245,18 @@ class _Work:
         cls, tree: RigidBodyTree, q: Any, dq: Any, ddq: Any, rows: Any, columns: Any, extra: Any, pattern: Any, taps: Any, factor: int
     ) -> _Work:
         """Shapes and indices are checked here; whether samples are finite is seen on the way."""
-        q, dq, ddq = _states(tree, q, finite=False, dq=dq, ddq=ddq)
+        q, dq, ddq = states(tree, q, finite=False, dq=dq, ddq=ddq)
         n, rigid = len(q), 10 * tree.nb
-        rows = np.eye(tree.nv) if rows is None else _finite("rows", rows)
+        rows = np.eye(tree.nv) if rows is None else finite_numbers("rows", rows)
         if rows.ndim != 2 or not len(rows) or rows.shape[1] != tree.nv:
             raise ConfigurationError(f"rows: expected shape (R, {tree.nv}), rows by velocities, but it is {rows.shape}.")
-        taps = None if taps is None else _finite("taps", taps)
+        taps = None if taps is None else finite_numbers("taps", taps)
         if int(factor) != factor or factor < 1 or (taps is None and factor != 1):
             raise ConfigurationError(f"factor={factor}: must be a whole number of samples a row, 1 without taps.")
         if taps is not None and (taps.ndim != 1 or not len(taps)):
             raise ConfigurationError(f"taps: expected shape (T,), T at least 1, but it is {taps.shape}.")
         count = n if taps is None else max(0, (n - len(taps)) // int(factor) + 1)
-        extra, pattern = _extra(extra, pattern, (n, len(rows)))
+        extra, pattern = extra_columns(extra, pattern, (n, len(rows)))
         total = rigid + pattern.shape[1]
         columns = np.arange(total) if columns is None else np.ascontiguousarray(columns, dtype=np.int64)
         if columns.ndim != 1 or (len(columns) and (columns.min() < 0 or columns.max() >= total)):
@@ -270,7 +271,7 @@ class _Work:
         if used is not None and extra.ndim == 3 and self.taps is None:
             extra = np.where(used[:, :, None], extra, 0.0)
         for name, array in (("q", self.q), ("dq", self.dq), ("ddq", self.ddq), ("extra", extra)):
-            _finite(name, array)
+            finite_numbers(name, array)
 
 
 def stacked_information(
@@ -285,7 +286,7 @@ def stacked_information(
     """The same for columns (N, R, k) that are there already, whatever they are of: `(factors (R, k+1, k+1), counts (R,))`.
 
     What `valid` leaves out may hold anything, columns too."""
-    columns = _numbers("columns", columns)
+    columns = numbers("columns", columns)
     if columns.ndim != 3:
         raise ConfigurationError(f"columns: expected shape (N, R, k), but it is {columns.shape}.")
     n, r, _ = columns.shape
@@ -315,80 +316,3 @@ def paired(tree: RigidBodyTree) -> RigidBodyTree:
     parents = np.concatenate([parent, np.where(parent < 0, -1, parent + tree.nb)])
     rotation, translation, axis, prismatic = (np.concatenate([x, x]) for x in (tree.rotation, tree.translation, tree.axis, tree.prismatic))
     return RigidBodyTree(parents, rotation, translation, axis, prismatic, tree.gravity, floating=False)
-
-
-def _extra(extra: Any, pattern: Any, shape: tuple[int, int]) -> tuple[Array, Array]:
-    """Checked extra columns and their pattern; a full array of columns gets the pattern of those that are not zero."""
-    if extra is None:
-        return np.zeros((shape[0], 0)), np.zeros((shape[1], 0))
-    extra = np.ascontiguousarray(extra, dtype=np.float64)
-    if extra.ndim == 3 and extra.shape[:2] == shape:
-        # Which columns are zero throughout is worth asking for many samples only; few at a time may have zeros by chance.
-        live = np.any(extra != 0.0, axis=0) if shape[0] >= 256 else np.ones(extra.shape[1:])
-        return extra, np.ascontiguousarray(live, dtype=np.float64)
-    pattern = None if pattern is None else _finite("pattern", pattern)
-    if extra.ndim == 2 and len(extra) == shape[0] and pattern is not None and pattern.shape == (shape[1], extra.shape[1]):
-        return extra, pattern
-    given = "none" if pattern is None else str(pattern.shape)
-    n, r = shape
-    raise ConfigurationError(
-        f"extra: expected shape ({n}, {r}, e), or ({n}, e) with pattern ({r}, e), but it is {extra.shape} with pattern {given}."
-    )
-
-
-def _numbers(name: str, values: Any) -> Array:
-    """`values` as contiguous float64."""
-    return np.ascontiguousarray(values, dtype=np.float64)
-
-
-def _finite(name: str, values: Any) -> Array:
-    """`values` as contiguous float64 without NaN or infinity."""
-    array = _numbers(name, values)
-    # The sum is finite unless some entry is not (or the sum overflows): one pass, no boolean array.
-    if array.size and not np.isfinite(array.sum()):
-        bad = np.argwhere(~np.isfinite(array))
-        if len(bad):
-            where = ", ".join(str(int(i)) for i in bad[0])
-            raise DataError(
-                f"{name}: {len(bad)} value(s) are not finite, the first at [{where}] ({array[tuple(bad[0])]});"
-                " leave these samples out or repair them first."
-            )
-    return array
-
-
-def _inertia(tree: RigidBodyTree, inertia: Any) -> Array:
-    array = _finite("inertia", inertia)
-    if array.shape != (10 * tree.nb,):
-        raise ConfigurationError(f"inertia: expected shape ({10 * tree.nb},), ten per moving body, but it is {array.shape}.")
-    return array
-
-
-def added_inertia(tree: RigidBodyTree, added: Any) -> Array:
-    """Checked symmetric matrix (nv, nv) that is added to the mass matrix; zeros for None."""
-    nv = tree.nv
-    array = np.zeros((nv, nv)) if added is None else _finite("added", added)
-    if array.shape != (nv, nv):
-        raise ConfigurationError(f"added: expected shape ({nv}, {nv}), one row per velocity, but it is {array.shape}.")
-    if not np.allclose(array, array.T, rtol=1e-12, atol=1e-12 * float(np.abs(array).max(initial=0.0))):
-        raise ConfigurationError("added: must be symmetric (K^-T R K^-1 is), but it is not.")
-    return array
-
-
-def _states(tree: RigidBodyTree, q: Any, *, finite: bool = True, **rates: Any) -> list[Array]:
-    """Checked arrays of positions (N, nq) and of the rates or torques (N, nv) given by name; `finite`: their numbers too."""
-    taken = _finite if finite else _numbers
-    arrays = [taken("q", q)]
-    if arrays[0].ndim != 2 or arrays[0].shape[1] != tree.nq:
-        raise ConfigurationError(f"q: expected shape (N, {tree.nq}), samples by positions, but it is {arrays[0].shape}.")
-    samples = len(arrays[0])
-    for name, values in rates.items():
-        array = taken(name, values)
-        if array.shape != (samples, tree.nv):
-            raise ConfigurationError(f"{name}: expected shape ({samples}, {tree.nv}), samples by velocities, but it is {array.shape}.")
-        arrays.append(array)
-    if tree.floating:
-        norm = np.linalg.norm(arrays[0][:, 3:7], axis=1)
-        if np.any(np.abs(norm - 1.0) > 1e-3):  # NaN passes, and is refused as such
-            worst = int(np.argmax(np.abs(norm - 1.0)))
-            raise DataError(f"q: the quaternion (columns 3 to 6, x y z w) of sample {worst} has length {norm[worst]:.6g} instead of 1.")
-    return arrays

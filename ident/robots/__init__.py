@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from .joints import Joint, Loop
 from .library.load import built_in_names, declared_drive, load_robot, payloads, robot_folder, robot_names
 from .library.nominal import DriveParameters, drive_parameters, nominal_values
 from .library.payloads import PayloadData
 from .library.published import PublishedTable, published_tables
 from .parameters import Parameter, ShapeParameter
-from .robot import Joint, Loop, Robot
+from .robot import Robot
 from .transmission import Side, Transmission
 
 __all__ = [

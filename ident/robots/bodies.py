@@ -12,7 +12,7 @@ import numpy as np
 from lxml import etree
 
 from ..errors import ConfigurationError
-from .robot import held_joints
+from .joints import held_joints
 from .urdf import prepare_urdf
 from .urdf_text import parsed
 

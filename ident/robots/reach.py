@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from .robot import Joint
+    from .joints import Joint
 
 Array = np.ndarray
 

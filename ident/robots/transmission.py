@@ -84,6 +84,14 @@ class Transmission(ShortRepr):
             object.__setattr__(self, "torque_constants", constants)
 
     @classmethod
+    def of(cls, given: Transmission | Array, measured: Side | str = Side.JOINT) -> Transmission:
+        """A transmission as it is, or that of an array: (n,) signed gear ratios, (n, n) the matrix K, torque on the `measured` side."""
+        if isinstance(given, Transmission):
+            return given
+        array, side = np.asarray(given, float), Side(measured)
+        return cls.from_ratio(array, side) if array.ndim == 1 else cls(array, np.zeros(len(array)), side)
+
+    @classmethod
     def identity(cls, n: int, measured: Side = Side.JOINT) -> Transmission:
         """Direct drive: motor and joint move alike."""
         return cls(np.eye(n), np.zeros(n), measured)

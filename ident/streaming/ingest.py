@@ -15,7 +15,7 @@ import numpy as np
 
 from .._utils.files import write_atomic
 from ..errors import DataError, UnsupportedError
-from ..logs.columns import ColumnPlan
+from ..logs.column_plan import ColumnPlan
 from ..logs.files import content_file
 from ..logs.log import log_of
 from ..logs.names import JointNames

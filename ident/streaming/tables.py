@@ -14,7 +14,7 @@ from typing import IO
 import numpy as np
 
 from ..errors import DataError, UnsupportedError
-from ..logs.columns import ColumnPlan
+from ..logs.column_plan import ColumnPlan
 from ..logs.planning import COUNTED
 from ..logs.readers.damage import DAMAGED, reason
 from ..logs.readers.header import Header, numeric

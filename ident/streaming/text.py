@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
-from ..logs.columns import ColumnPlan
+from ..logs.column_plan import ColumnPlan
 from ..logs.readers.header import Header
 from ..logs.readers.packed import open_binary
 from ..logs.readers.strangers import Strangers, without_strangers

@@ -85,7 +85,8 @@ def fit(
         usual = method == "wls" and isinstance(held, float) and held == HELD_SHARE and not options
         if robot is not None or model is not None or preparation is not None or not usual:
             raise ConfigurationError(
-                "a study says which robot, model, method, preparation and held logs; change the study instead of giving them to fit()."
+                "a study says which robot, model, method, preparation and held-out logs to use; change the study instead of passing them"
+                " to fit()."
             )
         return Session(study).estimate
     where = _robot(robot)
@@ -101,17 +102,25 @@ def fit(
     found = estimator.solve(Problem(_model(model, where), signals))
     require_rows(found)
     found = replace(found, inputs=train.inputs, signals_config=signals.report.to_dict())
-    said: list[str] = [text for text in (counted_twice(train.inputs),) if text]
+    said = [text for text in (counted_twice(train.inputs),) if text]
     if test is not None:
-        try:
-            found = found.with_heldout(found.torque_error(like(signals.report.to_dict())(test, where)))
-        except DataError as error:
-            if not isinstance(held, float | int):
-                raise
-            said.append(f"no error on data held out: {error}")
-        if not isinstance(held, float | int) and (again := fitted_as_well(train.inputs, test.inputs)):
-            said.append(again)
+        found, more = _with_heldout(found, train, test, where, own=isinstance(held, float | int))
+        said += more
     return replace(found, warnings=(*found.warnings, *where.doubts, *said, *doubts(found)))
+
+
+def _with_heldout(found: Estimate, train: LogSet, test: LogSet, robot: Robot, *, own: bool) -> tuple[Estimate, list[str]]:
+    """An estimate with its error on held-out logs, and warnings. `own`: they are parts of the fitted logs, which may be too short."""
+    said = []
+    try:
+        found = found.with_heldout(found.torque_error(like(found.signals_config)(test, robot)))
+    except DataError as error:
+        if not own:
+            raise
+        said.append(f"no error on held-out data: {error}")
+    if not own and (again := fitted_as_well(train.inputs, test.inputs)):
+        said.append(again)
+    return found, said
 
 
 def _robot(given: Robot | str | Path | None) -> Robot | None:

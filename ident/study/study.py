@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import glob
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -11,16 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 from .._utils.files import write_atomic
 from .._utils.plugins import load_modules
-from .._utils.toml import Unfit, anything, check_options, check_table, load_toml, number, table_of, text, texts, to_toml
+from .._utils.toml import Unfit, anything, check_options, check_table, load_toml, table_of, texts, to_toml
 from ..drives.law import DriveLaw
 from ..effects.declared import declared_effects, effect_entry, named_effects
-from ..errors import ConfigurationError, DataError, UnsupportedError, unknown_name
+from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..estimators import Capability, estimator_types, make_estimator
 from ..logs.recorders import add_recorders
 from ..problem.integrated import FORMULATIONS, TORQUE
 from ..robots.description import Description
 from ..robots.tables import DriveTable, RobotTable, read_drive, read_loop
 from ..signals.preparation import Preparation, make_preparation
+from .paths import all_files, expanded, from_folder, relative
+from .tables import LogsTable, Strategy, column_entry, logs_table, strategy
 
 if TYPE_CHECKING:
     from ..effects.base import Effect
@@ -35,30 +35,6 @@ _URDF = (".urdf", ".xml")
 _COLUMN_ENTRIES = (
     'a table of quantity = "column of the file", with a unit as in q1_deg = "...", or = { column = "...", scale = -1, offset = 0 }'
 )
-
-
-@dataclass(frozen=True)
-class LogsTable:
-    """`[logs]`: files or patterns, relative ones joined to the folder of the study. `missing`: see `read_logs`; None: refuse.
-    `rate_hz`: samples per second of logs without a time; `recorders`: files of recorders that are not known (docs/logs.md)."""
-
-    fit: tuple[str, ...] = ()
-    validate: tuple[str, ...] = ()
-    missing: str | None = None
-    rate_hz: float | None = None
-    recorders: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Strategy:
-    """A strategy by its name, with its options: `[signals]` or `[estimator]`. Name None: the usual one."""
-
-    method: str | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def without(self, option: str) -> Strategy:
-        """The same strategy without one of its options."""
-        return Strategy(self.method, {k: v for k, v in self.options.items() if k != option})
 
 
 @dataclass(frozen=True)
@@ -178,7 +154,7 @@ class Study:
         options = dict(self.estimator.options)
         for key in options.keys() & (frozenset() if kind is None or self.path is None else kind.files):
             if isinstance(options[key], str) and self.path is not None:
-                options[key] = _from_folder(self.path.parent, options[key])
+                options[key] = from_folder(self.path.parent, options[key])
         return make_estimator(name, **options)
 
     def require_form(self, estimator: Estimator) -> None:
@@ -205,19 +181,19 @@ class Study:
             return own
         if not self.logs.fit:
             raise ConfigurationError("no log to fit is given; name it in [logs] fit, or with --log.")
-        return _expand(self.logs.fit, "[logs] fit")
+        return expanded(self.logs.fit, "[logs] fit")
 
     def repeated(self) -> str:
         """A sentence on files that are named more than once; "" where none is."""
         found = []
         for key, entries in (("fit", self.logs.fit), ("validate", self.logs.validate)):
-            files = _all_files(entries, f"[logs] {key}")
+            files = all_files(entries, f"[logs] {key}")
             found += [str(f) for f in dict.fromkeys(files) if files.count(f) > 1]
         return f"{', '.join(found)} {'is' if len(found) == 1 else 'are'} named more than once, and read once." if found else ""
 
     def validation_files(self) -> tuple[Path, ...]:
         """The logs to validate on, patterns expanded; empty where a part of the fitted logs is to be held out."""
-        return _expand(self.logs.validate, "[logs] validate")
+        return expanded(self.logs.validate, "[logs] validate")
 
     def to_toml(self, folder: Path | None = None) -> str:
         """The study as TOML text. Paths are written relative to `folder` (default: as they are held)."""
@@ -228,17 +204,17 @@ class Study:
             "drive": {f.name: getattr(drive, f.name) for f in fields(drive)},
             "loop": dict(self.description.loop),
             "logs": {
-                **{key: [_relative(p, folder) for p in getattr(self.logs, key)] or None for key in ("fit", "validate")},
+                **{key: [relative(p, folder) for p in getattr(self.logs, key)] or None for key in ("fit", "validate")},
                 "missing": self.logs.missing,
                 "rate_hz": self.logs.rate_hz,
-                "recorders": [_relative(p, folder) for p in self.logs.recorders] or None,
+                "recorders": [relative(p, folder) for p in self.logs.recorders] or None,
             },
             "signals": {"method": self.signals.method, **self.signals.options},
             "estimator": {"method": self.estimator.method, "form": None if self.form == TORQUE else self.form, **self.estimator.options},
             "columns": dict(self.columns),
         }
         if robot.urdf is not None:
-            tables["robot"]["urdf"] = _relative(str(robot.urdf), folder)
+            tables["robot"]["urdf"] = relative(str(robot.urdf), folder)
         if drive.effects is not None:
             tables["drive"]["effects"] = [e["name"] if len(e) == 1 else e for e in drive.effects]
         return to_toml(tables)
@@ -280,13 +256,13 @@ def read_study(path: str | Path) -> Study:
     data = check_table(load_toml(path, "study"), schema, "", where)
     plugins = check_table(data.get("plugins", {}), {"modules": texts}, "plugins", where).get("modules", ())
     load_modules(plugins, path.parent, f"{where}: [plugins]")
-    logs = _logs(data.get("logs", {}), path.parent, where)
+    logs = logs_table(data.get("logs", {}), path.parent, where)
     for file in logs.recorders:
         add_recorders(Path(file))
-    strategies = {table: _strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
+    strategies = {table: strategy(data.get(table, {}), table, where) for table in ("signals", "estimator")}
     form = strategies["estimator"].options.get("form", TORQUE)
     try:
-        columns = table_of(_column_entry, _COLUMN_ENTRIES)(data.get("columns", {}))
+        columns = table_of(column_entry, _COLUMN_ENTRIES)(data.get("columns", {}))
     except Unfit as expected:
         raise ConfigurationError(f"{where}: [columns] must be {expected}.") from None
     return Study(
@@ -305,57 +281,7 @@ def read_study(path: str | Path) -> Study:
     )
 
 
-def _logs(data: Any, folder: Path, where: str) -> LogsTable:
-    """The `[logs]` table of a study in `folder`."""
-    kinds = {"fit": texts, "validate": texts, "missing": text, "rate_hz": number, "recorders": texts}
-    logs = check_table(data, kinds, "logs", where)
-    missing, rate_hz = logs.pop("missing", None), logs.pop("rate_hz", None)
-    files = {key: tuple(_from_folder(folder, entry) for entry in entries) for key, entries in logs.items()}
-    return LogsTable(**files, missing=missing, rate_hz=rate_hz)
-
-
-def _column_entry(value: Any) -> Any:
-    """The name of a column, or a table of `column` and any of `unit`, `scale`, `offset`."""
-    if isinstance(value, Mapping):
-        return check_table(value, {"column": text, "unit": text, "scale": number, "offset": number}, "columns", "study")
-    return text(value)
-
-
 def write_study(path: str | Path, study: Study, *, force: bool = False) -> Path:
     """Write a study file; its paths are written relative to its folder. Raises ConfigurationError if the file exists."""
     path = Path(path)
     return write_atomic(path, study.to_toml(path.parent), force=force)
-
-
-def _strategy(data: Any, table: str, where: str) -> Strategy:
-    options = check_table(data, dict.fromkeys(data, anything) if isinstance(data, Mapping) else {}, table, where)
-    method = options.pop("method", None)
-    if method is not None and not isinstance(method, str):
-        raise ConfigurationError(f"{where}: [{table}] method must be a text, not {method!r}.")
-    return Strategy(method, {k: tuple(v) if isinstance(v, list) else v for k, v in options.items()})
-
-
-def _from_folder(folder: Path, entry: str) -> str:
-    pattern = glob.has_magic(entry) and not (folder / entry).exists()
-    return str(Path(glob.escape(str(folder)) if pattern else folder) / entry)
-
-
-def _relative(entry: str, folder: Path | None) -> str:
-    return entry if folder is None else os.path.relpath(os.path.abspath(entry), os.path.abspath(folder))
-
-
-def _expand(entries: Iterable[str], key: str) -> tuple[Path, ...]:
-    return tuple(dict.fromkeys(_all_files(entries, key)))
-
-
-def _all_files(entries: Iterable[str], key: str) -> list[Path]:
-    found: list[Path] = []
-    for entry in entries:
-        if not glob.has_magic(entry) or Path(entry).exists():
-            found.append(Path(entry))
-            continue
-        matches = sorted(Path(p) for p in glob.glob(entry, recursive=True))
-        if not matches:
-            raise DataError(f"{key}: no file matches {entry!r}.")
-        found += matches
-    return found

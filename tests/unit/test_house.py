@@ -78,17 +78,25 @@ def test_no_class_name_stands_twice() -> None:
 
 
 def test_no_function_is_longer_than_a_screen() -> None:
+    """60 lines in all. The sections of an entry point (parameters, returns, raises, an example) are its manual, and do not count;
+    what stands around them, signature included, has 45 lines."""
     long = []
     for path, tree in modules():
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                text = ast.get_docstring(node, clean=False)
+                text = ast.get_docstring(node, clean=False) or ""
+                manual = "----" in text
                 first = node.body[0]
-                told = 0 if text is None else (first.end_lineno or first.lineno) - first.lineno + 1
-                lines = (node.end_lineno or node.lineno) - node.lineno + 1 - told
-                if lines > 60:
+                documented = (first.end_lineno or first.lineno) - first.lineno + 1 if manual else 0
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1 - documented
+                if lines > (45 if manual else 60):
                     long.append(f"{path.relative_to(SOURCE)}: {node.name} has {lines} lines")
     assert not long
+
+
+def test_no_module_is_longer_than_a_few_screens() -> None:
+    lines = {path.relative_to(SOURCE): len(path.read_text().splitlines()) for path, _ in modules()}
+    assert not {str(path): count for path, count in lines.items() if count > 350 and path.parts[0] != "diagnosis"}
 
 
 @pytest.fixture(scope="module")

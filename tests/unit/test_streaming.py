@@ -26,7 +26,8 @@ from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.robots import nominal_values
 from ident.streaming import StreamedSession
 from ident.study.session import Session
-from ident.study.study import Strategy, Study
+from ident.study.study import Study
+from ident.study.tables import Strategy
 
 Array = np.ndarray
 

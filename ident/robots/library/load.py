@@ -139,13 +139,6 @@ def load_robot(
         own, offered = _read(robot_folder(name))
     else:
         own, offered = _Own(RobotTable(urdf=find_example(name))), {}
-    assert own.robot.urdf is not None
-    urdf: Path | str = own.robot.urdf
-    if payload is not None:
-        if payload not in offered:
-            hint = "" if offered else f" (robot {name!r} offers none)"
-            raise unknown_name(f"payload{hint}", payload, offered)
-        urdf = with_payload(own.robot.urdf, payload, offered)
     arguments: dict[str, Any] = {
         "gravity": next(g for g in (gravity, own.robot.gravity, STANDARD_GRAVITY) if g is not None),
         "loop": own.loop if loop is None else loop,
@@ -153,19 +146,27 @@ def load_robot(
         "name": name,
     }
     robot = Robot.from_urdf(
-        urdf,
+        _urdf(own, payload, offered, name),
         locked=own.robot.locked if locked is None else locked,
         joints=own.robot.joints if joints is None else joints,
         **arguments,
     )
     robot = replace(robot, source={**robot.source, "robot": name, "payload": payload})
     if transmission is not None:
-        if not isinstance(transmission, Transmission):
-            side, given = Side(measured or Side.JOINT), np.asarray(transmission, float)
-            transmission = Transmission.from_ratio(given, side) if given.ndim == 1 else Transmission(given, np.zeros(len(given)), side)
-        return robot.with_transmission(transmission)
+        return robot.with_transmission(Transmission.of(transmission, measured or Side.JOINT))
     drive = drive or DriveTable(measured=None if measured is None else Side(measured).value)
     return robot.with_transmission(_transmission(robot, drive, own, arguments))
+
+
+def _urdf(own: _Own, payload: str | None, offered: Mapping[str, PayloadData], name: str) -> Path | str:
+    """The URDF of a robot, with one of the payloads that it offers."""
+    assert own.robot.urdf is not None
+    if payload is None:
+        return own.robot.urdf
+    if payload not in offered:
+        hint = "" if offered else f" (robot {name!r} offers none)"
+        raise unknown_name(f"payload{hint}", payload, offered)
+    return with_payload(own.robot.urdf, payload, offered)
 
 
 def _transmission(robot: Robot, drive: DriveTable, own: _Own, arguments: dict[str, Any]) -> Transmission:
