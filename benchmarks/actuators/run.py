@@ -25,6 +25,7 @@ from ident.drives.search import fitted as search
 from ident.drives.space import drive_logs
 from ident.drives.starts import starts
 from ident.drives.stretches import steadied
+from ident.drives.unknowns import Unknown
 
 from . import coverage
 
@@ -130,7 +131,7 @@ def fitted(case: Case) -> tuple[DriveFit, int]:
     for model, law in pairs:
         plant = DrivePlant(model, law, drive_logs(train, robot, law))
         at, sizes = starts(plant)
-        fit = search(plant, at, sizes, narrower=_from(found[0], plant, at) if found else None)
+        fit = search(plant, at, sizes, narrower=_narrower(found, plant))
         found.append((plant, fit, sizes))
     # What is chosen between is fitted to all readings alike, as they are counted in the choice.
     chosen = 0 if len(found) == 1 else best([held_out(*one) for one in found])
@@ -138,10 +139,26 @@ def fitted(case: Case) -> tuple[DriveFit, int]:
     return finished(plant, steadied(plant, fit, sizes), sizes, train.inputs).with_heldout(held), chosen
 
 
-def _from(first: tuple[DrivePlant, Fitted, np.ndarray], plant: DrivePlant, at: np.ndarray) -> np.ndarray:
-    """Values (p,) of a wider plant with what the first one was fitted to."""
-    known = dict(zip((u.name for u in first[0].unknowns), first[1].values, strict=True))
-    return np.array([known.get(unknown.name, start) for unknown, start in zip(plant.unknowns, at[0], strict=True)])
+def _narrower(found: Sequence[tuple[DrivePlant, Fitted, np.ndarray]], plant: DrivePlant) -> np.ndarray | None:
+    """Values (S, p) of a plant at which it is what a narrower one was fitted to: what that one has not adds nothing there."""
+    rows = []
+    for other, fit, _ in found:
+        if {u.place for u in other.unknowns} <= {u.place for u in plant.unknowns} and _alike_when_slow(other, plant):
+            known = {u.name: value for u, value in zip(other.unknowns, fit.values, strict=True)}
+            shared = {u.place: known[u.name] for u in other.unknowns if u.joint < 0 and u.column < 0}
+            rows.append([known.get(u.name, shared.get(u.place, _none(other, u))) for u in plant.unknowns])
+    return np.array(rows) if rows else None
+
+
+def _none(plant: DrivePlant, unknown: Unknown) -> float:
+    """What a plant has where the unknown is none of its own: a number of its law, or an effect that is not there."""
+    return float(plant.law.constants[unknown.place][unknown.joint]) if unknown.place in plant.law.constants else 0.0
+
+
+def _alike_when_slow(one: DrivePlant, other: DrivePlant) -> bool:
+    """Whether friction of the gear grows below the same speed, where it does in the first one."""
+    slow = any(u.place == "gear_loss_slow" for u in one.unknowns)
+    return not slow or bool(np.array_equal(one.law.constants["slow_speed"], other.law.constants["slow_speed"]))
 
 
 def _model(robot: ident.Robot, effects: Sequence[str]) -> ident.Model:

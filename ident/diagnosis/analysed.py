@@ -132,10 +132,11 @@ def prepared(model: Model, signals: Signals, values: Array | None = None, *, wit
         full = replace(full, torque=np.where(without, np.nan, full.torque))
     reference = desired(full)
     reading = readings(signals, full)
-    runs = _runs(full, model, START_HZ, reference, reading)
+    noise = _position_noise(signals)
+    runs = _runs(full, model, START_HZ, noise, reference, reading)
     first = Fit(runs, model, (), values)
-    band = _ABOVE * reference_band(first, first.solved(2), _position_noise(signals))
-    fit = Fit(_runs(full, model, band, reference, reading), model, (), values)
+    band = _ABOVE * reference_band(first, first.solved(2), noise)
+    fit = Fit(_runs(full, model, band, noise, reference, reading), model, (), values)
     if not fit.share.any():
         raise DataError(
             "no stretch of the logs in which a joint moves and its torque is there is long enough for a diagnosis; `ident check` says what"
@@ -145,8 +146,10 @@ def prepared(model: Model, signals: Signals, values: Array | None = None, *, wit
     return fit, instrument, usual_speed(robot.transmission.motor_rate(full.dq))
 
 
-def _runs(full: Signals, model: Model, band_hz: float, reference: Sequence[Array] | None, reading: Sequence[Array] | None) -> list[RunRows]:
-    runs = run_rows(full, model.robot, band_hz, reference, reading)
+def _runs(
+    full: Signals, model: Model, band_hz: float, noise: Array, reference: Sequence[Array] | None, reading: Sequence[Array] | None
+) -> list[RunRows]:
+    runs = run_rows(full, model.robot, band_hz, noise, reference, reading)
     if not runs:
         raise DataError("no stretch of the logs is long enough for a diagnosis: 4 s without a gap are needed.")
     return runs

@@ -10,6 +10,8 @@ MATERIAL = 0.05
 STRETCH = 0.1
 #: Share of a motor's usual top speed below which its friction is no function of the motion (three widths of the smoothed sign).
 SLOW = 0.012
+#: Standard deviations of its noise beyond which a speed's direction is known.
+SURE = 3.0
 #: Seconds around such samples that a closed loop needs to settle.
 SETTLE = 0.04
 #: Seconds at both ends of a run that filters reach into.

@@ -60,13 +60,13 @@ def fitted(
     of each joint in each log by themselves, since what a log leaves unexplained differs from log to log.
 
     `sizes` (p,): what is a usual size of each unknown. `counted` (N, n): which readings count; by default those that are no repeat.
-    `narrower` (p,): where a model with less in it has ended; what is found is no worse than what is reached from there."""
+    `narrower` (S, p): where models with less in them have ended; what is found is no worse than what is reached from the best of them."""
     measured = np.concatenate([log.q for log in plant.logs])
     fresh = np.concatenate([log.fresh for log in plant.logs]) if counted is None else counted
     spread = np.maximum(np.std(measured, axis=0), 1e-6)
     search = SimulatedSearch(plant, measured, sizes, fresh / spread, *expected(plant), near=_COARSE)
     coarse = search.coarse()
-    starts = _composed(coarse, starts if narrower is None else np.concatenate([narrower[None], starts[1:]]))
+    starts = _composed(coarse, starts if narrower is None else np.concatenate([narrower, starts]))
     costs = coarse.costs(starts)
     order = [i for i in np.argsort(costs)[:_FOLLOWED] if np.isfinite(costs[i])]
     if not order:
@@ -83,7 +83,8 @@ def fitted(
         best = min([best, *(coarse.run(hop, 2 * _SHORT, _NEAR) for hop in _hops(coarse, best[0]))], key=lambda end: end[1])
     if progress is not None:
         progress(0.4)
-    ends = [search.run(start, steps) for start in (best[0], *(() if narrower is None else (narrower,)))]
+    others = () if narrower is None else (narrower[int(np.argmin(search.costs(narrower)))],)
+    ends = [search.run(start, steps) for start in (best[0], *others)]
     values = min(ends, key=lambda end: end[1])[0]
     rms = rms_by_log(plant, search.residual(values), fresh)
     search = replace(search, weights=fresh / np.maximum(rms, 1e-3 * spread), near=1.0).fine()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,10 +14,10 @@ from .search import Fitted
 from .starts import expected
 
 Array = np.ndarray
-#: Seconds of a stretch; so many of them at least must show motion for there to be a usual one.
+#: Seconds of a stretch; so many of them at least must show motion for there to be a usual error.
 _SECONDS, _FEW = 0.5, 6
-#: Times the usual error from which on a stretch is none that the model explains, and for how many times it counts then.
-_FAR, _COUNTS = 3.0, 2.0
+#: Of fits in which no stretch is another than the others, the share that is told of one.
+_BY_CHANCE = 0.01
 #: Share of a joint's whole motion, or of its command's, that makes a stretch one with motion.
 _MOVES = 0.05
 #: Rounds of weights at most, the change of a weight that ends them, and the share of the squared error that a step is to take off.
@@ -42,62 +42,108 @@ class LogStretch:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _JointStretches:
+    """Stretches of one joint in one log (numbers): its rows, the stretch (N,) of each reading, the error (K,) of each by the usual one,
+    which of them (K,) are far beyond the others, and the share (K,) of the log's usual weight that they have in the fit."""
+
+    log: int
+    joint: int
+    rows: slice
+    number: Array
+    times: Array
+    far: Array
+    share: Array
+
+
 def unexplained(plant: DrivePlant, fit: Fitted) -> tuple[LogStretch, ...]:
-    """Stretches with more than three times the usual error of their joint in their log, adjoining ones as one."""
+    """Stretches that count the less in a fit, with their error as a multiple of the usual one; adjoining ones as one."""
     found: list[LogStretch] = []
-    for i, j, _rows, number, times in _multiples(plant, fit):
-        log = plant.logs[i]
-        for k in np.flatnonzero(times > _FAR):
-            own = log.t[number == k]
-            start, stop, size = float(own[0]), float(own[-1]), float(times[k])
-            if found and (found[-1].log, found[-1].joint) == (log.name, j) and k and times[k - 1] > _FAR:
+    for own in _stretches(plant, fit):
+        log = plant.logs[own.log]
+        light = own.share < 1.0 - 1e-9
+        for k in np.flatnonzero(light):
+            t = log.t[own.number == k]
+            start, stop, size = float(t[0]), float(t[-1]), float(own.times[k])
+            if k and light[k - 1]:
                 start, size = found[-1].start, max(size, found.pop().times)
-            found.append(LogStretch(log.name, j, start, stop, size))
+            found.append(LogStretch(log.name, own.joint, start, stop, size))
     return tuple(found)
 
 
 def steadied(plant: DrivePlant, fit: Fitted, sizes: Array) -> Fitted:
-    """The same fit, where stretches are unexplained with what is beyond twice the usual error left out of their weight (Huber, 1964).
+    """The same fit, where stretches are unexplained with these weighed by their own error, as logs are among each other.
+
+    A stretch that bends the fit makes the others' errors large as well. So it is judged by a fit that it does not bend: one in which every
+    stretch beyond the usual error is weighed by its own. There its error has to be far beyond what the others' spread lets the largest of
+    so many have: a model that errs by much in some places and by little in others is not refined yet, and all of its log counts.
 
     `sizes` (p,): usual sizes of the unknowns. Without such stretches the fit stays as it is."""
-    if not unexplained(plant, fit):
+    every = [np.ones(len(own.times), bool) for own in _stretches(plant, fit)]
+    if not every:
         return fit
-    plain, weights = fit.weights, fit.weights
+    robust = _lighter(plant, fit, sizes, every, fit.weights)
+    far = [own.far for own in _stretches(plant, replace(robust, weights=fit.weights))]
+    if not any(np.any(one) for one in far):
+        return fit
+    near = _lighter(plant, robust, sizes, far, fit.weights)
+    measured = np.concatenate([log.q for log in plant.logs])
+    search = SimulatedSearch(plant, measured, sizes, near.weights, *expected(plant)).fine()
+    values, _, settled, used = search.run(near.values, _ROUNDS)
+    values, residual, slopes = search.precise().ended(values)
+    return Fitted(values, residual, slopes, near.weights, settled, fit.steps + used)
+
+
+def _lighter(plant: DrivePlant, fit: Fitted, sizes: Array, which: Sequence[Array], plain: Array) -> Fitted:
+    """From a fit on, with these stretches, (K,) of each log and joint, weighed by their own error where that is beyond the usual one."""
+    weights = fit.weights
     for _ in range(_ROUNDS):
-        before, weights = weights, _weights(plant, replace(fit, weights=plain))
+        before, weights = weights, plain.copy()
+        for own, some in zip(_stretches(plant, replace(fit, weights=plain)), which, strict=True):
+            share = np.where(some, np.minimum(1.0, 1.0 / np.maximum(own.times, 1e-300)), 1.0)
+            weights[own.rows, own.joint] *= share[own.number]
         fit = approached(plant, fit.values, sizes, weights, fit.slopes, enough=_ENOUGH * float(np.sum(np.square(fit.residual * weights))))
         if np.max(np.abs(weights - before) / np.maximum(plain, 1e-300)) < _SAME:
             break
-    measured = np.concatenate([log.q for log in plant.logs])
-    search = SimulatedSearch(plant, measured, sizes, weights, *expected(plant)).fine()
-    values, _, settled, used = search.run(fit.values, _ROUNDS)
-    values, residual, slopes = search.precise().ended(values)
-    return Fitted(values, residual, slopes, weights, settled, fit.steps + used)
+    return fit
 
 
-def _weights(plant: DrivePlant, fit: Fitted) -> Array:
-    """Weights (N, n) of the readings, those of unexplained stretches as much smaller as their error is larger than twice the usual."""
-    out = fit.weights.copy()
-    for _, j, rows, number, times in _multiples(plant, fit):
-        if np.any(times > _FAR):
-            out[rows, j] *= np.minimum(1.0, _COUNTS / np.maximum(times, 1e-300))[number]
-    return out
-
-
-def _multiples(plant: DrivePlant, fit: Fitted) -> Iterator[tuple[int, int, slice, Array, Array]]:
-    """Of each log and joint: their numbers, its rows, the stretch (N,) of each reading, and the error of each stretch by the usual one."""
-    begin = 0
+def _stretches(plant: DrivePlant, fit: Fitted) -> list[_JointStretches]:
+    """Those of every log and joint with enough motion for a usual error."""
+    found, begin = [], 0
     for i, log in enumerate(plant.logs):
         rows, begin = slice(begin, begin + len(log.t)), begin + len(log.t)
         number = (log.t / _SECONDS).astype(int)
         for j in range(log.q.shape[1]):
-            counted = fit.weights[rows, j] > 0
-            count = np.bincount(number, counted)
-            squares = np.bincount(number, np.square(fit.residual[rows, j]) * counted)
+            weights = fit.weights[rows, j]
+            count = np.bincount(number, weights > 0)
+            squares = np.bincount(number, np.square(fit.residual[rows, j]) * (weights > 0))
             error = np.sqrt(squares / np.maximum(count, 1.0))
-            usual = error[_moving(log.q[:, j], log.q_cmd[:, j], number) & (count > 0)]
-            if len(usual) >= _FEW and np.median(usual) > 0.0:
-                yield i, j, rows, number, error / float(np.median(usual))
+            moving = _moving(log.q[:, j], log.q_cmd[:, j], number) & (count > 0)
+            if np.sum(moving) >= _FEW and np.median(error[moving]) > 0.0:
+                most = np.zeros(len(error))
+                np.maximum.at(most, number, weights)
+                share = np.where(count > 0, most / np.max(weights), 1.0)
+                found.append(_JointStretches(i, j, rows, number, error / float(np.median(error[moving])), moving, share))
+    # What is at rest is no usual error, but may be beyond it.
+    level = _BY_CHANCE / max(len(found), 1)
+    return [replace(own, far=own.times > beyond(own.times[own.far | (own.times > 1.0)], level)) for own in found]
+
+
+def beyond(errors: Array, level: float) -> float:
+    """What an error among these (n,) has to exceed to be no such error: one-sided outliers of the logarithms (Rosner, 1983), of which
+    less than half are some; by chance, one is told with probability `level`."""
+    from scipy.special import stdtrit
+
+    logs = np.sort(np.log(np.maximum(errors, 1e-300)))
+    bound = np.inf
+    for out in range(1, (len(logs) + 1) // 2):
+        rest = logs[:-out]
+        m = len(rest)
+        limit = np.mean(rest) + np.std(rest, ddof=1) * np.sqrt(1.0 + 1.0 / m) * stdtrit(m - 1, 1.0 - level / (m + 1))
+        if logs[-out] > limit:
+            bound = min(bound, float(limit))
+    return float(np.exp(bound))
 
 
 def _moving(q: Array, command: Array, number: Array) -> Array:

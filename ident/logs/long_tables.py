@@ -13,6 +13,7 @@ from .words import TIME, words_of
 Array = np.ndarray
 _CHANNELS = {"variable", "field", "signal", "channel"}
 _KEYS = {"id", "servo", "joint", "axis", "motor", "name", "actuator", "device"} | _CHANNELS
+_NONE = ("", "nan", "None")
 #: Joints that one table may interleave.
 _MOST = 64
 
@@ -28,9 +29,11 @@ def long_table(source: TableSource) -> dict[str, Array] | None:
     if len(keys) != 1 or source.header.unnamed:
         return None
     try:
-        labels = source.labels(keys[0])
+        every = source.labels(keys[0])
     except (DataError, ValueError):
         return None
+    told = np.array([x not in _NONE for x in every], bool)  # a last row that ends before its label is none
+    labels = [x for x in every if x not in _NONE]
     joints = sorted(dict.fromkeys(labels), key=_counted)
     if not 2 <= len(joints) <= _MOST or len(labels) < 2 * len(joints):
         return None
@@ -39,6 +42,9 @@ def long_table(source: TableSource) -> dict[str, Array] | None:
         table = source.read(rest, ())
     except DataError:
         table = source.read([], rest)
+    if any(len(column) != len(every) for column in table.values()):
+        return None  # numbers and labels are not of the same rows
+    table = {name: column[told] for name, column in table.items()}
     times = [name for name in table if words_of(name) & TIME]
     sweep = _sweeps(labels, joints)
     if sweep is None:

@@ -25,6 +25,7 @@ def damaged(folder: Path) -> dict[str, Path]:
     """One file of each kind of damage, by name."""
     content = {
         "empty.csv": b"",
+        "byte.csv": b"\x1f",  # which Python takes for a space
         "bytes.csv": bytes(range(256)) * 40,
         "short.csv": b"t,q1\n0,1\n1,2\n",
         "unit.csv": seeds.table(WRONG_UNIT),

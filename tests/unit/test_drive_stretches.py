@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import ident
 from benchmarks.actuators.commanded import PENDULUM, commanded_log
@@ -15,7 +16,7 @@ from ident.drives.search import fitted
 from ident.drives.sizes import doubtful_sizes
 from ident.drives.space import drive_logs
 from ident.drives.starts import starts
-from ident.drives.stretches import steadied, unexplained
+from ident.drives.stretches import beyond, steadied, unexplained
 from ident.drives.unknowns import Unknown
 from ident.logs.log import LogSet
 from ident.regressor.kernel_choice import kernel
@@ -76,8 +77,52 @@ def test_a_clean_log_keeps_its_fit():
     robot = ident.Robot.from_urdf(URDF)
     for one, log in logs_of((0.0, 0.0)):
         plant, plain, sizes = search(robot, log, kp=one.kp, kd=one.kd)
-        assert not unexplained(plant, plain)
         assert steadied(plant, plain, sizes) is plain
+        assert not unexplained(plant, plain)
+
+
+def test_a_stretch_is_judged_by_a_fit_that_it_does_not_bend():
+    """Joints with 1 N m more of dry friction for half a second: fits to all of it are bent so far that nothing stands out of them."""
+    robot = ident.Robot.from_urdf(URDF)
+    for one, log in logs_of((3.2, 3.7))[:2]:
+        plant, plain, sizes = search(robot, log, kp="identify", kd=one.kd)
+        (told,) = unexplained(plant, steadied(plant, plain, sizes))
+        assert told.start == pytest.approx(3.0)
+        assert told.times > 20.0
+
+
+def test_a_model_that_is_not_refined_keeps_its_whole_log():
+    """Gear friction that is not declared: the error is several times larger where the link is heavy on the gear than where it hangs."""
+    robot = ident.Robot.from_urdf(URDF)
+    servos = [servo("load_dependent_friction", seed) for seed in SEEDS[:2]]
+    t, q, sent = recorded(servos, SEEDS[:2])
+    for k, one in enumerate(servos):
+        log = ident.Log("run", t=t, q=q[:, [k]], extra={"q_cmd1": sent[:, k]})
+        plant, plain, sizes = search(robot, log, kp=one.kp, kd=one.kd)
+        assert steadied(plant, plain, sizes) is plain
+
+
+#: Errors of stretches: of a log in which one is unlike the others, and of one whose model errs by much here and by little there.
+APART = np.array([3.6, 0.9, 0.9, 1.1, 0.8, 1.0, 1.3, 1.2])
+SPREAD = np.array([0.4, 0.2, 0.5, 5.0, 4.2, 1.8, 1.2, 1.0, 0.5])
+
+
+def test_the_others_spread_says_what_is_beyond_them():
+    """By the quantile of one more observation of a normal distribution, which scipy has by another way."""
+    assert list(APART > beyond(APART, 0.01)) == [True] + 7 * [False]
+    assert not np.any(beyond(SPREAD, 0.01) < SPREAD)
+    rest = np.log(APART[1:])
+    limit = stats.t(df=6, loc=rest.mean(), scale=rest.std(ddof=1) * np.sqrt(8 / 7)).ppf(1.0 - 0.01 / 8)
+    assert beyond(APART, 0.01) == pytest.approx(np.exp(limit))
+    two = np.append(APART, 3.4)
+    assert list(two > beyond(two, 0.01)) == [True] + 7 * [False] + [True]
+
+
+def test_errors_of_one_kind_are_seldom_told():
+    rng = np.random.default_rng(4)
+    for n in (6, 12, 40):
+        sets = np.exp(0.5 * rng.standard_normal((1000, n)))
+        assert np.mean([np.any(one > beyond(one, 0.01)) for one in sets]) < 0.03
 
 
 @pytest.fixture(scope="module")

@@ -141,3 +141,14 @@ def test_a_position_that_comes_late(j: int, samples: int) -> None:
     assert f"the position of {joint} seems to come about" in said
     assert f"too {'late' if samples > 0 else 'early'}" in said
     assert float(said.split("about ")[1].split()[0]) == pytest.approx(5 * abs(samples), rel=0.1)
+
+
+@pytest.mark.parametrize("between", ["", "# paused\n", "time,id,position,effort\n"], ids=["whole", "comment", "header"])
+@pytest.mark.parametrize("end", ["", "1.0", "1.00,1,0.3", "1.00,1,0.3,0.0."], ids=["whole", "time", "short", "number"])
+def test_names_and_numbers_of_a_long_table_are_of_the_same_rows(tmp_path: Path, between: str, end: str) -> None:
+    rows = [f"{k // 2 * 0.02:.2f},{k % 2 + 1},{0.01 * k + k % 2:.3f},{0.2 * k:.4f}\n" for k in range(100)]
+    path = tmp_path / "log.csv"
+    path.write_text("".join(["time,id,position,effort\n", *rows[:50], between, *rows[50:], end]))
+    (log,) = ident.read_logs(path).logs
+    assert log.t == pytest.approx(0.02 * np.arange(50), abs=1e-9)
+    assert log.q == pytest.approx(0.01 * np.arange(100).reshape(50, 2) + [0.0, 1.0], abs=1e-3)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...effects.motion import Motion
 from ...robots.transmission import Side
-from ..thresholds import ENDS, SETTLE, SLOW
+from ..thresholds import ENDS, SETTLE, SLOW, SURE
 from .band import Band
 
 if TYPE_CHECKING:
@@ -52,8 +52,10 @@ class RunRows:
 
 
 def reduced(signals: Signals) -> Signals:
-    """Full-rate signals at a rate that columns need, what lies above it filtered off by the preparation before."""
+    """Full-rate signals at a rate that columns need, the torque below the cut-off that the preparation gave the motion before
+    samples are left out, so that nothing above half the new rate is taken for something below."""
     d = max(1, int(signals.rate // _COLUMN_RATE))
+    signals = replace(signals, torque=_low_passed_torque(signals))
     if d == 1:
         return signals
     places = [np.arange(run.start, run.stop, d) for run in signals.runs]
@@ -66,6 +68,23 @@ def reduced(signals: Signals) -> Signals:
         rate=signals.rate / d,
         turning=None,
     )
+
+
+def _low_passed_torque(signals: Signals) -> Array:
+    """Torque (N, n) below the motion's cut-off, run by run and both ways; NaN where it was missing, past which it is drawn straight."""
+    from scipy.signal import butter, sosfiltfilt
+
+    cutoff = kept_hz(signals.rate)
+    sos = butter(4, cutoff / (0.5 * signals.rate), output="sos")
+    out = np.full_like(signals.torque, np.nan)
+    for run in signals.runs:
+        at = np.arange(run.start, run.stop)
+        for m, x in enumerate(signals.torque[run].T):
+            there = np.isfinite(x)
+            if there.any():
+                whole = np.interp(at, at[there], x[there])
+                out[run, m] = np.where(there, sosfiltfilt(sos, whole, padlen=int(min(len(at) - 1, 6 * signals.rate / cutoff))), np.nan)
+    return out
 
 
 def kept_hz(rate: float) -> float:
@@ -96,18 +115,21 @@ def run_rows(
     signals: Signals,
     robot: Robot,
     cutoff_hz: float,
+    position_noise: Array,
     reference: Sequence[Array] | None = None,
     reading: Sequence[Array] | None = None,
 ) -> list[RunRows]:
-    """The runs of full-rate signals with an instrument below `cutoff_hz`. `reference`: desired positions (N, n) of each run, if logged;
+    """The runs of `reduced` signals with an instrument below `cutoff_hz`. `position_noise` (n,): density of the motors' positions' noise,
+    rad²/Hz; `reference`: desired positions (N, n) of each run, if logged;
     `reading`: torque (N, n) of each as recorded, if that is at hand."""
-    from scipy.signal import butter, sosfiltfilt
-
     rate, transmission = signals.rate, robot.transmission
     factor = max(1, round(rate / _ROW_RATE))
     top_hz = min(_TOP_HZ, 0.4 * rate / factor, 0.8 * kept_hz(rate) if rate >= _COLUMN_RATE else 0.6 * kept_hz(rate))
     motor_speed = transmission.motor_rate(signals.dq)
     top = usual_speed(motor_speed)
+    # Friction is no function of a motion whose direction is not known.
+    least = np.maximum(SLOW * top, SURE * speed_noise(position_noise, kept_hz(rate)))
+    least_below = np.maximum(SLOW * top, SURE * speed_noise(position_noise, cutoff_hz) if reference is None else 0.0)
     found = []
     for i, run in enumerate(signals.runs):
         if run.stop - run.start < int(4 * rate):
@@ -116,19 +138,22 @@ def run_rows(
         torque = transmission.torque(signals.torque[run], transmission.measured, Side.MOTOR)
         present = np.isfinite(torque)
         torque = np.where(present, torque, 0.0)
-        sos = butter(4, kept_hz(rate) / (0.5 * rate), output="sos")
-        torque = sosfiltfilt(sos, torque, axis=0)
         measured = Motion.of(robot, q, signals.dq[run], signals.ddq[run], t, rate=rate, start=signals.origins[i], cutoff_hz=kept_hz(rate))
         base = q if reference is None else reference[i]
         smooth = low_passed(base, rate, cutoff_hz)
         instrument = Motion.of(robot, *smooth, t, rate=rate, start=signals.origins[i], cutoff_hz=cutoff_hz)
-        slow = (np.abs(measured.motor.dq) < SLOW * top) | (np.abs(instrument.motor.dq) < SLOW * top) | ~present
+        slow = (np.abs(measured.motor.dq) < least) | (np.abs(instrument.motor.dq) < least_below) | ~present
         ends = int(ENDS * rate)
         slow[:ends] = slow[len(slow) - ends :] = True
         use = ~_widened(slow, int(SETTLE * rate))
         raw = np.nan_to_num(signals.torque[run] if reading is None else reading[i])
         found.append(RunRows(measured, instrument, torque, raw, use.astype(float), Band(len(t), rate, factor, top_hz)))
     return found
+
+
+def speed_noise(density: Array, cutoff_hz: float) -> Array:
+    """Standard deviation (n,) of speeds, rad/s, that positions with white noise of this density (n,), rad²/Hz, have below a frequency."""
+    return np.asarray(2.0 * np.pi * np.sqrt(density * cutoff_hz**3 / 3.0))
 
 
 def usual_speed(speed: Array) -> Array:

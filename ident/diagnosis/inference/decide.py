@@ -17,6 +17,7 @@ from .confidence_set import AcceptedEffect, accepted_effect, competing, drop_unn
 from .described import describing, outdone
 from .scores import z_of
 from .search import EffectSearch
+from .significance import parametric
 from .tones import tone
 
 if TYPE_CHECKING:
@@ -212,14 +213,17 @@ def _of_one_stretch(state: EffectSearch) -> tuple[int, float] | None:
     scores = state.scores
     if not (scores.plain > state.critical).any():
         return None
+    # The whole log's scores reach further by chance than those without the stretch that speaks for them most.
+    chance = parametric(replace(scores, stretch=0.0), state.level)
+    critical = chance + scores.material
     own_rows = scores.self_normalised
     own = {(e.name, j) for e, j in state.accepted}
     kept = ~at_moments(state.fit, state.frame, len(scores.blocks[0]))
     z = z_of(np.add.reduceat(scores.blocks[:, kept].sum(axis=1) ** 2, scores.starts), scores.degrees) if len(scores.kept) else np.zeros(0)
     for k in np.argsort(-z).tolist():
-        if z[k] <= state.critical:
+        if z[k] <= critical:
             return None
-        if scores.group(k).kind not in own and own_rows[k] > state.chance:
+        if scores.group(k).kind not in own and own_rows[k] > chance:
             return k, float(z[k])
     return None
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...effects.described import DESCRIPTIONS, Described, Turned
 from ...effects.kinds import Axis, Need
 from ..design.catalogue import Catalogue
-from ..thresholds import COMPETES, HALF, MATERIAL
+from ..thresholds import COMPETES, HALF
 from .scores import Scores
 from .significance import parametric
 
@@ -84,8 +84,7 @@ def _best(fit: Fit, frame: Solved, joints: tuple[str, ...], taken: tuple[Describ
     scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(e, e.joints or ()) for e in coarse]))
     if not len(scores.kept):
         return None
-    share = fit.share
-    critical = parametric(scores) + MATERIAL * float(np.sqrt(frame.rows * share[share > 0].mean()))
+    critical = parametric(scores) + scores.material
     ranked = [k for k in np.argsort(-scores.z).tolist() if scores.z[k] > max(critical, COMPETES * float(scores.z.max()))]
     if not ranked:
         return None

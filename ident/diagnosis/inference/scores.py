@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._utils.singular_values import pinv
-from ..thresholds import ABSORBED, LEVEL, STRETCH
+from ..thresholds import ABSORBED, LEVEL, MATERIAL, STRETCH
 
 if TYPE_CHECKING:
     from ..design.catalogue import Catalogue, Group
@@ -61,8 +61,7 @@ class Scores:
     `blocks` (c, B): score of each block of time; `starts` (K,), `degrees` (K,): directions of each group; `directions` (c, P): sparse;
     `squares`: for each group of the catalogue the Gram matrix of its columns, without what the model absorbs; `raw_scores` (P,);
     `absorbed` (P, p): the columns by the model's, along the instrument; `along` (P, p): products of the columns with the instrument's;
-    `stretch`: share of the log that may not decide
-    alone. What is asked for later (`gram`) is of the catalogue's columns as they were last updated."""
+    `stretch`: share of the log that may not decide alone; `material`: z of what is not material. What is asked for later (`gram`) is of the catalogue's columns as they were last updated."""
 
     fit: Fit = field(repr=False)
     frame: Solved = field(repr=False)
@@ -77,6 +76,7 @@ class Scores:
     absorbed: Array = field(repr=False)
     along: Array = field(repr=False)
     stretch: float = STRETCH
+    material: float = 0.0
 
     @classmethod
     def of(cls, fit: Fit, frame: Solved, catalogue: Catalogue, stretch: float = STRETCH) -> Scores:
@@ -108,13 +108,13 @@ class Scores:
                 squares[k] = square
         degrees = np.array([seen[g.columns].sum() for g in catalogue.groups], int)
         inside = at[seen] >= 0
-        starts = np.cumsum([0, *inside.sum(axis=1)])
-        Q = sparse.csr_matrix((entries[seen][inside], at[seen][inside], starts), shape=(len(inside), count))
+        ends = np.cumsum([0, *inside.sum(axis=1)])
+        Q = sparse.csr_matrix((entries[seen][inside], at[seen][inside], ends), shape=(len(inside), count))
         kept = np.flatnonzero(degrees)
         degrees = degrees[kept]
-        return cls(
-            fit, frame, catalogue, kept.tolist(), Q @ S, np.cumsum([0, *degrees])[:-1], degrees, Q, squares, S.sum(axis=1), A, CZ, stretch
-        )
+        starts, total = np.cumsum([0, *degrees])[:-1], S.sum(axis=1)
+        material = material_z(fit, frame)
+        return cls(fit, frame, catalogue, kept.tolist(), Q @ S, starts, degrees, Q, squares, total, A, CZ, stretch, material)
 
     def gram(self, left: Array, right: Array) -> Array:
         """Covariance of some directions (c,) with others (d,)."""
@@ -156,10 +156,10 @@ class Scores:
     @cached_property
     def z(self) -> Array:
         """z (K,), the least over all windows of a tenth of the log (`stretch`) that are left out: no single one decides. Where one may, a
-        score counts for no more than its own rows bear out."""
+        score counts for no more than its own rows bear out: they speak against chance, not for a size."""
         if self.stretch > 0.0:
             return z_of(least_squares_left(self.blocks, self.starts, self.stretch), self.degrees)
-        return np.asarray(np.minimum(self.plain, self.self_normalised))
+        return np.asarray(np.minimum(self.plain, self.self_normalised + self.material))
 
     @cached_property
     def self_normalised(self) -> Array:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...effects.kinds import Need
-from ..thresholds import LEVEL, MATERIAL, STRETCH
+from ..thresholds import LEVEL, STRETCH
 from .refinement import agreed, at_an_end, can_be, likeliest, refined, settled
 from .scores import Scores
 from .significance import parametric
@@ -64,9 +64,7 @@ class EffectSearch:
     @property
     def critical(self) -> float:
         """What a score must exceed: chance, and what is not material."""
-        share = self.fit.share
-        used = float(share[share > 0].mean()) if (share > 0).any() else 1.0
-        return self.chance + MATERIAL * float(np.sqrt(self.frame.rows * used))
+        return self.chance + self.scores.material
 
     def fit_without(self, i: int) -> Fit:
         """The fit with all accepted effects but the i-th."""

@@ -46,6 +46,8 @@ def _fields(line: str, mark: str) -> list[str]:
 
 def _labels(row: Sequence[str]) -> int:
     """How many fields before the first number, of which all but the last (which may be cut) are one; 0 where not."""
+    if not row:
+        return 0
     count = next((k for k, x in enumerate(row) if is_number(plain_number(x))), 0)
     return count if all(x.lower() in MISSING or is_number(plain_number(x)) for x in row[count:-1]) and not is_moment(row[0]) else 0
 

@@ -35,14 +35,15 @@ _NONE = [text for lower in MISSING if lower for text in {lower, lower.upper(), l
 
 
 def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
-    """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists). Raises DataError."""
+    """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists): of the same rows that
+    numbers are read from. Raises DataError."""
     import pandas as pd
 
     # All columns, not only those wanted: otherwise rows with too many fields, or too few, would be read as others.
     with damage_told(path, "cannot be read as a table"), body_of(path, header) as stream:
         frame = pd.read_csv(
-            stream,
-            sep=header.delimiter,
+            io.BytesIO(without_strangers(stream, header)[0]),
+            sep=header.delimiter if header.delimiter != " " else r"\s+",
             names=list(header.names),
             dtype=str,
             keep_default_na=False,
