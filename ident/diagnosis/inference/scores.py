@@ -61,7 +61,8 @@ class Scores:
     `blocks` (c, B): score of each block of time; `starts` (K,), `degrees` (K,): directions of each group; `directions` (c, P): sparse;
     `squares`: for each group of the catalogue the Gram matrix of its columns, without what the model absorbs; `raw_scores` (P,);
     `absorbed` (P, p): the columns by the model's, along the instrument; `along` (P, p): products of the columns with the instrument's;
-    `stretch`: share of the log that may not decide alone; `material`: z of what is not material. What is asked for later (`gram`) is of the catalogue's columns as they were last updated."""
+    `stretch`: share of the log that may not decide alone; `material`: z of what is not material.
+    What is asked for later (`gram`) is of the catalogue's columns as they were last updated."""
 
     fit: Fit = field(repr=False)
     frame: Solved = field(repr=False)
@@ -240,6 +241,13 @@ class Scores:
                 along = np.einsum("kab,ka->kb", U, r)
                 squares[k] = np.where(w > 1e-3, along**2 / np.maximum(w, 1e-3), 0.0).sum(axis=1)
         return z_of(squares, self.degrees), np.minimum.reduceat(energy, self.starts)
+
+
+def material_z(fit: Fit, frame: Solved) -> float:
+    """z of the largest effect that is not material, over the rows in use."""
+    share = fit.share
+    used = float(share[share > 0].mean()) if (share > 0).any() else 1.0
+    return MATERIAL * float(np.sqrt(frame.rows * used))
 
 
 def blocks(fit: Fit, frame: Solved) -> Array:
