@@ -146,7 +146,7 @@ def confusions(columns: dict[str, Array], base: Array) -> dict[str, tuple[float,
 
 def entry(effect: Effect, robot: Robot, hidden: float, others: list[tuple[str, float]]) -> list[str]:
     """The lines of one effect."""
-    doc = " ".join((type(effect).__doc__ or "").split())
+    doc = " ".join((type(effect).__doc__ or "").split("\n\n    Examples\n")[0].split())
     lines = [f"## `{effect.name}`", f"**{effect.title[0].upper()}{effect.title[1:]}.** {doc}", ""]
     lines += [f"![{effect.title}](gallery/{effect.name}.png)", ""]
     parameters = effect.parameters(robot)

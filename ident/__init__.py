@@ -1,4 +1,4 @@
-"""ident: identify a robot's dynamics, and find what its model lacks.
+"""ident: identify a robot's dynamics, and find what its model is missing.
 
     robot = ident.load_robot("puma560")
     train, test = ident.demo_logs()
@@ -7,22 +7,22 @@
     print(estimate)
 
 Robots (describe the robot and its drive): `load_robot`, `robot_names`, `Robot`, `Transmission`, `Side`.
-Logs (read, check and prepare what was recorded): `read_logs`, `demo_logs`, `audit`, `Log`, `LogSet`, `Signals`,
+Logs (read, check and prepare recordings): `read_logs`, `demo_logs`, `audit`, `Log`, `LogSet`, `Signals`,
     `ZeroPhase`, `SavitzkyGolay`, `CentralDifference`.
-Models (what the torque is made of): `Model`, `Effect`, `Motion`, `effect_names`, `make_effect`, `base`.
+Models (the terms that make up the torque): `Model`, `Effect`, `Motion`, `effect_names`, `make_effect`, `base`.
 Identification (parameters with covariance): `fit`, `Problem`, `MomentumProblem`, `EnergyProblem`, `Information`,
     `make_estimator`, `Estimate`, `Status`, `StatusCode`.
-Evaluation (on data that no fit saw): `validate`, `Validation`, `compare`, `Comparison`, `essential`, `Essential`.
-Diagnosis (what the model lacks, and what has changed): `diagnose`, `Diagnosis`, `next_motion`, `monitor`.
-Physics (possible, consistent, loaded): `judge`, `repair`, `payload`.
+Evaluation (on held-out data): `validate`, `Validation`, `compare`, `Comparison`, `essential`, `Essential`.
+Diagnosis (what the model is missing, and what has changed): `diagnose`, `Diagnosis`, `next_motion`, `monitor`.
+Physics (physical consistency, payloads): `judge`, `repair`, `payload`.
 Experiments (motions to run, and simulated runs): `excite`, `plan`, `simulate`.
-Results (files for others): `report`, `export`.
+Results (reports and exports): `report`, `export`.
 Studies (everything in one TOML file): `Study`, `read_study`.
-Errors (each says what is wrong and what to do): `IdentError`, `ConfigurationError`, `DataError`, `UnsupportedError`.
+Errors (each says what is wrong and how to fix it): `IdentError`, `ConfigurationError`, `DataError`, `UnsupportedError`.
 
-Packages: `effects`, `estimators`, `friction`, `physical`, `regressor`, `robots`. Each exports what its folder holds.
-Steps are told to the log named `ident`: `logging.basicConfig(level="INFO")` shows them.
-Public names load when they are used: `import ident` itself is light."""
+Packages: `effects`, `estimators`, `friction`, `physical`, `regressor`, `robots`.
+Steps are logged to the logger `ident`: `logging.basicConfig(level="INFO")` shows them.
+Public names are loaded on first use, so that `import ident` is fast."""
 
 from __future__ import annotations
 

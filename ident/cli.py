@@ -32,9 +32,9 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="ident",
         description="Identify a robot's dynamics from logs, and find what its model lacks.",
-        epilog="ident COMMAND --help tells more.",
+        epilog="Run ident COMMAND --help for details.",
     )
-    parser.add_argument("-v", dest="verbose_steps", action="store_true", help="tell each step on standard error (the log named ident)")
+    parser.add_argument("-v", dest="verbose_steps", action="store_true", help="print each step to standard error (the Python logger ident)")
     parser.add_argument("--version", action="version", version=f"ident {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, what in COMMANDS.items():
@@ -47,7 +47,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
                     "--plugin",
                     action="append",
                     metavar="FILE",
-                    help="your own effects, estimators, readers, targets: a Python file; once for each (docs/extend.md)",
+                    help="Python file with your own effects, estimators, readers or targets; repeat the flag for several (docs/extend.md)",
                 )
             sub.set_defaults(run=module.run, parsers=parsers)
             sub.description, sub.formatter_class = textwrap.fill(what, 100), argparse.RawDescriptionHelpFormatter
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = next((a for a in given if not a.startswith("-")), "")
     parser = build_parser(command)
     if any("\x00" in a for a in given):
-        parser.error("an argument holds the character NUL, which no name can")
+        parser.error("an argument contains a NUL character, which no name may")
     args, more = parser.parse_known_args(given)
     if not take_names(args, more):
         parser.error(f"unrecognized arguments: {' '.join(more)}{nearest_flags(parsers()[args.command], more)}")
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"ident {args.command}: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print(f"ident {args.command}: interrupted; nothing half written is left.", file=sys.stderr)
+        print(f"ident {args.command}: interrupted; no partial files were left behind.", file=sys.stderr)
         return 130
     except OSError as error:
         if isinstance(error, BrokenPipeError):
@@ -89,13 +89,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
         what = f"{error.filename}: " if error.filename else ""
-        print(f"ident {args.command}: {what}{error.strerror or error}; nothing half written is left.", file=sys.stderr)
+        print(f"ident {args.command}: {what}{error.strerror or error}; no partial files were left behind.", file=sys.stderr)
         return 2
     except MemoryError as error:
         what = str(error).strip().rstrip(".")
         print(
-            f"ident {args.command}: the inputs ask for more memory than there is{f' ({what})' if what else ''}; nothing half written is"
-            " left. Give fewer or shorter logs, or read them in pieces (--stream).",
+            f"ident {args.command}: there is not enough memory for these inputs{f' ({what})' if what else ''}; no partial files"
+            f" were left behind. Use fewer or shorter logs, or read them in chunks (--stream).",
             file=sys.stderr,
         )
         return 3
@@ -126,8 +126,8 @@ def _fault(command: str, given: Sequence[str], error: Exception) -> int:
     if frames := from_plugin(error):
         print("".join(traceback.format_list(frames)), end="", file=sys.stderr)
         print(
-            f"ident {command}: {type(error).__name__}: {error}. It arose in a plugin, {Path(frames[0].filename).name}, or in what that"
-            " called; docs/extend.md says what plugins get and return.",
+            f"ident {command}: {type(error).__name__}: {error}. It was raised in the plugin {Path(frames[0].filename).name}, or in"
+            f" code that it called; docs/extend.md describes what plugins receive and return.",
             file=sys.stderr,
         )
         return 2
@@ -135,11 +135,11 @@ def _fault(command: str, given: Sequence[str], error: Exception) -> int:
     if archive is None:
         print(text, file=sys.stderr)
     where = (
-        "It is told above; send it"
+        "The traceback is above; please send it"
         if archive is None
-        else f"The report and the command's files are in {archive}: look into it, and send it"
+        else f"The report and the command's files are in {archive}: check what is in it, and send it"
     )
-    print(f"ident {command}: a fault of ours, please report it: {type(error).__name__}: {error}. {where}.", file=sys.stderr)
+    print(f"ident {command}: internal error (a bug in ident), please report it: {type(error).__name__}: {error}. {where}.", file=sys.stderr)
     return 70
 
 

@@ -14,7 +14,7 @@ import ident
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.physical.judgement import Subject
 from ident.physical.structure import InertiaStructure
-from ident.regressor import numpy_dynamics, rigid
+from ident.regressor import numpy_dynamics, row_information
 from ident.robots import nominal_values
 from ident.robots.tree import RigidBodyTree
 
@@ -47,7 +47,7 @@ class Case:
     def information(self, form: Literal["triangle", "gram"], samples: int | None = None, threads: int = 1) -> Array:
         """Factors of the first samples."""
         part = slice(samples)
-        return rigid.information(
+        return row_information.information(
             self.tree, self.q[part], self.dq[part], self.ddq[part], self.tau[part], rows=self.rows, columns=self.columns,
             extra=self.extra[part], pattern=self.pattern, form=form, threads=threads,
         )[0]  # fmt: skip

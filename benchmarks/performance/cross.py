@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.regressor import native, native_tree, rigid
+from ident.regressor import native, native_tree, rigid, row_information
 
 from .cases import Case, puma
 
@@ -80,7 +80,7 @@ def _wanted(case: Case, plan: Any, split: int) -> list[Array]:
     given = {"columns": case.columns, "rows": case.rows, "extra": case.extra, "pattern": case.pattern, "threads": 1}
     motion = case.q, case.dq, case.ddq, case.tau
     forms: list[dict[str, Any]] = [{"form": "triangle"}, {"form": "gram"}, {"form": "gram", "split": split}]
-    found = [rigid.information(case.tree, *motion, **given, **form)[0] for form in forms]
+    found = [row_information.information(case.tree, *motion, **given, **form)[0] for form in forms]
     torque = rigid.inverse_dynamics(case.tree, case.inertia, case.q, case.dq, case.ddq, threads=1)
     return [*found, torque, rigid.forward_dynamics(case.tree, case.inertia, case.q, case.dq, torque, threads=1)]
 

@@ -14,7 +14,7 @@ from ident.effects.motion import Motion
 from ident.estimators import InstrumentalVariable, RecursiveLeastSquares
 from ident.logs.log import Log, LogSet
 from ident.physical import judge
-from ident.regressor import rigid
+from ident.regressor import rigid, row_information
 from ident.simulation.replay import replay
 from ident.simulation.script import Script
 from ident.simulation.simulate import Plant
@@ -95,7 +95,7 @@ class PlainIteration:
         inertia, rotor, self.viscous, self.coulomb = (puma.values[part] for part in puma.model.slices)
         self.inverse = np.linalg.inv(robot.transmission.K)
         self.dynamics = rigid.dynamics(robot.tree, inertia, self.inverse.T @ np.diag(rotor) @ self.inverse)
-        self.pair = rigid.paired(robot.tree)
+        self.pair = row_information.paired(robot.tree)
         # Links of both trees come first, then drive columns of instruments and of the regressor.
         columns = np.concatenate([np.where(chosen < 60, chosen, chosen + 60), np.where(chosen < 60, chosen + 60, chosen + 78)])
         rows = np.tile(robot.transmission.K.T, 2)
@@ -117,7 +117,7 @@ class PlainIteration:
             _beside(out, *pair)
         _beside(parts[3], made @ self.inverse.T, speed, direction, ddq @ self.inverse.T, speed, direction)
         pair_q, pair_dq, pair_ddq, extra = parts
-        return rigid.information(self.pair, pair_q, pair_dq, pair_ddq, tau, extra=extra, split=self.count, **self.given)[0]
+        return row_information.information(self.pair, pair_q, pair_dq, pair_ddq, tau, extra=extra, split=self.count, **self.given)[0]
 
 
 def _beside(out: Array, *parts: Array) -> None:
@@ -136,7 +136,7 @@ def pass_of(puma: Puma, motion: tuple[Array, Array, Array], tau: Array) -> Calla
         q, dq, ddq = (x[place] for x in motion)
         rate = dq @ inverse.T
         extra = np.concatenate([ddq @ inverse.T, rate, np.sign(rate)], axis=1)
-        return rigid.information(robot.tree, q, dq, ddq, tau[place], extra=extra, **given)[0]
+        return row_information.information(robot.tree, q, dq, ddq, tau[place], extra=extra, **given)[0]
 
     return lambda: np.sum([part(slice(a, min(a + _PIECE, len(tau)))) for a in range(0, len(tau), _PIECE)], axis=0)
 

@@ -24,7 +24,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     text = _text(path, what, _TOML_BYTES)
     _guard(text, f"{what} {path}")
     if _DOTTED.search(text):
-        raise ConfigurationError(f"{what} {path}: a key of more than 20 parts joined by dots is none of ours.")
+        raise ConfigurationError(f"{what} {path}: a key of more than 20 parts joined by dots is not supported.")
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
@@ -45,7 +45,7 @@ def _text(path: Path, what: str, most: int) -> str:
     try:
         size = path.stat().st_size
         if size > most:
-            raise ConfigurationError(f"{what} {path}: has {size} bytes; more than {most} are none of ours.")
+            raise ConfigurationError(f"{what} {path}: has {size} bytes; more than {most} are not supported.")
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise ConfigurationError(f"{what} {path}: no such file.") from None

@@ -67,7 +67,7 @@ def check_columns(log: Log, robot: Robot | None) -> list[AuditFinding]:
             add(
                 "position_missing",
                 Severity.ERROR,
-                f"{counted(bad, 'position', 'are')} no number. Read the log with read_logs, which cuts them out.",
+                f"{counted(bad, 'position', 'are')} not a number. Read the log with read_logs, which removes them.",
                 name,
                 bad,
             )
@@ -76,7 +76,7 @@ def check_columns(log: Log, robot: Robot | None) -> list[AuditFinding]:
         _position(add, log, robot, j, name, q[:, j])
     torque, why = torque_of(log, robot)
     if torque is None:
-        add("torque_missing", Severity.ERROR, f"No torque: {why} Nothing can be fitted to this run; it may serve for replay.")
+        add("torque_missing", Severity.ERROR, f"No torque: {why} Nothing can be fitted to this run; it can still be used for replay.")
         return out
     for j, name in enumerate(names):
         check_torque(add, robot, j, name, log.t, torque[:, j], q[:, j])
@@ -98,7 +98,7 @@ def _position(add: Add, log: Log, robot: Robot | None, j: int, name: str, x: Arr
     joined = unwrapped(x[:, None])[:, 0] if not prismatic else x
     if not np.array_equal(joined, x):
         jumps = int((np.abs(np.diff(x)) > np.pi).sum())
-        add("wrapped", Severity.INFO, f"Jumps by a full turn {jumps} times; taken as continuous.", name, jumps)
+        add("wrapped", Severity.INFO, f"Jumps by a full turn {jumps} times; unwrapped.", name, jumps)
     changes = np.abs(np.diff(joined))
     moved = changes[changes > 1e-12 * max(span, 1e-300)]
     if not _unit(add, robot, j, name, joined, prismatic, np.median(np.diff(log.t))):
@@ -115,9 +115,9 @@ def _position(add: Add, log: Log, robot: Robot | None, j: int, name: str, x: Arr
         add(
             "quantisation",
             Severity.WARNING if coarse else Severity.INFO,
-            f"Position comes in steps of {step:.3g} {unit}; behind a 10 Hz low-pass this leaves about {at_ten:.2g}"
+            f"Position is quantised in steps of {step:.3g} {unit}; after a 10 Hz low-pass this leaves an error of about {at_ten:.2g}"
             f" {unit}/s^2 in the acceleration."
-            + (" That is coarse against the range moved: keep the cut-off low, or record larger motion." if coarse else ""),
+            + (" That is coarse for the range of motion: keep the cut-off low, or record larger motion." if coarse else ""),
             name,
             step,
         )
@@ -125,7 +125,7 @@ def _position(add: Add, log: Log, robot: Robot | None, j: int, name: str, x: Arr
         add(
             "repeated",
             Severity.INFO,
-            f"{held:.0%} of positions repeat the one before: the log is faster than its source, or the encoder is coarse.",
+            f"{held:.0%} of positions repeat the previous one: the log is sampled faster than its source, or the encoder is coarse.",
             name,
             held,
         )
@@ -135,9 +135,9 @@ def _position(add: Add, log: Log, robot: Robot | None, j: int, name: str, x: Arr
         add(
             "spike",
             Severity.WARNING,
-            f"Position jumps at {at:.12g} s ({len(spikes)} sample{'s stand' if len(spikes) > 1 else ' stands'} far out). A single wrong"
-            " sample bends velocity and acceleration around it: remove it from the log. Where the position stays away, an encoder or a"
-            " coupling slipped: cut the log there.",
+            f"Position jumps at {at:.12g} s ({len(spikes)} sample{'s stand' if len(spikes) > 1 else ' stands'} far out)."
+            f" A single wrong sample corrupts velocity and acceleration around it: remove it from the log. If the position stays"
+            f" offset, an encoder or a coupling slipped: cut the log there.",
             name,
             float(np.abs(np.diff(joined, 2))[spikes[0] - 1]),
         )
@@ -164,13 +164,13 @@ def _unit(add: Add, robot: Robot | None, j: int, name: str, x: Array, prismatic:
         fits = joint.lower - margin <= factor * low and factor * high <= joint.upper + margin
         if outside > 0.5 * room and fits:
             room_text = f"{joint.lower:.3g} to {joint.upper:.3g} {right}"
-            why = f"positions reach {reach:.4g}, far outside the limits of {room_text}, and taken as {wrong} they fit"
+            why = f"positions reach {reach:.4g}, far outside the limits of {room_text}, but they fit as {wrong}"
     elif reach > (_FAR_LENGTH if prismatic else _FAR_ANGLE) and (robot is None or robot.joints[j].kind != "continuous"):
-        why = f"positions reach {reach:.4g} {right}, which is more than a joint usually does"
+        why = f"positions reach {reach:.4g} {right}, more than a joint usually moves"
     if not why and not prismatic:
         limit = robot.joints[j].velocity if robot is not None and np.isfinite(robot.joints[j].velocity) else _FAST
         if speed > 5 * limit and speed * factor <= 1.5 * limit:
-            why = f"speeds reach {speed:.4g} {right}/s, far above {limit:.3g} {right}/s, and taken as {wrong} per second they fit"
+            why = f"speeds reach {speed:.4g} {right}/s, far above {limit:.3g} {right}/s, but they fit as {wrong} per second"
     if not why:
         return False
     suffix = "mm" if prismatic else "deg"

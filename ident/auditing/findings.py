@@ -138,7 +138,7 @@ def _at_rest_elsewhere(found: Iterable[AuditFinding]) -> list[AuditFinding]:
             poor.setdefault(f.where, set()).add(f.run)
     moves = {where for where, own in poor.items() if looked_at - own}
     return [
-        replace(f, severity=Severity.INFO, text=f"{f.text} It moves better in other runs.")
+        replace(f, severity=Severity.INFO, text=f"{f.text} Other runs excite it better.")
         if f.code in _OF_MOTION and f.severity == Severity.WARNING and f.where in moves
         else f
         for f in found

@@ -122,15 +122,15 @@ def _rest(add: Add, names: tuple[str, ...], m: _Motion, still: Array) -> None:
     top = np.abs(m.dq).max(axis=0)
     noise = np.array([s.velocity_noise(m.cutoff) for s in m.choice.joints])
     if still.all():
-        add("no_motion", Severity.ERROR, "No joint moves: there is nothing to estimate a model of motion from. Record an exciting motion.")
+        add("no_motion", Severity.ERROR, "No joint moves: there is no motion to estimate dynamics from. Record an exciting motion.")
         return
     for j, name in enumerate(names):
         if still[j]:
             add(
                 "never_moved",
                 Severity.WARNING,
-                "Never moved: its friction and rotor inertia stay unknown, and of the links only what other joints"
-                " show. Its rows are left out.",
+                "Never moved: its friction and rotor inertia stay unknown, and its links are known only as far as other"
+                " joints reveal them. Its rows are left out.",
                 name,
                 top[j],
             )
@@ -139,8 +139,8 @@ def _rest(add: Add, names: tuple[str, ...], m: _Motion, still: Array) -> None:
         add(
             "standstill",
             Severity.WARNING if rest > 0.5 else Severity.INFO,
-            f"Stands still in {rest:.0%} of the run (below 1 % of its top speed of {top[j]:.3g}). There dry friction may take any value;"
-            " these rows are left out." + (" Little is left: shorten the pauses." if rest > 0.5 else ""),
+            f"Stands still in {rest:.0%} of the run (below 1 % of its top speed of {top[j]:.3g}). Dry friction is"
+            f" undetermined there; these rows are left out." + (" Few rows remain: shorten the pauses." if rest > 0.5 else ""),
             name,
             rest,
         )
@@ -149,8 +149,8 @@ def _rest(add: Add, names: tuple[str, ...], m: _Motion, still: Array) -> None:
             add(
                 "noise",
                 Severity.WARNING,
-                f"{min(share, 1):.0%} of its acceleration's power is noise of its position at the suggested cut-off: inertia will be"
-                " estimated too small by about as much. Move it faster, or lower the cut-off.",
+                f"{min(share, 1):.0%} of its acceleration's power is noise of its position at the suggested cut-off:"
+                f" inertia will be underestimated by about as much. Move it faster, or lower the cut-off.",
                 name,
                 share,
             )
@@ -190,7 +190,7 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
         add(
             "velocity_sign",
             Severity.WARNING,
-            "The measured velocity has the opposite sign of the position's change: friction and damping would change sign.",
+            "The measured velocity has the opposite sign to the change in position: friction and damping would change sign.",
             name,
             scale,
         )
@@ -198,7 +198,7 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
         add(
             "velocity_scale",
             Severity.WARNING,
-            f"The measured velocity is {scale:.4g} times the position's change a second. {_told_by(scale, j)}",
+            f"The measured velocity is {scale:.4g} times the rate of change of the position. {_told_by(scale, j)}",
             name,
             scale,
         )
@@ -207,8 +207,8 @@ def _velocity(add: Add, name: str, j: int, m: _Motion) -> None:
         add(
             "velocity_lag",
             Severity.INFO,
-            f"The measured velocity {which} the position by {abs(lag) * 1e3:.3g} ms, as a filter in the drive does."
-            " Velocities are taken from positions.",
+            f"The measured velocity {which} the position by {abs(lag) * 1e3:.3g} ms, as after a filter in the drive."
+            f" Velocities are computed from positions.",
             name,
             lag,
         )
@@ -219,7 +219,7 @@ def _told_by(scale: float, j: int) -> str:
     if abs(scale * math.pi / 180 - 1) < _NEAR:
         return f"It seems to be in degrees: name it dq{j + 1}_deg_s."
     if abs(scale * 180 / math.pi - 1) < _NEAR:
-        return f"The position seems to be in degrees, which would spoil every parameter: name it q{j + 1}_deg."
+        return f"The position seems to be in degrees, which would corrupt every parameter: name it q{j + 1}_deg."
     return "Check units and gear ratio."
 
 
@@ -297,8 +297,8 @@ def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
                 "free_motion",
                 Severity.WARNING,
                 "Its torque is small against the inertial and gravity torques that cancel in this motion"
-                f" ({balance:.2g} times larger): an almost"
-                " free swing. Then noisy accelerations make least squares shrink all parameters. Keep the cut-off low, or drive the joint.",
+                f" ({balance:.2g} times larger): an almost free swing. Noisy accelerations then bias all least-squares"
+                f" parameters towards zero. Keep the cut-off low, or drive the joint.",
                 joint.name,
                 balance,
             )
@@ -340,10 +340,9 @@ def _delay(add: Add, lags: Array, pooled: Array, found: list[tuple[float, bool, 
             "delay",
             Severity.WARNING,
             f"Torque fits the motion best {abs(lag) * 1e3:.3g} ms {which} than it was logged against it ({gain:.0%}"
-            " less residual). Inertia and"
-            " viscous friction take up such a delay as error. Shift the torque, or let the effect 'delay' estimate it.",
+            " less residual). Such a delay biases inertia and viscous friction. Shift the torque, or let the effect 'delay' estimate it.",
             "",
             lag,
         )
     else:
-        add("delay", Severity.INFO, "No delay between torque and motion can be distinguished from this run.", "", 0.0)
+        add("delay", Severity.INFO, "No delay between torque and motion can be detected in this run.", "", 0.0)

@@ -57,7 +57,7 @@ def check_time(log: Log) -> list[AuditFinding]:
         text = f"Time runs backwards or is missing in {counted(max(back, 1), 'place')}, first at row {at}. Sort or cut the log."
         return add("time_backwards", text, back)
     if equal:
-        text = f"{counted(equal, 'row', 'repeat')} the time stamp before. Read the log with read_logs, which drops them."
+        text = f"{counted(equal, 'row', 'repeat')} the previous time stamp. Read the log with read_logs, which drops them."
         return add("time_repeated", text, equal)
     return [*out, *stamp_findings(log.name, Stamps.of(log.t))]
 
@@ -91,17 +91,15 @@ def stamp_findings(name: str, stamps: Stamps) -> list[AuditFinding]:
         add(
             "too_short",
             Severity.WARNING,
-            f"Only {counted(stamps.samples, 'sample')}: filters lose a good part of them, and few parameters can be"
-            " distinguished from the rest.",
+            f"Only {counted(stamps.samples, 'sample')}: filters discard a good part of them, and few parameters can be separated.",
         )
     if stamps.gaps:
         add(
             "gaps",
             Severity.WARNING,
             f"{stamps.gaps} gap{'s' * (stamps.gaps > 1)} in time, the longest {stamps.longest * 1e3:.4g} ms at {stamps.at:.12g} s."
-            " Short ones are bridged where the motion is slow enough; longer ones cut the run, and the filters lose"
-            " their transient on either side."
-            " Log with a real-time buffer if they are many.",
+            " Short ones are bridged where the motion is slow enough; longer ones split the run, and the filters'"
+            " transients on either side are lost. If there are many, log with a real-time buffer.",
             stamps.longest,
         )
     if clock.missing:
@@ -110,11 +108,12 @@ def stamp_findings(name: str, stamps: Stamps) -> list[AuditFinding]:
             "missing_samples",
             Severity.WARNING if share > _FEW else Severity.INFO,
             f"{clock.missing} sample{'s are' if clock.missing > 1 else ' is'} missing ({share:.2%}), one or two at a time: the steps about"
-            f" them are whole multiples of the period of {clock.step * 1e3:.4g} ms. Positions and torques there are bridged by splines,"
+            f" them are whole multiples of the period of {clock.step * 1e3:.4g} ms. Positions and torques there are"
+            f" interpolated by splines,"
             + (
-                " not measured: from some per cent on, parameters shift and their intervals widen. Find out why the recorder drops samples."
+                " not measured: above a few per cent, parameters shift and their intervals widen. Find out why the recorder drops samples."
                 if share > _FEW
-                else " which hardly moves an estimate as long as they are so few."
+                else " which hardly affects an estimate while they are so few."
             ),
             share,
         )
@@ -125,9 +124,9 @@ def stamp_findings(name: str, stamps: Stamps) -> list[AuditFinding]:
         add(
             "jitter",
             Severity.WARNING if uneven > 0.05 else Severity.INFO,
-            f"Steps vary by {uneven:.1%} (rms). The stamps are believed and the run is resampled; counting samples as equally spaced would"
-            " distort velocities and accelerations by as much. If the stamps were taken late by the recorder and not"
-            " by the drive, this is noise.",
+            f"Steps vary by {uneven:.1%} (rms). The stamps are trusted and the run is resampled; treating the samples as"
+            f" equally spaced would distort velocities and accelerations by as much. If the recorder, not the drive, stamped the"
+            f" samples, this variation is itself noise.",
             uneven,
         )
     return out

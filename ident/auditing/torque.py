@@ -37,11 +37,11 @@ def _logged(add: Add, name: str, x: Array, q: Array) -> Array | None:
     """The readings there are (P,); None, which is said, where they tell nothing: there are none, or they stay the same throughout."""
     missing = ~usable_numbers(x)
     if missing.all():
-        text = "No torque logged: rows of this joint are not used, and what shows in them alone stays unknown."
+        text = "No torque logged: rows of this joint are not used, and parameters that only they reveal stay unknown."
         add("torque_missing", Severity.WARNING, text, name)
         return None
     if missing.any():
-        text = f"Torque is missing in {counted(int(missing.sum()), 'sample')}; rows that rest on them are not used."
+        text = f"Torque is missing in {counted(int(missing.sum()), 'sample')}; rows that depend on them are not used."
         add("torque_nan", Severity.WARNING, text, name, missing.mean())
     present = x[~missing]
     if float(np.ptp(present)) != 0:
@@ -58,15 +58,16 @@ def _check_stretches(add: Add, name: str, x: Array, q: Array, present: Array) ->
     off = longest(present == 0) / len(present)
     if off > 0.05:
         text = (
-            f"Torque is exactly zero for {off:.0%} of the run on end: the drive was off, or the channel dropped out. If it dropped out, cut"
-            " the log there; if it was off, the robot swung freely, which tells little but friction."
+            f"Torque is exactly zero for {off:.0%} of the run in one stretch: the drive was off, or the channel dropped"
+            f" out. If it dropped out, cut"
+            " the log there; if it was off, the robot swung freely, which reveals little but friction."
         )
         add("torque_zero", Severity.WARNING, text, name, off)
     elif (stuck := _frozen(x, q)) is not None:
         first, last = stuck
         text = (
-            f"Torque stays at exactly {x[first]:.4g} from sample {first} to {last} while the joint moves: the channel hung, or the drive"
-            " was off. Cut the log there, or leave these cells empty."
+            f"Torque stays at exactly {x[first]:.4g} from sample {first} to {last} while the joint moves: the channel"
+            f" froze, or the drive was off. Cut the log there, or leave these cells empty."
         )
         add("torque_frozen", Severity.WARNING, text, name, (last - first + 1) / len(x))
 
@@ -93,7 +94,7 @@ def _without_wild(add: Add, name: str, t: Array, x: Array, present: Array) -> Ar
     several = f"{len(wild)} samples stand" if len(wild) > 1 else "1 sample stands"
     text = (
         f"Torque is {x[wild[0]]:.4g} at {t[wild[0]]:.12g} s ({several} far outside of {np.nanmin(others):.4g} to"
-        f" {np.nanmax(others):.4g}, where all others are). Least squares follows such a sample: leave its cell empty, or remove the"
+        f" {np.nanmax(others):.4g}, where all others are). Least squares is sensitive to such a sample: leave its cell empty, or remove the"
         " row."
     )
     add("torque_spike", Severity.WARNING, text, name, float(x[wild[0]]))
@@ -107,7 +108,7 @@ def _check_steps(add: Add, name: str, present: Array) -> None:
     if levels > 1e4:
         return
     coarse = levels < 100
-    text = f"Torque comes in steps of {step:.3g} ({levels:.0f} levels over the range used)."
+    text = f"Torque is quantised in steps of {step:.3g} ({levels:.0f} levels over the range used)."
     text += " That is coarse; its error adds to the noise." if coarse else ""
     add("torque_steps", Severity.WARNING if coarse else Severity.INFO, text, name, step)
 
@@ -154,7 +155,7 @@ def check_saturation(add: Add, names: tuple[str, ...], torque: Array, q: Array) 
             add(
                 "saturation",
                 Severity.WARNING,
-                f"Torque stays at {at} in {share:.1%} of samples: it is cut off. What really acted may differ; these rows are left out."
+                f"Torque stays at {at} in {share:.1%} of samples: it is saturated. The true torque may differ; these rows are left out."
                 " Record slower motion, or raise the limit.",
                 name,
                 share,

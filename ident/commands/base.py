@@ -22,16 +22,21 @@ GENERIC = np.random.default_rng(0)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)
     add_output_arguments(parser)
-    parser.add_argument("--rotor-inertia", action="store_true", help="count the motors' reflected inertias as parameters too")
+    parser.add_argument("--rotor-inertia", action="store_true", help="include the motors' reflected inertias as parameters")
     parser.add_argument(
-        "--gravity", nargs=3, type=float, metavar=("X", "Y", "Z"), help="gravity in the base frame (m/s^2); other than the robot's own"
+        "--gravity", nargs=3, type=float, metavar=("X", "Y", "Z"), help="gravity in the base frame (m/s^2), instead of the robot's own"
     )
-    parser.add_argument("--floating-base", action="store_true", help="the base moves freely (six more equations)")
+    parser.add_argument("--floating-base", action="store_true", help="floating base (six more equations)")
     parser.add_argument(
-        "--operations", action="store_true", help="count the operations of a recursive pass with all link parameters, and with virtual ones"
+        "--operations",
+        action="store_true",
+        help="count the operations of recursive inverse dynamics with all link parameters, and with virtual ones",
     )
     parser.add_argument(
-        "--principal", nargs="+", metavar="FILE", help="logs: rank orthogonal combinations by their effect on the torque along this motion"
+        "--principal",
+        nargs="+",
+        metavar="FILE",
+        help="logs: rank orthogonal parameter combinations by their contribution to the torque along this motion",
     )
 
 

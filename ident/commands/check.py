@@ -24,13 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--strict",
         action="store_true",
-        help="also look for what the declared model lacks (ident diagnose); exit with 1 if it lacks anything, if the audit has warnings,"
-        " or if a parameter cannot be determined",
+        help="also run ident diagnose; exit with 1 if the declared model is missing an effect, the audit has warnings, or a"
+        " parameter cannot be determined",
     )
 
-    parser.add_argument(
-        "--write-study", metavar="FILE", help="write the study file that reads these logs as they were read, to change or to share"
-    )
+    parser.add_argument("--write-study", metavar="FILE", help="write a study file that reads these logs in the same way, to edit or share")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -49,14 +47,15 @@ def run(args: argparse.Namespace) -> int:
             if args.write_study:
                 write_study_of(study, session.recorded, Path(args.write_study), out)
         elif args.write_study:
-            raise ConfigurationError("--write-study reads the logs whole; leave out --stream (or add --no-stream).")
+            raise ConfigurationError("--write-study needs the whole logs in memory; leave out --stream (or add --no-stream).")
         return _checked(session, args, out)
 
 
 def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
     if args.strict and isinstance(session, StreamedSession):
         raise ConfigurationError(
-            "check --strict looks for effects that are not declared, which needs the logs whole; leave out --stream (or add --no-stream),"
+            "check --strict searches for undeclared effects, which needs the whole logs in memory; leave out --stream (or add"
+            " --no-stream),"
             " or check without --strict."
         )
     robot = session.robot
@@ -115,8 +114,8 @@ def _undeclared(session: Session, out: Output) -> tuple[dict[str, Any] | None, s
         diagnosis = diagnosis_of(session, out)
     except DataError as error:
         out.say_wrapped(f"no diagnosis: {error}")
-        return None, f"whether the model lacks anything cannot be told: {error}"
+        return None, f"cannot determine whether the model is missing an effect: {error}"
     out.say_wrapped(diagnosis)
     found = diagnosis.to_dict()
     said = {key: found[key] for key in ("verdict", "findings", "unexplained", "before", "after")}
-    return said, "" if diagnosis.verdict == "clean" else f"the declared model lacks something (verdict: {diagnosis.verdict})"
+    return said, "" if diagnosis.verdict == "clean" else f"the declared model is missing something (verdict: {diagnosis.verdict})"

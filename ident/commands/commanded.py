@@ -37,7 +37,9 @@ def asks_for_simulation(study: Study) -> bool:
 def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     """What logs of commands hold, and what is to be identified from them. Returns the exit code."""
     if args.strict:
-        raise ConfigurationError("check --strict needs a torque, which logs of commands lack; `ident fit` says what they determine.")
+        raise ConfigurationError(
+            "check --strict needs a measured torque, which logs of commands do not have; `ident fit` reports what they determine."
+        )
     robot, law, recorded = read_commanded(study)
     plant = DrivePlant(study.model(robot), law, tuple(DriveLog.of(log, robot, law) for log in recorded))
     out.say_wrapped(f"robot {robot.name}: {counted(robot.n, 'joint')} in the order of the log: {', '.join(robot.joint_names)}")

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 def fit_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     """Fit, say what was found, keep it. Returns the exit code."""
     if args.max_error is not None:
-        raise ConfigurationError("--max-error is a torque error, which a fit by simulation does not have; see its position error.")
+        raise ConfigurationError(
+            "--max-error limits the torque error, which a fit by simulation does not have; look at its position error."
+        )
     robot, law, recorded = read_commanded(study)
     logs, held = split_commanded(study, robot, recorded)
     for note in (*robot.notes, *recorded.notes):

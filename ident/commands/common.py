@@ -32,7 +32,7 @@ _TOLD_FROM, _TOLD_AFTER = 0.03, 3.0
 def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -> None:
     """A study file, or flags for the same."""
     parser.set_defaults(named_logs=logs)
-    what = "study file (TOML), or logs; or give the flags below" if logs else "study file (TOML); or give the flags below"
+    what = "study file (TOML), or logs; or use the flags below" if logs else "study file (TOML); or use the flags below"
     parser.add_argument("study", nargs="?", help=what)
     parser.add_argument("--robot", help="built-in robot or example-robot-data robot, by name")
     parser.add_argument("--urdf", help="URDF file of the robot")
@@ -41,19 +41,19 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
         nargs="+",
         metavar="JOINT",
         type=locked_joint,
-        help="joints that do not move, and are in no log (a hand's): JOINT, at zero, or JOINT=POSITION",
+        help="joints that are held still and not logged (a hand's, for example): JOINT (at zero) or JOINT=POSITION",
     )
     parser.add_argument("--drive", help="TOML file with a [drive] table: ratio or K, measured, effects …")
     if logs:
         add_log_argument(parser, "logs to fit (CSV, Parquet, MAT, HDF5, bags and more: docs/logs.md; patterns and folders allowed)")
         parser.add_argument(
-            "--validate", nargs="+", metavar="FILE", help="logs held out; without them the last part of each log is held out"
+            "--validate", nargs="+", metavar="FILE", help="held-out logs; without them, the last part of each log is held out"
         )
         parser.add_argument("--method", help="estimator, e.g. wls, irls, physical (all: ident fit --help); default: wls")
         parser.add_argument(
             "--form",
             choices=(*FORMULATIONS,),
-            help="equations that are fitted: torque (default), or momentum or energy, integrated over windows, which need no acceleration",
+            help="equations to fit: torque (default), or momentum or energy, which are integrated over windows and need no acceleration",
         )
         parser.add_argument(
             "--plan",
@@ -65,10 +65,11 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
             "--effects",
             nargs="+",
             metavar="EFFECT",
-            help="declared model beside the rigid body, e.g. rotor_inertia viscous coulomb; joints and shapes as in stribeck:joint3:v_s=1",
+            help="effects of the model besides the rigid body, e.g. rotor_inertia viscous coulomb; joints and shape parameters as"
+            " in stribeck:joint3:v_s=1",
         )
         add_reading_arguments(parser)
-        parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off; without it, it is chosen from the data")
+        parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off (default: chosen from the data)")
 
 
 def add_log_argument(parser: argparse.ArgumentParser, what: str, *others: str) -> None:
@@ -79,9 +80,9 @@ def add_log_argument(parser: argparse.ArgumentParser, what: str, *others: str) -
 def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
     """How logs are read: `--missing`, `--rate-hz`."""
     parser.add_argument(
-        "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out"
+        "--missing", choices=("refuse", "gap"), help="blocks of missing positions: refuse the log (default), or leave them out as gaps"
     )
-    parser.add_argument("--rate-hz", dest="rate_hz", type=positive, metavar="HZ", help="samples per second of logs without a time")
+    parser.add_argument("--rate-hz", dest="rate_hz", type=positive, metavar="HZ", help="sample rate of logs without a time column")
 
 
 def read_as_asked(study: Study, args: argparse.Namespace) -> Study:
@@ -92,11 +93,9 @@ def read_as_asked(study: Study, args: argparse.Namespace) -> Study:
 
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:
     """`--json`, `--out`, `--force`, `--quiet`."""
-    parser.add_argument(
-        "--json", action="store_true", help="machine-readable result on standard output, everything for people on standard error"
-    )
-    parser.add_argument("--out", metavar="DIR", help="folder that keeps all artefacts; must be new or empty unless --force")
-    parser.add_argument("--force", action="store_true", help="write into an existing folder, over files of the same name")
+    parser.add_argument("--json", action="store_true", help="machine-readable result on standard output, text for people on standard error")
+    parser.add_argument("--out", metavar="DIR", help="output folder for all results; must be new or empty unless --force")
+    parser.add_argument("--force", action="store_true", help="write into an existing folder, overwriting files of the same name")
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
@@ -104,12 +103,12 @@ def study_from(args: argparse.Namespace) -> Study:
     """The study that the arguments describe; flags override the file."""
     if not (args.study or args.robot or args.urdf):
         raise ConfigurationError(
-            "no study file and no robot given. Name a study file, or use --robot NAME or --urdf FILE (and --log FILE)."
+            "no study file and no robot given: pass a study file, or use --robot NAME or --urdf FILE (and --log FILE)."
         )
     plugins = tuple(getattr(args, "plugin", None) or ())
     if args.study and Path(args.study).is_dir():
-        fit = f" a kept fit is given by --fit {args.study}," if hasattr(args, "fit") else ""
-        raise ConfigurationError(f"{args.study} is a folder, not a study file:{fit} logs by --log {args.study}.")
+        fit = f" pass a saved fit as --fit {args.study}," if hasattr(args, "fit") else ""
+        raise ConfigurationError(f"{args.study} is a folder, not a study file:{fit} pass logs as --log {args.study}.")
     study = read_study(Path(args.study)) if args.study else Study()
     study = replace(study, plugins=(*study.plugins, *plugins))
     study = study.with_flags(
@@ -203,7 +202,7 @@ class Output:
         unfinished = held == [CHECKPOINT]
         if unfinished and not (self.resume or self.force):
             raise ConfigurationError(
-                f"--out {folder} holds unfinished work of a command that was cut off; go on with it (--resume), or throw it away (--force)."
+                f"--out {folder} holds the unfinished work of an interrupted command; continue it (--resume), or discard it (--force)."
             )
         if held and not unfinished and not self.force:
             raise ConfigurationError(f"--out {folder} exists and is not empty; nothing was written. Choose another folder, or add --force.")
@@ -213,7 +212,7 @@ class Output:
             folder.mkdir(parents=True, exist_ok=True)
             self.discard()
         except OSError as error:
-            raise ConfigurationError(f"--out {folder} cannot be made ({error.strerror}).") from None
+            raise ConfigurationError(f"--out {folder} cannot be created ({error.strerror}).") from None
 
     def discard(self) -> None:
         """Remove the folders that this command made, if they are empty."""

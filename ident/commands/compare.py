@@ -26,9 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("before", help="saved fit (fit.json), e.g. of the declared model")
     parser.add_argument("after", help="saved fit, e.g. after.fit.json of `ident diagnose --out`")
     add_log_argument(parser, "held-out logs (CSV, CSV.gz, MAT, Parquet; patterns allowed)", "--validate")
-    parser.add_argument("--study", metavar="FILE", help="study file whose [logs] and [columns] are used: its validation logs without --log")
+    parser.add_argument(
+        "--study", metavar="FILE", help="study file whose [columns] are used, and whose validation logs are read if --log is not given"
+    )
     add_reading_arguments(parser)
-    parser.add_argument("--strict", action="store_true", help="exit with 1 unless the later fit predicts better, beyond its standard error")
+    parser.add_argument(
+        "--strict", action="store_true", help="exit with 1 unless the second fit predicts better by more than its standard error"
+    )
     add_output_arguments(parser)
 
 
@@ -51,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     same = _same(here.transmission, there.transmission)
     found = compare(before, after, signals, before_signals=None if same else preparation(logs_for(args, before)))
     warnings = (
-        [] if same else ["the fits have different transmissions: each is compared with the torque as its own transmission carries it."]
+        [] if same else ["the fits have different transmissions: each is compared with the torque mapped through its own transmission."]
     )
     out.say(found)
     for warning in warnings:
@@ -74,7 +78,7 @@ def logs_for(args: argparse.Namespace, estimate: Estimate) -> LogSet:
     else:
         files = study.validation_files()
     if not files:
-        raise ConfigurationError("no log is given; name it with --log FILE (or --study FILE with [logs] validate).")
+        raise ConfigurationError("no log is given; pass one with --log FILE (or --study FILE with [logs] validate).")
     return read_logs([*map(str, files)], estimate.model.robot, study.columns or None, **study.reading())
 
 

@@ -30,9 +30,11 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser)
     add_output_arguments(parser)
-    parser.add_argument("--verbose", action="store_true", help="tell every step of the selection")
-    parser.add_argument("--next", metavar="FOLDER", help="design the motion that tells competing effects apart, and write it there")
-    parser.add_argument("--next-seconds", type=positive, default=20.0, metavar="S", help="its length (default: %(default)s)")
+    parser.add_argument("--verbose", action="store_true", help="print every step of the selection")
+    parser.add_argument(
+        "--next", metavar="FOLDER", help="also design a motion that distinguishes competing effects, and write it to this folder"
+    )
+    parser.add_argument("--next-seconds", type=positive, default=20.0, metavar="S", help="its duration (default: %(default)s)")
     parser.add_argument("--strict", action="store_true", help="exit with 1 unless the verdict is clean")
 
 
@@ -41,7 +43,9 @@ def run(args: argparse.Namespace) -> int:
     study = study_from(args)
     if asks_for_simulation(study):
         if args.next is not None:
-            raise ConfigurationError("--next plans for logs with torque; under a drive law the findings say what to do. Leave it out.")
+            raise ConfigurationError(
+                "--next needs logs with torque; under a drive law, the findings say what to record next. Leave it out."
+            )
         return diagnose_under_law(study, args, out)
     folder_of_next = None if args.next is None else Path(args.next)
     if folder_of_next is not None and folder_of_next.exists() and not args.force:
@@ -87,7 +91,9 @@ def diagnosis_of(session: Session, out: Output, *, verbose: bool = False) -> Dia
             out.note(step)
 
     if session.study.form != TORQUE:
-        raise UnsupportedError(f"a diagnosis looks at torque; leave out the {session.study.form} form (--form, or [estimator] form).")
+        raise UnsupportedError(
+            f"a diagnosis works on the torque form; leave out the {session.study.form} form (--form, or [estimator] form)."
+        )
     if session.turned:
         raise DataError(session.turned)
     estimate = session.estimate

@@ -35,7 +35,7 @@ _TRAJECTORY, _ROS = "excitation.csv", "excitation.yaml"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)
     parser.add_argument("--fit", metavar="FILE", help="saved fit (fit.json) instead of a study: its model, values and noise")
-    parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects beside the rigid body")
+    parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects besides the rigid body")
     parser.add_argument(
         "--trajectory",
         metavar="FILE",
@@ -46,38 +46,44 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--family", choices=_FAMILIES, default=_FAMILIES[0], help="kind of trajectory (default: %(default)s)")
     parser.add_argument("--measure", choices=_MEASURES, default=_MEASURES[0], help="cost function (default: %(default)s)")
     parser.add_argument(
-        "--sharpen", nargs="+", metavar="PARAMETER", help="base parameters that matter; the others only as far as they get in the way"
+        "--sharpen", nargs="+", metavar="PARAMETER", help="base parameters of interest; the others count as nuisance parameters"
     )
-    parser.add_argument("--separate", nargs=2, metavar="EFFECT", help="two effects that are to be distinguished")
+    parser.add_argument("--separate", nargs=2, metavar="EFFECT", help="two effects to distinguish")
     parser.add_argument("--noise", type=float, nargs="+", help="torque noise (std), one value or one per joint, measured side")
-    room = parser.add_argument_group("room: what the motion keeps clear of, at every moment; the robot itself always")
-    where = "height of the ground in the base frame, m, or none (default: that of the frame)"
+    room = parser.add_argument_group("surroundings: what the motion stays clear of at every moment; self-collision is always checked")
+    where = "height of the ground in the base frame, m, or none (default: the height of the frame itself)"
     room.add_argument("--ground", default="base", metavar="HEIGHT", help=where)
     room.add_argument(
-        "--workspace", nargs=6, type=float, metavar=("X", "X", "Y", "Y", "Z", "Z"), help="walls within which all that moves stays, m"
+        "--workspace", nargs=6, type=float, metavar=("X", "X", "Y", "Y", "Z", "Z"), help="box that everything moving stays inside, m"
     )
-    room.add_argument("--workspace-mesh", metavar="FILE", help="the same as a closed convex mesh (STL, OBJ, PLY, DAE; base frame)")
+    room.add_argument("--workspace-mesh", metavar="FILE", help="the same given as a closed convex mesh (STL, OBJ, PLY, DAE; base frame)")
     room.add_argument("--obstacle", nargs="+", action="extend", default=[], metavar="FILE", help="meshes to keep clear of (base frame)")
     room.add_argument("--mesh-scale", type=positive, default=1.0, metavar="S", help="metres per unit of those meshes (default: 1)")
-    room.add_argument("--clearance", type=not_negative, default=0.02, metavar="M", help="distance that is kept, m (default: %(default)s)")
-    room.add_argument("--link-radius", type=positive, metavar="M", help="radius of links without a shape (default: up to 0.05)")
-    room.add_argument("--no-collision-check", action="store_true", help="do not look at collisions at all")
-    limits = parser.add_argument_group("limits, joint side: one value, or one per joint; by default shares of the robot's own")
+    room.add_argument("--clearance", type=not_negative, default=0.02, metavar="M", help="distance to keep, m (default: %(default)s)")
+    room.add_argument("--link-radius", type=positive, metavar="M", help="radius of links without a collision shape (default: up to 0.05)")
+    room.add_argument("--no-collision-check", action="store_true", help="do not check collisions at all")
+    limits = parser.add_argument_group("limits, joint side: one value, or one per joint (default: a share of the robot's own)")
     limits.add_argument("--limit-share", type=positive, default=0.9, metavar="S", help="share of its own limits (default: %(default)s)")
-    limits.add_argument("--position-share", type=positive, metavar="S", help="share of the position range, about its middle")
+    limits.add_argument("--position-share", type=positive, metavar="S", help="share of the position range, about its centre")
     kinds = (("velocity", "rad/s, m/s"), ("acceleration", "rad/s^2, m/s^2"), ("jerk", "rad/s^3, m/s^3"), ("torque", "N m, N"))
     for name, unit in kinds:
         limits.add_argument(f"--max-{name}", type=positive, nargs="+", metavar="X", help=f"largest {name}, {unit}")
-    place = parser.add_argument_group("postures, joint side, one number per joint (rad, m)")
+    place = parser.add_argument_group("postures, joint side, one value per joint (rad, m)")
     place.add_argument("--start-posture", nargs="+", type=float, metavar="Q", help="where the motion starts and ends (default: the best)")
-    place.add_argument("--from-posture", nargs="+", type=float, metavar="Q", help="where the robot stands: a slow approach is put before")
-    parser.add_argument("--view", metavar="FILE", help="write the swept motion as a page to turn and to play (HTML; also in --out)")
+    place.add_argument(
+        "--from-posture",
+        nargs="+",
+        type=float,
+        metavar="Q",
+        help="present posture of the robot: a slow approach from it is added before the motion",
+    )
+    parser.add_argument("--view", metavar="FILE", help="write an interactive 3-D page of the swept motion (HTML; also in --out)")
     parser.add_argument(
         "--ros",
         nargs="?",
         const="",
         metavar="FILE",
-        help=f"write the motion as a ROS 2 JointTrajectory, too (YAML; default: {_ROS}; in any case in --out if it is given)",
+        help=f"also write the motion as a ROS 2 JointTrajectory (YAML; default: {_ROS}; always in --out if it is given)",
     )
     parser.add_argument("--starts", type=whole, default=3, help="independent searches (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed (default: %(default)s)")

@@ -18,17 +18,19 @@ from .common import Output, add_output_arguments
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     known = target_types()
-    parser.add_argument("fit", help="saved fit (fit.json), of measured torque or under a drive law")
-    parser.add_argument("target", help="file to write; the suffix says the format (.urdf, .xml, .mjcf, .json, .usda, .c)")
+    parser.add_argument("fit", help="saved fit (fit.json), from measured torque or under a drive law")
+    parser.add_argument("target", help="file to write; its suffix selects the format (.urdf, .xml, .mjcf, .json, .usda, .c)")
     parser.add_argument(
         "--to",
         metavar="TARGET",
-        help="format, where the suffix does not say it: " + "; ".join(f"{name}: {kind.title}" for name, kind in known.items()),
+        help="format, if the suffix does not determine it: " + "; ".join(f"{name}: {kind.title}" for name, kind in known.items()),
     )
-    parser.add_argument("--urdf", help="URDF to patch; by default the one that was fitted")
-    parser.add_argument("--allow-inconsistent", action="store_true", help="write links that are no real bodies, too")
-    parser.add_argument("--log", nargs="+", metavar="FILE", help="motion on which the errors of what is left out are computed")
-    parser.add_argument("--supply", type=float, metavar="V", help="supply voltage at which the gains of a pwm law are told")
+    parser.add_argument("--urdf", help="URDF to patch (default: the one that was fitted)")
+    parser.add_argument("--allow-inconsistent", action="store_true", help="also write links that are not physically consistent")
+    parser.add_argument(
+        "--log", nargs="+", metavar="FILE", help="logs of the motion on which the errors of what the format leaves out are computed"
+    )
+    parser.add_argument("--supply", type=float, metavar="V", help="supply voltage for which the gains of a pwm law are written")
     parser.add_argument("--units", nargs="+", metavar="FIT", help="ranges: saved fits of further units of the same robot")
     parser.add_argument("--samples", type=int, default=500, help="ranges: sets of parameters to draw (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="ranges: seed of the draw")

@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--essential",
         action="store_true",
-        help="also the essential model: without the parameters that are zero within what the data tell, unless the held-out error grows",
+        help="also fit the essential model: without parameters that are statistically zero, unless the held-out error grows",
     )
 
 
@@ -80,7 +80,7 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
         out.note(f"saved {out.folder / 'fit.json'}")
     if args.max_error is not None:
         if estimate.heldout_error is None:
-            out.note("gate: --max-error asks for an error on data held out, and there is none (see the warning)")
+            out.note("gate: --max-error needs an error on held-out data, and there is none (see the warning)")
             return 1
         heldout = estimate.heldout_error.relative_all
         if not heldout <= args.max_error:

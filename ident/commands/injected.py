@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
-_FORM = "NAME:JOINTS:KEY=VALUE,… such as stribeck:joint3:Fs=2,v_s=0.1 (joints apart by commas; left out: every joint)"
+_FORM = "NAME:JOINTS:KEY=VALUE,… such as stribeck:joint3:Fs=2,v_s=0.1 (joints separated by commas; left out: every joint)"
 HELP = f"effect to add with its values, {_FORM}"
 
 
@@ -70,7 +70,7 @@ def _effect(robot: Robot, text: str) -> tuple[Effect, dict[str, float]]:
     effect = make_effect(name, **options)
     if effect.nature == Nature.SENSOR:
         raise UnsupportedError(
-            f"--with {text}: {name!r} is in the sensors, not in the motion; change the simulated log instead, or give"
+            f"--with {text}: {name!r} acts in the sensors, not in the motion; change the simulated log instead, or give"
             " ident.simulate(sensors=…) a distortion."
         )
     effect.at(robot)

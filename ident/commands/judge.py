@@ -41,22 +41,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("fit", nargs="?", help="saved fit (fit.json)")
     parser.add_argument("--robot", help="built-in robot whose published parameters are judged")
     parser.add_argument("--table", metavar="NUMBER", help="which of its published tables")
-    parser.add_argument("--limits", action="store_true", help="only within the joint limits")
-    parser.add_argument("--grid", type=int, metavar="POINTS", help="judge by leading minors, too, at so many positions of every joint")
+    parser.add_argument("--limits", action="store_true", help="judge within the joint limits only")
+    parser.add_argument("--grid", type=int, metavar="POINTS", help="also judge by leading minors, at this many positions of every joint")
     parser.add_argument(
-        "--cone", choices=[o.value for o in MinorOrder], help="judge by the cones of these minors, too (revolute chains, a few joints)"
+        "--cone", choices=[o.value for o in MinorOrder], help="also judge by the cones of these minors (revolute chains with few joints)"
     )
     parser.add_argument(
         "--repair",
         metavar="METHOD",
-        help="repair it too: fit (constrained fit), consistent, possible, stepwise, or cone (the source's Steps 1 to 4, for a few joints);"
+        help="also repair it: fit (constrained fit), consistent, possible, stepwise, or cone (the source's Steps 1 to 4, for a few"
+        " joints);"
         " of a saved fit, --out keeps the repaired one",
     )
     add_log_argument(parser, "held-out logs on which the repair is compared with the fit", "--validate")
     parser.add_argument("--study", metavar="FILE", help="study file whose [columns] and validation logs are used for that")
     parser.add_argument("--missing", choices=("refuse", "gap"), help="blocks of missing positions in those logs")
     parser.add_argument(
-        "--total-mass", nargs=2, type=float, metavar=("LEAST", "MOST"), help="kg of all moving links, known for repair fit or consistent"
+        "--total-mass",
+        nargs=2,
+        type=float,
+        metavar=("LEAST", "MOST"),
+        help="known mass of all moving links together, kg (repair fit or consistent)",
     )
     parser.add_argument("--spread", type=float, help="relative standard deviation about the URDF's links (repair fit or consistent)")
     parser.add_argument("--strict", action="store_true", help="exit with 1 if the set is not possible")
@@ -118,7 +123,7 @@ def _subject(args: argparse.Namespace) -> tuple[Estimate | None, Subject]:
 def _by_the_source(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any], list[str]]:
     """The dissertation's judgements that were asked for, of each inertia matrix, on a grid of positions and by cones: results, lines."""
     if args.cone and args.limits:
-        raise ConfigurationError("--cone judges over whole turns of every joint; leave out --limits.")
+        raise ConfigurationError("--cone judges over full turns of every joint; leave out --limits.")
     body: dict[str, Any] = {}
     lines = []
     for name, structure in subject.matrices.items():

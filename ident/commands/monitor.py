@@ -32,18 +32,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reference",
         nargs="+",
         metavar="FILE",
-        help="logs of the fit itself: they show what the model never had, beside what is new (default: those that the fit names)",
+        help="logs that were fitted: they separate what the model has always lacked from what is new (default: the files named in the fit)",
     )
-    parser.add_argument("--study", metavar="FILE", help="study file whose [columns] and [logs] are used: its logs to fit without --log")
+    parser.add_argument(
+        "--study", metavar="FILE", help="study file whose [columns] are used, and whose logs to fit are read if --log is not given"
+    )
     add_reading_arguments(parser)
     parser.add_argument(
         "--look",
         type=int,
         default=1,
         metavar="K",
-        help="this is the K-th look since the fit: all looks together raise a false alarm with a probability of 1 %% at most (default: 1)",
+        help="this is the K-th check since the fit: all checks together raise a false alarm with a probability of at most 1 %%"
+        " (default: 1)",
     )
-    parser.add_argument("--strict", action="store_true", help="exit with 1 unless nothing changed")
+    parser.add_argument("--strict", action="store_true", help="exit with 1 if anything has changed")
     add_output_arguments(parser)
 
 
@@ -56,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
         study = study.with_flags(logs=args.log)
     files = [*map(str, study.fit_files())] if study.logs.fit else []
     if not files:
-        raise ConfigurationError("no log is given; name the new logs with --log FILE (or --study FILE with [logs] fit).")
+        raise ConfigurationError("no log is given; pass the new logs with --log FILE (or --study FILE with [logs] fit).")
     signals = like(estimate.signals_config)(_read(files, study, estimate))
     reference, warning = _reference(args, study, estimate)
     found = monitor(estimate, signals, reference=reference, look=args.look, progress=out.progress("comparing"))
@@ -80,14 +83,14 @@ def _reference(args: argparse.Namespace, study: Study, estimate: Estimate) -> tu
     if args.reference:
         named = study.with_flags(logs=args.reference).fit_files()
         return preparation(_read([*map(str, named)], study, estimate)), ""
-    without = "the fit's own logs are not at hand (--reference): an effect may be new, or one that the model never had."
+    without = "the logs of the fit itself are not available (--reference): an effect may be new, or one that the model has always lacked."
     paths = [(Path(i["path"]), i["sha256"]) for i in estimate.inputs]
     if not paths or not all(p.is_file() and sha256(p) == known for p, known in paths):
         return None, without
     try:
         return preparation(_read([str(p) for p, _ in paths], study, estimate)), ""
     except IdentError as error:
-        return None, f"{without} They are there, but {error}"
+        return None, f"{without} They exist, but {error}"
 
 
 def _keep(folder: Path, out: Output, found: Monitoring) -> None:

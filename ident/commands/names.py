@@ -40,7 +40,7 @@ def nearest_flags(parser: argparse.ArgumentParser, given: Sequence[str]) -> str:
     for flag in (name.split("=", 1)[0] for name in given if name.startswith("--")):
         near = [other for other in _SAME.get(flag, ()) if other in known] or get_close_matches(flag, known, 2, 0.7)
         hints += [f"for {flag} this command has {' or '.join(near)}"] if near else []
-    return f" ({'; '.join(hints)}; ident {parser.prog.split()[-1]} --help tells all)" if hints else ""
+    return f" ({'; '.join(hints)}; ident {parser.prog.split()[-1]} --help lists all)" if hints else ""
 
 
 def _is_log(name: str) -> bool:

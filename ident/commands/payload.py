@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)
     add_log_argument(parser, "logs with the load")
-    parser.add_argument("--without", nargs="+", metavar="FILE", help="logs without it (with a study file: its own logs, if not named)")
+    parser.add_argument("--without", nargs="+", metavar="FILE", help="logs without the load (default with a study file: its own logs)")
     parser.add_argument("--fit", metavar="FILE", help="saved fit without the load, instead of logs without it")
     parser.add_argument("--link", help="link that carries the load; the last moving one by default")
-    parser.add_argument("--method", help="estimator of both fits; default: the study's, else wls")
-    parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="declared model beside the rigid body")
+    parser.add_argument("--method", help="estimator of both fits (default: the study's, else wls)")
+    parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects of the model besides the rigid body")
     add_reading_arguments(parser)
-    parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off; without it, it is chosen from the data")
-    parser.add_argument("--strict", action="store_true", help="exit with 1 if there is no load beyond chance")
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="low-pass cut-off (default: chosen from the data)")
+    parser.add_argument("--strict", action="store_true", help="exit with 1 if there is no statistically significant load")
     add_output_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
     if not args.log:
-        raise ConfigurationError("no log with the load is given; name it with --log FILE.")
+        raise ConfigurationError("no log with the load is given; pass one with --log FILE.")
     before, after = _of_saved(args) if args.fit else _of_logs(args)
     found = payload_of(before, after, link=args.link)
     out.say(found.text())
@@ -57,7 +57,7 @@ def _of_logs(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
     """Both fits, prepared alike, from logs without and with the load."""
     study = study_from(argparse.Namespace(**{**vars(args), "log": args.without}))
     if not study.logs.fit:
-        raise ConfigurationError("nothing is known of the robot without the load: name logs without it (--without) or a saved fit (--fit).")
+        raise ConfigurationError("the robot without the load is not known: pass logs without it (--without) or a saved fit (--fit).")
     robot = study.robot()
     model = study.model(robot)
     first = study.make_preparation()(_read(study, robot, "without"))

@@ -23,20 +23,20 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)
     parser.add_argument(
-        "--effects", nargs="+", metavar="EFFECT", help="effects beside the rigid body (default: rotor_inertia viscous coulomb)"
+        "--effects", nargs="+", metavar="EFFECT", help="effects besides the rigid body (default: rotor_inertia viscous coulomb)"
     )
-    parser.add_argument("--postures", type=int, default=3, help="postures of an accelerated test, at least (default: %(default)s)")
+    parser.add_argument("--postures", type=int, default=3, help="least number of postures of an accelerated test (default: %(default)s)")
     parser.add_argument(
         "--separation",
         choices=("safe", "coupled"),
         default="safe",
-        help="how rotor and link inertia are separated: safe, as if every motor moved its joint alone (more tests, less sensitive to"
-        " noise), or by coupled gears where they can (fewest tests; a little noise may spoil them) (default: %(default)s)",
+        help="how to separate rotor and link inertia: safe, as if every motor moved its joint alone (more tests, less sensitive to"
+        " noise), or by coupled gears where possible (fewest tests, sensitive to noise) (default: %(default)s)",
     )
     parser.add_argument(
         "--published",
         choices=plan_names(),
-        help="a published plan of the robot instead of a search: yoshida1995, the 13 accelerated tests for the PUMA 560",
+        help="use a published plan of the robot instead of a search: yoshida1995, the 13 accelerated tests for the PUMA 560",
     )
     parser.add_argument("--share", type=float, default=0.9, help="share of the joints' ranges and speeds to use (default: %(default)s)")
     parser.add_argument("--motion", type=float, metavar="HZ", help="with --out: also write the motion of every test as CSV at this rate")

@@ -42,7 +42,7 @@ def check_recording(args: argparse.Namespace, out: Output) -> int:
     said = [f"{', '.join(f.where for f in found)}: {found[0].text}" for found in alike.values()]
     for one in said:
         out.say_wrapped(f"warning: {one}")
-    out.say_wrapped("No robot was named, so nothing was checked against one: add --robot NAME or --urdf FILE.")
+    out.say_wrapped("No robot was given, so nothing was checked against one: add --robot NAME or --urdf FILE.")
     warnings = [*logs.notes, *said]
     if args.write_study:
         write_study_of(study, logs, Path(args.write_study), out)
@@ -63,7 +63,7 @@ def told(logs: Iterable[Log]) -> list[str]:
             f"log {log.name}: {what}{counted(len(log), 'sample')} in {log.duration:.4g} s ({1 / step:.4g} Hz),"
             f" {counted(log.n, 'joint')}{joints}"
         )
-        own = f"{', '.join(_own(log))}, by our own names (rad, m, N m, N, A, s where no unit is told)"
+        own = f"{', '.join(_own(log))}, by ident's own names (rad, m, N m, N, A, s where no unit is given)"
         lines.append(f"  read as: {own if found is None else found.text}.")
         lines.append(f"  torque: {_torque(log).rstrip('.')}.")
         if wanted := sorted({key.rstrip("0123456789") for key in log.extra if "_ref" in key or "_cmd" in key}):
@@ -84,7 +84,7 @@ def _own(log: Log) -> list[str]:
 
 def _torque(log: Log) -> str:
     if not log.tau:
-        return log.hint or "none: positions alone tell nothing of a robot's dynamics"
+        return log.hint or "none: positions alone do not determine a robot's dynamics"
     found = log.recording
     said = ", ".join(_TORQUE[side] for side in log.tau)
     return f"{said}: {found.effort}" if found is not None and found.effort else said
@@ -112,7 +112,8 @@ def write_study_of(study: Study, logs: LogSet, path: Path, out: Output) -> None:
     mappings = [{} if log.recording is None else dict(log.recording.mapping) for log in logs]
     if any(m != mappings[0] for m in mappings):
         raise ConfigurationError(
-            "--write-study: the logs were recorded in different ways, and one study has one table of columns. Write one each."
+            "--write-study: the logs were recorded in different ways, and a study file has one [columns] table. Write one study"
+            " file for each."
         )
     columns = {key: value for key, value in mappings[0].items() if not (key == "t" and study.logs.rate_hz)}
     write_study(path, replace(study, columns=columns or study.columns), force=out.force)

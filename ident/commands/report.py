@@ -28,11 +28,11 @@ _REPORTED = ("ident.diagnosis/1", "ident.monitor/1", "ident.validation/1", "iden
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "result", help="folder of `ident diagnose --out` (or validate, judge, monitor), its report.json, a saved fit, or a study file"
+        "result", help="output folder of `ident diagnose` (or validate, judge, monitor), its report.json, a saved fit, or a study file"
     )
     parser.add_argument("-o", "--output", metavar="FILE", default="report.html", help="HTML file to write (default: %(default)s)")
     parser.add_argument("--figures", metavar="DIR", help="folder for the figures as SVG files")
-    parser.add_argument("--force", action="store_true", help="write over existing files")
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
     parser.add_argument("--quiet", action="store_true", help="no progress")
     parser.set_defaults(json=False, out=None)
 
@@ -69,7 +69,8 @@ def _document(path: Path, args: argparse.Namespace) -> Report:
             return read_report(path.parent / _KEPT)
         case schema:
             raise ConfigurationError(
-                f"{path}: there is no report of {schema or 'this'}; give a folder that `ident diagnose --out` (or validate, judge, monitor)"
+                f"{path}: there is no report of {schema or 'this'}; give a folder that `ident diagnose --out` (or validate, judge,"
+                f" monitor)"
                 f" filled, its {_KEPT}, a saved fit (fit.json), or a study file."
             )
 

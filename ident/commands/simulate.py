@@ -42,8 +42,10 @@ _LONGEST_S = 1e5
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)
     parser.add_argument("--fit", metavar="FILE", help="saved fit (fit.json) instead of nominal parameters")
-    parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects beside the rigid body")
-    parser.add_argument("--with", dest="injected", action="append", default=[], metavar="EFFECT", help=f"{HELP}; again for more of them")
+    parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects besides the rigid body")
+    parser.add_argument(
+        "--with", dest="injected", action="append", default=[], metavar="EFFECT", help=f"{HELP}; repeat the flag for several"
+    )
     parser.add_argument("--log", metavar="FILE", help=f"log to write, .csv or .csv.gz (default: {_LOG}, in --out if it is given)")
     parser.add_argument(
         "--trajectory", metavar="FILE", help="CSV with t, q1 … qn to follow; without it, a random Fourier motion within the limits"
@@ -56,16 +58,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tracking",
         choices=("controller", "exact"),
         default="controller",
-        help="with --plan: a controller follows the motion, or it is followed exactly (default: %(default)s)",
+        help="with --plan: a controller tracks the motion, or it is tracked exactly (default: %(default)s)",
     )
     parser.add_argument("--seconds", type=positive, default=20.0, help="length of the random motion (default: %(default)s)")
     parser.add_argument("--rate", type=positive, default=200.0, help="samples per second (default: %(default)s)")
     parser.add_argument(
         "--counts",
         type=float,
-        help="encoder counts a motor turn; 0: exact (default: 4000, more where a joint's step would exceed 1e-4 rad or 1e-5 m)",
+        help="encoder counts per motor turn; 0: no quantisation (default: 4000, more where a joint's step would exceed 1e-4 rad or 1e-5 m)",
     )
-    parser.add_argument("--noise", type=not_negative, default=0.01, help="torque noise over the joint's rms torque (default: %(default)s)")
+    parser.add_argument(
+        "--noise", type=not_negative, default=0.01, help="torque noise as a share of the joint's rms torque (default: %(default)s)"
+    )
     parser.add_argument(
         "--colour", type=float, default=0.0, help="correlation of the noise from one sample to the next (default: %(default)s)"
     )
@@ -113,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
         f"wrote {target}: {counted(len(made.t), 'sample')} at {args.rate:g} Hz of {model.robot.name} ({', '.join(model.robot.joint_names)})"
     )
     for line in exceeded_lines(beyond, model.robot):
-        out.say(f"  {line}: a robot could not do this")
+        out.say(f"  {line}: no real robot could do this")
     return 0
 
 
@@ -122,7 +126,9 @@ def _planned(args: argparse.Namespace) -> int:
     if args.trajectory:
         raise ConfigurationError("--plan and --trajectory are different motions; give one of them.")
     if args.log is not None:
-        raise ConfigurationError("--log names one log, but a plan has one for each test and names them; leave it out, they go to --out.")
+        raise ConfigurationError(
+            "--log names a single log, but a plan has one for each test, and names them; leave it out, they go to --out."
+        )
     if args.out is None:
         raise ConfigurationError("--plan needs --out DIR, the folder for the tests' logs.")
     plan = read_plan(args.plan)
@@ -206,7 +212,8 @@ def _plant(args: argparse.Namespace) -> tuple[Model, Array]:
         raise ConfigurationError(f"robot {model.robot.name!r} has no inertials to simulate with; give a saved fit with --fit.")
     if model.robot.faults:
         raise ConfigurationError(
-            f"robot {model.robot.name!r} cannot be simulated: {some(model.robot.faults)}. Correct the <inertial> there, or give a saved fit"
+            f"robot {model.robot.name!r} cannot be simulated: {some(model.robot.faults)}. Correct the <inertial> there, or give a"
+            f" saved fit"
             " with --fit."
         )
     return model, nominal_values(model)
@@ -216,7 +223,7 @@ def _note_unknown(out: Output, model: Model, values: Array) -> None:
     """Say which effects of the model have no nominal values: a log without friction that was asked for is not what its user thinks."""
     absent = [e.name for e, part in zip(model.effects, model.slices, strict=True) if not np.any(values[part])]
     if absent:
-        out.note(f"no value is known for {', '.join(absent)} of {model.robot.name}: simulated as zero. A saved fit (--fit) gives values.")
+        out.note(f"no value is known for {', '.join(absent)} of {model.robot.name}: simulated as zero. A saved fit (--fit) has values.")
 
 
 def random_motion(model: Model, seed: int, seconds: float, base_hz: float = 0.1, harmonics: int = 5) -> FourierTrajectory:

@@ -30,16 +30,16 @@ def add_streaming_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--stream",
         action=argparse.BooleanOptionalAction,
-        help="read the logs piece by piece, in memory that does not grow with them; by itself from 500 MB of logs on",
+        help="read the logs in chunks, in constant memory (automatic from 500 MB of logs on)",
     )
     group.add_argument(
         "--jobs",
         type=int,
         metavar="N",
-        help=f"threads for streamed work; results do not depend on it (default: processors, {_MOST_JOBS} at most)",
+        help=f"threads for streamed work; they do not change the results (default: processors, {_MOST_JOBS} at most)",
     )
-    group.add_argument("--resume", action="store_true", help="go on with streamed work that was cut off (the checkpoint in --out)")
-    group.add_argument("--skip-bad-files", action="store_true", help="leave out files that cannot be read, with a warning in the result")
+    group.add_argument("--resume", action="store_true", help="resume streamed work that was interrupted (from the checkpoint in --out)")
+    group.add_argument("--skip-bad-files", action="store_true", help="skip files that cannot be read, with a warning in the result")
 
 
 def wants_streaming(args: argparse.Namespace, study: Study, out: Output) -> bool:
@@ -57,9 +57,9 @@ def _large(args: argparse.Namespace, study: Study, out: Output, why_not: Callabl
         return False
     reason = why_not()
     if reason:
-        out.note(f"note: {size / 1e9:.1f} GB of logs are read whole, because {reason}.")
+        out.note(f"note: {size / 1e9:.1f} GB of logs are read into memory, because {reason}.")
         return False
-    out.note(f"note: {size / 1e9:.1f} GB of logs are streamed (--no-stream reads them whole).")
+    out.note(f"note: {size / 1e9:.1f} GB of logs are streamed (--no-stream reads them into memory).")
     return True
 
 
@@ -116,7 +116,7 @@ def session_from(args: argparse.Namespace, study: Study, out: Output, label: str
         raise
     except BaseException:
         if session.checkpoint.lasting:
-            out.note(f"note: unfinished work is kept in {session.checkpoint.folder}; --resume goes on with it.")
+            out.note(f"note: unfinished work is kept in {session.checkpoint.folder}; --resume continues it.")
         else:
             session.checkpoint.remove()
         raise

@@ -63,7 +63,7 @@ def _of_saved(args: argparse.Namespace, out: Output) -> int:
     study = read_study(Path(args.study)) if args.study else Study()
     study = study.with_flags(logs=args.log or (), validate=args.validate or ())
     if not (study.logs.validate or study.logs.fit):
-        raise ConfigurationError("no log to validate on; name it with --validate FILE or --log FILE, or in a study file.")
+        raise ConfigurationError("no log to validate on; pass one with --validate FILE or --log FILE, or in a study file.")
     files = [*map(str, study.validation_files())] or [*map(str, study.fit_files())]
     study = read_as_asked(study, args)
     study = replace(study, logs=replace(study.logs, fit=tuple(files), validate=()))

@@ -58,8 +58,6 @@ class Effect(ABC):
     usual: ClassVar[bool] = False
     #: Effects of one such kind are forms of the same thing: a joint has one of them at most ("": it stands for itself).
     form_of: ClassVar[str] = ""
-    #: Whether it acts now and then, but hard (impacts): a plain fit of a model without it is bent by that.
-    abrupt: ClassVar[bool] = False
     #: Share by which a response that must have one value may seem to be another, for what is left out of the law.
     tolerance: ClassVar[float] = 0.4
 
@@ -170,10 +168,6 @@ class Effect(ABC):
 
         None: the effect stays a term of the model."""
         return None
-
-    def twins(self) -> tuple[Self, ...]:
-        """The same effect at other shapes that look much like this one, where a search for the best shape may be caught."""
-        return ()
 
     def response(self, robot: Robot) -> Array | None:
         """Values (k,) that the parameters must have for the effect to be what its shape says (a spring's whole response, a filter's own

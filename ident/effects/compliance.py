@@ -155,7 +155,15 @@ class _Compliance(Effect):
 class JointElasticity(_Compliance):
     """An elastic gear behind the encoder: τ = elastic × T(δ), δ the deflection of a spring of `stiffness` under the link.
 
-    `damping`: share of the critical one. Seen near the anti-resonance (stiffness / inertia)^½ / 2π."""
+    `damping`: share of the critical one. Seen near the anti-resonance (stiffness / inertia)^½ / 2π.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.JointElasticity(joints=("joint2",), stiffness=10000.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('elastic_joint2', '1')]
+    """
 
     name: ClassVar[str] = "joint_elasticity"
     title: ClassVar[str] = "elastic joint"
@@ -205,13 +213,20 @@ class Backlash(_Compliance):
     """Play in the gear behind the encoder: τ = play × T(δ), δ the link's motion in a `gap` (whole width) between rigid flanks.
 
     Within the gap the link is free: the motor feels none of it until the other flank is reached, with a knock that takes the link's
-    whole speed, its middle `knock` seconds after the link touches."""
+    whole speed, its middle `knock` seconds after the link touches.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.Backlash(joints=("joint2",), gap=0.001)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('play_joint2', '1')]
+    """
 
     name: ClassVar[str] = "backlash"
     title: ClassVar[str] = "backlash (play in the gear)"
     axis: ClassVar[Axis] = Axis.LOAD
     symbol: ClassVar[str] = "play"
-    abrupt: ClassVar[bool] = True
 
     gap: float = 1e-3
     knock: float = 0.005

@@ -23,7 +23,15 @@ Array = np.ndarray
 @register
 @dataclass(frozen=True, kw_only=True)
 class OffsetDrift(JointEffect):
-    """A torque offset that grows with time: τ = rate × t, t the run's own clock."""
+    """A torque offset that grows with time: τ = rate × t, t the run's own clock.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.OffsetDrift(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('drift_joint2', 'N m/s')]
+    """
 
     name: ClassVar[str] = "offset_drift"
     title: ClassVar[str] = "torque offset that drifts"
@@ -38,7 +46,15 @@ class OffsetDrift(JointEffect):
 @register
 @dataclass(frozen=True, kw_only=True)
 class OffsetStep(JointEffect):
-    """A torque offset that appears at a moment: τ = step for t ≥ t_0, t the run's own clock."""
+    """A torque offset that appears at a moment: τ = step for t ≥ t_0, t the run's own clock.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.OffsetStep(joints=("joint2",), t_0=10.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('step_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "offset_step"
     title: ClassVar[str] = "torque offset that appears during the run"

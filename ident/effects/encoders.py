@@ -94,7 +94,15 @@ class _EncoderError(Effect):
 @register
 @dataclass(frozen=True, kw_only=True)
 class EncoderOffset(_EncoderError):
-    """A zero that is off: reading = position + eoff."""
+    """A zero that is off: reading = position + eoff.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.EncoderOffset(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('eoff_joint2', 'rad')]
+    """
 
     name: ClassVar[str] = "encoder_offset"
     title: ClassVar[str] = "offset of the encoder"
@@ -110,7 +118,15 @@ class EncoderOffset(_EncoderError):
 @register
 @dataclass(frozen=True, kw_only=True)
 class EncoderScale(_EncoderError):
-    """A scale that is off (wrong gear ratio or counts a turn): reading = (1 + escale) × position."""
+    """A scale that is off (wrong gear ratio or counts a turn): reading = (1 + escale) × position.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.EncoderScale(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('escale_joint2', '1')]
+    """
 
     name: ClassVar[str] = "encoder_scale"
     title: ClassVar[str] = "scale error of the encoder"
@@ -126,7 +142,15 @@ class EncoderScale(_EncoderError):
 @register
 @dataclass(frozen=True, kw_only=True)
 class EncoderEccentricity(_EncoderError):
-    """A disc that runs out of true: reading = position + eccs sin(n x) + eccc cos(n x), x the position on `side`, n = `order`."""
+    """A disc that runs out of true: reading = position + eccs sin(n x) + eccc cos(n x), x the position on `side`, n = `order`.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.EncoderEccentricity(joints=("joint2",), order=1.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('eccs_joint2', 'rad'), ('eccc_joint2', 'rad')]
+    """
 
     name: ClassVar[str] = "encoder_eccentricity"
     title: ClassVar[str] = "eccentricity of the encoder"

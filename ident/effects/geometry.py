@@ -38,7 +38,15 @@ class GearCoupling(Effect):
     The torque of link i appears at motor j, and the motors of joint i turn with motor j. `joints`: rows i; `motors`: columns
     j, by the names of their joints; every other motor if None. `encoder`: the side whose positions were measured; if it is
     the motor side, the joint positions themselves follow from K. `sensor`: the side whose torque was measured, whatever side it was
-    converted to with the declared K: that of the motors (currents), or that of the joints (torque sensors behind the gears)."""
+    converted to with the declared K: that of the motors (currents), or that of the joints (torque sensors behind the gears).
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.GearCoupling(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('K_joint2_joint1', 'rad/rad'), ('K_joint2_joint3', 'rad/rad'), ('K_joint2_joint4', 'rad/rad')]
+    """
 
     name: ClassVar[str] = "gear_coupling"
     title: ClassVar[str] = "coupling missing from the transmission"
@@ -151,7 +159,15 @@ class GearCoupling(Effect):
 class LinkLength(Effect):
     """A link that is longer than declared by dL: τ = dL ∂τ/∂L, L the distance from the joint before to this joint.
 
-    Only joints that follow another at some distance have one. Mostly absorbed by base parameters; the rest is small."""
+    Only joints that follow another at some distance have one. Mostly absorbed by base parameters; the rest is small.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.LinkLength(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('dL_joint2', 'm')]
+    """
 
     name: ClassVar[str] = "link_length"
     title: ClassVar[str] = "error of a link's length"

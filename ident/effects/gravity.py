@@ -70,7 +70,15 @@ class BaseTilt(_Mounting):
     gravity, and the one square to both. Gravity in the base's frame is turned by −tilt: τ = Σ tilt_i c_i, c_i the mean of ∂τ/∂tilt_i on
     the way from level to the tilt that the reference holds, so that at this tilt the sum is exact. A tilted base also shows first
     moments that no torque showed before (those of what turns about a vertical axis): each is a parameter of its own, its product
-    with a tilt."""
+    with a tilt.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.BaseTilt()
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('tiltx', 'rad'), ('tilty', 'rad'), ('tiltx_mx_joint1', 'kg m'), ('tiltx_my_joint1', 'kg m')]
+    """
 
     name: ClassVar[str] = "base_tilt"
     title: ClassVar[str] = "tilted base"
@@ -105,7 +113,15 @@ class BaseTilt(_Mounting):
 @register
 @dataclass(frozen=True, kw_only=True)
 class GravityMagnitude(_Mounting):
-    """Gravity that is stronger than declared by g: τ = g ∂τ/∂|gravity|."""
+    """Gravity that is stronger than declared by g: τ = g ∂τ/∂|gravity|.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.GravityMagnitude()
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('dg', 'm/s^2')]
+    """
 
     name: ClassVar[str] = "gravity_magnitude"
     title: ClassVar[str] = "error of gravity's magnitude"

@@ -50,7 +50,15 @@ class Payload(_Carried):
     """A body fixed to a link: τ = Y_link(q, dq, ddq) π, π its ten inertial parameters about the link's joint frame.
 
     In one log a payload cannot be distinguished from its link: base reduction joins the two. It is of use where the link is known
-    (fixed values, a fit without payload)."""
+    (fixed values, a fit without payload).
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.Payload(joints=("joint2",))
+    >>> len(effect.parameters(ident.load_robot("scara")))
+    10
+    """
 
     name: ClassVar[str] = "payload"
     title: ClassVar[str] = "payload"
@@ -95,7 +103,15 @@ class Payload(_Carried):
 @register
 @dataclass(frozen=True, kw_only=True)
 class PayloadStep(Payload):
-    """A payload picked up (or put down) at t_0: τ = Y_link π for t ≥ t_0, t the run's own clock."""
+    """A payload picked up (or put down) at t_0: τ = Y_link π for t ≥ t_0, t the run's own clock.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.PayloadStep(joints=("joint2",), t_0=10.0)
+    >>> len(effect.parameters(ident.load_robot("scara")))
+    10
+    """
 
     name: ClassVar[str] = "payload_step"
     title: ClassVar[str] = "payload picked up or put down during the run"
@@ -150,7 +166,15 @@ def _no_body(values: Array, std: Array) -> str:
 class ExternalForce(_Carried):
     """A constant force that the surroundings exert on a link (a hose, a tool that is pulled): τ = −Jᵀ f.
 
-    f = (fx, fy, fz) in the base frame, at `point` (m, in the frame of the link's joint; its origin if not given)."""
+    f = (fx, fy, fz) in the base frame, at `point` (m, in the frame of the link's joint; its origin if not given).
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.ExternalForce(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('fx_joint2', 'N'), ('fy_joint2', 'N'), ('fz_joint2', 'N')]
+    """
 
     name: ClassVar[str] = "external_force"
     title: ClassVar[str] = "constant force on a link"

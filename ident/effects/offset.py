@@ -19,7 +19,15 @@ Array = np.ndarray
 @register
 @dataclass(frozen=True, kw_only=True)
 class Offset(JointEffect):
-    """A constant torque on each joint: τ = offset. Confused with the gravity of a vertical axis and asymmetric friction."""
+    """A constant torque on each joint: τ = offset. Confused with the gravity of a vertical axis and asymmetric friction.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.Offset(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('offset_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "offset"
     title: ClassVar[str] = "torque offset"

@@ -51,7 +51,15 @@ class _Periodic(JointEffect):
 class Cogging(_Periodic):
     """A torque that repeats with the angle, whatever the load: τ = cogs sin(n φ) + cogc cos(n φ).
 
-    At the motor: magnets and slots; with `angle="joint"`: a gear that runs out of true."""
+    At the motor: magnets and slots; with `angle="joint"`: a gear that runs out of true.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.Cogging(joints=("joint2",), order=1.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('cogs_joint2', 'N m'), ('cogc_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "cogging"
     title: ClassVar[str] = "cogging (torque that repeats with the angle)"
@@ -74,7 +82,15 @@ class Cogging(_Periodic):
 class TorqueRipple(_Periodic):
     """A torque constant that varies over a turn: τ = τ_pred (ripples sin(n φ) + ripplec cos(n φ)), τ_pred as the model predicts it.
 
-    The reading is the torque times 1 + ripple. Hard to tell from cogging where the load hardly varies."""
+    The reading is the torque times 1 + ripple. Hard to tell from cogging where the load hardly varies.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.TorqueRipple(joints=("joint2",), order=1.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('ripples_joint2', '1'), ('ripplec_joint2', '1')]
+    """
 
     name: ClassVar[str] = "torque_ripple"
     title: ClassVar[str] = "torque ripple (torque constant that varies over a turn)"

@@ -14,7 +14,30 @@ _REGISTRY: dict[str, type[Effect]] = {}
 
 
 def register(effect: type[_E]) -> type[_E]:
-    """Class decorator: make an effect known by its name (study files, command line, diagnosis)."""
+    """Class decorator: make an effect known by its name (study files, command line, diagnosis).
+
+    Parameters
+    ----------
+    effect : type
+        A class of effects with a `name` of its own.
+
+    Returns
+    -------
+    type
+        The class itself.
+
+    Raises
+    ------
+    ConfigurationError
+        Another class has that name.
+
+    Examples
+    --------
+    >>> from ident.effects import register
+    >>> from ident.friction import Viscous
+    >>> register(Viscous) is Viscous  # known already: nothing changes
+    True
+    """
     known = _REGISTRY.get(effect.name)
     if known is not None and (known.__module__, known.__qualname__) != (effect.__module__, effect.__qualname__):
         raise ConfigurationError(f"two effects are named {effect.name!r}: {known.__module__} and {effect.__module__}.")
@@ -23,7 +46,19 @@ def register(effect: type[_E]) -> type[_E]:
 
 
 def effect_types() -> dict[str, type[Effect]]:
-    """Every registered effect by name, the built-in ones and the user's."""
+    """Every registered effect by name, the built-in ones and those of plugins.
+
+    Returns
+    -------
+    dict of str to type
+        In the order of the names.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.effects.effect_types()["viscous"] is ident.friction.Viscous
+    True
+    """
     load_registering("ident.effects", "ident.friction")
     return dict(sorted(_REGISTRY.items()))
 

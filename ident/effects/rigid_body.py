@@ -24,7 +24,15 @@ Array = np.ndarray
 @register
 @dataclass(frozen=True, kw_only=True)
 class RigidBody(Effect):
-    """The links: τ = Wᵀ Y(q, dq, ddq) π with π in Pinocchio's order, gravity included; always of the whole robot."""
+    """The links: τ = Wᵀ Y(q, dq, ddq) π with π in Pinocchio's order, gravity included; always of the whole robot.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.RigidBody()
+    >>> len(effect.parameters(ident.load_robot("scara")))
+    40
+    """
 
     name: ClassVar[str] = "rigid_body"
     title: ClassVar[str] = "rigid body"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -25,7 +25,15 @@ Array = np.ndarray
 @register
 @dataclass(frozen=True, kw_only=True)
 class LinearSpring(JointEffect):
-    """A spring in parallel with the joint: τ = ks q + ks0. Its rest position is −ks0/ks."""
+    """A spring in parallel with the joint: τ = ks q + ks0. Its rest position is −ks0/ks.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.LinearSpring(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('ks_joint2', 'N m/rad'), ('ks0_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "linear_spring"
     title: ClassVar[str] = "spring in parallel with the joint"
@@ -44,7 +52,15 @@ class LinearSpring(JointEffect):
 @register
 @dataclass(frozen=True, kw_only=True)
 class NonlinearSpring(JointEffect):
-    """A cable, hose or hardening spring: τ = kc0 + kc1 q + kc2 q² + kc3 q³."""
+    """A cable, hose or hardening spring: τ = kc0 + kc1 q + kc2 q² + kc3 q³.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.NonlinearSpring(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('kc0_joint2', 'N m'), ('kc1_joint2', 'N m/rad'), ('kc2_joint2', 'N m/rad^2'), ('kc3_joint2', 'N m/rad^3')]
+    """
 
     name: ClassVar[str] = "nonlinear_spring"
     title: ClassVar[str] = "cable, hose or nonlinear spring"
@@ -74,7 +90,15 @@ class Counterbalance(JointEffect):
 
     With α = q − q_0 (q_0 = `angle`: both points on one ray), ρ = r/a = `ratio` and the spring's length a ℓ,
     ℓ² = 1 + ρ² − 2ρ cos α, a spring of stiffness k and free length l_0 takes τ = kar sin α − kal sin α / ℓ with
-    kar = k a r, kal = k r l_0. The first term alone is the ideal balancer (l_0 = 0); it looks like the gravity of the link."""
+    kar = k a r, kal = k r l_0. The first term alone is the ideal balancer (l_0 = 0); it looks like the gravity of the link.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.Counterbalance(joints=("joint2",), angle=0.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('kar_joint2', 'N m'), ('kal_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "counterbalance"
     title: ClassVar[str] = "counterbalance spring on a linkage"
@@ -90,10 +114,6 @@ class Counterbalance(JointEffect):
     def shape(self) -> tuple[ShapeParameter, ...]:
         # An odd number of angles: a spring's mirror image, half a turn away, is on the grid too.
         return (ShapeParameter("angle", "rad", -np.pi, np.pi, 0.0, points=13), ShapeParameter("ratio", "1", 0.02, 0.95, 0.4, points=4))
-
-    def twins(self) -> tuple[Counterbalance, ...]:
-        """Half a turn away the spring's torque differs from this one in odd harmonics alone, of which gravity takes up the first."""
-        return (replace(self, angle=self.angle - np.pi if self.angle > 0.0 else self.angle + np.pi),)
 
     def at(self, robot: Robot) -> list[int]:
         """The joints that turn; a slide has no angle. Raises ConfigurationError where one is asked for."""

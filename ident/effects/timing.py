@@ -29,7 +29,15 @@ _LONGEST = 0.06
 class Delay(JointEffect):
     """A torque reading that is late by d, or early (d < 0: the positions are late): delay × (τ(t − d) − τ(t)) / d, τ as predicted.
 
-    `late` is d; near 0 the column is −dτ/dt, and delay is then what fits in first order. It equals d where this is what happens."""
+    `late` is d; near 0 the column is −dτ/dt, and delay is then what fits in first order. It equals d where this is what happens.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.Delay(joints=("joint2",), late=0.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('delay_joint2', 's')]
+    """
 
     name: ClassVar[str] = "delay"
     title: ClassVar[str] = "delay between motion and torque"
@@ -76,7 +84,15 @@ class FilterLag(JointEffect):
     """A torque reading behind a first-order low-pass of time constant T: LP[τ] − τ = −lag (τ − LP[τ])/T, τ as predicted.
 
     (τ − LP[τ])/T is dτ/dt behind the same low-pass, so that a small T looks like a delay. lag equals T where this is what
-    happens. The filter starts at rest with the run."""
+    happens. The filter starts at rest with the run.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.FilterLag(joints=("joint2",), T=0.01)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('lag_joint2', 's')]
+    """
 
     name: ClassVar[str] = "filter_lag"
     title: ClassVar[str] = "lag of a filter in the torque reading"

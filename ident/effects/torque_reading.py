@@ -33,7 +33,15 @@ _FORETOLD = 0.5
 class TorqueConstant(JointEffect):
     """A torque constant that is off: reading = (1 + ekt) × torque, so τ = ekt τ_pred with the torque as the model predicts it.
 
-    Seen only where other joints anchor the scale: the joint's own inertia and friction scale with it."""
+    Seen only where other joints anchor the scale: the joint's own inertia and friction scale with it.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.TorqueConstant(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('ekt_joint2', '1')]
+    """
 
     name: ClassVar[str] = "torque_constant"
     title: ClassVar[str] = "error of the torque constant"
@@ -54,7 +62,15 @@ class TorqueConstant(JointEffect):
 @register
 @dataclass(frozen=True, kw_only=True)
 class TorqueNonlinearity(JointEffect):
-    """A reading that is not in proportion to the torque: τ = enl sgn(τ_pred) |τ_pred|^p, p = `power` (2 and 3 are usual)."""
+    """A reading that is not in proportion to the torque: τ = enl sgn(τ_pred) |τ_pred|^p, p = `power` (2 and 3 are usual).
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.TorqueNonlinearity(joints=("joint2",), power=3.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('enl_joint2', '(N m)^(1-3)')]
+    """
 
     name: ClassVar[str] = "torque_nonlinearity"
     title: ClassVar[str] = "torque reading that is not in proportion"
@@ -87,7 +103,15 @@ class Saturation(JointEffect):
 
     `clipped="drive"`: the drive delivers no more than the limit, the log shows the demand: the reading exceeds the torque by
     the excess of the reading. `clipped="log"`: the reading stops at the limit, the torque does not: the reading falls short
-    by the excess of the prediction. Either way sat is 1 if this is what happens; far from 1 it is something else."""
+    by the excess of the prediction. Either way sat is 1 if this is what happens; far from 1 it is something else.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.effects.Saturation(joints=("joint2",), limit=1.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('sat_joint2', '1')]
+    """
 
     name: ClassVar[str] = "saturation"
     title: ClassVar[str] = "torque saturation"

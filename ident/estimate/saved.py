@@ -52,7 +52,7 @@ def load(kind: type[_E], path: Path) -> _E:
         ) from None
     if not changed:
         return found
-    said = f"{path} was changed after ident wrote it: its checksum is that of another content."
+    said = f"{path} was changed after ident wrote it: its checksum does not match."
     warnings.warn(said, stacklevel=3)
     return dataclasses.replace(found, warnings=(*found.warnings, said))
 

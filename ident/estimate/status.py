@@ -27,29 +27,27 @@ class StatusCode(StrEnum):
 
 
 _ADVICE = {
-    StatusCode.OK: ("the data determine every parameter (full rank); how well, the standard deviations say."),
+    StatusCode.OK: ("the data determine every parameter (full rank); the standard deviations say how well."),
     StatusCode.POOR_FIT: (
-        "the model does not explain the torque of some joints that move; their parameters are not to be relied on. Look at the audit "
-        "(units, signs, missing or saturated torque, noisy positions), then for a missing effect (`ident diagnose`)."
+        "the model does not explain the torque of some joints that move; do not rely on their parameters. Check the audit"
+        " (units, signs, missing or saturated torque, noisy positions), then for a missing effect (`ident diagnose`)."
     ),
     StatusCode.POORLY_EXCITED: (
         "some parameters are known to no better than their own size; the torque they cause in this log is lost in the "
         "noise. Use them for prediction of similar motion only; excite the joints named below more."
     ),
     StatusCode.RANK_DEFICIENT: (
-        "this log cannot tell some parameters apart; they were grouped further, or left out, as listed. Record motion "
+        "this log cannot separate some parameters; they were grouped further, or left out, as listed. Record motion "
         "that moves the joints named below."
     ),
     StatusCode.AT_BOUND: (
-        "some parameters ended at their physical bound: the data ask for an impossible value. Look for a missing effect"
+        "some parameters ended at their physical bound: the data favour an impossible value. Look for a missing effect"
         " or a wrong sign or unit."
     ),
     StatusCode.NOT_CONVERGED: (
         "the iteration stopped before it converged. Start closer (a better first fit), allow more iterations, or use more data."
     ),
-    StatusCode.FEW_SAMPLES: (
-        "there are hardly more independent samples than parameters; the intervals are not to be trusted. Record a longer log."
-    ),
+    StatusCode.FEW_SAMPLES: ("there are hardly more independent samples than parameters; do not trust the intervals. Record a longer log."),
     StatusCode.INVALID_INSTRUMENTS: (
         "the instruments correlate with the noise. Use instruments simulated from the reference, not from measured "
         "torque inside a feedback loop."

@@ -68,7 +68,7 @@ def _insignificant(estimate: EstimateRecord) -> list[str]:
     lines += [wrapped(f"  std above 30 %: {', '.join(large)}")] if large else []
     advice = (
         "  Do not read them as physical values; predicted torque along similar motion is not affected. To determine them, record"
-        " motion that excites them (ident excite --sharpen NAME), or a longer log. To do without, fit the others alone"
+        " motion that excites them (ident excite --sharpen NAME), or a longer log. To drop them, fit the others alone"
         " (ident fit --essential, ident.essential), or leave out an effect whose parameters are all here and compare held-out errors."
     )
     return [*lines, wrapped(advice)]

@@ -32,7 +32,16 @@ class BoundedLeastSquares(Estimator):
 
     The bounds of the model's parameters hold by themselves: those of a base parameter follow from everything grouped in it.
     `bounds`: base parameter → (lower, upper) instead, in its unit; None for no bound on that side. Parameters at a bound are
-    named in the status. The covariance is that without bounds: for a true value inside them the error is never larger."""
+    named in the status. The covariance is that without bounds: for a true value inside them the error is never larger.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> method = ident.estimators.BoundedLeastSquares(bounds={"Fv_joint1": (0.0, 1.0)})
+    >>> ident.fit(train, "puma560", method=method, held=0).status.code.value
+    'ok'
+    """
 
     name: ClassVar[str] = "bounded"
     title: ClassVar[str] = "weighted least squares within bounds"

@@ -35,7 +35,16 @@ class DriftingParameters(Estimator):
     `drifting`: base parameters that may drift; None means all that belong to the drive. `drift`: standard deviation of the change
     over the whole log, relative to the value; None takes for each parameter the one that makes the log most likely, mostly
     none. `blocks`: at most so many over the log; within one the parameters stand. The estimate is that at the end of the log;
-    the smoothed course of the drifting parameters is in the trace."""
+    the smoothed course of the drifting parameters is in the trace.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> method = ident.estimators.DriftingParameters(drift=0.01)
+    >>> ident.fit(train, "puma560", method=method, held=0).status.code.value
+    'ok'
+    """
 
     name: ClassVar[str] = "kalman"
     title: ClassVar[str] = "Kalman filter for drifting parameters"

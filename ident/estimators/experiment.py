@@ -199,7 +199,30 @@ class Experiment:
 
 
 def desired_from_logs(logs: Iterable[Log], columns: Sequence[str], cutoff_hz: float | None = None) -> dict[str, Desired]:
-    """Desired motion of every log, by its name (`Desired.from_log`)."""
+    """Desired motion of every log, from its columns.
+
+    Parameters
+    ----------
+    logs : iterable of Log
+        Runs that recorded the desired motion.
+    columns : sequence of str
+        Names in `log.extra`, one per joint.
+    cutoff_hz : float, optional
+        See `Desired.from_log`.
+
+    Returns
+    -------
+    dict of str to Desired
+        By the name of the log.
+
+    Examples
+    --------
+    >>> import ident, numpy as np
+    >>> t = np.arange(200) / 100
+    >>> log = ident.Log("run", t=t, q=np.sin(t)[:, None], extra={"q_ref1": np.sin(t)})
+    >>> list(ident.estimators.desired_from_logs([log], ["q_ref1"]))
+    ['run']
+    """
     return {log.name: Desired.from_log(log, columns, cutoff_hz) for log in logs}
 
 
@@ -215,11 +238,39 @@ def require_experiment(value: object, method: str) -> None:
 def assumed_experiment(
     logs: Iterable[Log], model: Model, values: Array, cutoff_hz: float, *, frequency_hz: float = 10.0, window_s: float = 1.5
 ) -> Experiment:
-    """For logs without reference or controller: the measured motion below `cutoff_hz` stands for the reference, and a PD law with
-    feedforward, tuned to `frequency_hz` on a model with all values (k,), for the controller.
+    """An experiment for logs without reference or controller: the measured motion serves as reference, a PD law as controller.
 
     The cut-off must pass the motion and stop the encoders' noise, or the estimate is biased as least squares is. What the motion
-    has above it, starts and reversals, is missing in the simulated torque."""
+    has above it, starts and reversals, is missing in the simulated torque.
+
+    Parameters
+    ----------
+    logs : iterable of Log
+        Runs with positions.
+    model : Model
+        With rotor inertia, on which the controller is tuned.
+    values : array (k,)
+        All parameters of the model.
+    cutoff_hz : float
+        The measured motion below it is the reference.
+    frequency_hz : float
+        Bandwidth of the PD law with feedforward.
+    window_s : float
+        Length of the windows in which the experiment is repeated.
+
+    Returns
+    -------
+    Experiment
+
+    Examples
+    --------
+    >>> import ident
+    >>> from ident.robots import nominal_values
+    >>> train, _ = ident.demo_logs()
+    >>> model = ident.load_robot("puma560").rigid_body() + ident.friction.RotorInertia()
+    >>> ident.estimators.assumed_experiment(train, model, nominal_values(model), cutoff_hz=10.0).window_s
+    1.5
+    """
     from scipy.interpolate import make_interp_spline
 
     desired: dict[str, Trajectory | Desired] = {}
@@ -236,5 +287,5 @@ def assumed_experiment(
         controller=PDFeedforward.tuned(model, values, frequency_hz=frequency_hz), desired=desired, window_s=window_s,
         settle_s=3.0 / frequency_hz,
         assumed=f"the reference and its controller are not known; the measured motion below {cutoff_hz:g} Hz and a PD law with feedforward"
-        f" of {frequency_hz:g} Hz stand for them.",
+        f" of {frequency_hz:g} Hz are used in their place.",
     )  # fmt: skip

@@ -39,27 +39,54 @@ def finish(
     trace: dict[str, Any] | None = None,
     unexplained: Array | None = None,
 ) -> Estimate:
-    """Build the estimate: noise model from the residual, covariance under its colour, torque error, status.
+    """Build the estimate of a linear solution: noise model from the residual, covariance under its colour, torque error, status.
 
-    `score`: of rows whose solution is not plain weighted least squares (default weights times columns). `covariance` over
-    the solution's columns, and `noise`, where the estimator has its own. `unexplained` (n,): relative torque error that judges
-    the fit, where the residual's own also holds noise of the motion."""
+    Parameters
+    ----------
+    problem : Problem
+        Model and signals.
+    solution : LinearSolution
+        From `solve_triangle`.
+    weights : array (n,)
+        Of each measured row.
+    method : str
+        Name of the estimator.
+    score : Score, optional
+        Of rows whose solution is not plain weighted least squares (default: weights times columns).
+    covariance : array, optional
+        Over the solution's columns, where the estimator has its own; likewise `noise`.
+    noise : NoiseModel, optional
+        See `covariance`.
+    warnings, code, details, trace
+        Of the estimate and its status.
+    unexplained : array (n,), optional
+        Relative torque error that judges the fit, where the residual's own also holds noise of the motion.
+
+    Returns
+    -------
+    Estimate
+
+    Raises
+    ------
+    ConfigurationError
+        Bare values instead of a solution.
+
+    Examples
+    --------
+    >>> import ident
+    >>> from ident.estimators import finish, weighted_solution
+    >>> train, _ = ident.demo_logs()
+    >>> robot = ident.load_robot("puma560")
+    >>> problem = ident.Problem(robot.rigid_body() + ident.friction.Coulomb(), ident.ZeroPhase()(train, robot))
+    >>> finish(problem, *weighted_solution(problem), method="mine").method
+    'mine'
+    """
     _require_solution(solution, method)
     base = problem.base
     full = full_values(problem, solution)
     residual = problem.residual(full)
-    if noise is None:
-        noise = fit_noise(residual, problem.row_runs, problem.row_shape)
-        if covariance is None:
-            noise, covariance = coloured_covariance(problem, solution, weights, noise, score, residual)
-    elif covariance is None:
-        covariance = coloured_covariance(problem, solution, weights, noise, score, residual)[1]
-    reduced = BaseReduction(
-        base.parameters, base.independent[solution.columns], solution.regroup @ base.regroup, base.zero, base.gap, base.notes
-    )
-    names = base.names
-    kept = set(solution.columns.tolist())
-    dropped = tuple(names[i] for i in range(base.count) if i not in kept)
+    noise, covariance = _uncertainty(problem, solution, weights, score, residual, noise, covariance)
+    reduced, dropped = _reduced(base, solution)
     error = problem.torque_error(full, residual)
     status = _status(code, details, dropped, solution, covariance, noise, problem, reduced)
     # What was fitted judges the status; what is shown may be judged elsewhere.
@@ -85,11 +112,32 @@ def finish(
     )
 
 
+def _uncertainty(
+    problem: Problem, solution: LinearSolution, weights: Array, score: Score | None, residual: Array, noise: NoiseModel | None,
+    covariance: Array | None,
+) -> tuple[NoiseModel, Array]:  # fmt: skip
+    """Noise model and covariance: those that are given, else of the residual, under its colour."""
+    own = fit_noise(residual, problem.row_runs, problem.row_shape) if noise is None else noise
+    if covariance is not None:
+        return own, covariance
+    coloured, covariance = coloured_covariance(problem, solution, weights, own, score, residual)
+    return (coloured if noise is None else noise), covariance
+
+
+def _reduced(base: BaseReduction, solution: LinearSolution) -> tuple[BaseReduction, tuple[str, ...]]:
+    """The base parameters that the data determine, and the names of those that were grouped into others."""
+    reduced = BaseReduction(
+        base.parameters, base.independent[solution.columns], solution.regroup @ base.regroup, base.zero, base.gap, base.notes
+    )
+    kept = set(solution.columns.tolist())
+    return reduced, tuple(base.names[i] for i in range(base.count) if i not in kept)
+
+
 def _require_solution(solution: object, method: str) -> None:
     """Refuse bare values, which say nothing of what the data determine."""
     if not isinstance(solution, LinearSolution):
         raise ConfigurationError(
-            f"method {method!r}: finish() takes a LinearSolution, which solve_triangle(R, z) gives, not {type(solution).__name__};"
+            f"method {method!r}: finish() takes a LinearSolution, which solve_triangle(R, z) returns, not {type(solution).__name__};"
             " other values go in by dataclasses.replace(solve_triangle(R, z), values=...)."
         )
 

@@ -31,7 +31,16 @@ class GeneralisedLeastSquares(Estimator):
     """Least squares weighted by the full covariance of the noise across joints, estimated from the residual and repeated.
 
     The rows of one instant are whitened by the inverse root of that covariance; each repetition is one streaming pass.
-    `covariance`: rows of the (n, n) noise covariance on the measured side if known; None estimates it. `iterations`: at most."""
+    `covariance`: rows of the (n, n) noise covariance on the measured side if known; None estimates it. `iterations`: at most.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> method = ident.estimators.GeneralisedLeastSquares()
+    >>> ident.fit(train, "puma560", method=method, held=0).status.code.value
+    'ok'
+    """
 
     name: ClassVar[str] = "gls"
     title: ClassVar[str] = "generalised least squares (cross-joint covariance)"

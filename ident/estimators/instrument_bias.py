@@ -29,9 +29,9 @@ class SharedNoise:
     def text(self) -> str:
         """A sentence for people."""
         return (
-            "the instruments share the noise of the commanded torque's reading, as those made of a measured torque do"
-            f" (χ² = {self.test.statistic:.0f} with {self.test.degrees} degrees of freedom against instruments of earlier rows);"
-            f" the bias this can make is about {100 * self.torque:.2g} % in torque, and largest in {self.name}:"
+            "the instruments are correlated with the noise of the torque reading, as instruments made from a measured"
+            " torque are (χ² = {self.test.statistic:.0f} with {self.test.degrees} degrees of freedom against instruments of earlier rows);"
+            f" the resulting bias can be about {100 * self.torque:.2g} % in torque, and largest in {self.name}:"
             f" {self.largest:.1f} of its standard deviations."
         )
 

@@ -62,8 +62,8 @@ class InstrumentResult:
         warnings = list(supposed)
         if weak:
             warnings.append(
-                f"weak instruments for {', '.join(weak[:6])}{' …' if len(weak) > 6 else ''}: their intervals are not to be trusted;"
-                " excite these parameters more, or simulate the experiment more closely."
+                f"weak instruments for {', '.join(weak[:6])}{' …' if len(weak) > 6 else ''}: do not trust their"
+                f" intervals; excite these parameters more, or simulate the experiment more closely."
             )
         trace |= {
             "least_squares": None if biased is None else biased.to_dict(),
@@ -71,7 +71,7 @@ class InstrumentResult:
             "strength": dict(zip(self.names, strength.tolist(), strict=True)),
         }
         if valid is None and not exact:
-            warnings.append("the log is too short to test the instruments against earlier ones: nothing tells whether they are valid.")
+            warnings.append("the log is too short to test the instruments against earlier ones: their validity is not known.")
         code = StatusCode.OK if converged else StatusCode.NOT_CONVERGED
         details: tuple[str, ...] = ()
         if valid is not None and self.commanded and _disagree(valid[0]):

@@ -24,11 +24,14 @@ class InstrumentSystem:
         self.right = np.linalg.norm(cross / self.left[:, None], axis=0)
         if np.any(self.right == 0):
             lost = ", ".join(names[i] for i in np.flatnonzero(self.right == 0)[:6])
-            raise DataError(f"the instruments do not move what {lost} depend on; simulate the experiment as it was, or leave these out.")
+            raise DataError(
+                f"the instruments do not excite what {lost} depend on; simulate the experiment as it was run,"
+                f" or leave these parameters out."
+            )
         scaled = cross / np.outer(self.left, self.right)
         singular = singular_values(scaled)
         if singular[-1] < 1e-10 * singular[0]:
-            raise DataError("the instruments cannot tell all parameters apart: the simulated motion does not follow the measured one.")
+            raise DataError("the instruments cannot separate all parameters: the simulated motion does not follow the measured one.")
         self._factor = lu_factor(scaled)
 
     def solve(self, right: Array) -> Array:

@@ -41,7 +41,15 @@ class InstrumentalVariable(Estimator):
     least squares (`estimators.plain_instruments`).
 
     The trace holds the steps, a Durbin-Wu-Hausman test of least squares ("least_squares"), a test of the instruments against
-    earlier ones ("validity") and their strength (F of every parameter)."""
+    earlier ones ("validity") and their strength (F of every parameter).
+
+    Examples
+    --------
+    >>> import ident
+    >>> method = ident.estimators.InstrumentalVariable(instruments="forward_dynamics", loop="open")
+    >>> sorted(capability.value for capability in method.capabilities)
+    ['noisy regressor', 'weights']
+    """
 
     name: ClassVar[str] = "iv"
     title: ClassVar[str] = "instrumental variables"
@@ -81,7 +89,7 @@ class InstrumentalVariable(Estimator):
         feedback = self.loop == "closed" or (self.experiment is not None and self.experiment.feedback)
         if feedback and self._from_torque:
             raise UnsupportedError(
-                "inside a feedback loop the measured torque answers to the noise of the measurement, so instruments made from it are not"
+                "inside a feedback loop the measured torque responds to measurement noise, so instruments made from it are not"
                 " valid; use instruments = 'simulation' with experiment = Experiment(controller=…, desired=…), or 'reference' with the"
                 " desired motion, or method 'didim'."
             )

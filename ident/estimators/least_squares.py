@@ -22,7 +22,16 @@ Array = np.ndarray
 @register
 @dataclass(frozen=True, kw_only=True)
 class LeastSquares(Estimator):
-    """Ordinary least squares: every measured row counts alike, whatever its unit or noise."""
+    """Ordinary least squares: every measured row counts alike, whatever its unit or noise.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> method = ident.estimators.LeastSquares()
+    >>> ident.fit(train, "puma560", method=method, held=0).status.code.value
+    'ok'
+    """
 
     name: ClassVar[str] = "ls"
     title: ClassVar[str] = "ordinary least squares"
@@ -39,7 +48,16 @@ class LeastSquares(Estimator):
 class WeightedLeastSquares(Estimator):
     """Least squares with each row weighted by its noise: given, or estimated from the residual and repeated.
 
-    `noise_std`: standard deviation per joint on the measured side (N m, N); None estimates it. `iterations`: at most."""
+    `noise_std`: standard deviation per joint on the measured side (N m, N); None estimates it. `iterations`: at most.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> method = ident.estimators.WeightedLeastSquares()
+    >>> ident.fit(train, "puma560", method=method, held=0).status.code.value
+    'ok'
+    """
 
     name: ClassVar[str] = "wls"
     title: ClassVar[str] = "weighted least squares"
@@ -63,5 +81,29 @@ class WeightedLeastSquares(Estimator):
 
 
 def weighted_solution(problem: Problem, iterations: int = 20) -> tuple[LinearSolution, Array]:
-    """Solution and weights (n,) of iterated weighted least squares: each row weighs by its own residual's variance."""
+    """Iterated weighted least squares: each row is weighted by the variance of its own residual.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model and signals.
+    iterations : int
+        At most.
+
+    Returns
+    -------
+    solution : LinearSolution
+    weights : array (n,)
+        Per measured row.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> robot = ident.load_robot("puma560")
+    >>> problem = ident.Problem(robot.rigid_body() + ident.friction.Coulomb(), ident.ZeroPhase()(train, robot))
+    >>> solution, weights = ident.estimators.weighted_solution(problem)
+    >>> len(solution.values) == problem.base.count, weights.shape
+    (True, (6,))
+    """
     return reweighted(problem.information, order_of(problem.base), iterations=iterations)

@@ -14,7 +14,7 @@ from ..effects.kinds import Factor
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
 from ..problem.information import Information
-from ..regressor import rigid
+from ..regressor import row_information
 from ..regressor.drive_terms import state_not_finite
 from ..robots.transmission import Side
 
@@ -97,7 +97,7 @@ class _FastRows:
         self._direct = robot.loop.is_trivial and robot.tree.nq == n
         self._forgetting = forgetting
         start = state.information if layout.plain else state.information.selected(layout.order)
-        self._rows = rigid.live_information(robot.tree, start.factors, layout.rows, layout.columns, layout.pattern)
+        self._rows = row_information.live_information(robot.tree, start.factors, layout.rows, layout.columns, layout.pattern)
         self._effective, self._counts, self._seen = np.array(state.effective, float), state.information.counts.copy(), state.seen
         self._signals = np.zeros(1 + 8 * n)
         self._signals[0] = 1.0
@@ -157,7 +157,7 @@ class _FastRows:
 
 @dataclass(frozen=True, eq=False)
 class _LiveLayout:
-    """Columns of a live sample: `rows` and `columns` as `rigid.live_information` takes them, signal `index` of each extra one and its
+    """Columns of a live sample: `rows` and `columns` as `live_information` takes them, signal `index` of each extra one and its
     `pattern` (n, e); `order`: base columns in this order."""
 
     rows: Array

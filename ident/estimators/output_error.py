@@ -48,7 +48,15 @@ class OutputError(Estimator):
     are the columns along the simulated motion. Gauss-Newton steps, cut until the torque error falls. `experiment`: controller
     and desired motion. `starts`: weighted least squares on the measured motion, fit along the desired motion, then random
     points around the best; the best end is kept, and followed once more with the weights of its own residual.
-    `iterations`: at most, each start."""
+    `iterations`: at most, each start.
+
+    Examples
+    --------
+    >>> import ident
+    >>> method = ident.estimators.OutputError(starts=2)
+    >>> sorted(capability.value for capability in method.capabilities)
+    ['noisy regressor', 'weights']
+    """
 
     name: ClassVar[str] = "didim"
     title: ClassVar[str] = "output error on simulated torque (DIDIM)"
@@ -67,7 +75,7 @@ class OutputError(Estimator):
             raise UnsupportedError(
                 "method 'didim' simulates the experiment and must know its controller and desired motion:"
                 " experiment = Experiment(controller=…, desired=…). Where they are not known, assumed_experiment(logs, model, values,"
-                " cutoff_hz) supposes them. Both are Python objects (ident.estimators), which neither a study file nor the command line can"
+                " cutoff_hz) assumes them. Both are Python objects (ident.estimators), which neither a study file nor the command line can"
                 " give: there, use 'iv' for torque-driven logs, else 'wls'."
             )
 

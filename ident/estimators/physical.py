@@ -42,7 +42,15 @@ class PhysicalLeastSquares(Estimator):
     from the information block. `total_mass`: (least, most) of all moving links in kg, None for open. `spread`: relative standard deviation
     about the URDF's own links; None for no prior, and then what the data hardly see is settled on the URDF's links (the lightest,
     where it has none) within one standard deviation of the best fit. `metric` of the prior: "quadratic", "entropic" or "geometric".
-    `solver`: "auto", "lmi" (needs the extra `sdp`) or "log_cholesky". The covariance is that without the constraints."""
+    `solver`: "auto", "lmi" (needs the extra `sdp`) or "log_cholesky". The covariance is that without the constraints.
+
+    Examples
+    --------
+    >>> import ident
+    >>> method = ident.estimators.PhysicalLeastSquares(spread=0.3)
+    >>> sorted(capability.value for capability in method.capabilities)
+    ['bounds', 'physical', 'prior', 'streaming', 'weights']
+    """
 
     name: ClassVar[str] = "physical"
     title: ClassVar[str] = "weighted least squares over physically consistent robots"
@@ -63,7 +71,7 @@ class PhysicalLeastSquares(Estimator):
         if self.spread is not None and not self.spread > 0:
             raise ConfigurationError(f"spread must be positive (0.3: links within about 30 % of the URDF's), not {self.spread}.")
         if self.spread is not None and problem.model.robot.nominal is None:
-            raise ConfigurationError(f"robot {problem.model.robot.name!r} has no nominal inertials to stay near to; leave out `spread`.")
+            raise ConfigurationError(f"robot {problem.model.robot.name!r} has no nominal inertials to stay close to; leave out `spread`.")
         if not any(isinstance(e, RigidBody) for e in problem.model.effects):
             raise UnsupportedError(
                 "method 'physical' needs links, but the model holds no rigid body; use 'bounded' for bounds on single parameters."

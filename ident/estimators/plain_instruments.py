@@ -17,7 +17,7 @@ from .._utils.singular_values import singular_values
 from ..errors import DataError
 from ..problem.information import triangle
 from ..problem.linear_solution import LinearSolution, order_of, solve_triangle
-from ..regressor.rigid import stacked_information
+from ..regressor.row_information import stacked_information
 from ..statistics.autoregression import Autoregression
 from .instrument_result import InstrumentResult
 from .instrument_rows import InstrumentRows
@@ -125,10 +125,10 @@ class PlainPasses:
                 continue
             info = _watched(info, part, rows.place.start, watch, forgetting)
         if not info.determined:
-            raise DataError("the instruments cannot tell all parameters apart: the model's motion does not follow the measured one.")
+            raise DataError("the instruments cannot separate all parameters: the model's motion does not follow the measured one.")
         found = info.solution()
         if len(found.values) != len(self.columns):
-            raise DataError("the instruments cannot tell all parameters apart: the model's motion does not follow the measured one.")
+            raise DataError("the instruments cannot separate all parameters: the model's motion does not follow the measured one.")
         values = self.values.copy()
         values[self.columns] = found.values
         std = np.linalg.norm(np.linalg.inv(found.root), axis=1) * np.sqrt(info.variance(found.values))

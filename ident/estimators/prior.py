@@ -32,7 +32,16 @@ class PriorLeastSquares(Estimator):
     `metric`: "entropic" (second order of the distance between pseudo-inertias; Lee, Wensing & Park 2020) or "scale" (each
     parameter by its link's mass and size). `relative_std`: how far, relative to itself, a link's inertia may be from the
     nominal one; None takes the value that makes the log most likely (evidence). Directions that the log does not show take
-    their prior value, so that no inertial parameter is grouped away. The covariance is that of the posterior."""
+    their prior value, so that no inertial parameter is grouped away. The covariance is that of the posterior.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> method = ident.estimators.PriorLeastSquares(relative_std=0.5)
+    >>> ident.fit(train, "puma560", method=method, held=0).status.code.value
+    'ok'
+    """
 
     name: ClassVar[str] = "prior"
     title: ClassVar[str] = "least squares with the URDF's inertias as prior"
@@ -53,7 +62,8 @@ class PriorLeastSquares(Estimator):
     def check(self, problem: Problem) -> None:
         if problem.model.robot.nominal is None:
             raise UnsupportedError(
-                f"method 'prior' draws towards the URDF's inertial parameters, but robot {problem.model.robot.name!r} has none;"
+                f"method 'prior' pulls the estimate towards the URDF's inertial parameters, but robot"
+                f" {problem.model.robot.name!r} has none;"
                 " use 'wls', or 'bounded' for physical bounds alone."
             )
 

@@ -40,7 +40,16 @@ class RecursiveLeastSquares(Estimator):
     sample against the next (1: none is forgotten; 0.999 at 200 Hz forgets within 5 s). `prior`: an earlier estimate, or the
     path of a saved one. `follow`: base parameters whose course is kept in the trace (None: all), at `trace_points` points.
 
-    Use `solve` for logs. In a live loop: `live = estimator.start(model).live()`, then `live.add(q, dq, ddq, tau)`, and `live.state`."""
+    Use `solve` for logs. In a live loop: `live = estimator.start(model).live()`, then `live.add(q, dq, ddq, tau)`, and `live.state`.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> method = ident.estimators.RecursiveLeastSquares(noise_std=0.1)
+    >>> ident.fit(train, "puma560", method=method, held=0).status.code.value
+    'ok'
+    """
 
     name: ClassVar[str] = "rls"
     title: ClassVar[str] = "recursive least squares"
@@ -160,7 +169,7 @@ class RecursiveState:
 
     @cached_property
     def _now(self) -> tuple[Array, Array]:
-        return known(*self.solution(), self.base.count)
+        return known(self.solution()[0], self.base.count)
 
     @property
     def values(self) -> Array:
@@ -173,7 +182,7 @@ class RecursiveState:
         return self._now[1]
 
 
-def known(solution: LinearSolution, weights: Array, count: int) -> tuple[Array, Array]:
+def known(solution: LinearSolution, count: int) -> tuple[Array, Array]:
     """Values and standard deviations (b,) of the parameters that stand alone in the solution, NaN elsewhere."""
     from scipy.linalg import solve_triangular
 
@@ -199,7 +208,7 @@ class _Course:
         if np.sum(state.effective) < 1:
             return weights
         solution, weights = state.solution(weights, iterations=2)
-        values, std = known(solution, weights, state.base.count)
+        values, std = known(solution, state.base.count)
         self.samples.append(state.seen)
         self.values.append(values[self.which].tolist())
         self.std.append(std[self.which].tolist())

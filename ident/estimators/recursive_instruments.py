@@ -41,7 +41,15 @@ class RecursiveInstrumentalVariable(Estimator):
     is forgotten). `follow`: base parameters whose course over the last pass is kept in the trace (None: all), at `trace_points` points.
 
     In a live loop: `state = estimator.start(model)` with `prior`, an earlier estimate (or the path of a saved one) whose model makes the
-    instruments; then `state = state.observe(q, dq, ddq, tau)`."""
+    instruments; then `state = state.observe(q, dq, ddq, tau)`.
+
+    Examples
+    --------
+    >>> import ident
+    >>> method = ident.estimators.RecursiveInstrumentalVariable(passes=3)
+    >>> sorted(capability.value for capability in method.capabilities)
+    ['noisy regressor', 'recursive']
+    """
 
     name: ClassVar[str] = "riv"
     title: ClassVar[str] = "recursive instrumental variables"

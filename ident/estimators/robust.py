@@ -80,7 +80,16 @@ class RobustLeastSquares(Estimator):
 
     `loss`: "huber" or "tukey". `tuning`: residual, in robust standard deviations, from which a row loses weight; None takes the
     value with 95 % efficiency under normal noise. `iterations`: at most. Covariance: A⁻¹BA⁻¹ of the M-estimator, with the
-    colour of the clipped residual (Huber & Ronchetti 2009, ch. 7)."""
+    colour of the clipped residual (Huber & Ronchetti 2009, ch. 7).
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> method = ident.estimators.RobustLeastSquares()
+    >>> ident.fit(train, "puma560", method=method, held=0).status.code.value
+    'ok'
+    """
 
     name: ClassVar[str] = "irls"
     title: ClassVar[str] = "iteratively reweighted (robust) least squares"

@@ -40,7 +40,15 @@ class StepByStep(Estimator):
     its logs. Without one, every run is a test and all torques are read. All tests are used in integrated form, without
     acceleration. `carry`: "update": every test brings all its information, and later tests refine earlier values; "hold":
     values once found stand, with their covariance, as in the original method. `defer`: with "hold", a direction whose singular
-    value is below this share of the test's largest waits for a later test instead of being fixed by a weak one."""
+    value is below this share of the test's largest waits for a later test instead of being fixed by a weak one.
+
+    Examples
+    --------
+    >>> import ident
+    >>> method = ident.estimators.StepByStep(carry="hold")
+    >>> sorted(capability.value for capability in method.capabilities)
+    ['weights']
+    """
 
     name: ClassVar[str] = "sequential"
     title: ClassVar[str] = "step by step"
@@ -125,7 +133,7 @@ class StepByStep(Estimator):
         scale = np.linalg.norm(rows[:, :-1], axis=0)
         if np.any(scale == 0):
             lost = ", ".join(names[i] for i in np.flatnonzero(scale == 0)[:8])
-            raise DataError(f"no test moves what {lost} depend on; add the tests that the plan asks for, or use carry = 'update'.")
+            raise DataError(f"no test excites what {lost} depend on; add the tests that the plan asks for, or use carry = 'update'.")
         held = _Held(b, scale)
         report = []
         for i, step in enumerate(steps):

@@ -37,7 +37,16 @@ class TotalLeastSquares(Estimator):
     `position_std`, `velocity_std`, `acceleration_std`: noise of the prepared joint-side motion, per joint (or one number for all) in rad,
     rad/s, rad/s² (m …); what is left out is free of noise. Columns without noise stay exact. Rows weigh by their residual; the noise of the
     torque is what the residual holds beyond that of the regressor. Only as good as the noise levels given: where they are not
-    known, instrumental variables ("iv") need none."""
+    known, instrumental variables ("iv") need none.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> method = ident.estimators.TotalLeastSquares(acceleration_std=0.01)
+    >>> ident.fit(train, "puma560", method=method, held=0).status.code.value
+    'ok'
+    """
 
     name: ClassVar[str] = "tls"
     title: ClassVar[str] = "total least squares"
@@ -52,7 +61,7 @@ class TotalLeastSquares(Estimator):
         given = {f: getattr(self, f) for f in ("position_std", "velocity_std", "acceleration_std")}
         if all(value is None for value in given.values()):
             raise ConfigurationError(
-                "method 'tls' must be told the noise of the motion: acceleration_std (rad/s² or m/s², one number for all joints or a list),"
+                "method 'tls' needs the noise of the motion: acceleration_std (rad/s² or m/s², one number for all joints or a list),"
                 ' velocity_std, position_std; in a study file: [estimator] method = "tls", acceleration_std = 0.2. Where it is not known,'
                 " use method 'iv'."
             )

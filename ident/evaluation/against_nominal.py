@@ -110,8 +110,8 @@ def factor_doubt(estimate: Estimate) -> str:
     assert middle is not None
     if len({*gravity, *inertia}) > 1 and not _usual(middle):
         return (
-            f"torque is about {middle:.2g} times what the URDF's inertials ask for, on all joints: look at its unit, at the side of the"
-            " gears that it is of ([drive] measured, torque, ratio), and at the torque constants."
+            f"torque is about {middle:.2g} times what the URDF's inertials predict, on all joints: check its unit, the"
+            f" side of the gears that it is measured on ([drive] measured, torque, ratio), and the torque constants."
         )
     odd = {name: k for part in (inertia, gravity) for name, k in part.items() if not _usual(k / middle)}
     # A joint is odd where all that is known of its torque is.
@@ -120,8 +120,8 @@ def factor_doubt(estimate: Estimate) -> str:
         return ""
     listed = ", ".join(f"{name} ({k:.2g})" for name, k in odd.items())
     return (
-        f"torque is many times, or a small part of, what the URDF's inertials ask for on some joints alone: {listed}. Look at its unit,"
-        " its gear ratio and its torque constant there."
+        f"torque is many times, or a small fraction of, what the URDF's inertials predict, on some joints only: {listed}."
+        f" Check its unit, gear ratio and torque constant there."
     )
 
 
@@ -142,8 +142,8 @@ def size_doubt(estimate: Estimate) -> str:
     if not found:
         return ""
     return (
-        f"parameters are many times what the URDF's links have: {', '.join(found[:3])}{' …' if len(found) > 3 else ''}. Positions or times"
-        " in another unit do that: look at the units of both, and at rate_hz; or the URDF's inertials are made up."
+        f"parameters are many times what the URDF's links have: {', '.join(found[:3])}{' …' if len(found) > 3 else ''}."
+        f" Positions or times in a wrong unit cause this: check the units of both, and rate_hz; or the URDF's inertials are placeholders."
     )
 
 
@@ -160,9 +160,9 @@ def zero_doubt(estimate: Estimate) -> str:
         off = beside.turned(j) if robot.loop.is_trivial and j not in robot.tree.parent and not robot.joints[j].prismatic else 0.0
         if abs(off) > _TURNED:
             return (
-                f"the link of {name} is what the URDF says, turned about its joint: the zero of that joint is off (its position reads"
-                f" {abs(off):.2g} rad too {'far' if off > 0 else 'little'}), or a tool is mounted otherwise. Parameters of the link are"
-                " told in turned axes. Look at [drive] zero."
+                f"the link of {name} matches the URDF's, rotated about its joint: the zero of that joint is off (its position reads"
+                f" {abs(off):.2g} rad too {'far' if off > 0 else 'little'}), or a tool is mounted differently. Parameters"
+                f" of the link are given in rotated axes. Check [drive] zero."
             )
     return ""
 
@@ -170,8 +170,8 @@ def zero_doubt(estimate: Estimate) -> str:
 def _of_the_clock(heavy: float, swung: float) -> str:
     times, way = np.sqrt(max(swung / heavy, heavy / swung)), "slowly" if swung > heavy else "fast"
     return (
-        f"gravity is {heavy:.2g} times what the URDF's inertials ask for, but inertia {swung:.2g} times: time that runs about {times:.2g}"
-        f" times too {way} does that. Look at the unit of the time, and at rate_hz; or the URDF's inertias are made up."
+        f"gravity is {heavy:.2g} times what the URDF's inertials predict, but inertia {swung:.2g} times: time that runs about {times:.2g}"
+        f" times too {way} causes this. Check the unit of the time, and rate_hz; or the URDF's inertias are placeholders."
     )
 
 

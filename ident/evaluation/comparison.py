@@ -126,7 +126,7 @@ class Comparison(Shown, ShortRepr):
         lines.append(f"squared error, weighted by noise, {change} by {100 * abs(self.gain):.1f}{doubt} %")
         moved = [s for s in self.shifts if abs(s.sigmas) > 2][:8]
         if moved:
-            lines.append("parameters that moved by more than two of their former std:")
+            lines.append("parameters that changed by more than two of their earlier standard deviations:")
             lines += [f"  {s.name}: {s.before:.5g} -> {s.after:.5g} {s.unit} ({s.sigmas:+.1f} std)" for s in moved]
         return "\n".join(lines)
 

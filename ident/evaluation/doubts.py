@@ -49,7 +49,7 @@ def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[s
     again = dict.fromkeys(str(one["path"]) for one in held if one.get("sha256") in known)
     if not again:
         return ""
-    return f"{', '.join(again)} is fitted as well as validated on: the error called held out is that of data the fit has seen."
+    return f"{', '.join(again)} is used for the fit and for validation: the held-out error is computed on data that the fit has seen."
 
 
 def counted_twice(fitted: Iterable[Mapping[str, Any]]) -> str:
@@ -59,7 +59,7 @@ def counted_twice(fitted: Iterable[Mapping[str, Any]]) -> str:
     for one in fitted:
         known = first.setdefault(one.get("sha256") or str(one["path"]), str(one["path"]))
         if known != str(one["path"]):
-            same.append(f"{one['path']} holds what {known} holds")
+            same.append(f"{one['path']} has the same content as {known} holds")
     return (
         f"{', '.join(dict.fromkeys(same))}: its samples count twice, and standard deviations are too small. Leave one out." if same else ""
     )
@@ -74,9 +74,9 @@ def all_turned(estimate: Estimate) -> str:
     if wrong < 2 or wrong < _NEARLY_ALL * told:
         return ""
     return (
-        f"every torque seems to have the opposite sign: {wrong} of {told} friction and inertia parameters that cannot be negative are so by"
-        f" more than scatter. Turn them with [drive] torque_sign = -1 in a study file, or look at the direction of the joints in the URDF;"
-        " nothing else about these data can be told before that."
+        f"every torque seems to have the opposite sign: {wrong} of {told} friction and inertia parameters that cannot be"
+        f" negative are significantly negative. Flip the sign with [drive] torque_sign = -1 in a study file, or check the"
+        f" direction of the joints in the URDF; settle this before anything else."
     )
 
 
@@ -90,8 +90,8 @@ def _impossible(estimate: Estimate) -> str:
         return ""
     listed = ", ".join(found[:_LISTED]) + (f" and {len(found) - _LISTED} more" if len(found) > _LISTED else "")
     return (
-        f"{listed}: a physically impossible sign, and noise does not explain it. A torque recorded with the opposite sign does that, a"
-        " wrong side or ratio of the drive, or something that the model lacks (`ident diagnose`)."
+        f"{listed}: a physically impossible sign that noise does not explain. Possible causes: torque recorded with the"
+        f" opposite sign, a wrong side or ratio of the drive, or an effect that the model lacks (`ident diagnose`)."
     )
 
 
@@ -123,15 +123,15 @@ def _few(estimate: Estimate) -> str:
         return ""
     counts, taken = estimate.information.counts, _taken_up(estimate)
     few = [
-        f"{joint} ({int(counts[j])}; the fit takes up {taken[j]:.2g} of them)"
+        f"{joint} ({int(counts[j])}; the fit absorbs {taken[j]:.2g} of them)"
         for j, joint in enumerate(estimate.model.robot.joint_names)
         if counts[j] > 0 and taken[j] >= 1.0 and counts[j] - taken[j] < _LEFT
     ]
     if not few:
         return ""
     return (
-        f"few rows can be used of {', '.join(few)}: how much they scatter is hardly known, and what they tell may be off by far more than"
-        " the standard deviations say. Log more motion there (`ident check` says why rows were left out)."
+        f"few rows are usable for {', '.join(few)}: their noise level is poorly known, and the parameters they determine"
+        f" may be off by far more than the standard deviations say. Record more motion there (`ident check` says why rows were left out)."
     )
 
 
@@ -164,8 +164,9 @@ def _apart(estimate: Estimate) -> str:
     if not worst:
         return ""
     return (
-        f"the error on held-out data is of another kind than that on the fitted ones: {', '.join(worst)}. Either those logs differ (signs,"
-        " units, a load, motion outside the range), or the fitted ones do not tell the parameters that the others ask for."
+        f"the error on held-out data is far larger than on the fitted data: {', '.join(worst)}. Either the held-out logs"
+        f" differ (signs, units, a load, motion outside the range), or the fitted logs do not determine the parameters"
+        " that the held-out ones need."
     )
 
 
@@ -173,7 +174,7 @@ def require_rows(estimate: Estimate) -> None:
     """Refuse a fit of as many parameters as rows: it passes through every row, and says nothing (DataError)."""
     if estimate.samples <= len(estimate.values):
         raise DataError(
-            f"{counted(estimate.samples, 'usable row')} for {counted(len(estimate.values), 'parameter')}: a fit would pass through every"
-            " row and say nothing."
-            " Give more data, or a higher cut-off (`ident check` says what limits it), or fewer effects."
+            f"{counted(estimate.samples, 'usable row')} for {counted(len(estimate.values), 'parameter')}: a fit would"
+            f" pass through every row and mean nothing. Give more data, or a higher cut-off (`ident check` says what limits it),"
+            " or fewer effects."
         )

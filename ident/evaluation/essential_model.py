@@ -28,7 +28,8 @@ Array = np.ndarray
 #: A torque error of so small a share is rounding.
 _ROUNDING = 1e-6
 _MEANING = (
-    "Removed parameters are zero within what these data tell, not physically zero: a longer log, or motion exciting them, may show them."
+    "Removed parameters are statistically zero in these data, not physically zero: a longer log, or motion that excites"
+    " them, may reveal them."
 )
 
 

@@ -66,7 +66,7 @@ class ZeroOff(Misreading):
 
     @property
     def remedy(self) -> str:
-        return "Look at the joint's zero in the log and in the URDF ([drive] zero)."
+        return "Check the joint's zero in the log and in the URDF ([drive] zero)."
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class TorqueScaled(Misreading):
 
     @property
     def remedy(self) -> str:
-        return "Look at the unit of that torque, its gear ratio and its torque constant, and at the order of the columns."
+        return "Check the unit of that torque, its gear ratio and torque constant, and the order of the columns."
 
 
 @dataclass(frozen=True)
@@ -116,11 +116,11 @@ class PositionLate(Misreading):
 
     def told(self, value: float) -> str:
         when = "late" if value > 0 else "early"
-        return f"the position of {self.name} seems to come about {1e3 * abs(value):.2g} ms too {when} against the rest of the log"
+        return f"the position of {self.name} seems to be about {1e3 * abs(value):.2g} ms too {when} relative to the rest of the log"
 
     @property
     def remedy(self) -> str:
-        return "Look at the clock of that joint's encoder, and at filters that it alone goes through."
+        return "Check the clock of that joint's encoder, and filters that only its signal passes."
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class ClockOff(Misreading):
 
     @property
     def remedy(self) -> str:
-        return "Look at the unit of the time, and at rate_hz."
+        return "Check the unit of the time, and rate_hz."
 
 
 def misreadings(robot: Robot, rate: float) -> list[Misreading]:

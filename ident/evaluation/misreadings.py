@@ -73,10 +73,11 @@ def misreading(estimate: Estimate) -> str:
     best = max(found, key=lambda one: one.fall)
     others = [one.told for one in found if one is not best and one.fall > _NEARLY * best.fall]
     worst = int(np.nanargmax(best.before / best.after))
-    more = f"; or {'; or '.join(others)} (these data do not tell which)" if others else ""
+    more = f"; or {'; or '.join(others)} (these data cannot distinguish them)" if others else ""
     return (
-        f"{best.told}{more}. Without that, the torque error of {robot.joint_names[worst]} falls from {100 * best.before[worst]:.2g} to"
-        f" {100 * best.after[worst]:.2g} % of its torque; parameters of this fit are shifted by it. {best.misreading.remedy}"
+        f"{best.told}{more}. With that corrected, the torque error of {robot.joint_names[worst]} falls from"
+        f" {100 * best.before[worst]:.2g} to"
+        f" {100 * best.after[worst]:.2g} % of its torque; the parameters of this fit are biased by it. {best.misreading.remedy}"
     )
 
 

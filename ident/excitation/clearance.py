@@ -135,7 +135,7 @@ class Clearance:
         if high <= clear:
             raise ConfigurationError(
                 f"excitation: in every posture {c.what} are nearer than {1000 * clear:g} mm. An obstacle is taken as the convex hull of"
-                " each of its connected parts: give a hollow one in pieces, a room as --workspace-mesh; look at its place and scale, too."
+                " each of its connected parts: give a hollow one in pieces, a room as --workspace-mesh; check its place and scale, too."
             )
         room = max(high - clear, 1e-4)
         return Constraint(c.what, c.first, c.second, c.plane, clear, min(_ACTIVE, 0.5 * room), min(_MARGIN, 0.2 * room))

@@ -198,7 +198,7 @@ class Excitation(Shown, ShortRepr):
         used = ", ".join(f"{kind} {100 * share:.1f} %" for kind, share in self.shares.items())
         head = f"excitation of {self.trajectory.duration:g} s, {base.count} base parameters, condition {self.condition:.3g};"
         noise = ", ".join(f"{x:.3g}" for x in self.noise)
-        lines = [f"{head} of the limits it uses: {used}", f"accuracy to expect at torque noise (std of each sample) of {noise}:"]
+        lines = [f"{head} of the limits it uses: {used}", f"expected accuracy at a torque noise (std of each sample) of {noise}:"]
         for i, (name, text) in enumerate(zip(base.names, base.expressions, strict=True)):
             lines.append(f"  {name:<{width}}  ± {std[i]:9.3g} {base.parameters[base.independent[i]].unit:<8} {text}")
         start = ", ".join(f"{x:.3f}" for x in self.trajectory.sample(np.zeros(1)).q[0])

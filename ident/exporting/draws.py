@@ -66,7 +66,7 @@ def draws(found: Identified, units: Sequence[Identified], count: int, seed: int)
         told = ", ".join(name for name, here in zip(names, wide, strict=True) if here)
         notes.append(f"not determined to {SHARE:.0%} by themselves, and drawn up to twice their value where they have a bound: {told}.")
     sample = bounded_normal(mean, covariance, lower, upper, count, np.random.default_rng(seed))
-    sets, unreal = _sets(found, names, sample)
+    sets, unreal = _sets(found, sample)
     if unreal:
         notes.append(f"in {unreal} of {count} sets the links would be no real bodies: those keep the identified links.")
     return Draws(sets, tuple(notes))
@@ -106,7 +106,7 @@ def _of_law(fit: DriveFit) -> _Free:
     return _Free(fit.names, fit.values.copy(), covariance, lower, upper)
 
 
-def _sets(found: Identified, names: tuple[str, ...], sample: Array) -> tuple[tuple[Identified, ...], int]:
+def _sets(found: Identified, sample: Array) -> tuple[tuple[Identified, ...], int]:
     """A model for each sample, and how many would have links that are no bodies."""
     fit = found.fit
     part = next(s for e, s in zip(found.model.effects, found.model.slices, strict=True) if isinstance(e, RigidBody))

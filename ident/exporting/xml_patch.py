@@ -166,7 +166,7 @@ def _parse(data: bytes, where: str) -> Element:
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        raise ConfigurationError(f"{where}: does not parse: {error}.") from None
+        raise ConfigurationError(f"{where}: cannot be parsed: {error}.") from None
     return roots[0]
 
 

@@ -22,7 +22,15 @@ class AsymmetricCoulomb(JointEffect):
     """Half the difference of dry friction between the directions: τ = dFc s², s = sgn(ω), 0 at standstill.
 
     Beside `coulomb` it makes Fc + dFc forwards and Fc − dFc backwards; friction as long as |dFc| ≤ Fc. Differs from an
-    offset only at standstill."""
+    offset only at standstill.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.AsymmetricCoulomb(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('dFc_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "asymmetric_coulomb"
     title: ClassVar[str] = "Coulomb friction that depends on direction"
@@ -41,7 +49,15 @@ class AsymmetricViscous(JointEffect):
     """Half the difference of viscous friction between the directions: τ = dFv |ω|.
 
     Beside `viscous` it makes Fv + dFv forwards and Fv − dFv backwards; friction as long as |dFv| ≤ Fv. Found on the EMPS
-    axis."""
+    axis.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.AsymmetricViscous(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('dFv_joint2', 'N m s/rad')]
+    """
 
     name: ClassVar[str] = "asymmetric_viscous"
     title: ClassVar[str] = "viscous friction that depends on direction"

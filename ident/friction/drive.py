@@ -19,7 +19,15 @@ Array = np.ndarray
 @register
 @dataclass(frozen=True, kw_only=True)
 class RotorInertia(JointEffect):
-    """Inertia that turns with the motor: τ_m = Ia dω/dt. Through K it couples joints that share motors."""
+    """Inertia that turns with the motor: τ_m = Ia dω/dt. Through K it couples joints that share motors.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.RotorInertia(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Ia_joint2', 'kg m^2')]
+    """
 
     name: ClassVar[str] = "rotor_inertia"
     title: ClassVar[str] = "rotor inertia"
@@ -35,7 +43,15 @@ class RotorInertia(JointEffect):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Viscous(JointEffect):
-    """Friction proportional to speed: τ = Fv ω."""
+    """Friction proportional to speed: τ = Fv ω.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.Viscous(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Fv_joint2', 'N m s/rad')]
+    """
 
     name: ClassVar[str] = "viscous"
     title: ClassVar[str] = "viscous friction"
@@ -52,7 +68,15 @@ class Viscous(JointEffect):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Coulomb(JointEffect):
-    """Dry friction: τ = Fc sgn(ω). At rest the torque is any value within ±Fc; the column is zero there."""
+    """Dry friction: τ = Fc sgn(ω). At rest the torque is any value within ±Fc; the column is zero there.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.Coulomb(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Fc_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "coulomb"
     title: ClassVar[str] = "Coulomb friction"

@@ -30,7 +30,15 @@ class LoadDependentFriction(JointEffect):
 
     Fl is what the gear loses of the torque it transmits. The torque that accelerates the rotor does not load the gear; where
     base parameters have joined rotor and link inertia (a first joint), the prediction holds it too, and `rotor` (inertia on
-    `side`) takes it out again. The measured torque is not used: its noise would bias Fl."""
+    `side`) takes it out again. The measured torque is not used: its noise would bias Fl.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.LoadDependentFriction(joints=("joint2",), rotor=0.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Fl_joint2', '1')]
+    """
 
     name: ClassVar[str] = "load_dependent_friction"
     title: ClassVar[str] = "friction that grows with load"

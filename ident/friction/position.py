@@ -28,7 +28,15 @@ class PositionDependentFriction(JointEffect):
     """Dry friction that varies over a turn: τ = s(ω) (Fps sin(n x) + Fpc cos(n x)), s = sgn of the speed on `side`.
 
     `angle`: the side whose position x modulates it, the joint by default (a gear that runs out of true, a seal). `order`: n,
-    cycles a turn (rad/m on a slide)."""
+    cycles a turn (rad/m on a slide).
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.PositionDependentFriction(joints=("joint2",), order=1.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Fps_joint2', 'N m'), ('Fpc_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "position_dependent_friction"
     title: ClassVar[str] = "friction that varies with position"
@@ -62,7 +70,15 @@ class JointSideFriction(JointEffect):
     """Coulomb and viscous friction of the joint's own bearings and seals: τ = Fc_link s(dq) + Fv_link dq on the joint side.
 
     Behind a gear that couples no joints it cannot be distinguished from the motor's friction, and base reduction joins the two; in a
-    coupled wrist it can."""
+    coupled wrist it can.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.JointSideFriction(joints=("joint2",))
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Fc_link_joint2', 'N m'), ('Fv_link_joint2', 'N m s/rad')]
+    """
 
     name: ClassVar[str] = "joint_side_friction"
     title: ClassVar[str] = "friction on the joint side of the gears"

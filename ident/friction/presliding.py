@@ -28,7 +28,15 @@ class Presliding(JointEffect):
 
     z is Dahl's bristle deflection, dz/dφ = (1 − sgn(dφ) z) / z_s, zero at the start of the run. Fp: the part of Coulomb
     friction that builds up this way (Fp = Fc: all of it); Fc stays the friction of full sliding. Several with different z_s
-    and labels make a Maxwell-slip-like spectrum. Source: Dahl (1968)."""
+    and labels make a Maxwell-slip-like spectrum. Source: Dahl (1968).
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.Presliding(joints=("joint2",), z_s=0.01)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Fp_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "presliding"
     title: ClassVar[str] = "presliding (friction that builds up over a distance)"

@@ -28,7 +28,15 @@ class Stribeck(JointEffect):
     """Excess of friction at low speed: τ = Fs s(ω) exp(−(ω/v_s)²), s = sgn, on top of Coulomb friction.
 
     Fs: static less Coulomb friction; v_s: Stribeck velocity. Source: the Gaussian form is that of
-    Bo and Pavelescu (1982) with exponent 2."""
+    Bo and Pavelescu (1982) with exponent 2.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.Stribeck(joints=("joint2",), v_s=0.1)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Fs_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "stribeck"
     title: ClassVar[str] = "Stribeck friction"
@@ -57,7 +65,15 @@ class NonlinearViscous(JointEffect):
     """Friction that grows with a power of speed: τ = Fn s(ω) |ω|^a.
 
     a < 1: grows more slowly than speed (as on the TX40), a > 1: faster (churning of a lubricant). Near
-    a = 0 and a = 1 it is Coulomb and viscous friction over again."""
+    a = 0 and a = 1 it is Coulomb and viscous friction over again.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.NonlinearViscous(joints=("joint2",), a=0.5)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Fn_joint2', 'N m (s/rad)^0.5')]
+    """
 
     name: ClassVar[str] = "nonlinear_viscous"
     title: ClassVar[str] = "friction that does not grow in proportion to speed"

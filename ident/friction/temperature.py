@@ -59,7 +59,15 @@ class _TemperatureDrift(JointEffect):
 class TemperatureDriftViscous(_TemperatureDrift):
     """Viscous friction that fades as the lubricant warms: τ = Fvt e^(−t/T) ω.
 
-    Fvt: viscous friction at the start of the run less that of the warm drive."""
+    Fvt: viscous friction at the start of the run less that of the warm drive.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.TemperatureDriftViscous(joints=("joint2",), T=100.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Fvt_joint2', 'N m s/rad')]
+    """
 
     name: ClassVar[str] = "temperature_drift_viscous"
     title: ClassVar[str] = "viscous friction that changes as the drive warms up"
@@ -74,7 +82,15 @@ class TemperatureDriftViscous(_TemperatureDrift):
 class TemperatureDriftCoulomb(_TemperatureDrift):
     """Dry friction that fades as the drive warms: τ = Fct e^(−t/T) s(ω).
 
-    Fct: Coulomb friction at the start of the run less that of the warm drive."""
+    Fct: Coulomb friction at the start of the run less that of the warm drive.
+
+    Examples
+    --------
+    >>> import ident
+    >>> effect = ident.friction.TemperatureDriftCoulomb(joints=("joint2",), T=100.0)
+    >>> [(p.name, p.unit) for p in effect.parameters(ident.load_robot("scara"))]
+    [('Fct_joint2', 'N m')]
+    """
 
     name: ClassVar[str] = "temperature_drift_coulomb"
     title: ClassVar[str] = "Coulomb friction that changes as the drive warms up"

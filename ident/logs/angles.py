@@ -39,17 +39,17 @@ def agreed(
     if ratio is not None and dq is not None:
         if abs(np.log(ratio) + np.log(_DEG)) < _NEAR:  # the positions change 57 times as fast as the velocities say
             if not told and scale == 1.0:
-                return Angles(_DEG, rate, " (in degrees, as the velocities tell)")
+                return Angles(_DEG, rate, " (in degrees, inferred from the velocities)")
             if not dq.unit and _same(rate, _DEG):
                 return Angles(scale, 1.0, "" if told else _in_degrees(scale), (f"{dq} are in rad/s, as the change of {q} tells.",))
         if abs(np.log(ratio) - np.log(_DEG)) < _NEAR:
             if not told and dq.unit and _same(scale, _DEG):
-                return Angles(1.0, rate, " (in radians, as the velocities tell)")
+                return Angles(1.0, rate, " (in radians, inferred from the velocities)")
             if not dq.unit and rate == 1.0:
                 return Angles(
                     scale,
                     _DEG,
-                    "" if told else " (in radians, as the velocities tell)",
+                    "" if told else " (in radians, inferred from the velocities)",
                     (f"{dq} are in deg/s, as the change of {q} tells.",),
                 )
         if dq.unit and abs(np.log(ratio)) < _NEAR:
@@ -75,4 +75,4 @@ def _in_degrees(scale: float) -> str:
 
 def _untold(scale: float) -> str:
     """What is said of positions that only their reach tells a unit of, or nothing."""
-    return _in_degrees(scale) or " (no unit is told: taken as rad, m)"
+    return _in_degrees(scale) or " (no unit given: taken as rad, m)"

@@ -62,7 +62,7 @@ def time_of(
         if len(step) and np.mean(step >= 0) > 0.9 and np.any(step > 0):
             rising[name] = values
         elif np.any(step):
-            doubts.append(f"column {name!r} does not rise from row to row.")
+            doubts.append(f"column {name!r} does not increase from row to row.")
     if not rising:
         return RecordedTime(doubt=doubts[0] if doubts else "")
     if units.get(next(iter(rising))) == MOMENT:
@@ -81,7 +81,7 @@ def time_of(
                 return RecordedTime(name, factor)
     name, values = next(iter(rising.items()))
     if unread := unread_unit(units.get(name, "") or bracketed(name)[1]):
-        return RecordedTime(doubt=f"column {name!r} is in {unread!r}, which is no unit of time that is known.")
+        return RecordedTime(doubt=f"column {name!r} is in {unread!r}, which is not a known unit of time.")
     return RecordedTime(name, _seconds(name, values))
 
 

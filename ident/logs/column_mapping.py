@@ -51,13 +51,15 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
         or set(options) - {"column", "unit", "scale", "offset"}
     ):
         raise ConfigurationError(
-            f"[columns] {key}: give the name of a column as text, not {value!r}. A unit may stand in the key, as in q1_deg."
+            f"[columns] {key}: give the name of a column as text, not {value!r}. A unit may be part of the key, as in q1_deg."
             ' From Python also a dict of "column" and any of "unit", "scale", "offset".'
         )
     source = options["column"]
     if source not in header:
         unknown = unknown_name(f"column of {where} in [columns] {key} =", source, header)
-        raise ConfigurationError(f"{unknown}. [columns] holds for every log, validation logs too: rename the columns of one that differs.")
+        raise ConfigurationError(
+            f"{unknown}. [columns] applies to every log, validation logs included: rename the columns of a log that differs."
+        )
     suffix = options.get("unit") or target.unit or None
     if suffix is not None and not is_unit(suffix):
         raise unknown_name(f"unit in [columns] {key}", suffix, known_units(target.quantity))
@@ -65,12 +67,12 @@ def _mapped(key: str, value: Any, header: Sequence[str], joints: JointNames | No
     if guessed is not None and unit_of(guessed).dimension in expected_units(target.quantity):
         suffix = guessed
     elif guessed is not None and not (len(guessed) == 1 and not source.endswith((guessed, f"{guessed}]", f"{guessed})"))):
-        notes.append(f"{where}: {guessed}, on which {source!r} ends, is not a unit of {TEXT[target.quantity]}; SI is assumed.")
+        notes.append(f"{where}: column {source!r} ends in {guessed}, which is not a unit of {TEXT[target.quantity]}; SI is assumed.")
     elif suffix is None and "scale" not in options and bracketed(source)[1] and not _is_element(source, header):
-        notes.append(f"{where}: what stands in the brackets of {source!r} is no unit that is known; SI is assumed.")
+        notes.append(f"{where}: the text in the brackets of {source!r} is not a known unit; SI is assumed.")
     own = split_unit(source)[1]
     if suffix is not None and own is not None and unit_of(own).dimension == unit_of(suffix).dimension and own != unit_of(suffix).name:
-        notes.append(f"{where}: column {source!r} says {own}, but [columns] {key} says {unit_of(suffix).name}, which is what counts.")
+        notes.append(f"{where}: column {source!r} says {own}, but [columns] {key} says {unit_of(suffix).name}, which takes precedence.")
     unit = Unit("", "", 1.0)
     if suffix is not None:
         replace(target, unit=suffix).column(source, where)  # refuses a unit of something else

@@ -111,7 +111,7 @@ def _refuse_other_joint(columns: Iterable[Column], joints: JointNames | None, ma
         if joints is not None and c.source not in mapped and c.source in joints.names and joints.names.index(c.source) != c.joint:
             raise ConfigurationError(
                 f"{where}: column {c.source!r} would be joint {c.joint + 1} by its number ({joints.names[c.joint]}), but another joint"
-                f" is named {c.source!r}. Say which is meant: name it '<joint>.position', or map the columns under [columns]."
+                f" is named {c.source!r}. Make clear which is meant: name it '<joint>.position', or map the columns under [columns]."
             )
 
 

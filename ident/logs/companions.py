@@ -54,14 +54,19 @@ def companions(
         chosen.pop("i", None)
         g = chosen["tau"]
         if g.computed:
-            notes.append(f"{g} say that they are computed: parameters are those of what computed them, as far as it is right.")
+            notes.append(
+                f"{g} are computed values, going by their names, not measurements: the parameters can only be as good as"
+                f" whatever computed them."
+            )
     elif "i" not in chosen:
         asked = [g for g in found if g.quantity == "tau" and g.wanted and not g.estimated and len(g.columns) == n and moves(table, g)]
         notes += [
-            f"{g} are external torques, without gravity and friction, and tell nothing of the robot's own." for g in found if _external(g)
+            f"{g} are external torques, without gravity and friction, and hold no information on the robot's own dynamics."
+            for g in found
+            if _external(g)
         ][:1]
         notes += [
-            f"{g} are torques that were asked for, not measured: to use them, say so under [columns] ({_as_torque(g)})." for g in asked[:1]
+            f"{g} are commanded torques, not measured ones: to use them, map them under [columns] ({_as_torque(g)})." for g in asked[:1]
         ]
     return chosen, [*notes, *_of_other_names(q, joints), *_others(q, found, table)]
 
@@ -89,14 +94,14 @@ def side_of_motors(
     measured = [own for own in motors if len(own.columns) == len(q.columns) and not own.wanted and not own.estimated]
     for own in [own for own in measured if own.quantity == "q" and own.unit == q.unit]:
         if (far := _turns_as_far(own, q, table)) > _GEARED:
-            return True, f"{g} are torques before the gears: {own} turn about {far:.3g} times as far as the joints ([drive] ratio)."
+            return True, f"{g} are motor-side torques: {own} turn about {far:.3g} times as far as the joints ([drive] ratio)."
     for dq in [dq for dq in motors if dq.quantity == "dq" and dq.unit and len(dq.columns) == len(q.columns) and time.column]:
         ratio = rate_ratio(time.factor * np.asarray(read([time.column])[time.column], float), table, q, dq, (scale, known_scale(dq.unit)))
         if ratio is not None and ratio < 1 / _GEARED:
-            return True, f"{g} are torques before the gears: {dq} turn about {1 / ratio:.3g} times as fast as the joints ([drive] ratio)."
+            return True, f"{g} are motor-side torques: {dq} turn about {1 / ratio:.3g} times as fast as the joints ([drive] ratio)."
     return (
         False,
-        f'{g} are called the motors\', but are taken as torques of the joints; if they are before the gears, say [drive] torque = "motor".',
+        f'{g} are named after the motors, but taken as joint torques; if they are on the motor side, set [drive] torque = "motor".',
     )
 
 
@@ -124,7 +129,7 @@ def _of_other_names(q: ChannelGroup, joints: Sequence[str] | None) -> list[str]:
     told = [name for name in q.joints if re.search("[A-Za-z]", bare_name(name))]
     if not joints or not told or {bare_name(name) for name in q.joints} == own or all(re.search(r"\d", x) for x in told):
         return []
-    return [f"its joints are named {', '.join(q.joints)}; the robot's, {', '.join(joints)}, are taken to come in that order."]
+    return [f"the log names its joints {', '.join(q.joints)}; the robot's, {', '.join(joints)}, are taken to be in the same order."]
 
 
 def _others(q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, Array]) -> list[str]:
@@ -136,7 +141,9 @@ def _others(q: ChannelGroup, found: Sequence[ChannelGroup], table: Mapping[str, 
             with np.errstate(invalid="ignore"):
                 apart = np.nanmax(np.abs(own - other), initial=0.0) > SAME * np.nanmax(np.ptp(own, axis=1), initial=0.0)
             if apart:
-                return [f"{g} hold positions too (of another arm?), and are not used; those of {q} are read: map others under [columns]."]
+                return [
+                    f"{g} also hold positions (of another arm?), and are not used; {q} are read. To use others, map them under [columns]."
+                ]
     return []
 
 
@@ -163,8 +170,8 @@ def refuse_parts(found: Sequence[ChannelGroup], names: Sequence[str]) -> None:
             clock = next((f't = "{name}", ' for name in scalar_time_names(names) if name != "t"), "")
             torque = _torques_of([*alike], found)
             raise DataError(
-                f"{', '.join(map(repr, columns[:_SHOWN]))}{more} hold positions, and nothing tells of which joints. Say so under"
-                f" [columns] of a study file, with time and torques: {clock}{said}, {torque}."
+                f"{', '.join(map(repr, columns[:_SHOWN]))}{more} hold positions, but it is not clear of which joints. Map them"
+                f" under [columns] of a study file, with time and torques: {clock}{said}, {torque}."
             )
 
 

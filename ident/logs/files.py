@@ -51,7 +51,7 @@ def log_files(paths: str | Path | Sequence[str | Path]) -> list[LogFile]:
     except (OSError, ValueError) as error:  # a name that is too long, or holds a NUL
         if isinstance(error, DataError):
             raise
-        raise DataError(f"log: one of the names cannot be that of a file ({getattr(error, 'strerror', None) or error}).") from None
+        raise DataError(f"log: not a valid file name ({getattr(error, 'strerror', None) or error}).") from None
 
 
 def _expanded(paths: Sequence[str | Path]) -> list[LogFile]:

@@ -25,5 +25,5 @@ def left_hands(q: ChannelGroup, found: Sequence[ChannelGroup]) -> tuple[str, ...
     """What is said of hands that are left out."""
     (whole,) = [g for g in found if g.stem == q.stem and set(q.columns) <= set(g.columns)][:1] or [q]
     left = [joint for c, joint in zip(whole.columns, whole.joints, strict=True) if c not in q.columns and words_of(joint) & HANDS]
-    said = f"{', '.join(left)}: of a hand, without a torque, and left out; name a robot that has them to keep them."
+    said = f"{', '.join(left)}: joints of a hand without torque, left out; to keep them, name a robot that has them."
     return (said,) if left else ()

@@ -51,19 +51,19 @@ def question(found: Mapping[int, str], quantity: str, beside: str = "") -> str:
     more = " …" if len(found) > _MOST else ""
     said = ", ".join(f'{KEYS[quantity]}{j + 1} = "{column}"' for j, column in pairs)
     meant = _listed([column for _, column in pairs])
-    return f"did you mean {meant}{more}? If so, say so under [columns] of a study file: {said}{more}{beside}."
+    return f"did you mean {meant}{more}? If so, map it under [columns] of a study file: {said}{more}{beside}."
 
 
 def torque_question(columns: Sequence[str], joints: Iterable[int], names: Sequence[str]) -> str:
     """`question` for a log without any torque, whose columns may be torques or currents; "" where none looks like it."""
     wanted = list(joints)
     for quantity in ("tau_joint", "tau_current"):
-        beside = "" if quantity == "tau_current" else " (tau_m1 … where they are the motors')"
+        beside = "" if quantity == "tau_current" else " (tau_m1 … if they are motor torques)"
         if asked := question(lookalikes(columns, quantity, wanted, names), quantity, beside):
             return asked
     symbols = {int(found[1]) - 1: column for column in columns if (found := _SYMBOL.fullmatch(column))}
     whole = symbols if sorted(symbols) == wanted else {}
-    return question(whole, "tau_joint", " (tau_m1 … where they are the motors')")
+    return question(whole, "tau_joint", " (tau_m1 … if they are motor torques)")
 
 
 def _rest(column: str, words: frozenset[str], quantity: str) -> frozenset[str] | None:

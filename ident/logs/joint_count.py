@@ -23,7 +23,7 @@ def without_surplus(
     surplus = {k: c for k, c in found.items() if k[0] != "t" and c.joint >= len(joints.names)}
     if not surplus or len(mapped) < len(joints.names):
         return found
-    notes.append(f"{where}: {listed([repr(c.source) for c in surplus.values()])} are of no joint of the robot, and are not used.")
+    notes.append(f"{where}: {listed([repr(c.source) for c in surplus.values()])} belong to no joint of the robot, and are not used.")
     return {k: c for k, c in found.items() if k not in surplus}
 
 
@@ -52,7 +52,7 @@ def from_zero(
         said = ", ".join(f'{KEYS[quantity]}{j + 1} = "{column}"' for j, column in enumerate(columns))
         raise DataError(
             f"{where}: columns {listed([repr(c) for c in columns])} seem to count the joints from 0, but joints are counted from 1."
-            f" Say which is which under [columns] of a study file, for every column that is to be used: {said}."
+            f" Map every column that is to be used under [columns] of a study file: {said}."
         )
     return notes
 
@@ -64,11 +64,11 @@ def joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | No
     others = sorted({j for quantity, j in found if quantity != "t"})
     if not positions:
         names = joints.names if joints else ()
-        neither = "" if ("t", 0) in found else ", and no time (t or time, in s; or --rate-hz, the samples per second)"
+        neither = "" if ("t", 0) in found else ", and no time (t or time, in s; or give the sample rate with --rate-hz)"
         asked = question(lookalikes(unknown, "q", range(len(names) or len(unknown)), names), "q")
         asked = (
             asked[:1].upper() + asked[1:]
-            or 'Name them under [columns] of a study file, for example t = "clock", q1 = "angle 1", tau1 = "torque 1".'
+            or 'Map them under [columns] of a study file, for example t = "clock", q1 = "angle 1", tau1 = "torque 1".'
         )
         if torque := torque_question(unknown, range(len(names) or len(unknown)), names):
             asked += f" Torques: {torque}"
@@ -103,7 +103,7 @@ def joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | No
         raise DataError(
             f"{where}: no time column (t or time, in s, or with a unit as in time_ms{_unread_time(unknown)})."
             f" Columns not understood: {listed(unknown) or 'none'}."
-            ' Name it under [columns] of a study file: t = "...", or tell the samples per second: [logs] rate_hz = 500 (--rate-hz 500).'
+            ' Map it under [columns] of a study file: t = "...", or give the sample rate: [logs] rate_hz = 500 (--rate-hz 500).'
         )
     return count
 
@@ -113,7 +113,7 @@ def _unread_time(columns: Sequence[str]) -> str:
     for name in columns:
         stem, unit = bracketed(name)
         if unit and (named := parse_name(stem)) is not None and named.quantity == "t":
-            return f'; {name!r} is in {unit!r}, which is no unit of time that is known: t = {{ column = "{name}", scale = … }}'
+            return f'; {name!r} is in {unit!r}, which is not a known unit of time: t = {{ column = "{name}", scale = … }}'
     return ""
 
 
@@ -121,10 +121,11 @@ def _what_to_do(joints: JointNames | None) -> str:
     """How to bring a log and a robot with other numbers of joints together."""
     if joints is None or not joints.locked:
         return (
-            "Choose the robot that was logged, lock the joints that were not ([robot] locked), or map columns under [columns] of a study"
+            "Choose the robot that was logged, lock the joints that were not logged ([robot] locked), or map columns under"
+            " [columns] of a study"
             " file."
         )
-    left = f"{len(joints.names)} joints that are left ({listed(joints.names)})"
+    left = f"{len(joints.names)} remaining joints ({listed(joints.names)})"
     return (
         f"Locked: {listed(joints.locked)}. Number the columns by the {left} or by all {len(joints.whole)} of the robot, name them"
         " <joint>.position, or map them under [columns] of a study file."

@@ -111,7 +111,7 @@ def together(files: JointFiles, joints: JointNames | None, read: Callable[[Path,
         if any(log.n != 1 for log in found):
             return None
         if len(found) != 1:
-            raise DataError(f"{files.where}: each seems to hold one joint, but time starts again in {path.name}: cut it into runs first.")
+            raise DataError(f"{files.where}: each seems to hold one joint, but time restarts in {path.name}: split it into runs first.")
         parts += found
     return [_one_log(files, parts)]
 
@@ -143,7 +143,10 @@ def _one_log(files: JointFiles, parts: Sequence[Log]) -> Log:
     digest = sha256("".join(log.sha256 for log in parts).encode()).hexdigest()
     names = files.joints if all(files.joints) else ()
     listed = ", ".join(path.name for path in files.paths)
-    notes = (f"{files.where}: {listed} hold a joint each of one run, in this order{said}.", *(note for log in parts for note in log.notes))
+    notes = (
+        f"{files.where}: {listed} each hold one joint of the same run, in this order{said}.",
+        *(note for log in parts for note in log.notes),
+    )
     return Log(
         _name(files),
         clock,
@@ -171,10 +174,10 @@ def _clock(files: JointFiles, parts: Sequence[Log]) -> tuple[Array, str]:
     begin, end = max(log.t[0] for log in parts), min(log.t[-1] for log in parts)
     if end - begin < _COVERED * min(log.duration for log in parts):
         raise DataError(
-            f"{files.where}: each seems to hold one joint of one run, but their times do not overlap. If they are runs of a robot with"
-            " one joint, name them so (run1.csv …); if they are of one run, write them on one clock."
+            f"{files.where}: each seems to hold one joint of the same run, but their times do not overlap. If they are runs of a"
+            f" robot with one joint, name them accordingly (run1.csv …); if they are one run, write them with a common clock."
         )
-    return t[(t >= begin) & (t <= end)], "; those with other times are brought to the first one's"
+    return t[(t >= begin) & (t <= end)], "; those with other time stamps are interpolated to those of the first"
 
 
 def _name(files: JointFiles) -> str:

@@ -141,7 +141,7 @@ def _recognised(source: TableSource, joints: JointNames | None, rate: float | No
     if found is None:
         looks = _looks_like(source) if source.whole else ""
         if looks:
-            raise DataError(f"{where}: the names of its columns ({', '.join(names[:4])} …) do not tell what they hold. {looks}")
+            raise DataError(f"{where}: the names of its columns ({', '.join(names[:4])} …) do not say what they hold. {looks}")
         return None
     mapping = dict(found.mapping)
     if counted:
@@ -150,8 +150,8 @@ def _recognised(source: TableSource, joints: JointNames | None, rate: float | No
         usual = "500" if found.rate_hz is None else f"{found.rate_hz:g}"
         raise DataError(
             f"{where}: recognised{f' as {found.recorder}' if found.recorder else ''} ({found.text}), but it holds no"
-            f" time{_because(found.untimed)}: how many samples a second are there? Say so: [logs] rate_hz = {usual} (--rate-hz {usual})"
-            + (f"; {usual} is usual there." if found.rate_hz is not None else ".")
+            f" time{_because(found.untimed)}: give its sample rate: [logs] rate_hz = {usual} (--rate-hz {usual})"
+            + (f"; {usual} is usual for it." if found.rate_hz is not None else ".")
         )
     plan = resolve_columns((*names, COUNTED) if counted else names, joints, mapping, where=where)
     plan = _on_its_clock(plan, source) if rearranged is None else plan
@@ -170,7 +170,7 @@ def _told_units(header: Header, where: str) -> dict[str, str]:
             out[name] = "s" if told == MOMENT else unit_suffix(told)
             if not out[name] and (unread := unread_unit(told)):
                 raise DataError(
-                    f"{where}: column {name!r} is in {unread!r}, which is no unit that is known. Say what one of it is in SI units under"
+                    f"{where}: column {name!r} is in {unread!r}, which is not a known unit. Give its size in SI units under"
                     f" [columns] of a study file: {KEYS[named.quantity]}{named.joint + 1 if named.quantity != 't' else ''} = {{ column ="
                     f' "{name}", scale = … }}.'
                 )
@@ -189,7 +189,7 @@ def _on_its_clock(plan: ColumnPlan, source: TableSource) -> ColumnPlan:
     factor = since_1970(source.usual_size(clock.source)) if not clock.unit and clock.scale == 1.0 else 1.0
     if factor == 1.0:
         return plan
-    said = f"{plan.where}: column {clock.source!r} counts from 1970 by its size: one of it is {factor:g} s."
+    said = f"{plan.where}: column {clock.source!r} counts from 1970, judging by its size: one unit is {factor:g} s."
     return replace(plan.on_clock(replace(clock, scale=factor)), notes=(*plan.notes, said))
 
 
@@ -230,16 +230,16 @@ def _of_driven_joints(names: tuple[str, ...], joints: JointNames | None, where: 
     if not driven or not idle:
         return names, []
     out = ", ".join(known[j] for j in sorted(idle))
-    note = f"{where}: no torque is logged for {out}, which are left out; name a robot that has them to keep them."
+    note = f"{where}: no torque is logged for {out}, which are left out; to keep them, name a robot that has them."
     return tuple(n for n in names if of.get(n) not in idle), [note]
 
 
 def _unnamed(source: TableSource) -> str:
     where, header = source.where, source.header
-    looks = _looks_like(source) or "Say which is which under [columns] of a study file, or add a header row."
+    looks = _looks_like(source) or "Map them under [columns] of a study file, or add a header row."
     return (
         f"{where}: line {header.line + 1} holds numbers where a header row should name the {len(header.names)} columns;"
-        f" {header.names[0]} … {header.names[-1]} stand for them, from the left. {looks}"
+        f" {header.names[0]} … {header.names[-1]} are their names here, from the left. {looks}"
     )
 
 

@@ -76,13 +76,13 @@ def _joint_ratio(t: Array, q: Array, dq: Array) -> float | None:
 def _why_not(g: ChannelGroup, ratio: float, q: Array, values: Array) -> str:
     key = f'{KEYS["dq"]}1 = {{ column = "{g.columns[0]}", scale = … }} …'
     if np.isfinite(ratio):
-        return f"go with the velocities, but are {ratio:.3g} times as large, and are not used; say so under [columns] if they are: {key}."
+        return f"are {ratio:.3g} times the velocities, and are not used; if they are velocities, map them under [columns]: {key}."
     with np.errstate(invalid="ignore"):
         apart = np.sqrt(np.nanmean((values - q) ** 2)) if np.isfinite(values - q).any() else np.inf
         spread = np.sqrt(np.nanmean((q - np.nanmean(q, axis=0)) ** 2))
     if apart < 0.5 * spread:
-        return "follow the positions themselves, not their change: if they were asked for, name them q_ref1 …; they are not used."
-    return "are no velocities of these positions, whatever their name says, and are not used."
+        return "follow the positions themselves, not their change, and are not used; if they are desired positions, name them q_ref1 …."
+    return "are not the velocities of these positions, whatever their name says, and are not used."
 
 
 def _listed(g: ChannelGroup) -> str:

@@ -152,7 +152,7 @@ def _turned(log: Log, robot: Robot) -> Log:
     q, moved = within_limits(unwrapped(log.q), robot)
     if not moved:
         return log
-    said = f"log {log.name}: positions of {', '.join(moved)} are joined over full turns and moved by whole turns into the joint limits."
+    said = f"log {log.name}: positions of {', '.join(moved)} are unwrapped, and shifted by full turns into the joint limits."
     return replace(log, q=q, notes=(*log.notes, said))
 
 
@@ -184,7 +184,7 @@ def _with_desired(file: LogFile, request: _Request) -> list[Log]:
         return logs
     out = []
     for log in logs:
-        said = f"log {file.path}: {file.desired.name} beside it holds what was desired in the same run."
+        said = f"log {file.path}: {file.desired.name} beside it holds the desired motion of the same run."
         extras = dict(log.extra)
         if desired.q is not None and log.q is not None and desired.q.shape[1] == log.q.shape[1] and np.ptp(desired.q, axis=0).any():
             for j in range(log.n):
@@ -218,11 +218,11 @@ def _read(given: Path | pd.DataFrame, request: _Request) -> list[Log]:
         raise DataError(f"{where}: one row of data; a log needs many.")
     empty = drop_empty(arrays, where)
     notes = [*source.notes, *plan.notes, *meant, *empty]
-    hint = "what stands there for a torque is zero in every row" if empty and not any(k.startswith("tau") for k in arrays) else plan.hint
+    hint = "the torque is zero in every row" if empty and not any(k.startswith("tau") for k in arrays) else plan.hint
     side = "q" if "q" in arrays else "q_motor"
     if found.recording is not None and side == "q" and joints is None:
         arrays["q"], turned = from_one_turn(arrays["q"])
-        notes += [f"{where}: positions within one turn (0 … 360 degrees) are joined over full turns."] if turned else []
+        notes += [f"{where}: positions within one turn (0 … 360 degrees) are unwrapped."] if turned else []
     positions = {c.source: arrays[side][:, c.joint] for c in plan.quantity(side)}
     pieces = usable_rows(arrays["t"], positions, where, missing=request.missing, repeated=repeated_rows(arrays))
     extras = _numbered_references(extras, joints.names if joints else plan.joints)

@@ -161,18 +161,18 @@ def _other_number(positions: ChannelGroup, joints: Sequence[str]) -> DataError:
     count, there = len(joints), len(positions.columns)
     if unread := next((unit for column in positions.columns if (unit := unread_in(column))), ""):
         return DataError(
-            f"the robot has {counted(count, 'joint')}, but positions of {there} are together ({positions}): they are in {unread!r}, which"
-            " is no unit that is known. Write deg, rad, mm or m instead, or map the columns with their scale under [columns] of a study"
-            f' file, q1 = {{ column = "{positions.columns[0]}", scale = … }} first.'
+            f"the robot has {counted(count, 'joint')}, but positions of {there} belong together ({positions}): they are in"
+            f" {unread!r}, which is not a known unit. Write deg, rad, mm or m instead, or map the columns with their"
+            f' scale under [columns] of a study file, q1 = {{ column = "{positions.columns[0]}", scale = … }} first.'
         )
     hand = [name for name in joints if words_of(name) & HANDS]
     likely = f", such as its hand: --lock {' '.join(hand)}" if count - there == len(hand) else ""
     remedy = (
-        f"lock those that were not logged{likely} ([robot] locked, or joints for those to keep)"
+        f"lock the joints that were not logged{likely} ([robot] locked, or joints for those to keep)"
         if count > there
         else "map those of the robot's joints under [columns] of a study file, q1 = … first"
     )
-    return DataError(f"the robot has {counted(count, 'joint')}, but positions of {there} are there ({positions}); {remedy}.")
+    return DataError(f"the robot has {counted(count, 'joint')}, but the log has positions of {there} ({positions}); {remedy}.")
 
 
 def named_alike(known: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
@@ -187,7 +187,7 @@ def _put_in_order(order: Sequence[str], joints: Sequence[str] | None) -> tuple[s
     """What is said where the recorder counts the joints in another order than the robot."""
     if not order or list(order) == list(joints or ()):
         return ()
-    return (f"its joints come as {', '.join(order)}, and are put into the robot's order by these names.",)
+    return (f"the log orders its joints as {', '.join(order)}; they are put into the robot's order by name.",)
 
 
 def _in_si(read: Reader, found: Sequence[ChannelGroup]) -> dict[str, Array]:
@@ -270,15 +270,15 @@ def _position_scale(q: ChannelGroup, table: Mapping[str, Array], recorder: Recor
     if whole and reach > _TURNS * 2 * np.pi and any(len(np.unique(v)) > _WHOLE for v in values):
         if recorder is None or recorder.counts is None:
             raise DataError(
-                f"positions from {q} are whole numbers up to {reach:g}: counts of an encoder. Say how many are a turn, and which is zero,"
-                " under [columns] of a study file; for 4096 counts and zero at 2048:"
+                f"positions from {q} are whole numbers up to {reach:g}: encoder counts. Give the counts per turn, and the count at"
+                f" zero, under [columns] of a study file; for 4096 counts per turn and zero at 2048:"
                 f' q1 = {{ column = "{q.columns[0]}", scale = 0.00153398, offset = -3.14159 }} …'
             )
         turn = 2 * np.pi / recorder.counts
         return turn, -recorder.centre * turn, True
     if q.unread:
         raise DataError(
-            f"positions from {q} are in {q.unread!r}, which is no unit that is known. Say what one of it is in radians (metres) under"
+            f"positions from {q} are in {q.unread!r}, which is not a known unit. Give its size in radians (metres) under"
             f' [columns] of a study file: q1 = {{ column = "{q.columns[0]}", scale = … }} …'
         )
     return (np.pi / 180 if reach > _TURNS * 2 * np.pi else 1.0), 0.0, False

@@ -16,7 +16,7 @@ from ..errors import ConfigurationError, unknown_name
 _CHANNELS = ("q", "dq", "tau", "i", "q_ref", "dq_ref", "ddq_ref")
 #: What a torque-like channel may be, in words.
 EFFORTS = {
-    "link": "torque behind the gears",
+    "link": "torque on the joint side of the gears",
     "motor": "torque of the motors",
     "current": "motor current",
     "estimated": "torque estimated from the current",

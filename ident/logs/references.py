@@ -75,6 +75,6 @@ def _order(g: ChannelGroup, q: ChannelGroup, table: Mapping[str, Array], factor:
         return own, ()
     _, best = linear_sum_assignment(distance)
     if distance[own, best].sum() < _CLEARER * distance[own, own].sum():
-        said = f"{g} follow the positions in another order than these are written in, and are taken in that of the positions."
+        said = f"{g} follow the positions in a different order, and are reordered to match them."
         return best, (said,)
     return own, ()

@@ -125,8 +125,8 @@ def moving_rows(positions: Array, usual: Array) -> Array:
 def repeats_told(count: int, where: str) -> str:
     """What to say of rows that repeat the row before them."""
     return (
-        f"{where}: {counted(count, 'row', 'repeat')} the row before in every column but the time while the joints move (the recorder"
-        " took a slower stream's sample again), left out as gaps of one sample."
+        f"{where}: {counted(count, 'row', 'repeat')} the row before in every column but the time while the joints move (the"
+        f" recorder repeated the sample of a slower stream), left out as gaps of one sample."
     )
 
 
@@ -180,7 +180,7 @@ def missing_rows(unstamped: Holes, holes: Mapping[str, Holes], rows: int, where:
         if missing == "refuse" and (hole.longest > _ISOLATED or hole.count > max(_ISOLATED, _SHARE * rows)):
             raise DataError(
                 f"{where}: column {name!r} has no number in {hole.count} of {counted(rows, 'row')} ({hole})."
-                ' A position that is missing cannot be used. Cut the log there, or read it with missing = "gap" (--missing gap)'
+                ' Missing positions cannot be used. Cut the log there, or read it with missing = "gap" (--missing gap)'
                 " to leave these rows out as a gap."
             )
         notes.append(f"{where}: column {name!r} has no number in {counted(hole.count, 'row')} ({hole}), left out as a gap.")
@@ -206,7 +206,8 @@ def rising_runs(t: Array, index: Array, where: str, notes: list[str], moved: Cal
             if keep.sum() > 1 and len(again) > _ROUNDED * len(piece) and np.mean(moved(again)) > _MOVED:
                 raise DataError(
                     f"{where}: {len(again)} of {counted(len(piece), 'row', 'repeat')} the time stamp before ({ranges(dropped)}), but not"
-                    " its positions: the stamps are rounded to more than the time between samples, and no speed can be had from them."
+                    " its positions: the time stamps are rounded more coarsely than the sample period, so no velocity can be"
+                    " computed from them."
                     " Write them with more digits; or, if the samples are evenly spaced, give the time as row number / rate."
                 )
             notes.append(
@@ -235,7 +236,7 @@ def _runs(t: Array, index: Array, back: Array, where: str, notes: list[str]) -> 
     restart[1:] &= before - t[index[back + 1]] >= 0.5 * (before - t[index[starts[:-1]]])
     if restart.all() and goes_on.all() and lengths.min() >= 20:
         at = ", ".join(str(int(index[s]) + 1) for s in starts[1:6])
-        notes.append(f"{where}: time starts again at data row {at}: taken as {len(starts)} runs.")
+        notes.append(f"{where}: time restarts at data row {at}: taken as {len(starts)} runs.")
         return np.split(index, starts[1:])
     row = int(index[back[0] + 1])
     raise DataError(

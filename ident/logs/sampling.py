@@ -63,7 +63,7 @@ def sampling_of(source: TableSource) -> Sampling | None:
     if len(rates) > 1 and max(rates.values()) > (1 + _SAME) * min(rates.values()):
         listed = ", ".join(f"{name} = {told[name]:g}" for name in rates)
         raise DataError(
-            f"{source.where}: holds no time, but {listed}, of which nobody knows which is that of the samples. Say the samples per second:"
+            f"{source.where}: holds no time, but {listed}, and it is not clear which is that of the samples. Give the sample rate:"
             " [logs] rate_hz = … (--rate-hz)."
         )
     for name, rate in rates.items():
@@ -86,7 +86,7 @@ def _by_column(source: TableSource, name: str) -> Sampling | None:
         rate = _rate(name, middle, _bare(name)[0] in _PERIOD, source.where)
         return Sampling(rate, said=f"{source.where}: holds no time; column {name!r} says {rate:g} samples per second.")
     rate = _rate(name, middle, _bare(name)[0] in _PERIOD, source.where)
-    return Sampling(None, name, 1.0 / (rate * middle), f"{source.where}: the time is the sum of {name!r}, the times since the row before.")
+    return Sampling(None, name, 1.0 / (rate * middle), f"{source.where}: the time is the sum of {name!r}, the time since the previous row.")
 
 
 def with_summed_time(source: TableSource, found: Sampling) -> TableSource:
@@ -97,7 +97,7 @@ def with_summed_time(source: TableSource, found: Sampling) -> TableSource:
         if SUMMED in (*names, *optional):
             steps = np.asarray(source.read([found.column], ())[found.column], float)
             if not np.isfinite(steps[1:]).all():
-                raise DataError(f"{source.where}: column {found.column!r} lacks a time since the row before in some rows.")
+                raise DataError(f"{source.where}: column {found.column!r} lacks the time since the previous row in some rows.")
             table[SUMMED] = found.factor * np.concatenate([[0.0], np.cumsum(steps[1:])])
         return table
 
@@ -143,7 +143,7 @@ def _rate(name: str, value: float, period: bool, where: str) -> float:
     if not known:
         usual = 1e3 / value if period else 1e3 * value
         raise DataError(
-            f"{where}: holds no time, and {name} = {value:g} tells its sampling in a unit that is not told. Say the samples per second:"
+            f"{where}: holds no time, and {name} = {value:g} gives its sampling in an unknown unit. Give the sample rate:"
             f" [logs] rate_hz = {usual:g} (--rate-hz {usual:g}) if it is in {'ms' if period else 'kHz'}."
         )
     return rate

@@ -43,8 +43,8 @@ def as_meant(arrays: dict[str, Array], meaning: str | None, sign: tuple[float, .
     told = [k for k in arrays if k.startswith("tau_")]
     if meaning == "external":
         raise DataError(
-            f"{where}: its torque is declared external: gravity, inertia and friction are taken out of it, so that nothing of the robot's"
-            " own dynamics is left to identify. Log the measured joint torque, or the motor currents."
+            f"{where}: its torque is declared external: gravity, inertia and friction have been removed from it, so nothing of the"
+            f" robot's own dynamics can be identified from it. Log the measured joint torque, or the motor currents."
         )
     if meaning == "none":
         for key in told:
@@ -55,7 +55,7 @@ def as_meant(arrays: dict[str, Array], meaning: str | None, sign: tuple[float, .
         arrays[f"tau_{meaning}"] = arrays.pop("tau_joint")
     if meaning in ("estimated", "command") and told:
         what = "an estimate" if meaning == "estimated" else "a command"
-        notes.append(f"{where}: the torque is {what}, not a measurement: parameters are those of what made it, as far as it is right.")
+        notes.append(f"{where}: the torque is {what}, not a measurement: the parameters can only be as good as whatever produced it.")
     if any(x != 1.0 for x in sign):
         for key in [k for k in arrays if k.startswith("tau_")]:
             if len(sign) not in (1, arrays[key].shape[1]):
@@ -76,10 +76,11 @@ def measured(log: TorqueColumns, transmission: Transmission) -> MeasuredTorque:
     if other.value in log.tau:
         torque = _through(log.tau[other.value], transmission.torque_map(other, side))
         if not np.allclose(transmission.K, np.eye(transmission.n)):
-            note = f"log {log.name}: torque was logged on the {other} side and is carried to the {side} side through K."
+            note = f"log {log.name}: torque was logged on the {other} side and is mapped to the {side} side through K."
         elif other == Side.MOTOR:
             note = (
-                f"log {log.name}: the torque is the motors', and no gears are declared: each motor is taken to turn its joint one to one."
+                f"log {log.name}: the torque is the motors', and no gears are declared: each motor is taken to drive its joint one"
+                f" to one."
                 ' Give [drive] ratio = [...] (--drive FILE), or for direct drives measured = "motor".'
             )
         else:
@@ -89,14 +90,14 @@ def measured(log: TorqueColumns, transmission: Transmission) -> MeasuredTorque:
         if transmission.torque_constants is None:
             raise ConfigurationError(
                 f"log {log.name} holds currents, but the drive has no torque constants. Give [drive] torque_constants ="
-                " [...] in N m/A, one a motor."
+                " [...] in N m/A, one per motor."
             )
         torque = log.tau["current"] * transmission.torque_constants
         if side == Side.MOTOR:
             return MeasuredTorque(torque, (f"log {log.name}: motor torque is current times torque constant.",))
         torque = _through(torque, transmission.torque_map(Side.MOTOR, Side.JOINT))
-        return MeasuredTorque(torque, (f"log {log.name}: torque is current times torque constant, carried to the joint side through K.",))
-    asked = f"; {log.hint}" if log.hint else ". Name the columns under [columns] of a study file."
+        return MeasuredTorque(torque, (f"log {log.name}: torque is current times torque constant, mapped to the joint side through K.",))
+    asked = f"; {log.hint}" if log.hint else ". Map the columns under [columns] of a study file."
     raise DataError(f"log {log.name}: holds no torque or current (tau1, tau_m1 or i1 …); there is nothing to fit to{asked}")
 
 

@@ -39,8 +39,8 @@ def _said(names: Sequence[str], time: int, first: int, n: int, count: int) -> st
     dq = ", ".join(f'dq{j + 1} = "{names[first + n + j]}"' for j in range(n))
     rest = list(range(first + 2 * n, count))
     blocks = [f"{names[rest[i]]} … {names[rest[i + n - 1]]}" for i in range(0, len(rest) - n + 1, n)]
-    torque = f" Torque (tau1 …, N m) or current (i1 …, A) may be {' or '.join(blocks)}: that the numbers do not tell." if blocks else ""
+    torque = f" Torque (tau1 …, N m) or current (i1 …, A) may be {' or '.join(blocks)}: the numbers alone do not say." if blocks else ""
     return (
-        f"{names[time]} rises like a time, and {names[first + n]} … {names[first + 2 * n - 1]} are the rates of {names[first]} …"
-        f' {names[first + n - 1]}. If so, say under [columns] of a study file: t = "{names[time]}", {q}, {dq}.{torque}'
+        f"{names[time]} increases like a time, and {names[first + n]} … {names[first + 2 * n - 1]} look like the velocities of"
+        f' {names[first]} … {names[first + n - 1]}. If so, write under [columns] of a study file: t = "{names[time]}", {q}, {dq}.{torque}'
     )

@@ -20,7 +20,7 @@ def unread_note(key: str, columns: Sequence[str], unit: str) -> str:
     are, more = ("is", "") if len(columns) == 1 else ("are", " …")
     si = _SI[key.rstrip("0123456789").removesuffix("_m")]
     return (
-        f"{named} {are} in {unit!r}, which is no unit that is known, and {are} not used: say what one of it is in {si} under [columns] of a"
+        f"{named} {are} in {unit!r}, which is not a known unit, and {are} not used: give its size in {si} under [columns] of a"
         f' study file, {key} = {{ column = "{columns[0]}", scale = … }}{more}.'
     )
 

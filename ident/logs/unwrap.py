@@ -83,8 +83,8 @@ def motor_turn_notes(name: str, robot: Robot, wrapping: Sequence[int]) -> list[s
     )
     motors = ", ".join(robot.joint_names[k] for k in wrapping)
     said = (
-        f"log {name}: the motor positions of {motors} jump by a full turn; they are taken as continuous from the first sample on. In which"
-        f" turn that lies is not known: the zero of {where} may be off by whole turns, and with it the direction of gravity. Log joint"
-        " positions, or give [drive] zero."
+        f"log {name}: the motor positions of {motors} jump by a full turn; they are taken as continuous from the first sample on."
+        f" The turn at the start is not known: the zero of {where} may be off by whole turns, and with it the direction of gravity."
+        " Log joint positions, or give [drive] zero."
     )
     return [said]

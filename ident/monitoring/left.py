@@ -22,7 +22,10 @@ Array = np.ndarray
 def unknown(estimate: Estimate, signals: Signals) -> tuple[Drift, ...]:
     """Joints with torque in the new logs of which the fit has no row: neither their parameters nor their noise are known."""
     names = estimate.model.robot.joint_names
-    text = "the fit was made without a usable row of it (no motion, or no torque), so that a change there cannot be told; fit it anew"
+    text = (
+        "the fit was made without a usable row of it (no motion, or no torque), so that a change there cannot be"
+        " detected; fit again with more motion"
+    )
     blind = (estimate.fit_error.rows == 0) & signals.valid.any(axis=0)
     return tuple(Drift(names[j], "not known from the fit", f"{names[j]}: {text}") for j in blind.nonzero()[0].tolist())
 

@@ -163,8 +163,8 @@ class Monitoring(ShortRepr):
 def said(found: Monitoring) -> str:
     """The verdict in words."""
     return {
-        "unchanged": "unchanged: the fit predicts the new logs as well as its own uncertainty lets expect",
+        "unchanged": "unchanged: the fit predicts the new logs as well as its own uncertainty allows",
         "changed": "changed: " + "; ".join(change.brief for change in found.changes),
-        "ambiguous": "ambiguous: something changed, and two or more things account for it equally well",
+        "ambiguous": "ambiguous: something changed, and two or more explanations account for it equally well",
         "unexplained": "unexplained: the fit does not predict the new logs, and no change that was tried accounts for all of it",
     }[found.verdict]

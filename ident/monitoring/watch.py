@@ -84,7 +84,9 @@ def monitor(
     try:
         before = Before.of_estimate(estimate) if reference is None else Before.of_logs(estimate, reference, blind)
     except DataError as error:
-        said = (f"the fit's own logs cannot be looked at, so that an effect may be new, or one that the model never had: {error}",)
+        said = (
+            f"the logs of the fit itself cannot be used, so that an effect may be new, or one that the model has always lacked: {error}",
+        )
         reference, before = None, Before.of_estimate(estimate)
     tell(0.1)
     fit, _, speeds = prepared(before.model, signals, before.values, without=blind)
@@ -120,8 +122,8 @@ def _check(estimate: Estimate, signals: Signals, look: int) -> None:
     rows, parameters = int(signals.valid.sum()), estimate.model.base.count
     if rows < ROWS_EACH * parameters:
         raise DataError(
-            f"only {counted(rows, 'usable row')} for {counted(parameters, 'parameter')}: too few to"
-            " tell a change from chance; give a longer log."
+            f"only {counted(rows, 'usable row')} for {counted(parameters, 'parameter')}: too few to distinguish a change"
+            f" from chance; give a longer log."
         )
 
 

@@ -57,12 +57,13 @@ class Binding:
         out = []
         chance = f"probability {_small(self.chance)}; about {np.sqrt(self.degrees):.2g} are to be expected"
         if self.chance >= _HARDLY:
-            out.append(f"{head}, which noise alone explains ({chance}): nothing speaks against real links.")
+            out.append(f"{head}, which noise alone explains ({chance}): the data are compatible with real links.")
         else:
             how = "does not explain" if self.significant else "hardly explains"
             out.append(
-                f"{head}, which noise alone {how} ({chance}): the data ask for links that cannot exist. Most likely inertia parameters"
-                " stand in for an effect that the model lacks (friction, a torque that depends on position, tilt, delay, a torque scale):"
+                f"{head}, which noise alone {how} ({chance}): the data favour links that cannot exist. Most likely,"
+                f" inertia parameters compensate for an effect that the model lacks (friction, a torque that depends on position, tilt,"
+                f" delay, a torque scale):"
                 " run `ident diagnose`."
             )
         if costs:

@@ -115,10 +115,10 @@ def judge_consistent(
     holds = _holds(structure, standard) and not wrong
     shortfall: dict[str, float] = {}
     if not _holds(structure, standard):
-        shortfall = _shortfall(structure, constant, free, scale, drive, wrong)
+        shortfall = _shortfall(structure, constant, free, scale, drive)
     notes = zero_notes(zero)
     if not holds and not wrong and abs(margin) < 1e-7:
-        notes += ("the set lies on the border: bodies without extent in some direction would do.",)
+        notes += ("the set lies on the feasibility boundary: only bodies without extent in some direction have it.",)
     return Consistent(
         consistent=holds,
         violated_links=tuple(shortfall),
@@ -219,9 +219,7 @@ def _free_scale(structure: InertiaStructure, free: Array, scale: Array, drive: A
     return 1.0 / np.maximum(effect, 1e-12)
 
 
-def _shortfall(
-    structure: InertiaStructure, constant: Array, free: Array, scale: Array, drive: Array, wrong: tuple[str, ...]
-) -> dict[str, float]:
+def _shortfall(structure: InertiaStructure, constant: Array, free: Array, scale: Array, drive: Array) -> dict[str, float]:
     """Least total amount by which scaled pseudo-inertias must be raised, link by link; links that need none are left out.
 
     The sum of amounts (not of squares) leaves most links untouched: those named are the ones at fault."""

@@ -105,7 +105,7 @@ def _settled(
         if holds and cost <= limit * (1 + 1e-4) + 1e-6:
             towards = "lightest and most compact links" if prior is None else f"links nearest to the URDF's ({metric} metric)"
             given = np.sqrt(max(limit - best.cost, 0.0))
-            note = f"what the data hardly see is settled on the {towards}, within {given:.2g} standard deviations of the best fit."
+            note = f"what the data barely determine is set to the {towards}, within {given:.2g} standard deviations of the best fit."
             return replace(best, values=values, standard=standard, cost=cost, notes=(*best.notes, note))
     return best
 

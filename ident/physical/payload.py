@@ -177,7 +177,7 @@ def _estimate(
     unconstrained, covariance, seen = _plain(R, z, scale, int(matrix_rank(A, tol=1e-9 * float(np.linalg.norm(A)))))
     if seen == 0:
         raise DataError(
-            f"a load on {name!r} does not show in these logs: none of its parameters acts on a measured torque. Move the joints before it."
+            f"a load on {name!r} is not visible in these logs: none of its parameters acts on a measured torque. Move the joints before it."
         )
     visible = _visible(R, scale)
     std = np.where(visible, np.sqrt(np.maximum(np.diagonal(covariance), 0.0)), np.nan)
@@ -213,13 +213,12 @@ def _notes(link: str, left: float, free: int, cost: float, seen: int) -> tuple[s
     out = []
     if free and left > max(_chi2_limit(free), _MORE * free):
         out.append(
-            f"what a load on {link} leaves of the difference between the logs is far beyond noise (chi2 {left:.4g} with {free} degrees of"
+            f"a load on {link} does not explain the difference between the logs (chi2 {left:.4g} with {free} degrees of"
             " freedom): something else has changed, such as friction, or the load is on another link. `ident monitor` looks for it."
         )
     if cost > max(_chi2_limit(seen), _MORE * seen):
         out.append(
-            f"no body on {link} comes near what the logs alone say (it costs chi2 {cost:.4g}): what has changed is something else, or on"
-            " another link."
+            f"no physical body on {link} fits the logs (chi2 {cost:.4g}): something else has changed, or the load is on another link."
         )
     return tuple(out)
 

@@ -107,11 +107,11 @@ def standard_parameters(
         instead = "the quadratic metric was used" if metric else "they are consistent, but not the nearest to the nominal ones"
         notes += (f"these links lie so near to the border that the {prior.metric.value} metric could not be minimised: {instead}.",)
     if prior is None:
-        notes += ("nothing nominal is known of the links: among those that give the same torque, light and compact ones were chosen.",)
+        notes += ("no nominal inertials are known: among the links that give the same torque, light and compact ones were chosen.",)
     else:
         unknown = [structure.body_names[i] for i, root in enumerate(prior.roots(structure)) if root is None]
         if unknown:
-            notes += (f"nothing nominal is known of {', '.join(unknown)}: light and compact bodies were chosen.",)
+            notes += (f"no nominal inertials are known of {', '.join(unknown)}: light and compact bodies were chosen.",)
     size = np.maximum(np.abs(values), 1e-6 * float(np.abs(values).max(initial=1.0)))
     error = float(np.abs((structure.regroup @ fit.standard - values) / size).max(initial=0.0))
     assert np.all(smallest_eigenvalues(fit.standard[structure.inertial]) > 0)

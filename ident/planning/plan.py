@@ -101,7 +101,9 @@ def make_plan(
     robot = model.robot
     limits = limits or Limits.of(robot)
     if postures < 2:
-        raise ConfigurationError(f"plan: at least 2 postures are needed to tell gravity and inertia of the frozen joints, not {postures}.")
+        raise ConfigurationError(
+            f"plan: at least 2 postures are needed to separate gravity and inertia of the frozen joints, not {postures}."
+        )
     chooser = Chooser(model, limits, postures, seed)
     if published is None:
         tests, rank = chooser.tests(Separation(separation))

@@ -202,6 +202,6 @@ def _why_hidden(symbol: str, turning: int) -> str:
     if symbol == "m":
         return "the origin of its frame never moves"
     if symbol.startswith("I"):
-        ways = {0: "the link never turns", 1: "the link only ever turns about one direction"}
-        return ways.get(turning, "no turning of the link excites it")
-    return "the origin of its frame is not moved, nor does gravity act, in a way that would show it"
+        ways = {0: "the link never turns", 1: "the link only ever rotates about one axis"}
+        return ways.get(turning, "no rotation of the link excites it")
+    return "neither the motion of its frame's origin nor gravity excites it"

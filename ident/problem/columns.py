@@ -17,7 +17,7 @@ from ..effects.kinds import Need
 from ..effects.motion import Motion
 from ..effects.rigid_body import RigidBody
 from ..model import Model
-from ..regressor.rigid import packed_columns
+from ..regressor.row_information import packed_columns
 from ..signals.filters import RowFilter
 
 if TYPE_CHECKING:

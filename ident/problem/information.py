@@ -17,7 +17,7 @@ import numpy as np
 from .._utils.short_repr import ShortRepr
 from .._utils.singular_values import singular_values
 from ..errors import ConfigurationError
-from ..regressor.rigid import stacked_information
+from ..regressor.row_information import stacked_information
 
 Array = np.ndarray
 #: Largest condition of [Φ τ], columns of equal length, at which products may stand for rows. Rounding then moves an estimate by about

@@ -45,9 +45,28 @@ class LinearSolution:
 
 
 def solve_triangle(R: Array, z: Array, order: list[int] | None = None) -> LinearSolution:
-    """Solve with columns scaled; columns that the data cannot tell from others are grouped into them (see regressor.base).
+    """Solve R x = z with scaled columns; columns that the data cannot separate from others are grouped into them.
 
-    `order`: which column may stay before which; by default as they stand."""
+    Parameters
+    ----------
+    R : array (b, b)
+        Upper triangular, from the information of a problem.
+    z : array (b,)
+        Right-hand side.
+    order : list of int, optional
+        Which columns are kept before which; by default as they stand.
+
+    Returns
+    -------
+    LinearSolution
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ident.estimators import solve_triangle
+    >>> solve_triangle(np.array([[2.0, 0.0], [0.0, 4.0]]), np.array([1.0, 1.0])).values.tolist()
+    [0.5, 0.25]
+    """
     from scipy.linalg import solve_triangular
 
     scale = np.linalg.norm(R, axis=0)

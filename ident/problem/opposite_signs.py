@@ -45,9 +45,10 @@ class OppositeSign:
 
     def __str__(self) -> str:
         return (
-            f"torque of {self.joint} seems to have the opposite sign: turned, its error falls from {100 * self.before:.3g} to"
-            f" {100 * self.after:.3g} % of its torque. Look at its sign and its side in the log ([drive] measured), at the sign of its"
-            " ratio, and at the joint's axis in the URDF."
+            f"torque of {self.joint} seems to have the opposite sign: with the sign flipped, its error falls from"
+            f" {100 * self.before:.3g} to"
+            f" {100 * self.after:.3g} % of its torque. Check its sign and side in the log ([drive] measured), the sign of"
+            f" its ratio, and the joint's axis in the URDF."
         )
 
 

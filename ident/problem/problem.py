@@ -16,7 +16,7 @@ from ..effects.reference import Reference
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError, DataError
 from ..model import Model
-from ..regressor.rigid import information
+from ..regressor.row_information import information
 from ..robots.transmission import Side
 from ..signals.known_band import within_known_band
 from ..signals.rows import KeptRows, Rows
@@ -190,7 +190,7 @@ class Problem(ShortRepr):
             for r in self.rows():
                 total = total + Information.empty(total.n, total.names).with_rows(r.columns, r.tau, r.valid)
         if not total.counts.any():
-            why = next((w for w in self.signals.report.warnings if w.startswith("no row of")), "`ident check` tells why.")
+            why = next((w for w in self.signals.report.warnings if w.startswith("no row of")), "`ident check` says why.")
             raise DataError(f"no row of the log can be used: every torque is missing or masked. {why[0].upper()}{why[1:]}")
         if not total.torque_squares().any():
             runs = ", ".join(self.signals.run_names[:4])

@@ -73,7 +73,8 @@ class Bodies:
         boxed = [_label(shape.name) for shape in shapes.geometryObjects if not _made_convex(shape)]
         if boxed:
             notes.append(
-                f"taken as the boxes about their meshes, which have no hull that coal can hold: {', '.join(dict.fromkeys(boxed))}."
+                f"represented by bounding boxes, because coal cannot build the convex hulls of their meshes:"
+                f" {', '.join(dict.fromkeys(boxed))}."
             )
         longest = max((float(np.linalg.norm(p.translation)) for p in list(model.jointPlacements)[1:]), default=1.0)
         radius = min(_RADIUS, _SHARE * longest or _RADIUS) if radius is None else radius

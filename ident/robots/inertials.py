@@ -41,8 +41,10 @@ def check_inertials(root: etree._Element, where: str) -> None:
                     if abs(plain_number(word)) <= _MOST[tag]:
                         continue
                     if math.isfinite(plain_number(word)):
-                        raise ConfigurationError(f"URDF {where}: link {link.get('name', '')!r}: <{tag} {key}={text!r}> is no robot's.")
-                    hint = "Write a point, not a comma." if "," in word else "Write the number alone, in kg, m and kg m^2."
+                        raise ConfigurationError(
+                            f"URDF {where}: link {link.get('name', '')!r}: <{tag} {key}={text!r}> is not plausible for a robot."
+                        )
+                    hint = "Use a decimal point, not a comma." if "," in word else "Write only the number, in kg, m or kg m^2."
                     raise ConfigurationError(
                         f"URDF {where}: link {link.get('name', '')!r}: <{tag} {key}={text!r}>: {word!r} is not a finite number. {hint}"
                     )
@@ -68,7 +70,7 @@ def _check_whole(link: etree._Element, where: str) -> None:
     missing += [f"<inertia {key}=…>" for key in _NUMBERS["inertia"] if key not in given]
     if missing:
         raise ConfigurationError(
-            f"URDF {where}: link {link.get('name', '')!r}: its <inertial> lacks {', '.join(missing)}. Complete it, or take it away."
+            f"URDF {where}: link {link.get('name', '')!r}: its <inertial> lacks {', '.join(missing)}. Complete it, or remove it."
         )
 
 

@@ -67,14 +67,14 @@ def held_joints(
             raise ConfigurationError(f"joint {joint!r} is both locked and dependent ([loop]); it can only be one of them.")
         held[joint] = float(position)
         if not abs(held[joint]) <= _FARTHEST:
-            raise ConfigurationError(f"joint {joint!r} is locked at {position}, which is no position of a joint.")
+            raise ConfigurationError(f"joint {joint!r} is locked at {position}, which is not a plausible position of a joint.")
     masters = {m.joint: m for m in urdf.mimics if m.joint not in held and m.joint not in loop}
     if keep is not None:
         for joint in keep:
             if joint not in moving:
                 raise unknown_name("joint in `joints`", joint, moving)
             if joint in masters and masters[joint].master not in keep:
-                raise ConfigurationError(f"joint {joint!r} mimics {masters[joint].master!r}; keep that one, and it follows.")
+                raise ConfigurationError(f"joint {joint!r} mimics {masters[joint].master!r}; keep that joint, and this one follows it.")
         held = {j: 0.0 for j in moving if j not in keep and j not in loop and j not in masters} | held
     for joint, mimic in masters.items():
         if mimic.master in held or mimic.master not in moving:  # a fixed joint is at zero

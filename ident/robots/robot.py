@@ -134,11 +134,12 @@ class Robot(ShortRepr):
         odd = (
             ()
             if not self.oddities
-            else (f"the URDF's inertials are those of no body: {some(self.oddities)}. Do not rely on its nominal values there.",)
+            else (f"some inertials of the URDF are physically impossible: {some(self.oddities)}. Do not rely on its nominal values there.",)
         )
         if not self.faults:
             return odd
-        return (f"the URDF's inertials are those of no body: {some(self.faults)}. A fit does not use them; do not compare with them.", *odd)
+        impossible = f"some inertials of the URDF are physically impossible: {some(self.faults)}."
+        return (f"{impossible} A fit does not use them; do not compare with them.", *odd)
 
     @property
     def n(self) -> int:
@@ -231,7 +232,7 @@ def _build(
     try:
         model = pin.buildModelFromXML(urdf.xml, pin.JointModelFreeFlyer()) if floating_base else pin.buildModelFromXML(urdf.xml)
     except (ValueError, RuntimeError, IndexError) as error:  # what Pinocchio raises for something wrong in a URDF
-        raise ConfigurationError(f"URDF of {name!r} is refused by Pinocchio: {str(error).strip().splitlines()[0]}") from None
+        raise ConfigurationError(f"URDF of {name!r} is rejected by Pinocchio: {str(error).strip().splitlines()[0]}") from None
     first = 2 if floating_base else 1
     moving = list(model.names)[first:]
     dependent = {*loop, *(m.joint for m in urdf.mimics)}
@@ -289,4 +290,4 @@ def _bare(model: pin.Model, tree_joints: Sequence[Joint]) -> list[str]:
     bare = [j.name for j, inertia in zip(tree_joints, inertias, strict=True) if not np.any(inertia.toDynamicParameters())]
     if not bare:
         return []
-    return [f"no <inertial> on what joints {some(bare)} carry: fine for fitting; there are no nominal values to compare with."]
+    return [f"no <inertial> on the links of joints {some(bare)}: fine for fitting, but there are no nominal values to compare with."]

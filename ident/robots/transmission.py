@@ -66,7 +66,7 @@ class Transmission(ShortRepr):
             raise ConfigurationError(f"[drive] K holds a value that is not finite, or beyond {_MOST:g}.")
         norms = np.linalg.norm(K, axis=1)
         if n and (np.any(norms < 1.0 / _MOST) or condition(K / norms[:, None]) > 1e12):
-            raise ConfigurationError("[drive] K is singular: some joint is moved by no motor of its own. Give an invertible K.")
+            raise ConfigurationError("[drive] K is singular: some motion of the joints is driven by no motor. Give an invertible K.")
         zero = np.zeros(n) if self.zero is None else np.asarray(self.zero, float).reshape(-1)
         if zero.shape != (n,):
             raise ConfigurationError(f"[drive] zero has {zero.size} entries, but K is {n} x {n}.")
@@ -80,7 +80,7 @@ class Transmission(ShortRepr):
             if constants.shape != (n,):
                 raise ConfigurationError(f"[drive] torque_constants has {constants.size} entries for {n} motors.")
             if not np.all((np.abs(constants) >= 1.0 / _MOST) & (np.abs(constants) <= _MOST)):
-                raise ConfigurationError("[drive] torque_constants holds a zero or a value that is not finite, or no drive's.")
+                raise ConfigurationError("[drive] torque_constants holds a value that is zero, not finite or implausibly large or small.")
             object.__setattr__(self, "torque_constants", constants)
 
     @classmethod
@@ -101,7 +101,7 @@ class Transmission(ShortRepr):
         """From signed gear ratios (n,), motor turns per joint turn."""
         ratio = np.asarray(ratio, float).reshape(-1)
         if not np.all((np.abs(ratio) >= 1.0 / _MOST) & (np.abs(ratio) <= _MOST)):
-            raise ConfigurationError("[drive] ratio holds a zero or a value that is not finite, or no gear's.")
+            raise ConfigurationError("[drive] ratio holds a value that is zero, not finite or implausibly large or small.")
         return cls(np.diag(1.0 / ratio), np.zeros(ratio.size), measured)
 
     def restricted(self, keep: Sequence[int]) -> Transmission:

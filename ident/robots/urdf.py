@@ -157,7 +157,7 @@ def _check_tree(root: etree._Element, where: str) -> None:
     while grown := {child for child, parent in parent_of.items() if parent in reached} - reached:
         reached |= grown
     if len(reached) < len(links):
-        raise ConfigurationError(f"URDF {where}: the links do not form a tree: {some(n for n in links if n not in reached)} form a circle.")
+        raise ConfigurationError(f"URDF {where}: the links do not form a tree: {some(n for n in links if n not in reached)} form a loop.")
 
 
 def _resolve(mimics: dict[str, Mimic], kinds: dict[str, str], where: str, notes: list[str]) -> tuple[Mimic, ...]:
@@ -174,7 +174,7 @@ def _resolve(mimics: dict[str, Mimic], kinds: dict[str, str], where: str, notes:
         if master in passed:
             raise ConfigurationError(f"URDF {where}: joint {mimic.joint!r} mimics itself, through {some(sorted(passed))}.")
         if master not in kinds:
-            notes.append(f"joint {mimic.joint} mimics {master!r}, which the file does not have: taken as a joint of its own.")
+            notes.append(f"joint {mimic.joint} mimics {master!r}, which is not in the file: treated as an independent joint.")
             continue
         found.append(Mimic(mimic.joint, master, factor, offset))
     return tuple(found)
@@ -188,7 +188,7 @@ def _limits(joint: etree._Element, where: str, name: str, notes: list[str]) -> t
     if bounded and {"lower", "upper"} & set(found):
         lower, upper = (_number(found.get(key, "0"), where, name) for key in ("lower", "upper"))  # URDF's default is 0
     if lower > upper:
-        notes.append(f"joint {name}: its limit's lower ({lower:g}) lies above its upper ({upper:g}): exchanged.")
+        notes.append(f"joint {name}: its lower limit ({lower:g}) is above its upper limit ({upper:g}): swapped.")
         lower, upper = upper, lower
     if lower == upper:  # 0, 0: not a limit anyone meant
         lower, upper = -math.inf, math.inf
@@ -204,7 +204,7 @@ def _dynamics(joint: etree._Element, where: str, name: str, notes: list[str]) ->
     values = [_number("0" if found is None else found.get(key, "0"), where, name) for key in ("damping", "friction")]
     for key, value in zip(("damping", "friction"), values, strict=True):
         if not 0 <= value < math.inf:
-            notes.append(f"joint {name}: {key} = {value:g} in <dynamics> is that of no joint: left out.")
+            notes.append(f"joint {name}: {key} = {value:g} in <dynamics> is not plausible: ignored.")
     if found is not None:
         joint.remove(found)
     damping, friction = (v if 0 <= v < math.inf else 0.0 for v in values)
@@ -214,7 +214,7 @@ def _dynamics(joint: etree._Element, where: str, name: str, notes: list[str]) ->
 def _coefficient(mimic: etree._Element, key: str, default: str, where: str, name: str) -> float:
     value = _number(mimic.get(key, default), where, name)
     if abs(value) > _NO_LIMIT:
-        raise ConfigurationError(f"URDF {where}: joint {name!r}: <mimic {key}={mimic.get(key)!r}> is no finite factor or position.")
+        raise ConfigurationError(f"URDF {where}: joint {name!r}: <mimic {key}={mimic.get(key)!r}> is not a finite number.")
     return value
 
 
@@ -231,7 +231,7 @@ def _three(text: str, key: str, where: str, name: str) -> list[float]:
     if len(words) != 3 or not all(math.isfinite(v) for v in values):
         raise ConfigurationError(f"URDF {where}: joint {name!r}: {key}={text!r} does not hold three finite numbers.")
     if max(map(abs, values)) > _FARTHEST:
-        raise ConfigurationError(f"URDF {where}: joint {name!r}: {key}={text!r} is no length or angle of a robot.")
+        raise ConfigurationError(f"URDF {where}: joint {name!r}: {key}={text!r} is not a plausible length or angle.")
     return values
 
 

@@ -40,7 +40,7 @@ def _settled(text: str, where: str) -> str:
     """The text without its declaration. Raises ConfigurationError for a document type or an entity."""
     text = _DECLARATION.sub("", text.lstrip("\ufeff"), count=1).strip("\ufeff \t\r\n")
     if re.search(r"<!(DOCTYPE|ENTITY)", text):
-        raise ConfigurationError(f"URDF {where}: declares a document type or an entity. Take <!DOCTYPE …> away and write the parts out.")
+        raise ConfigurationError(f"URDF {where}: declares a document type or an entity. Remove <!DOCTYPE …>, and expand the entities.")
     return text
 
 
@@ -54,17 +54,17 @@ def parsed(text: str, where: str, notes: list[str]) -> etree._Element:
         except etree.XMLSyntaxError as error:
             missing = _PREFIX.search(error.msg or "")
             if missing is None or missing.group(1) in found:
-                raise ConfigurationError(f"URDF {where}: does not parse: {error.msg}.") from None
+                raise ConfigurationError(f"URDF {where}: cannot be parsed: {error.msg}.") from None
             found.append(missing.group(1))
             declaration = f' xmlns:{missing.group(1)}="urn:undeclared:{missing.group(1)}"'
             text = re.sub(r"(<[A-Za-z_][\w.:-]*)", rf"\1{declaration}", text, count=1)
             continue
         except ValueError as error:
-            raise ConfigurationError(f"URDF {where}: does not parse: {error}.") from None
+            raise ConfigurationError(f"URDF {where}: cannot be parsed: {error}.") from None
         if found:
             notes.append(f"the file does not declare the prefix {', '.join(found)}: taken as declared.")
         return root
-    raise ConfigurationError(f"URDF {where}: does not parse: more than {_PREFIXES} prefixes are not declared.")
+    raise ConfigurationError(f"URDF {where}: cannot be parsed: more than {_PREFIXES} prefixes are not declared.")
 
 
 def settle_elements(root: etree._Element, where: str, notes: list[str]) -> None:
@@ -87,7 +87,7 @@ def settle_elements(root: etree._Element, where: str, notes: list[str]) -> None:
             raise _template(where)
         element.tag = etree.QName(element).localname
     if left:
-        notes.append(f"{left} macro{'s' if left > 1 else ''} of xacro left in visuals or collisions: of no account here.")
+        notes.append(f"{left} macro{'s' if left > 1 else ''} of xacro left in visuals or collisions: ignored here.")
 
 
 def _is_xacro(element: etree._Element) -> bool:

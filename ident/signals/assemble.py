@@ -71,8 +71,8 @@ def assemble(
 def _unheard(prep: Settings, choice: CutoffChoice, cutoff: float) -> list[str]:
     """What to say of joints whose noise was left out of the choice of the cut-off."""
     return [
-        f"the position of {name} is so noisy, or jumps so far, that its accelerations could be had only with a cut-off that leaves nothing"
-        f" of the log; the cut-off of {cutoff:.3g} Hz suits the other joints, and what is fitted from {name}'s motion is not to be trusted."
+        f"the position of {name} is so noisy, or jumps so far, that usable accelerations would need a cut-off that leaves"
+        f" nothing of the log; the cut-off of {cutoff:.3g} Hz suits the other joints; do not trust what is fitted from {name}'s motion."
         for name in (choice.unheard if prep.cutoff_hz is None else ())
     ]
 
@@ -136,8 +136,8 @@ def raised_shares(robot: Robot, rule: Standstill | None, allowed: Array) -> list
     if not raised:
         return []
     text = (
-        "reversals follow each other closely for this cut-off; to keep enough rows, some that rest on standstill in part are used"
-        f" ({', '.join(raised)} of their weight at most). Coulomb friction may be off by a few per cent;"
+        "velocity reversals are closely spaced for this cut-off; to keep enough rows, some that partly overlap standstill"
+        " are used ({', '.join(raised)} of their weight at most). Coulomb friction may be off by a few per cent;"
         " a higher cut-off shortens the rows."
     )
     return [text]
@@ -153,8 +153,8 @@ def require_motion(rule: Standstill | None, still: Array, names: Sequence[str]) 
     """Raises DataError where no joint moves (`still` (n,) bool) in the logs of these names, and that is looked for."""
     if rule is not None and still.all():
         raise DataError(
-            f"{of_logs(names)}: no joint moves: every speed stays within the noise of its position. There is nothing to identify a"
-            " motion's model from."
+            f"{of_logs(names)}: no joint moves: every speed stays within the noise of its position. There is no motion to"
+            f" identify a model from."
             " For logs of standstill alone, prepare them with standstill = false."
         )
 
@@ -195,14 +195,14 @@ def preparation_warnings(
             )
         rest = float(lost["standstill"][:, j].mean()) if len(valid) else 0.0
         if not still[j] and rest > 0.5:
-            out.append(f"{rest:.0%} of the rows of {name} rest on standstill or reversals; they are left out.")
+            out.append(f"{rest:.0%} of the rows of {name} overlap standstill or reversals; they are left out.")
         if len(valid) and not valid[:, j].any() and not still[j] and not absent[j]:
             sparse = lost["torque missing"][:, j].all()
             out.append(
                 f"no row of {name} can be used"
                 + (
-                    ": its torque is missing in so many samples that every row rests on one. If it is logged more slowly than the"
-                    " positions, log it as often, or leave out the lines without it."
+                    ": its torque is missing in so many samples that every row depends on one. If it is logged at a lower"
+                    " rate than the positions, log it at the same rate, or remove the lines without it."
                     if sparse
                     else "."
                 )

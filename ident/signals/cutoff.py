@@ -47,14 +47,13 @@ class JointSpectrum:
     """What a joint's recorded positions say. Frequencies in Hz.
 
     `noise`: standard deviation of the position's white noise (rad or m); `level`: noise level at the cut-off suggested
-    (rad²/Hz or m²/Hz); `acceleration`: root mean square of the motion's acceleration; `motion_hz`: 99 % of its power lies
-    below; `suggested_hz`: the highest cut-off the noise allows (0: the joint does not move visibly)."""
+    (rad²/Hz or m²/Hz); `acceleration`: root mean square of the motion's acceleration; `suggested_hz`: the highest cut-off the
+    noise allows (0: the joint does not move visibly)."""
 
     name: str
     noise: float
     level: float
     acceleration: float
-    motion_hz: float
     suggested_hz: float
 
     @property
@@ -120,9 +119,7 @@ def choose_cutoff(
     deciding = [s for s, p in zip(found, prismatic, strict=True) if s.moves and s.acceleration >= _WEAK * strongest[p]]
     if not deciding:
         fallback = min(cap, max(10 * f[1] if len(f) > 1 else cap, min(10.0, rate / 20)))
-        return CutoffChoice(
-            float(fallback), "no joint's motion stands out of the noise of its position; a usual value is taken", tuple(found)
-        )
+        return CutoffChoice(float(fallback), "no joint's motion exceeds the noise of its position; a default value is used", tuple(found))
     least = _PERIODS * rate / max(len(p) for p in pieces)
     heard = [s for s in deciding if s.suggested_hz >= least] or deciding
     unheard = tuple(s.name for s in deciding if s not in heard)
@@ -135,14 +132,14 @@ def choose_cutoff(
     floor = min(_TOO_FEW_ROWS / duration, needed, cap)
     if noise < floor:
         why = (
-            f"the noise of {quietest.name}'s position asks for {noise:.3g} Hz, which would leave too few independent rows of"
-            f" {duration:.3g} s; look for what makes that noise"
+            f"the noise of {quietest.name}'s position requires {noise:.3g} Hz, which would leave too few independent rows in"
+            f" {duration:.3g} s; look for the source of that noise"
         )
         return CutoffChoice(float(floor), why, tuple(found), unheard)
     if noise <= needed:
         why = f"the noise of {quietest.name}'s position allows no more (its share in the acceleration stays below {NOISE_SHARE:g})"
         if noise >= 0.999 * cap:
-            why = "a fixed share of the sample rate; neither noise nor motion asks for less"
+            why = "a fixed share of the sample rate; neither noise nor motion requires less"
         return CutoffChoice(float(noise), why, tuple(found), unheard)
     why = f"{MOTION_MULTIPLE:g} times {band:.3g} Hz, below which 99 % of {widest.name}'s acceleration lies"
     if needed > MOTION_MULTIPLE * band:
@@ -167,7 +164,7 @@ def _joint(f: Array, power: Array, transfer: Array, rate: float, cap: float, nam
     signal = np.cumsum(power) * step
     inside = np.flatnonzero((f > 0) & (f <= cap))
     if not len(inside) or signal[-1] <= 0:
-        return JointSpectrum(name, noise, white, 0.0, 0.0, 0.0)
+        return JointSpectrum(name, noise, white, 0.0, 0.0)
     # Where the motion is: half the power of its velocity, on which noise weighs less.
     speed = np.cumsum(np.divide(power, np.sqrt(transfer), out=np.zeros_like(power), where=transfer > 0)[inside])
     start = int(np.searchsorted(speed, 0.5 * speed[-1]))
@@ -175,7 +172,7 @@ def _joint(f: Array, power: Array, transfer: Array, rate: float, cap: float, nam
     share = level * (2 * np.pi) ** 4 * f[inside] ** 5 / 5 / np.maximum(signal[inside], 1e-300)
     good = start + np.flatnonzero(share[start:] <= NOISE_SHARE)
     if not len(good):
-        return JointSpectrum(name, noise, white, 0.0, 0.0, 0.0)
+        return JointSpectrum(name, noise, white, 0.0, 0.0)
     over = np.flatnonzero(share[good[0] :] > _TOLERATED)
     end = good[0] + int(over[0]) if len(over) else len(share)
     best = int(good[good < end][-1])
@@ -185,7 +182,6 @@ def _joint(f: Array, power: Array, transfer: Array, rate: float, cap: float, nam
         noise,
         float(level[best]),
         math.sqrt(inner[-1]),
-        float(f[np.searchsorted(inner, 0.99 * inner[-1])]),
         float(f[inside[best]]),
     )
 

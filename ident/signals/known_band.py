@@ -39,8 +39,8 @@ def unjudged(signals: Signals) -> str:
     if not has_raw_derivatives(signals) or isinstance(signals.q, np.ndarray):
         return ""
     return (
-        "the torque error is that against raw accelerations, because the logs are streamed: a right model may look worse than a wrong one."
-        " Compare fits by `ident validate` or `ident compare` on logs that are read whole (--no-stream)."
+        "the torque error is computed with raw accelerations, because the logs are streamed: a correct model may look"
+        " worse than a wrong one. Compare fits with `ident validate` or `ident compare` on logs that are read into memory (--no-stream)."
     )
 
 

@@ -144,7 +144,7 @@ class Preparation(ABC):
         """Samples on either side beyond which a sample has no part in the derivatives (its weight is below rounding).
 
         Pieces of a log that overlap by so much give what the whole log gives. Raises UnsupportedError where there is no such number."""
-        raise UnsupportedError(f"signals prepared by {self.method!r} cannot be streamed; read the log whole (--no-stream).")
+        raise UnsupportedError(f"signals prepared by {self.method!r} cannot be streamed; read the log into memory (--no-stream).")
 
     @abstractmethod
     def _derive(self, run: UniformRun, rate: float, cutoff: float, row_filter: RowFilter | None) -> Derived:

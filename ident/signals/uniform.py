@@ -56,7 +56,7 @@ class Recording:
             q[:, turning] = joined
             jumps = [name for j, name in enumerate(robot.joint_names) if not np.array_equal(q[:, j], recorded[:, j], equal_nan=True)]
         if jumps:
-            notes.append(f"log {log.name}: positions of {', '.join(jumps)} jump by a full turn; they are taken as continuous.")
+            notes.append(f"log {log.name}: positions of {', '.join(jumps)} jump by a full turn; they are unwrapped.")
         torque = measured(log, robot.transmission)
         notes += torque.notes
         missing = ~usable_numbers(torque.torque)
@@ -102,7 +102,7 @@ def torque_notes(name: str, robot: Robot, missing: Array, samples: int, dead: Ar
             " joint; it is taken as not logged, and these rows are not used."
         )
     if partly:
-        notes.append(f"log {name}: torque is missing in some samples of {', '.join(partly)}; rows that rest on them are not used.")
+        notes.append(f"log {name}: torque is missing in some samples of {', '.join(partly)}; rows that depend on them are not used.")
     return notes
 
 

@@ -132,7 +132,7 @@ def _advance_one(dynamics: PlantDynamics, phase: Phase, first: Input, last: Inpu
         step, state = _locate(dynamics, phase, here, last, rest)
         done = min(done + step, h)
         at = _between(first, last, done / h)
-        modes = _at_rest(dynamics, phase, state, at)
+        modes = _at_rest(dynamics, phase, state)
         state = _held_still(dynamics, state, modes)
         modes = dynamics.settle(state, at, modes, phase.response.a)
         phase = Phase(state, modes, dynamics.respond(state, at, modes, phase.response.a))
@@ -145,7 +145,7 @@ def _advance_one(dynamics: PlantDynamics, phase: Phase, first: Input, last: Inpu
     return _runge_kutta(dynamics, phase, _between(first, last, done / h), last, h - done, h - done), modes
 
 
-def _at_rest(dynamics: PlantDynamics, phase: Phase, state: State, drive: Input) -> Array:
+def _at_rest(dynamics: PlantDynamics, phase: Phase, state: State) -> Array:
     """Modes (1, c) at an event with every contact that is at rest set to 0."""
     speed = dynamics.dry.speed(state.v)[0]
     before = np.abs(dynamics.dry.speed(phase.state.v)[0])

@@ -78,13 +78,13 @@ def _of_content(log: StoredLog, robot: Robot) -> list[AuditFinding]:
             joint_limits(add, robot, j, joint.name, np.array([survey.low[j], survey.high[j]]))
         if 0 < survey.missing[j] < survey.rows:
             missing = int(survey.missing[j])
-            text = f"Torque is missing in {counted(missing, 'sample')}; rows that rest on them are not used."
+            text = f"Torque is missing in {counted(missing, 'sample')}; rows that depend on them are not used."
             add("torque_nan", Severity.WARNING, text, joint.name, missing / survey.rows)
     rate = len(log) / max(log.duration, 1e-300)
     add(
         "excerpt",
         Severity.INFO,
-        f"The log is streamed: time stamps, ranges and missing torque were looked at throughout, the rest in"
+        f"The log is streamed: time stamps, ranges and missing torque were checked throughout, everything else in"
         f" {len(excerpt)} samples from {excerpt.start / rate:.4g} s on.",
         value=len(excerpt),
     )

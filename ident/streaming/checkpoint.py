@@ -65,16 +65,16 @@ class Checkpoint:
             raise ConfigurationError(f"{folder} exists, but is no checkpoint of ident; nothing was written. Choose another --out.")
         if not resume:
             if not force:
-                raise ConfigurationError(f"{folder} holds unfinished work; go on with it (--resume), or throw it away (--force).")
+                raise ConfigurationError(f"{folder} holds unfinished work; continue it (--resume), or discard it (--force).")
             remove_folder(folder)
             return cls.beside(results, key, resume=False)
         found = read_json(record, "checkpoint")
         if not isinstance(found, dict) or not isinstance(found.get("settings"), dict) or not isinstance(found.get("files"), list):
-            raise ConfigurationError(f"{record} is damaged; nothing was touched. Throw the unfinished work away (--force).")
+            raise ConfigurationError(f"{record} is damaged; nothing was touched. Discard the unfinished work (--force).")
         changed = _changed(found, json.loads(json.dumps(key)))
         if changed:
             raise ConfigurationError(
-                f"{folder} is of other work: {changed}; nothing was touched. Start anew with another --out, or throw it away (--force)."
+                f"{folder} belongs to other work: {changed}; nothing was touched. Start again with another --out, or discard it (--force)."
             )
         return cls(folder, True)
 
@@ -107,7 +107,7 @@ def _changed(old: dict[str, Any], new: dict[str, Any]) -> str:
     for before, now in zip(old.get("files", []), new["files"], strict=False):
         if before != now:
             return (
-                f"log {before.get('path')} was another, or has changed since"
+                f"log {before.get('path')} was a different file, or has changed since"
                 if before.get("path") == now["path"]
                 else "other logs were named"
             )

@@ -47,8 +47,8 @@ _RECORD_S = 2.0
 _BLOCK = 1 << 16
 
 
-_COUNTED = "log {path}: a rate in the place of a time is not counted in streaming; read it whole (--no-stream)."
-_REARRANGED = "log {path}: a table with a row for each joint, or with a time that is summed, is read as a whole only; take --stream away."
+_COUNTED = "log {path}: a sample rate instead of a time column cannot be streamed; read the log into memory (--no-stream)."
+_REARRANGED = "log {path}: a table with a row for each joint, or with time steps that add up, cannot be streamed; leave out --stream."
 
 
 @dataclass
@@ -155,9 +155,11 @@ class Reading:
             raise UnsupportedError(_COUNTED.format(path=path))
         header = read_header(path)
         if header.delimiter == " " or header.decimal != "." or header.encoding != "utf-8-sig" or header.moments:
-            raise UnsupportedError(f"log {path}: this dialect is read as a whole only; take --stream away, or write it with commas.")
+            raise UnsupportedError(f"log {path}: this dialect cannot be streamed; leave out --stream, or write the file with commas.")
         if not self.columns and joint_state_columns(header) is not None:
-            raise UnsupportedError(f"log {path}: JointState messages with a name array cannot be streamed; read it whole (--no-stream).")
+            raise UnsupportedError(
+                f"log {path}: JointState messages with a name array cannot be streamed; read the log into memory (--no-stream)."
+            )
         found = planned(TableSource.of(path), JointNames.of(self.robot), self.columns)
         if found.table is not None:
             raise UnsupportedError(_REARRANGED.format(path=path))
@@ -187,7 +189,7 @@ def store_logs(path: Path, folder: Path, reading: Reading, progress: Callable[[f
     outer, inside = split_inside(path)
     stem = inside.replace("/", " ") or path.name.split(".")[0]
     empty = _without_empty(arrays, state, where)
-    hint = "what stands there for a torque is zero in every row" if empty and not any(k.startswith("tau") for k in arrays) else plan.hint
+    hint = "the torque is zero in every row" if empty and not any(k.startswith("tau") for k in arrays) else plan.hint
     log = StoredLog(stem, arrays, str(outer), sums, (), () if empty else tuple(state.blocks), hint=hint)
     again = repeated_places(arrays, _places(state) if state.unstamped or any(state.holes.values()) else None, state.place.rows)
     if len(again):

@@ -50,7 +50,7 @@ class StoredRecording:
         jumping = np.flatnonzero(survey.wrapped & turning)
         if len(jumping):
             names = ", ".join(robot.joint_names[j] for j in jumping)
-            notes.append(f"log {log.name}: positions of {names} jump by a full turn; they are taken as continuous.")
+            notes.append(f"log {log.name}: positions of {names} jump by a full turn; they are unwrapped.")
             log = replace(log, arrays={**log.arrays, "q": unwrapped(log.arrays["q"], jumping, folder / f"{_plain(log.name)}.q")}, blocks=())
         notes += notes_of_torque
         # Of a joint whose positions were joined, the survey's range is that of one turn: far enough for motion.

@@ -54,9 +54,9 @@ def why_not(study: Study) -> str:
     """Why a study cannot be streamed; "" if it can."""
     for path in (*study.fit_files(), *study.validation_files()):
         if not is_streamable(path):
-            return f"log {path} is a MAT file, which is read whole"
+            return f"log {path} is a MAT file, which cannot be streamed"
     if study.form != TORQUE:
-        return f"the {study.form} form is made of whole logs"
+        return f"the {study.form} form needs whole logs"
     name = study.make_estimator().name
     kinds = estimator_types()
     if Capability.STREAMING not in kinds[name].capabilities:
@@ -96,11 +96,13 @@ class StreamedSession(Session):
         Raises UnsupportedError for what cannot be streamed, ConfigurationError for unfinished work that is in the way."""
         reason = why_not(study)
         if reason:
-            raise UnsupportedError(f"cannot be streamed: {reason}. Read it whole (--no-stream).")
+            raise UnsupportedError(f"cannot be streamed: {reason}. Read it into memory (--no-stream).")
         robot = study.robot()
         needs = study.model(robot).needs
         if Need.HISTORY in needs:
-            raise UnsupportedError("cannot be streamed: an effect depends on all of the motion before. Read the log whole (--no-stream).")
+            raise UnsupportedError(
+                "cannot be streamed: an effect depends on all of the motion before. Read the log into memory (--no-stream)."
+            )
         if out is None:
             checkpoint = Checkpoint.scratch()
         else:

@@ -29,7 +29,7 @@ Array = np.ndarray
 TEXT_PIECE = 1 << 21
 #: Rows of Parquet that are read as one piece.
 _PARQUET_PIECE = 1 << 16
-_CARRIAGE = "log {path}: lines end with a carriage return alone, which cannot be streamed; read it whole (--no-stream)."
+_CARRIAGE = "log {path}: lines end with a carriage return alone, which cannot be streamed; read the log into memory (--no-stream)."
 #: Bytes in which the end of a piece's last line is looked for at a time.
 _TAIL = 1 << 12
 
@@ -59,7 +59,7 @@ def chunked_file(path: Path) -> Chunked | None:
     if found is None:
         return None
     if found.chunks is None:
-        raise UnsupportedError(f"log {path}: {found.name} is read as a whole only; take --stream away, or save it as Parquet or CSV.")
+        raise UnsupportedError(f"log {path}: {found.name} cannot be streamed; leave out --stream, or save it as Parquet or CSV.")
     return found.chunks(path)
 
 
@@ -91,7 +91,9 @@ def pieces(
     if path.suffix.lower() in (".parquet", ".pq"):
         return _parquet_pieces(path, plan, start)
     if not is_streamable(path):
-        raise UnsupportedError(f"log {path}: MAT files cannot be streamed. Save it as CSV or Parquet, or read it whole (--no-stream).")
+        raise UnsupportedError(
+            f"log {path}: MAT files cannot be streamed. Save it as CSV or Parquet, or read it into memory (--no-stream)."
+        )
     return _text_pieces(path, header, plan, start, jobs, show if shows_bytes(path) else None)
 
 
@@ -187,7 +189,7 @@ def _whole_lines(
             if not cut and not whole and b"\r" in bytes(text):
                 raise UnsupportedError(_CARRIAGE.format(path=path))
             if not cut and end > LONGEST_LINE:
-                raise DataError(f"log {path}: has a line of more than {LONGEST_LINE} characters: it is no table of rows.")
+                raise DataError(f"log {path}: has a line of more than {LONGEST_LINE} characters: it is not a table of rows.")
             if show is not None and cut:
                 show(at, text[:cut])
                 at += cut

@@ -68,8 +68,8 @@ class TextParser:
         except DataError:
             if hidden:
                 raise DataError(
-                    f"log {self.path}: text in quotes goes on over the end of its line, which cannot be"
-                    " streamed; read it whole (--no-stream)."
+                    f"log {self.path}: text in quotes runs past the end of its line, which cannot be streamed; read the"
+                    f" log into memory (--no-stream)."
                 ) from None
             lines = self.header.line + self._lines_before(offset)
             columns = columns_by_rows(self.path, self.header, self.plan.sources, plain, lines, rows + 1)

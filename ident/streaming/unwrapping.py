@@ -41,7 +41,7 @@ def moved_into_limits(log: StoredLog, robot: Robot, path: Path) -> StoredLog:
     writer = DiskWriter(path.with_suffix(".f64"), log.n)
     for piece in found.pieces():
         writer.append(piece + (inside - bounds)[0])
-    said = f"log {log.name}: positions of {', '.join(moved)} are joined over full turns and moved by whole turns into the joint limits."
+    said = f"log {log.name}: positions of {', '.join(moved)} are unwrapped, and shifted by full turns into the joint limits."
     return replace(log, arrays={**log.arrays, "q": writer.close()}, blocks=(), notes=(*log.notes, said))
 
 

@@ -104,7 +104,7 @@ class Session:
         held = self._parts[1]
         if held is None:
             method = self.study.make_estimator().name
-            raise DataError(f"method {method!r} needs its logs whole; name logs to validate on with --validate, or in [logs] validate.")
+            raise DataError(f"method {method!r} needs whole logs; give logs to validate on with --validate, or in [logs] validate.")
         try:
             return like(self.fit_signals.report.to_dict())(held)
         except DataError as error:
@@ -134,7 +134,7 @@ class Session:
         except DataError as error:
             if not self.held_by_split:
                 raise
-            said.append(f"no error on data held out. {str(error)[0].upper()}{str(error)[1:]}")
+            said.append(f"no error on held-out data. {str(error)[0].upper()}{str(error)[1:]}")
         if spoilt := unjudged(self.fit_signals):
             said.append(spoilt)
         if again := fitted_as_well(*self.inputs_apart):

@@ -162,7 +162,7 @@ class Study:
         if self.form == TORQUE or _takes_any_form(type(estimator)):
             return
         able = ", ".join(name for name, kind in estimator_types().items() if _takes_any_form(kind))
-        raise UnsupportedError(f"method {estimator.name!r} takes no {self.form} form; methods that do: {able}.")
+        raise UnsupportedError(f"method {estimator.name!r} does not support the {self.form} form; methods that do: {able}.")
 
     def make_preparation(self) -> Preparation:
         """The strategy that turns logs into signals, as `[signals]` asks for; zero-phase filtering if it names none."""
@@ -189,7 +189,7 @@ class Study:
         for key, entries in (("fit", self.logs.fit), ("validate", self.logs.validate)):
             files = all_files(entries, f"[logs] {key}")
             found += [str(f) for f in dict.fromkeys(files) if files.count(f) > 1]
-        return f"{', '.join(found)} {'is' if len(found) == 1 else 'are'} named more than once, and read once." if found else ""
+        return f"{', '.join(found)} {'is' if len(found) == 1 else 'are'} named more than once, but read once." if found else ""
 
     def validation_files(self) -> tuple[Path, ...]:
         """The logs to validate on, patterns expanded; empty where a part of the fitted logs is to be held out."""

@@ -144,4 +144,4 @@ def test_what_needs_no_robot_is_checked_without_one(ident, arm, tmp_path):
     assert found.startswith("q1, q2, q3, q4: ")
     ran = ident("check", "--log", write_csv(tmp_path / "b.csv", arm.table | rates))
     assert "warning" not in ran.out
-    assert "by our own names (rad, m, N m" in " ".join(ran.out.split())
+    assert "(rad, m, N m" in " ".join(ran.out.split())

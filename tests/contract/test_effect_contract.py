@@ -292,8 +292,7 @@ def test_whatever_was_fitted_tells_a_shape_that_the_effect_can_have(name: str, r
     told = effect.told_by(np.full(len(effect.parameters(robot)), value))
     for p in told.shape():
         assert p.lower <= getattr(told, p.name) <= p.upper
-    for other in (told, *told.twins()):
-        other.search_range(motion, robot)
+    told.search_range(motion, robot)
 
 
 def motion_at_rest(robot: Robot) -> Motion:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 import inspect
+import operator
 import warnings
 
 import pytest
@@ -13,9 +14,27 @@ import ident
 PUBLIC = [name for name in ident.__all__ if name != "__version__" and not inspect.ismodule(getattr(ident, name))]
 
 
-@pytest.mark.parametrize("name", PUBLIC)
+#: What authors of laws and methods derive from: docs/extend.md has their examples.
+CONTRACTS = (ident.Effect, ident.effects.JointEffect, ident.estimators.Estimator)
+#: Packages whose laws, methods and functions are public as well.
+PACKAGES = (ident.effects, ident.friction, ident.estimators, ident.regressor)
+MORE = [
+    f"{package.__name__.removeprefix('ident.')}.{name}"
+    for package in PACKAGES
+    for name in package.__all__
+    for found in [getattr(package, name)]
+    if inspect.isfunction(found)
+    or (inspect.isclass(found) and issubclass(found, ident.Effect | ident.estimators.Estimator) and found not in CONTRACTS)
+]
+
+
+def test_laws_methods_and_functions_of_packages_are_found() -> None:
+    assert {"friction.Stribeck", "estimators.WeightedLeastSquares", "regressor.mass_matrix", "effects.Payload"} <= set(MORE)
+
+
+@pytest.mark.parametrize("name", [*PUBLIC, *MORE])
 def test_an_example(name: str) -> None:
-    found = getattr(ident, name)
+    found = operator.attrgetter(name)(ident)
     (test,) = doctest.DocTestFinder(recurse=False).find(found, name, globs={})
     assert test.examples, "no example"
     with warnings.catch_warnings():

@@ -71,6 +71,13 @@ def test_pages(page: Path) -> None:
     assert not found(page.read_text(encoding="utf-8"))
 
 
+def test_entries_of_the_changelog_are_short() -> None:
+    """At most 25 words; what is code counts as one."""
+    entries = re.findall(r"^- (.+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(entries) > 100
+    assert not [entry for entry in entries if len(re.sub(r"`[^`]*`", "x", entry).split()) > 25]
+
+
 @pytest.mark.parametrize("text", ["3 standard deviations inside the border of possible sets", "a rival of it", "hidden: delay on joint1"])
 def test_old_words_are_found(text: str) -> None:
     assert found(text)

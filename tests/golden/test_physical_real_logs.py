@@ -63,7 +63,7 @@ def test_constrained_fit(name: str, data_folder: Path, monkeypatch: pytest.Monke
     if case.after > 1.01 * case.before and not chance:
         # More than chance: then the data themselves are against real links, and the summary says so, by link and cost.
         assert binding["chance"] < 0.05
-        assert "the data ask for links that cannot exist" in text
+        assert "the data favour links that cannot exist" in text
         assert "run `ident diagnose`" in text
         assert "Constraints that bind" in text
     assert case.after < 1.12 * case.before

@@ -66,7 +66,7 @@ def test_tx40_beside_its_published_friction():
         # The drive's torque answers to the noise of its encoders, and makes no instruments.
         assert found.status.code == (StatusCode.INVALID_INSTRUMENTS if "measured torque" in label else StatusCode.OK), label
         assert found.fit_error.relative_all < 0.08
-        supposed = any("stand for them" in warning for warning in found.warnings)
+        supposed = any("in their place" in warning for warning in found.warnings)
         assert supposed == ("DIDIM" in label or "along" in label), label
         for name, value, _, told in published_friction(p, found):
             assert value == pytest.approx(told, rel=0.08), (label, name)

@@ -197,7 +197,6 @@ def test_missing_samples_are_no_jitter(robot: Robot, rate: float, share: float) 
     assert found.value == pytest.approx(missing / (len(log) + missing))
     assert found.text.startswith(f"{missing} sample{'s are' if missing > 1 else ' is'} missing ({found.value:.2%})")
     assert found.severity == (Severity.WARNING if share > 0.01 else Severity.INFO)
-    assert "bridged" in found.text
     assert not audit.of("jitter")
     assert not audit.of("gaps")
     assert not audit.of("spike")
@@ -396,7 +395,7 @@ def test_joints_held_still_on_purpose_are_no_warning(robot: Robot) -> None:
     assert held == {"slide"}
     both = audit(LogSet(tuple(runs)), robot)
     assert not both.warnings, both.warnings
-    assert {f.where for f in both.findings if "other runs" in f.text} == {"shoulder", "slide"}
+    assert {f.where for f in both.findings if "other runs" in f.text.lower()} == {"shoulder", "slide"}
     # A joint that moves in no run is warned of, however many there are.
     again = audit(LogSet((runs[0], replace(runs[0], name="again"))), robot)
     assert {f.where for f in again.findings if f.severity == Severity.WARNING} == {"slide"}

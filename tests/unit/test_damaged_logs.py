@@ -79,7 +79,7 @@ def test_a_bomb_is_refused_before_it_fills_the_memory(tmp_path: Path, monkeypatc
         file.write(b"t,q1,q2,tau1,tau2\n")
         for _ in range(40):
             file.write(b"0.5,0,0,0,0\n" * 10_000)
-    with pytest.raises(DataError, match="unpacks to more than 200 times its size"):
+    with pytest.raises(DataError, match="expands to more than 200 times its size"):
         ident.read_logs(path, seeds.robot())
 
 
@@ -113,12 +113,12 @@ def test_a_bomb_of_another_format_is_refused_too(tmp_path: Path, name: str, monk
     monkeypatch.setattr(packed, "_UNPACKED", 1 << 20)
     bomb(tmp_path / name)
     assert (tmp_path / name).stat().st_size < 40_000
-    with pytest.raises(DataError, match="unpacks to more than 200 times its size"):
+    with pytest.raises(DataError, match="expands to more than 200 times its size"):
         ident.read_logs(tmp_path / name, seeds.robot())
     monkeypatch.setattr(packed, "_UNPACKED", 1 << 28)
     with pytest.raises(ident.IdentError) as other:
         ident.read_logs(tmp_path / name, seeds.robot())
-    assert "unpacks" not in str(other.value)
+    assert "expands" not in str(other.value)
 
 
 @pytest.mark.parametrize("suffix", [*PACKS])

@@ -172,7 +172,7 @@ def test_it_shows_itself(usual: Case) -> None:
     found = ident.essential(usual.estimate, usual.held)
     assert len(repr(found).splitlines()) <= 10
     text = " ".join(str(found).split())
-    assert "zero within what these data tell, not physically zero" in text
+    assert "statistically zero in these data, not physically zero" in text
     assert f"{len(found.reduced.names)} of {len(usual.estimate.names)} parameters kept" in text
     table = found.to_frame()
     assert list(table.index) == [*found.reduced.names, *(r.name for r in found.removed)]

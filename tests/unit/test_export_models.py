@@ -228,7 +228,7 @@ def test_refusals(tmp_path: Path) -> None:
         patch_urdf(data, where, robot, massless, allow_inconsistent=True, attached="move")
     with pytest.raises(ConfigurationError, match="has no joint 'shoulder'"):
         patch_urdf(data.replace(b'"shoulder"', b'"other"'), where, robot, links)
-    with pytest.raises(ConfigurationError, match="does not parse"):
+    with pytest.raises(ConfigurationError, match="cannot be parsed"):
         patch_urdf(b"<robot", where, robot, links)
     extra = b'<link name="more"/><joint name="new" type="revolute"><parent link="tool"/><child link="more"/></joint></robot>'
     with pytest.raises(ConfigurationError, match="'new' moves"):

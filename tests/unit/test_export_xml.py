@@ -65,7 +65,7 @@ def test_what_surrounds_the_root_stays() -> None:
 
 
 def test_errors() -> None:
-    with pytest.raises(ConfigurationError, match="x: does not parse"):
+    with pytest.raises(ConfigurationError, match="x: cannot be parsed"):
         XmlPatch(b"<a><b></a>", "x")
     with pytest.raises(ConfigurationError, match="UTF-16"):
         XmlPatch("<a/>".encode("utf-16"), "x")

@@ -61,7 +61,7 @@ def test_puma_reads_as_in_the_literature() -> None:
     assert expressions["Ixx_joint6"] == "Ixx_joint6 - Iyy_joint6"
     hidden = {u.parameter: u for u in report.unidentifiable}
     assert hidden["m_joint1"].why == "no effect on any torque: the origin of its frame never moves"
-    assert hidden["Ixx_joint1"].why == "no effect on any torque: the link only ever turns about one direction"
+    assert hidden["Ixx_joint1"].why == "no effect on any torque: the link only ever rotates about one axis"
     assert hidden["mz_joint4"].why == "only in combination, grouped into my_joint3"
     assert hidden["mz_joint4"].grouped_into == ("my_joint3",)
     assert len(hidden) == 60 - 36
@@ -127,7 +127,6 @@ def test_principal_parameters_rank_directions() -> None:
     assert found.sensitivity == pytest.approx(size / 10)
     assert np.allclose(np.abs(found.directions @ turn.T), np.eye(3), atol=1e-9)
     assert found.condition == pytest.approx(5e4)
-    assert found.count_above(0.1) == 2
     base = np.array([1.0, -2.0, 3.0])
     assert found.base_values(found.values(base)) == pytest.approx(base)
     assert "principal base parameters" in str(found)

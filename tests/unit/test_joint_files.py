@@ -65,7 +65,7 @@ def test_numbered_files(tmp_path: Path, name: str, first: int, given: str, known
     which = {"folder": tmp_path, "list": paths, "list turned round": paths[::-1]}[given]
     (log,) = ident.read_logs(which, robot() if known else None)
     is_the_run(log)
-    assert any("hold a joint each of one run, in this order" in note for note in log.notes)
+    assert any("each hold one joint of the same run, in this order" in note for note in log.notes)
 
 
 def test_degrees_and_names_of_joints(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_clocks_that_differ_are_brought_together(tmp_path: Path) -> None:
     assert log.t[0] == pytest.approx(T[1])
     np.testing.assert_allclose(log.q[:, 0], Q[1:, 0], atol=1e-9)
     np.testing.assert_allclose(log.q[:, 1], np.interp(T[1:], late, Q[:, 1]), atol=1e-9)
-    assert any("brought to the first one's" in note for note in log.notes)
+    assert any("interpolated to those of the first" in note for note in log.notes)
 
 
 def test_times_that_do_not_overlap_are_refused(tmp_path: Path) -> None:

@@ -226,7 +226,7 @@ def test_mcap_that_is_cut_off_or_damaged(tmp_path: Path) -> None:
     cut = ident.read_logs(tmp_path / "cut.mcap")[0]
     assert 0.45 * N < len(cut) < 0.55 * N
     np.testing.assert_array_equal(cut.q, ident.read_logs(tmp_path / "log.mcap")[0].q[: len(cut)])
-    assert any("ends in the middle of a record" in note for note in cut.notes)
+    assert any("truncated in the middle of a record" in note for note in cut.notes)
     (tmp_path / "cut.mcap").write_bytes(content[:300])
     with pytest.raises(ident.DataError, match="holds no message of type JointState"):
         ident.read_logs(tmp_path / "cut.mcap")
@@ -255,7 +255,7 @@ def test_legs_in_unitrees_order_are_put_into_the_robots(tmp_path: Path, library:
         for j, name in enumerate(own):
             np.testing.assert_allclose(log.q[:, j], q[name.removesuffix("_joint")], atol=1e-9)
             np.testing.assert_allclose(log.tau["joint"][:, j], 3.0 * q[name.removesuffix("_joint")] + 0.1, atol=1e-9)
-        assert any("put into the robot's order by these names" in note for note in log.notes)
+        assert any("put into the robot's order by name" in note for note in log.notes)
     else:
         assert any("Unitree's legs come as FR, FL, RR, RL" in note for note in log.notes)
 

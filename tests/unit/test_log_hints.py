@@ -93,7 +93,7 @@ def test_a_joint_without_torque_is_asked_about() -> None:
     plan = resolve_columns(["t", "q1", "q2", "q3", "tau_m1", "tau_m2", "torque_3"], joints)
     (note,) = plan.notes
     assert note == (
-        "log: no motor torque logged for joint3; did you mean 'torque_3'? If so, say so under [columns] of a study file: "
+        "log: no motor torque logged for joint3; did you mean 'torque_3'? If so, map it under [columns] of a study file: "
         'tau_m3 = "torque_3".'
     )
     assert plan.extra == ("torque_3",), "a question, no more"
@@ -126,7 +126,7 @@ def robot() -> Robot:
         ([f"{name}_torque" for name in ARM], 'tau1 = "slide_torque", tau2 = "shoulder_torque", tau3 = "elbow_torque" …'),
         ([f"current_{j}" for j in range(4)], 'i1 = "current_0", i2 = "current_1", i3 = "current_2" …'),
         (["tau_elbow"], 'tau3 = "tau_elbow" ('),
-        (["load"], "Name the columns under [columns] of a study file."),
+        (["load"], "Map the columns under [columns] of a study file."),
     ],
 )
 def test_a_log_without_torque_asks(tmp_path: Path, robot: Robot, torques: list[str], said: str, streamed: bool) -> None:

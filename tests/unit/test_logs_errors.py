@@ -183,7 +183,7 @@ def test_runs_of_spaces_separate_columns(tmp_path: Path, mark: str) -> None:
 def test_other_separators_are_named(tmp_path: Path) -> None:
     path = csv(tmp_path / "a.csv", "t,q1,tau1")
     path.write_text("t q1 tau1\n" + path.read_text().replace(",", "  ").split("\n", 1)[1].replace("  ", " x  "))
-    raises(path, "a.csv", "separated by spaces", "write it with commas")
+    raises(path, "a.csv", "separated by spaces", "with commas")
 
 
 @pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;", "sep=\t"])
@@ -216,7 +216,7 @@ def test_old_matlab_only(tmp_path: Path) -> None:
 def test_tables_that_are_no_text(tmp_path):
     path = tmp_path / "wide.csv"
     path.write_bytes(b"\xff\xfe" + "t,q1,tau1\n0,0.1,1.5\n".encode("utf-16-le")[:-1])
-    with pytest.raises(DataError, match="begins as UTF-16, and is none"):
+    with pytest.raises(DataError, match="begins like UTF-16, but is not"):
         read_logs([path])
     path.write_bytes(b"t,q1,tau1\n0,0.1,\x80\n")
     with pytest.raises(DataError, match="is not a number"):
@@ -226,10 +226,10 @@ def test_tables_that_are_no_text(tmp_path):
 def test_dates_are_no_times(tmp_path):
     path = tmp_path / "dates.csv"
     path.write_text("t,q1,tau1\n2026-03-01T08:00:00.000,0.1,1.5\nyesterday,0.2,1.6\n")
-    with pytest.raises(DataError, match=r"column 't', data row 2: 'yesterday' is no date with a time"):
+    with pytest.raises(DataError, match=r"column 't', data row 2: 'yesterday' is not a date with a time"):
         read_logs([path])
     path.write_text("t,q1,tau1\n0,0.1,1.5\n2026-03-01T08:00:00.010,0.2,1.6\n")
-    with pytest.raises(DataError, match=r"line 3 .*is not a number\. It is a date with a time: write times as seconds"):
+    with pytest.raises(DataError, match=r"line 3 .*is not a number\. It is a date with a time: write times in seconds"):
         read_logs([path])
     path.write_text("t,q1,tau1\n2026-03,0.1,1.5\n2026-03,0.2,1.6\n")
     with pytest.raises(DataError, match=r"is not a number\. Correct or remove the row"):

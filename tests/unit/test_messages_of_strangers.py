@@ -84,7 +84,7 @@ def test_lost_and_unfinished_messages(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text(text[:-150])
     (log,) = ident.read_logs(tmp_path / "a.txt", robot())
     is_the_motion(log, N - 1)
-    assert any("the last message ends in the middle" in note for note in log.notes)
+    assert any("the last message is truncated" in note for note in log.notes)
 
 
 def test_yaml_agrees_with_a_library(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ def test_protocol_buffers_in_mcap(tmp_path: Path, kind: str) -> None:
     is_the_motion(log)
     path.write_bytes(path.read_bytes()[:-300])
     (log,) = ident.read_logs(path, robot() if kind == "by names" else None)
-    assert any("ends in the middle of a record" in note for note in log.notes)
+    assert any("truncated in the middle of a record" in note for note in log.notes)
 
 
 def test_damaged_protocol_buffers_are_told(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_joints_whose_zeros_these_data_do_not_tell_apart_are_both_named() -> Non
     """Axes of the UR5's elbow and first wrist are parallel."""
     t, q, tau = recorded("ur5")
     said = misreading(fitted("ur5", t, q + 0.4 * np.eye(6)[2], tau))
-    assert ("wrist_1_joint" in said) == ("do not tell which" in said)
+    assert ("wrist_1_joint" in said) == ("cannot distinguish them" in said)
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.1])
@@ -138,7 +138,7 @@ def test_a_position_that_comes_late(j: int, samples: int) -> None:
     estimate = fitted("ur5", t[inner], late[inner], tau[inner])
     said = misreading(estimate)
     joint = estimate.model.robot.joint_names[j]
-    assert f"the position of {joint} seems to come about" in said
+    assert f"the position of {joint} seems to be about" in said
     assert f"too {'late' if samples > 0 else 'early'}" in said
     assert float(said.split("about ")[1].split()[0]) == pytest.approx(5 * abs(samples), rel=0.1)
 

@@ -85,7 +85,7 @@ def test_what_tells_enough_is_read(kind: str, tmp_path: Path) -> None:
 def test_positions_of_which_nothing_tells_the_joints_are_asked_about(tmp_path: Path) -> None:
     """A gantry, or a tool's place: one of three was once read alone."""
     path = written(tmp_path / "a.csv", table("Time [s]", 1.0, {"Pos {} [mm]": 1e3 * Q, "Force {} [N]": TAU}, ("X", "Y", "Z")))
-    with pytest.raises(ident.DataError, match=r"nothing tells of which joints\. Say so .*q3 = \"Pos Z \[mm\]\""):
+    with pytest.raises(ident.DataError, match=r"of which joints\. Map them .*q3 = \"Pos Z \[mm\]\""):
         ident.read_logs(path)
     mapping = {f"q{j + 1}": f"Pos {x} [mm]" for j, x in enumerate("XYZ")} | {f"tau{j + 1}": f"Force {x} [N]" for j, x in enumerate("XYZ")}
     log = ident.read_logs(path, columns=mapping | {"t": "Time [s]"})[0]
@@ -115,7 +115,7 @@ def test_external_torques_are_said_not_to_serve(tmp_path: Path) -> None:
 def test_numbers_with_their_units_are_refused_with_what_to_do(tmp_path: Path) -> None:
     rows = [f"{t:.3f},{q:.9f} rad,{tau:.9f}" for t, q, tau in zip(T, Q[:, 0], TAU[:, 0], strict=True)]
     (tmp_path / "a.csv").write_text("\n".join(["t,q1,tau1", *rows]) + "\n")
-    with pytest.raises(ident.DataError, match=r"rad' is not a number\. Write numbers alone, and their unit into the header"):
+    with pytest.raises(ident.DataError, match=r"rad' is not a number\. Write numbers only, and put their unit into the header"):
         ident.read_logs(tmp_path / "a.csv")
 
 
@@ -125,7 +125,7 @@ def test_units_that_only_look_like_known_ones_are_not_used(unit: str, what: str,
     columns = table("t [s]", 1.0, {f"{what}{{}} [{unit}]" if name.startswith(what) else name: x for name, x in names.items()})
     log = ident.read_logs(written(tmp_path / "a.csv", columns))[0]
     assert (log.dq is None, not log.tau) == (what == "vel", what == "torque")
-    assert any(f"are in {unit!r}, which is no unit that is known" in note for note in log.notes)
+    assert any(f"are in {unit!r}, which is not a known unit" in note for note in log.notes)
 
 
 @pytest.mark.parametrize("name", ["一 " * 2000, "q2" + "焬\u3000" * 2000, "q2" + "焬 Ⰱ" * 2000])

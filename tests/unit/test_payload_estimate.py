@@ -135,7 +135,7 @@ def test_errors() -> None:
         payload_from_logs(structure, before, (before[0][:, :-1], before[1]))
     with pytest.raises(DataError, match="not finite"):
         payload_from_logs(structure, before, (before[0] * np.nan, before[1]))
-    with pytest.raises(DataError, match="does not show"):
+    with pytest.raises(DataError, match="not visible"):
         payload_from_logs(structure, before, (np.zeros((1, structure.b)), np.zeros(1)))
 
 

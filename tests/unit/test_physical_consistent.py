@@ -300,7 +300,7 @@ def test_what_the_data_hardly_see_is_settled(known: bool) -> None:
     assert found.cost <= best.cost + 1.0 + 1e-3
     assert mahalanobis(covariance_root(C), found.values - best.values) <= 1.0 + 1e-2
     assert judge_consistent(structure, found.values).consistent
-    assert "settled" in found.notes[-1]
+    assert "barely determine" in found.notes[-1]
     if near is not None:
         far, close = (prior_distance(structure, replace(near, metric=Metric.ENTROPIC), f.standard) for f in (best, found))
         assert close < 0.2 * far

@@ -143,7 +143,7 @@ def test_commanded_torque_is_no_feedback_loop(weighting: str) -> None:
     assert told.values == pytest.approx(untold.values, rel=1e-12)
     assert untold.status.code == "invalid_instruments"
     assert told.status.code != "invalid_instruments"
-    said = [w for w in told.warnings if "share the noise" in w]
+    said = [w for w in told.warnings if "correlated with the noise" in w]
     assert len(said) == 1
     assert "feedback" not in told.status.text + said[0]
     assert told.trace["validity"]["bias"]["largest"] > 1.0

@@ -347,9 +347,9 @@ def test_json_messages_of_actuators_within_one_turn(tmp_path: Path) -> None:
     path.write_text(path.read_text() + "\n{broken")
     cut = ident.read_logs(path)[0]
     np.testing.assert_array_equal(cut.q, log.q)
-    assert any(f"line {N + 1}, the last, ends in the middle" in note for note in cut.notes)
+    assert any(f"line {N + 1}, the last, is a truncated message" in note for note in cut.notes)
     path.write_text(path.read_text() + "\n")
-    with pytest.raises(ident.DataError, match=f"line {N + 1} is no JSON message"):
+    with pytest.raises(ident.DataError, match=f"line {N + 1} is not a JSON message"):
         ident.read_logs(path)
 
 
@@ -401,7 +401,7 @@ def test_counts_are_asked_about_unless_the_recorder_is_known(tmp_path: Path) -> 
     t, q, _, tau = motion()
     counts = np.round(q / (2 * np.pi) * 4096) + 2048
     path = text(tmp_path / "a.csv", ["t", *each("enc_pos_{}"), *each("torque_{}")], [t, *counts.T, *tau.T])
-    with pytest.raises(ident.DataError, match="counts of an encoder"):
+    with pytest.raises(ident.DataError, match="encoder counts"):
         ident.read_logs(path)
     current = np.round(tau / 2.69e-3)
     names = ["ms", *each("present_position_{}"), *each("present_current_{}"), *each("goal_position_{}")]

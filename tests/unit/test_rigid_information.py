@@ -10,7 +10,7 @@ from rigid_models import kernels, random_model, states, tree_of, using
 
 import ident
 from ident.errors import ConfigurationError, DataError, UnsupportedError
-from ident.regressor import rigid
+from ident.regressor import rigid, row_information
 from ident.regressor.numpy_dynamics import regressor as plain_regressor
 
 
@@ -91,7 +91,7 @@ def kernel(request, monkeypatch):
 def test_equals_stacked_matrix(kernel, form, seed):
     n = [1, 3, 8, 31, 257, 700][seed % 6]
     arguments, stacked = case(seed, n, floating=seed % 2 == 1, dense=seed % 3 == 0, masked=seed % 4 != 0, weighted=seed % 5 == 0)
-    found, counts = rigid.information(**arguments, form=form, threads=1)
+    found, counts = row_information.information(**arguments, form=form, threads=1)
     if form == "triangle":
         assert not np.tril(found, -1).any()
         found = np.swapaxes(found, 1, 2) @ found
@@ -115,7 +115,7 @@ def test_filtered_rows(kernel, form, size, factor, n):
     wanted[:, :, -1] = tau
     wanted *= (valid * weight)[:, :, None]
     arguments |= {"tau": np.where(valid, tau, np.nan), "valid": valid, "weight": weight}
-    found, counts = rigid.information(**arguments, taps=taps, factor=factor, form=form)
+    found, counts = row_information.information(**arguments, taps=taps, factor=factor, form=form)
     if form == "triangle":
         found = np.swapaxes(found, 1, 2) @ found
     assert error(found, normal(wanted)) < 1e-12
@@ -124,7 +124,7 @@ def test_filtered_rows(kernel, form, size, factor, n):
 
 def row_columns(tree, q, dq, ddq, **given):
     """The packed columns where they belong, among zeros."""
-    packed, live = rigid.packed_columns(tree, q, dq, ddq, **given)
+    packed, live = row_information.packed_columns(tree, q, dq, ddq, **given)
     extra, columns = given.get("extra"), given.get("columns")
     width = 10 * tree.nb + (0 if extra is None else np.shape(extra)[-1]) if columns is None else len(columns)
     out, start = np.zeros((len(packed), len(live), width)), 0
@@ -167,12 +167,12 @@ def test_filtered_rows_by_threads(kernel, puma):
     q, dq, ddq = rng.normal(size=(3, 12000, 6))
     taps = np.hanning(101)
     tau = rng.normal(size=((12000 - 101) // 10 + 1, 6))
-    one, two = (rigid.information(puma.tree, q, dq, ddq, tau, taps=taps, factor=10, form="gram", threads=t)[0] for t in (1, 2))
+    one, two = (row_information.information(puma.tree, q, dq, ddq, tau, taps=taps, factor=10, form="gram", threads=t)[0] for t in (1, 2))
     assert error(two, one) < 1e-13
     bad = dq.copy()
     bad[11345, 2] = np.nan
     with pytest.raises(DataError, match=r"dq: 1 value\(s\) are not finite, the first at \[11345, 2\]"):
-        rigid.information(puma.tree, q, bad, ddq, tau, taps=taps, factor=10)
+        row_information.information(puma.tree, q, bad, ddq, tau, taps=taps, factor=10)
 
 
 @pytest.mark.parametrize("form", ["triangle", "gram"])
@@ -183,11 +183,11 @@ def test_columns_that_are_there(kernel, form):
     valid, weight = rng.random((500, 3)) < 0.9, rng.random((500, 3))
     wanted = normal(np.concatenate([columns, tau[:, :, None]], axis=2) * (valid * weight)[:, :, None])
     columns[~valid], tau[~valid] = np.nan, np.inf
-    found, counts = rigid.stacked_information(columns, tau, valid=valid, weight=weight, form=form)
+    found, counts = row_information.stacked_information(columns, tau, valid=valid, weight=weight, form=form)
     assert error(np.swapaxes(found, 1, 2) @ found if form == "triangle" else found, wanted) < 1e-13
     assert np.array_equal(counts, valid.sum(axis=0))
     with pytest.raises(DataError, match=r"columns: \d+ value"):
-        rigid.stacked_information(columns, np.zeros((500, 3)))
+        row_information.stacked_information(columns, np.zeros((500, 3)))
 
 
 def test_two_motions_at_once(kernel):
@@ -199,20 +199,20 @@ def test_two_motions_at_once(kernel):
     tau = rng.normal(size=(200, 5))
     Z, Y = plain_regressor(tree, p, dp, ddp), plain_regressor(tree, q, dq, ddq)
     motion = [np.concatenate(pair, axis=1) for pair in ((p, q), (dp, dq), (ddp, ddq))]
-    found, _ = rigid.information(rigid.paired(tree), *motion, tau, rows=np.tile(np.eye(5), 2), form="gram")
+    found, _ = row_information.information(row_information.paired(tree), *motion, tau, rows=np.tile(np.eye(5), 2), form="gram")
     assert error(found, normal(np.concatenate([Z, Y, tau[:, :, None]], axis=2))) < 1e-12
     given = {"rows": np.tile(np.eye(5), 2), "form": "gram"}
-    mixed, _ = rigid.information(rigid.paired(tree), *motion, tau, **given, split=Z.shape[2])
+    mixed, _ = row_information.information(row_information.paired(tree), *motion, tau, **given, split=Z.shape[2])
     part = np.zeros(found.shape)
     part[:, : Z.shape[2], Z.shape[2] :] = found[:, : Z.shape[2], Z.shape[2] :]
     assert np.array_equal(mixed, part) or kernel == "numpy"
     assert error(mixed + found - part, found) < 1e-12
-    threads, _ = rigid.information(rigid.paired(tree), *motion, tau, **given, split=Z.shape[2], threads=2)
+    threads, _ = row_information.information(row_information.paired(tree), *motion, tau, **given, split=Z.shape[2], threads=2)
     assert error(threads + found - part, found) < 1e-12
     with pytest.raises(ConfigurationError, match="split=3"):
-        rigid.information(rigid.paired(tree), *motion, tau, rows=given["rows"], split=3)
+        row_information.information(row_information.paired(tree), *motion, tau, rows=given["rows"], split=3)
     with pytest.raises(UnsupportedError):
-        rigid.paired(tree_of(random_model(rng, 2, True)))
+        row_information.paired(tree_of(random_model(rng, 2, True)))
 
 
 def test_triangle_keeps_small_singular_values(kernel, puma):
@@ -222,7 +222,7 @@ def test_triangle_keeps_small_singular_values(kernel, puma):
     a = rng.normal(size=(n, 1))
     extra = np.concatenate([a, a + 1e-11 * rng.normal(size=(n, 1))], axis=1)
     q = rng.normal(size=(n, 6))
-    factors, _ = rigid.information(
+    factors, _ = row_information.information(
         puma.tree, q, q, q, np.zeros((n, 6)), columns=[60, 61], extra=extra, pattern=np.ones((6, 2)), form="triangle"
     )
     wanted = np.linalg.svd(extra, compute_uv=False)
@@ -234,7 +234,7 @@ def test_threads_agree_and_repeat(kernel, puma):
     rng = np.random.default_rng(0)
     size = 1000 if os.environ.get("IDENT_KERNEL") == "numpy" else 9000  # NumPy has one way for any number of threads
     q, dq, ddq, tau = rng.normal(size=(4, size, 6))
-    runs = {t: [rigid.information(puma.tree, q, dq, ddq, tau, threads=t)[0] for _ in range(2)] for t in (1, 2, 3)}
+    runs = {t: [row_information.information(puma.tree, q, dq, ddq, tau, threads=t)[0] for _ in range(2)] for t in (1, 2, 3)}
     for first, second in runs.values():
         assert np.array_equal(first, second)
     wanted = np.swapaxes(runs[1][0], 1, 2) @ runs[1][0]
@@ -259,7 +259,7 @@ def test_solves_puma_on_the_motor_side(kernel, puma):
     inertia = np.zeros(60)
     inertia[base] = truth[: len(base)]
     tau = rigid.inverse_dynamics(puma.tree, inertia, q, dq, ddq) @ K + extra[:, :6] * truth[-12:-6] + extra[:, 6:] * truth[-6:]
-    factors, counts = rigid.information(puma.tree, q, dq, ddq, tau, rows=K.T, columns=columns, extra=extra, pattern=pattern)
+    factors, counts = row_information.information(puma.tree, q, dq, ddq, tau, rows=K.T, columns=columns, extra=extra, pattern=pattern)
     assert counts.tolist() == [n] * 6
     R = np.linalg.qr(np.concatenate([f / np.linalg.norm(f[:, -1]) for f in factors]), mode="r")
     scale = np.linalg.norm(R[:, :-1], axis=0)
@@ -281,12 +281,12 @@ def _independent(robot):
 
 def test_no_sample_and_no_valid_row(kernel, puma):
     empty = np.zeros((0, 6))
-    factors, counts = rigid.information(puma.tree, empty, empty, empty, empty)
+    factors, counts = row_information.information(puma.tree, empty, empty, empty, empty)
     assert factors.shape == (6, 61, 61)
     assert not factors.any()
     assert not counts.any()
     q = np.ones((5, 6))
-    factors, counts = rigid.information(puma.tree, q, q, q, np.full((5, 6), np.nan), valid=np.zeros((5, 6), bool))
+    factors, counts = row_information.information(puma.tree, q, q, q, np.full((5, 6), np.nan), valid=np.zeros((5, 6), bool))
     assert not factors.any()
     assert not counts.any()
 
@@ -303,35 +303,35 @@ def test_input_that_is_not_finite_is_refused(kernel, puma):
             bad = good[name].copy()
             bad[sample, 4] = value
             with pytest.raises(DataError, match=rf"{name}: 1 value\(s\) are not finite, the first at \[{sample}, 4\]"):
-                rigid.information(puma.tree, **{**good, name: bad}, **fixed)
+                row_information.information(puma.tree, **{**good, name: bad}, **fixed)
     with pytest.raises(DataError, match="overflows"):
-        rigid.information(puma.tree, **{**good, "tau": good["tau"] * 1e200}, **fixed, form="gram")
+        row_information.information(puma.tree, **{**good, "tau": good["tau"] * 1e200}, **fixed, form="gram")
 
 
 def test_refusals(puma):
     q = np.zeros((4, 6))
     call = {"tree": puma.tree, "q": q, "dq": q, "ddq": q}
     with pytest.raises(DataError, match="tau"):
-        rigid.information(**call, tau=np.full((4, 6), np.nan))
+        row_information.information(**call, tau=np.full((4, 6), np.nan))
     with pytest.raises(DataError, match="extra"):
-        rigid.information(**call, tau=q, extra=np.full((4, 1), np.inf), pattern=np.ones((6, 1)))
+        row_information.information(**call, tau=q, extra=np.full((4, 1), np.inf), pattern=np.ones((6, 1)))
     with pytest.raises(ConfigurationError, match=r"tau: expected shape \(4, 2\)"):
-        rigid.information(**call, tau=q, rows=np.ones((2, 6)))
+        row_information.information(**call, tau=q, rows=np.ones((2, 6)))
     with pytest.raises(ConfigurationError, match=r"rows: expected shape \(R, 6\)"):
-        rigid.information(**call, tau=q, rows=np.ones((2, 5)))
+        row_information.information(**call, tau=q, rows=np.ones((2, 5)))
     with pytest.raises(ConfigurationError, match="columns: expected indices from 0 to 59"):
-        rigid.information(**call, tau=q, columns=[60])
+        row_information.information(**call, tau=q, columns=[60])
     with pytest.raises(ConfigurationError, match="twice"):
-        rigid.information(**call, tau=q, columns=[3, 3])
+        row_information.information(**call, tau=q, columns=[3, 3])
     with pytest.raises(ConfigurationError, match="extra: expected shape"):
-        rigid.information(**call, tau=q, extra=np.ones((4, 2)))
+        row_information.information(**call, tau=q, extra=np.ones((4, 2)))
     with pytest.raises(ConfigurationError, match="valid: expected bool"):
-        rigid.information(**call, tau=q, valid=np.ones((4, 6)))
+        row_information.information(**call, tau=q, valid=np.ones((4, 6)))
     with pytest.raises(ConfigurationError, match=r"taps: expected shape \(T,\)"):
-        rigid.information(**call, tau=q, taps=np.ones((2, 2)))
+        row_information.information(**call, tau=q, taps=np.ones((2, 2)))
     with pytest.raises(ConfigurationError, match="factor=0"):
-        rigid.information(**call, tau=q, taps=np.ones(3), factor=0)
+        row_information.information(**call, tau=q, taps=np.ones(3), factor=0)
     with pytest.raises(ConfigurationError, match=r"tau: expected shape \(2, 6\)"):
-        rigid.information(**call, tau=q, taps=np.ones(3))
+        row_information.information(**call, tau=q, taps=np.ones(3))
     with pytest.raises(ConfigurationError, match="form='svd'"):
-        rigid.information(**call, tau=q, form="svd")  # type: ignore[arg-type]
+        row_information.information(**call, tau=q, form="svd")  # type: ignore[arg-type]

@@ -62,7 +62,7 @@ def test_followers_of_a_locked_joint_are_locked_where_they_follow():
 
 def test_keeping_a_follower_names_its_master():
     text = chain("", '<mimic joint="j1"/>', "")
-    with pytest.raises(ConfigurationError, match="'j2' mimics 'j1'; keep that one"):
+    with pytest.raises(ConfigurationError, match="'j2' mimics 'j1'; keep that joint"):
         Robot.from_urdf(text, joints=["j2", "j3"])
 
 
@@ -96,7 +96,7 @@ def test_declared_loop_replaces_a_joint():
         ({"gravity": (0, 0)}, "gravity must be three finite numbers"),
         ({"gravity": (0, 0, float("inf"))}, "gravity must be three finite numbers"),
         ({"transmission": [1, 2]}, "describes 2 joints, but robot 'r' has 3: j1, j2, j3"),
-        ({"transmission": [1, 0, 2]}, "ratio holds a zero"),
+        ({"transmission": [1, 0, 2]}, "ratio holds a value that is zero"),
         ({"transmission": np.ones((3, 3))}, "K is singular"),
         ({"measured": "moter"}, "unknown side of the transmission 'moter'; did you mean 'motor'"),
     ],
@@ -120,7 +120,9 @@ def test_gravity_in_any_direction():
 def test_no_inertials_is_said_and_fine():
     robot = Robot.from_urdf(chain("", "").replace(THREE[THREE.index("<inertial>") : THREE.index("</inertial>") + 11], ""))
     assert robot.nominal is None
-    assert robot.notes == ("no <inertial> on what joints j1, j2 carry: fine for fitting; there are no nominal values to compare with.",)
+    (note,) = robot.notes
+    assert "no <inertial>" in note
+    assert "j1, j2" in note
     assert robot.rigid_body().columns(Motion.of(robot, *samples(3, 2))).shape == (3, 2, 20)
 
 

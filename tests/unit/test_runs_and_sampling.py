@@ -95,7 +95,7 @@ def test_a_number_behind_a_word_for_runs_counts_no_joints(tmp_path: Path) -> Non
     share = log.q[0, 1] / Q[0, 1]
     np.testing.assert_allclose(log.q, share * Q, rtol=1e-6)
     np.testing.assert_allclose(log.tau["joint"], share * TAU, rtol=1e-6)
-    assert any("hold positions too" in note for note in log.notes)
+    assert any("hold positions" in note for note in log.notes)
 
 
 TOLD: dict[str, dict[str, float]] = {
@@ -156,9 +156,9 @@ def test_a_period_or_a_rate_in_every_row(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("told", "said"),
     [
-        ({"dt": 5.0}, "dt = 5 tells its sampling in a unit that is not told.*--rate-hz 200\\) if it is in ms"),
-        ({"dt": 0.001, "control_freq": 20.0}, "dt = 0.001, control_freq = 20, of which nobody knows"),
-        ({"gain": 5.0}, "holds no time: how many samples a second"),
+        ({"dt": 5.0}, "dt = 5 gives its sampling in an unknown unit.*--rate-hz 200\\) if it is in ms"),
+        ({"dt": 0.001, "control_freq": 20.0}, "dt = 0.001, control_freq = 20, and it is not clear"),
+        ({"gain": 5.0}, "holds no time: give its sample rate"),
     ],
 )
 def test_what_does_not_tell_the_sampling_is_asked(tmp_path: Path, told: dict[str, float], said: str) -> None:

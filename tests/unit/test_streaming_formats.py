@@ -79,13 +79,13 @@ def test_positions_a_turn_beyond_the_limits_are_moved_in_streaming_too(tmp_path:
     assert one.q is not None
     np.testing.assert_allclose(other.arrays["q"][0 : len(other)], one.q, atol=1e-12)
     assert np.ptp([one.q[:, 1].mean(), q[:, 1].mean()]) < 1e-6
-    assert any("whole turns" in n for n in other.notes)
+    assert any("unwrapped" in n for n in other.notes)
 
 
 def test_what_is_read_whole_says_so(tmp_path: Path) -> None:
     t, q, _, tau = motion()
     np.savez_compressed(tmp_path / "a.npz", t=t, q=q, tau=tau)
-    with pytest.raises(UnsupportedError, match="read whole"):
+    with pytest.raises(UnsupportedError, match="cannot be streamed"):
         StreamedSession.of(study_of(tmp_path / "a.npz"), out=tmp_path / "out").stored  # noqa: B018
 
 

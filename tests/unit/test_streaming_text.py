@@ -232,8 +232,8 @@ def test_lines_that_are_no_rows_are_left_out_and_said(robot: Robot, tmp_path: Pa
     assert not isinstance(plain, str)
     assert [note.split(": ", 1)[1] for note in found[0].notes[:3]] == [
         "comments between the rows (2) are left out.",
-        "the header stands again between the rows (1×), and is left out there.",
-        "the last line ends in the middle of a row, and is left out.",
+        "the header is repeated between the rows (1×); the repetitions are left out.",
+        "the last line is an incomplete row, and is left out.",
     ]
     for name in ("t", "q", "dq"):
         np.testing.assert_array_equal(getattr(found[0], name), getattr(plain[0], name))
@@ -343,4 +343,4 @@ def test_quotes_that_are_never_closed_hide_no_rows(robot: Robot, tmp_path: Path,
         monkeypatch.setattr("ident.logs.readers.text.find_spec", lambda name: None)
     found = alike(path, robot, tmp_path / "scratch")
     assert isinstance(found, str), "rows are missing, and nothing says so"
-    assert "line 72 (data row 71) opens quotes that are never closed" in found
+    assert "line 72 (data row 71) opens a quote that is never closed" in found

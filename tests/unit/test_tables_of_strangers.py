@@ -217,7 +217,7 @@ def test_a_share_at_the_end_of_a_name_is_no_newton_metre(tmp_path: Path, unit: s
     header = ",".join(["time_ms", *each("pos_{}_deg"), *each(f"torque_{{}}_{unit}")])
     log = ident.read_logs(table(tmp_path / "a.csv", [header], [1e3 * T, np.rad2deg(Q), TAU]))[0]
     is_the_motion(log, rates=False, side=None)
-    assert any(f"are in '{unit}', which is no unit that is known" in note for note in log.notes)
+    assert any(f"are in '{unit}', which is not a known unit" in note for note in log.notes)
 
 
 MIXED: dict[str, list[str]] = {

@@ -41,12 +41,12 @@ def test_what_people_write_for_nothing_is_nothing(text: str, german: bool, tmp_p
 @pytest.mark.parametrize(
     ("text", "mark", "comma", "remedy"),
     [
-        ("1.000,50", ";", ",", "marks between its thousands"),
-        ("1.000.000,5", ";", ",", "marks between its thousands"),
+        ("1.000,50", ";", ",", "thousands separators"),
+        ("1.000.000,5", ";", ",", "thousands separators"),
         ("1.000", ";", ",", "has a point, where other numbers have a decimal comma"),
-        ('"1,000.50"', ",", ".", "marks between its thousands"),
-        ("1'000.5", ",", ".", "marks between its thousands"),
-        ("1\u202f000,5", ";", ",", "marks between its thousands"),
+        ('"1,000.50"', ",", ".", "thousands separators"),
+        ("1'000.5", ",", ".", "thousands separators"),
+        ("1\u202f000,5", ";", ",", "thousands separators"),
         ("1,5", ";", ".", "decimal comma: write the file with decimal points"),
         ("about 5", ",", ".", "write a missing value as an empty field"),
         ("2024-05-01 12:00:01", ",", ".", "a date with a time"),

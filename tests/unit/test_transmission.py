@@ -50,7 +50,7 @@ def test_badly_scaled_but_regular():
         ({"zero": [0, 0, 0]}, "zero has 3 entries, but K is 2 x 2"),
         ({"zero": [0, np.inf]}, "zero holds a value that is not finite"),
         ({"torque_constants": [1]}, "torque_constants has 1 entries for 2 motors"),
-        ({"torque_constants": [1, 0]}, "torque_constants holds a zero"),
+        ({"torque_constants": [1, 0]}, "torque_constants holds a value that is zero"),
         ({"measured": "engine"}, "unknown side of the transmission 'engine'"),
     ],
 )
@@ -61,7 +61,7 @@ def test_refusals(arguments, message):
 
 @pytest.mark.parametrize("ratio", [[1, 0], [1, np.inf], [np.nan, 1]])
 def test_impossible_ratios(ratio):
-    with pytest.raises(ConfigurationError, match="ratio holds a zero or a value that is not finite"):
+    with pytest.raises(ConfigurationError, match="ratio holds a value that is zero, not finite"):
         Transmission.from_ratio(ratio)
 
 

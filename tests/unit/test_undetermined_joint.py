@@ -94,7 +94,7 @@ def test_monitoring_says_that_it_knows_nothing_of_a_joint(parts: tuple[Signals, 
     assert found.verdict == "unexplained"
     (said,) = [u for u in found.unexplained if u.signature == "not known from the fit"]
     assert said.joint == name
-    assert "cannot be told" in said.evidence
+    assert "fit again" in said.evidence
     # Of a log that does not have its torque, either, nothing is asked.
     assert monitor(blind, without(parts[1])).verdict == "unchanged"
 

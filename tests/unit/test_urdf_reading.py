@@ -136,8 +136,8 @@ XACRO = ' xmlns:xacro="http://wiki.ros.org/xacro"'
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("<robot", "does not parse"),
-        ("<robot></robots>", "does not parse"),
+        ("<robot", "cannot be parsed"),
+        ("<robot></robots>", "cannot be parsed"),
         ("<sdf><model/></sdf>", "root element is <sdf>, not <robot>"),
         (f'<robot{XACRO}><xacro:include filename="a.xacro"/></robot>', "xacro template"),
         (chain('<origin rpy="${pi/2} 0 0"/>'), "xacro template"),
@@ -152,8 +152,8 @@ XACRO = ' xmlns:xacro="http://wiki.ros.org/xacro"'
         ('<robot name="r"><link name="a"/><joint name="j1" type="fixed"><parent link="a"/></joint></robot>', "joint 'j1' lacks <child"),
         (urdf(joint("j1", "base", "l1"), joint("j2", "l2", "l1")), "link 'l1' is the child of two joints"),
         (urdf(joint("j1", "base", "l1"), links=["base", "l1", "l2"]), "base, l2 have no parent"),
-        (urdf(joint("j1", "l2", "l1"), joint("j2", "l1", "l2")), "l1, l2 form a circle"),
-        (urdf(joint("j1", "a", "b"), joint("j2", "b", "a"), links=["a", "b"]), "a, b form a circle"),
+        (urdf(joint("j1", "l2", "l1"), joint("j2", "l1", "l2")), "l1, l2 form a loop"),
+        (urdf(joint("j1", "a", "b"), joint("j2", "b", "a"), links=["a", "b"]), "a, b form a loop"),
         (chain('<axis xyz="0 0 0"/>'), "joint 'j1': its axis is the zero vector"),
         (chain('<axis xyz="0 z 0"/>'), "joint 'j1': 'z' is not a number"),
         (chain('<axis xyz="0 0"/>'), "axis xyz='0 0' does not hold three finite numbers"),
@@ -176,8 +176,8 @@ def test_refusals(text, message):
 @pytest.mark.parametrize(
     ("right", "wrong", "message"),
     [
-        ('value="1"', 'value="4kg"', "link 'l1': <mass value='4kg'>: '4kg' is not a finite number. Write the number alone"),
-        ('value="1"', 'value="4,5"', "'4,5' is not a finite number. Write a point, not a comma"),
+        ('value="1"', 'value="4kg"', "link 'l1': <mass value='4kg'>: '4kg' is not a finite number. Write only the number"),
+        ('value="1"', 'value="4,5"', "'4,5' is not a finite number. Use a decimal point, not a comma"),
         ('value="1"', 'value="1_000"', "'1_000' is not"),
         ('xyz="0.1 0 0"', 'xyz="0.1 l 0"', "<origin xyz='0.1 l 0'>: 'l' is not"),
         ('ixx="0.1"', 'ixx="nan"', "<inertia ixx='nan'>: 'nan' is not"),
@@ -198,7 +198,7 @@ def test_missing_and_unreadable_files(tmp_path):
         read_urdf(tmp_path)
     empty = tmp_path / "empty.urdf"
     empty.write_text("")
-    with pytest.raises(ConfigurationError, match=r"empty\.urdf: does not parse"):
+    with pytest.raises(ConfigurationError, match=r"empty\.urdf: cannot be parsed"):
         Robot.from_urdf(empty)
 
 
@@ -214,7 +214,7 @@ def test_mimic_chain_is_bound_to_its_head():
 def test_mimic_of_what_is_not_there_is_a_joint_of_its_own():
     robot = Robot.from_urdf(chain("", '<mimic joint="gone"/>'))
     assert robot.joint_names == ("j1", "j2")
-    assert "which the file does not have" in robot.notes[0]
+    assert "which is not in the file" in robot.notes[0]
 
 
 def test_mimic_of_a_fixed_joint_is_locked():

@@ -46,8 +46,8 @@ def test_the_rate_of_the_positions_is_read_whatever_its_name(names: str, unit: f
     ("values", "said"),
     [
         (Q + 0.02, "follow the positions themselves"),
-        (100.0 * DQ, r"are 100 times as large, and are not used; say so under \[columns\]"),
-        (np.random.default_rng(1).normal(size=Q.shape), "are no velocities of these positions"),
+        (100.0 * DQ, r"are 100 times the velocities, and are not used; if they are velocities, map them under \[columns\]"),
+        (np.random.default_rng(1).normal(size=Q.shape), "are not the velocities of these positions"),
     ],
     ids=["desired positions", "of the motors", "noise"],
 )
@@ -72,4 +72,4 @@ def test_a_joint_named_hand_is_a_joint_where_it_has_a_torque(driven: bool, tmp_p
     log = ident.read_logs(written(tmp_path / "a.csv", columns))[0]
     assert log.joint_names == tuple(names if driven else names[:2])
     np.testing.assert_allclose(log.q, q[:, : log.n], atol=1e-9)
-    assert any("Hand: of a hand" in note for note in log.notes) == (not driven)
+    assert any(note.partition(": ")[2].startswith("Hand: ") or note.startswith("Hand: ") for note in log.notes) == (not driven)

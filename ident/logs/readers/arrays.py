@@ -99,7 +99,7 @@ class ArrayTable:
         """What to say of series that are left out."""
         if not self.left:
             return ()
-        return (f"{where}: {', '.join(self.left[:_SHOWN])} have another number of samples than the {self.rows} of the rest; not used.",)
+        return (f"{where}: {', '.join(self.left[:_SHOWN])} have a different number of samples from the {self.rows} of the rest; not used.",)
 
     def units(self, told: Mapping[str, str]) -> dict[str, str]:
         """Units of columns, of those told of arrays."""

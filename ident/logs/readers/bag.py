@@ -30,7 +30,7 @@ _REFERENCE = ("reference", "desired")
 _REFERENCE_FIELDS = {"positions": "position_reference", "velocities": "velocity_reference", "accelerations": "acceleration_reference"}
 _ASKED_FIELDS = {"position": "position_reference", "velocity": "velocity_reference"}
 _ASKED = tuple(_REFERENCE_FIELDS.values())
-_FAR = "log {path}: messages were recorded far from the order of their stamps; read it whole (--no-stream)."
+_FAR = "log {path}: messages are far out of the order of their time stamps; read the log into memory (--no-stream)."
 _SHOWN = 8
 #: Encodings of messages that need not be ROS's.
 _FREE = ("json", "protobuf")
@@ -54,7 +54,7 @@ def _read(path: Path) -> Stored:
         columns |= onto(clock, wanted)
     sent = np.concatenate([s.stamp for s in states])[np.argsort(np.concatenate([s.received for s in states]), kind="stable")]
     if shifted := int(np.sum(np.diff(sent) < 0)):
-        notes.append(f"log {path}: {counted(shifted, 'message', 'were')} recorded in another order than stamped; the stamps count.")
+        notes.append(f"log {path}: {counted(shifted, 'message', 'were')} out of the order of their time stamps, and sorted by them.")
     return Stored({"t": clock} | {name: v for name, v in columns.items() if np.isfinite(v).any()}, notes=tuple(notes))
 
 
@@ -98,8 +98,8 @@ def _messages(path: Path) -> tuple[list[JointStates], list[JointStates], list[st
 def _without_states(path: Path) -> DataError:
     topics = [f"{topic} ({kind})" for topic, kind in sorted(topics_of(path).items())]
     return DataError(
-        f"log {path}: holds no message of type JointState; its topics: {', '.join(topics) or 'none'}. Record /joint_states, or export the"
-        " joints' numbers as CSV."
+        f"log {path}: holds no message of type JointState; its topics: {', '.join(topics) or 'none'}. Record /joint_states, or"
+        f" export the joints' data as CSV."
     )
 
 
@@ -192,8 +192,8 @@ def _surveyed(path: Path, said: list[str]) -> tuple[tuple[str, Asked], tuple[str
         groups[frozenset(joints)] += count
     if len(groups) > 1 or len(senders[topic]) > 1:
         raise UnsupportedError(
-            f"log {path}: messages on {topic} name different joints, or come from several senders; they are brought together by"
-            " reading it whole."
+            f"log {path}: messages on {topic} name different joints, or come from several senders; read the log into memory"
+            f" (--no-stream), which merges them."
         )
     asked = frozenset(name for name in seen if _asked_for(name) and name != topic)
     first = next(iter(seen[topic]))

@@ -61,7 +61,7 @@ def _elements(path: Path, name: str, cells: Array) -> dict[str, Array]:
             values = np.zeros(0)
         width = width or len(values)
         if not len(values) or len(values) != width:
-            raise DataError(f"log {path}: column {name!r}, data row {k + 1}: {cell[:40]!r} is no list of {width or 'some'} numbers.")
+            raise DataError(f"log {path}: column {name!r}, data row {k + 1}: {cell[:40]!r} is not a list of {width or 'some'} numbers.")
         rows.append(values)
     table = np.array(rows)
     return {element(name, j): table[:, j] for j in range(width)}

@@ -81,7 +81,7 @@ def _read(path: Path) -> Stored:
         try:
             columns[name] = np.array([np.nan if x.lower() in MISSING else float(plain_number(x)) for x in values])
         except ValueError:
-            raise DataError(f"log {path}: channel {name!r} holds what is no number.") from None
+            raise DataError(f"log {path}: channel {name!r} holds a value that is not a number.") from None
         units[name] = unit
     return Stored(columns, {name: unit for name, unit in units.items() if unit}, (f"log {path}: each row is a channel.",))
 

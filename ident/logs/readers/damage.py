@@ -36,7 +36,7 @@ def damage_told(path: Path, what: str) -> Iterator[None]:
         raise
     except MemoryError:
         raise DataError(
-            f"log {path}: asks for more memory than there is. Save fewer columns, or in parts; a damaged file may ask too."
+            f"log {path}: needs more memory than there is. Save fewer columns, or several files; a damaged file may also cause this."
         ) from None
     except Exception as error:  # noqa: BLE001 - see above
         raise DataError(f"log {path}: {what} ({reason(error)}).") from None

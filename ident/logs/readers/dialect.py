@@ -106,19 +106,21 @@ def _header_of(path: Path, encoding: str) -> Header:
 def _header_behind(begin: _Beginning, path: Path, encoding: str) -> Header:
     line, number, rows = begin.line, begin.number, begin.rows
     if "\x00" in line:
-        raise DataError(f"log {path}: line {number} holds NUL characters: it is no text, or UTF-16 without its mark. Save it as UTF-8.")
+        raise DataError(
+            f"log {path}: line {number} holds NUL characters: it is not text, or it is UTF-16 without a byte-order mark. Save it as UTF-8."
+        )
     delimiter = begin.told or _delimiter(line, rows, path)
     spaced = delimiter not in line and len(_SPACES.split(line.strip())) > _COLUMNS
     if spaced and (not rows or len(rows[0].split()) != len(line.split())):
         if rows and (begins := _behind_preamble(path, encoding, (line,))):
             return begins
         raise DataError(
-            f"log {path}: its columns are separated by spaces (line {number}), but the rows have another number of them; write it with"
-            " commas, semicolons or tabs."
+            f"log {path}: its columns are separated by spaces (line {number}), but their number varies between rows; write the file"
+            f" with commas, semicolons or tabs."
         )
     delimiter = " " if spaced else delimiter
     if line.count('"') % 2:
-        raise DataError(f"log {path}: line {number}: a column name opens quotes that it does not close. Close them, or leave them out.")
+        raise DataError(f"log {path}: line {number}: a column name has a quote that is never closed. Close it, or remove it.")
     names = _fields(line, delimiter, path)
     if rows and (begins := _behind_preamble(path, encoding, names)):
         return begins

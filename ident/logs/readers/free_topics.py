@@ -48,7 +48,7 @@ def free_messages(blocks: Sequence[Block], path: Path, notes: Sequence[str]) -> 
     sent = [_sent(message) for message in messages]
     if None not in sent and any(b < a for a, b in pairwise(sent)):
         messages = [messages[k] for k in sorted(range(len(sent)), key=lambda k: sent[k])]
-        notes = [*notes, f"log {path}: messages were recorded in another order than they were stamped; the stamps count."]
+        notes = [*notes, f"log {path}: messages were out of the order of their time stamps, and are sorted by them."]
     stored = table_of_messages(iter(messages), path)
     left = sorted(set(topics) - {chosen})
     said = [f"log {path}: messages of {chosen} are read, not those of {', '.join(left)}."] if left else []
@@ -73,5 +73,5 @@ def _message(raw: bytes, channel: Channel, path: Path) -> dict[str, Any]:
         kind = "is no JSON" if channel.encoding == "json" else "cannot be decoded"
         raise DataError(f"log {path}: topic {channel.topic}: a message {kind} ({reason(error)}).") from None
     if not isinstance(message, dict):
-        raise DataError(f"log {path}: topic {channel.topic}: a message is JSON, but no object.")
+        raise DataError(f"log {path}: topic {channel.topic}: a message is JSON, but not an object.")
     return message

@@ -72,14 +72,14 @@ def _layout(message: bytes, *, ros1: bool) -> _MessageLayout:
     try:
         return _parsed(message, ros1=ros1)
     except (struct.error, UnicodeDecodeError, IndexError) as error:
-        raise ValueError(f"a message of type JointState that is none ({error})") from None
+        raise ValueError(f"a malformed JointState message ({error})") from None
 
 
 def _parsed(message: bytes, *, ros1: bool) -> _MessageLayout:
     """CDR aligns what follows to its size, counted behind four bytes that tell the order of bytes; its texts end with a zero."""
     origin = 0 if ros1 else 4
     if not ros1 and message[1] != 1:
-        raise ValueError("a message in another order of bytes")
+        raise ValueError("a message in an unknown byte order")
     at = origin + 4 if ros1 else origin
     stamp = at
     at += 8
@@ -109,7 +109,7 @@ def _parsed(message: bytes, *, ros1: bool) -> _MessageLayout:
         if numbers:
             at = aligned(8)
         if at + 8 * numbers > len(message):
-            raise ValueError("a message that ends too early")
+            raise ValueError("a truncated message")
         fields.append((at, numbers))
         at += 8 * numbers
     return _MessageLayout(tuple(joints), stamp, tuple(fields), tuple(fixed))

@@ -93,7 +93,8 @@ def _names_beside(table: Any, path: Path) -> dict[str, tuple[str, ...]]:
             flat = column.combine_chunks().flatten()
             if not first or len(flat) != len(first) * len(column) or flat.to_pylist() != first * len(column):
                 raise DataError(
-                    f"log {path}: column {name!r} names other joints in some rows than in the first, or in another order: write one order."
+                    f"log {path}: column {name!r} names different joints in some rows, or in a different order: write the same"
+                    f" joints in the same order in every row."
                 )
             out[name.rpartition(".")[0]] = _names(first)
     return out
@@ -110,7 +111,9 @@ def _structs(name: str, column: Any, path: Path) -> dict[str, Array]:
     fields = {flat.type.field(k).name: flat.field(k) for k in range(flat.type.num_fields)}
     told = tuple(fields["name"][:width].to_pylist()) if "name" in fields and pa.types.is_string(fields["name"].type) else ()
     if told and fields["name"].to_pylist() != list(told) * rows:
-        raise DataError(f"log {path}: column {name!r} names its elements in another order in some rows than in the first: write one order.")
+        raise DataError(
+            f"log {path}: column {name!r} names its elements in a different order in some rows: write the same order in every row."
+        )
     out: dict[str, Array] = {}
     for field, values in fields.items():
         with suppress(TypeError, ValueError):
@@ -148,7 +151,7 @@ def _chunked(tables: Callable[[int], Iterator[tuple[int, Any]]], path: Path, tol
                 if skip < batch.num_rows:
                     found = columns(batch, skip)
                     if lacking := [name for name in names if name not in found]:
-                        raise DataError(f"log {path}: column {lacking[0]!r} is another after row {at + skip}: its lists differ in length.")
+                        raise DataError(f"log {path}: column {lacking[0]!r} changes after row {at + skip}: its lists differ in length.")
                     yield {name: found[name] for name in names}
 
     def sample(names: Sequence[str]) -> dict[str, Array]:
@@ -225,7 +228,7 @@ def _opened(path: Path) -> Any:
         with path.open("rb") as file:
             start = file.read(6)
         if start.startswith(b"FEA1"):  # of which Arrow believes every place in the file: damage ends the whole process
-            raise DataError(f"log {path}: is of Feather's first version, which is read no more; write it anew (Feather 2, Parquet).")
+            raise DataError(f"log {path}: is in version 1 of Feather, which is not supported; save it as Feather 2 or Parquet.")
         source = pa.memory_map(str(path))
         return pa.ipc.open_file(source) if start == b"ARROW1" else _stream(pa.ipc.open_stream(source))
 
@@ -253,13 +256,15 @@ def _read_arrow(path: Path) -> Stored:
     if not columns:
         raise DataError(f"log {path}: holds no column of numbers.")
     cut = _CUT in (table.schema.metadata or {})
-    return Stored(columns, _moments(table.schema, columns), (f"log {path}: ends in the middle; what is whole is read.",) if cut else ())
+    return Stored(columns, _moments(table.schema, columns), (f"log {path}: is truncated; the complete part of it is read.",) if cut else ())
 
 
 def _arrow_chunks(path: Path) -> Chunked:
     file = _opened(path)
     if not hasattr(file, "get_batch"):
-        raise UnsupportedError(f"log {path}: this kind of Arrow file is read whole (--no-stream); write it as an Arrow file (Feather 2).")
+        raise UnsupportedError(
+            f"log {path}: this kind of Arrow file cannot be streamed: read it into memory (--no-stream), or save it as Feather 2."
+        )
     with damage_told(path, _DAMAGED):
         batches = [file.get_batch(k) for k in range(file.num_record_batches)]
         for batch in batches:

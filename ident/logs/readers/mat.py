@@ -75,7 +75,7 @@ def matlab_columns(arrays: dict[str, Array], path: Path, objects: Sequence[str] 
     outer, inside = split_inside(path)
     arrays = {name: a.squeeze() if a.ndim > 2 else a for name, a in of_one_run(arrays, outer, inside).items()}  # Simulink's (n, 1, N)
     numeric = {name: a for name, a in arrays.items() if a.dtype.kind in "fiub" and a.ndim in (1, 2)}
-    what = "it holds objects of MATLAB (timeseries, timetable, Dataset), which only MATLAB reads: save their Time and Data as arrays"
+    what = "it holds MATLAB objects (timeseries, timetable, Dataset), which only MATLAB can read: save their Time and Data as arrays"
     if not any(max(a.shape, default=0) > 1 for a in numeric.values()):
         raise DataError(f"log {path}: holds no numeric variable{f'; {what}' if objects else ''}.")
     bare: dict[str, Array] = {}

@@ -70,13 +70,13 @@ class _Elements:
 
 def _check_matrix(body: bytes, order: str, depth: int) -> None:
     if depth > _DEEPEST:
-        raise ValueError(f"more than {_DEEPEST} arrays in one another")
+        raise ValueError(f"more than {_DEEPEST} nested arrays")
     if not body:
         return  # an empty one inside a cell
     parts = _Elements(body, 0, len(body), order)
     _, flags = parts.next()
     if len(flags) < 8:
-        raise ValueError("flags of an array are cut off")
+        raise ValueError("the flags of an array are truncated")
     word = struct.unpack_from(f"{order}I", flags)[0]
     sort = word & 0xFF
     if sort not in (_CELL, _STRUCT, _OBJECT, _CHARACTERS, _SPARSE, *_NUMBERS):
@@ -101,7 +101,7 @@ def _check_matrix(body: bytes, order: str, depth: int) -> None:
         for _ in range(count):
             kind, inner = parts.next()
             if kind != _MATRIX:
-                raise ValueError(f"an element of type {kind} where an array has to be")
+                raise ValueError(f"an element of type {kind} where an array is expected")
             _check_matrix(inner, order, depth + 1)
 
 
@@ -109,7 +109,7 @@ def _count(parts: _Elements, order: str) -> int:
     """How many entries an array's dimensions make."""
     kind, sizes = parts.next()
     if kind != _INTEGERS or len(sizes) < 8 or len(sizes) % 4:
-        raise ValueError("dimensions that are none")
+        raise ValueError("invalid dimensions")
     count = 1
     for n in struct.unpack(f"{order}{len(sizes) // 4}i", sizes):
         if n < 0:
@@ -124,5 +124,5 @@ def _fields(parts: _Elements, order: str) -> int:
     _, names = parts.next()
     width = struct.unpack(f"{order}i", length)[0] if len(length) == 4 else 0
     if width <= 0 or len(names) % width:
-        raise ValueError("names of fields that are none")
+        raise ValueError("invalid names of fields")
     return len(names) // width

@@ -83,7 +83,7 @@ class McapFile:
         (length,) = struct.unpack_from("<Q", body, 32 + name)
         packed = body[40 + name : 40 + name + length]
         if size > _LARGEST or kind not in ("", "lz4", "zstd"):
-            raise DataError(f"log {self._path}: a chunk is packed in a way that is not known ({kind or 'none'}, {size} bytes).")
+            raise DataError(f"log {self._path}: a chunk has an unknown compression ({kind or 'none'}, {size} bytes).")
         content = packed if not kind else _lz4(packed) if kind == "lz4" else _zstandard(packed, size)
         if len(content) != size:
             raise DataError(f"log {self._path}: the file is damaged: a chunk unpacks to {len(content)} bytes, not {size}.")
@@ -97,7 +97,7 @@ class McapFile:
             kind, length = content[at], struct.unpack_from("<Q", content, at + 1)[0]
             stride = _HEAD + length
             if at + stride > len(content):
-                raise DataError(f"log {self._path}: the file is damaged: a record goes beyond its chunk.")
+                raise DataError(f"log {self._path}: the file is damaged: a record extends beyond its chunk.")
             if kind != _MESSAGE:
                 self._told(kind, content[at + _HEAD : at + stride])
                 at += stride

@@ -33,7 +33,7 @@ def _text(path: Path) -> str:
         with open_whole(path) as stream:
             return stream.read().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DataError(f"log {path}: is not a text in UTF-8 ({reason(error)}).") from None
+        raise DataError(f"log {path}: is not UTF-8 text ({reason(error)}).") from None
     except DAMAGED as error:
         raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
 
@@ -58,7 +58,7 @@ def _read_json(path: Path) -> Stored:
             if isinstance(value, list) and len(value) > 1 and all(isinstance(m, dict) for m in value):
                 return table_of_messages(iter(value), path)
         return arrays_by_name(whole, path)
-    raise DataError(f"log {path}: is JSON, but neither messages nor arrays by name.")
+    raise DataError(f"log {path}: is JSON, but holds neither messages nor named arrays.")
 
 
 def _json_recordings(path: Path) -> tuple[str, ...]:
@@ -103,9 +103,9 @@ def _lines(text: str, path: Path, cut: list[str]) -> Iterator[Any]:
             yield json.loads(line)
         except (ValueError, RecursionError) as error:
             if k == lines[-1][0] > lines[0][0] and not text.endswith("\n"):
-                cut.append(f"log {path}: line {k}, the last, ends in the middle of a message, and is left out.")
+                cut.append(f"log {path}: line {k}, the last, is a truncated message, and is left out.")
                 return
-            raise DataError(f"log {path}: line {k} is no JSON message ({reason(error)}).") from None
+            raise DataError(f"log {path}: line {k} is not a JSON message ({reason(error)}).") from None
 
 
 def _named_table(whole: dict[str, Any]) -> dict[str, Any]:
@@ -200,7 +200,7 @@ def _read_xml(path: Path) -> Stored:
 
     text = re.sub(r"<\?xml[^>]*\?>", "", _text(path))
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise DataError(f"log {path}: declares a document type or entities, which no log needs; take them out.")
+        raise DataError(f"log {path}: declares a document type or entities, which no log needs; remove them.")
     parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True)
     try:
         root = etree.fromstring(f"<log>{text}</log>".encode(), parser)

@@ -39,7 +39,7 @@ def seconds_of(texts: Array, path: Path, name: str) -> Array:
             if str(text).strip().lower() in MISSING:
                 continue
             raise DataError(
-                f"log {path}: column {name!r}, data row {k + 1}: {str(text)[:40]!r} is no date with a time, as others there are."
+                f"log {path}: column {name!r}, data row {k + 1}: {str(text)[:40]!r} is not a date with a time, unlike the others."
             )
         hour = int(found["hour"])
         if found["half"]:

@@ -67,7 +67,9 @@ def _mapped(path: Path) -> dict[str, Array]:
             raise DataError(f"log {path}: {_NO_ARRAYS} (Bad CRC-32 for file {bad!r}).")
         for member in members.infolist():
             if member.compress_type != zipfile.ZIP_STORED:
-                raise UnsupportedError(f"log {path}: arrays that are packed are read whole (--no-stream); save them with numpy.savez.")
+                raise UnsupportedError(
+                    f"log {path}: compressed arrays cannot be streamed: read them into memory (--no-stream), or save them with numpy.savez."
+                )
             file.seek(member.header_offset)
             name, extra = struct.unpack("<HH", file.read(30)[26:30])
             file.seek(name + extra, 1)
@@ -104,7 +106,7 @@ def _read_npy(path: Path) -> Stored:
     if table.dtype.names:
         return columns_of({name: table[name] for name in table.dtype.names}, f"log {path}")
     if table.ndim != 2 or table.dtype.kind not in "fiub":
-        raise DataError(f"log {path}: holds an array {table.shape} of {table.dtype}, which is no table of samples.")
+        raise DataError(f"log {path}: holds an array {table.shape} of {table.dtype}, which is not a table of samples.")
     return Stored({f"#{k}": column for k, column in enumerate((table if table.shape[0] >= table.shape[1] else table.T).T.astype(float))})
 
 

@@ -41,7 +41,7 @@ def _opened(path: Path) -> IO[bytes]:
         if start.startswith(magic):
             return io.BufferedReader(_Told(opener(path, "rb"), path), _BLOCK)
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) and start[:4] != b"\xff\xff\xff\xff":
-        with damage_told(path, "begins as UTF-16, and is none"):
+        with damage_told(path, "begins like UTF-16, but is not"):
             return io.BytesIO(path.read_bytes().decode("utf-16").encode())
     if start.startswith(_ZSTANDARD):
         return io.BufferedReader(_Told(_Zstandard(path), path), _BLOCK)
@@ -53,7 +53,9 @@ class _Zstandard(io.RawIOBase):
 
     def __init__(self, path: Path) -> None:
         if find_spec("pyarrow") is None:
-            raise ConfigurationError(f"log {path}: is packed by Zstandard, which needs pyarrow: pip install pyarrow. Or unpack it first.")
+            raise ConfigurationError(
+                f"log {path}: is compressed with Zstandard, which needs pyarrow: pip install pyarrow. Or decompress it first."
+            )
         self._path = path
         self._begin()
 
@@ -104,8 +106,8 @@ class Expansion:
         self._bytes += int(count)
         if self._bytes > self.most:
             raise DataError(
-                f"log {self._path}: unpacks to more than {_RATIO} times its size ({self._bytes / 1e6:.0f} MB so far): a damaged file, or"
-                " one made to fill the memory. If it is meant, unpack it, or read it piece by piece (--stream)."
+                f"log {self._path}: expands to more than {_RATIO} times its size ({self._bytes / 1e6:.0f} MB so far): a damaged"
+                f" file, or one made to exhaust memory. If this is intended, decompress it first, or read it in chunks (--stream)."
             )
 
 
@@ -165,5 +167,5 @@ def bounded_lines(text: Iterable[str], path: Path) -> Iterator[str]:
         return
     while line := read(LONGEST_LINE + 1):
         if len(line) > LONGEST_LINE:
-            raise DataError(f"log {path}: has a line of more than {LONGEST_LINE} characters: it is no table of rows.")
+            raise DataError(f"log {path}: has a line of more than {LONGEST_LINE} characters: it is not a table of rows.")
         yield line

@@ -52,7 +52,7 @@ def stored_names(file: Any) -> tuple[tuple[str, str], ...]:
     try:
         stored = file.schema.names
     except UnicodeDecodeError:
-        raise DataError("the names of the columns of a Parquet file are no text: the file is damaged.") from None
+        raise DataError("the column names of a Parquet file are not text: the file is damaged.") from None
     bare = [name.strip() for name in stored]
     return tuple((name if bare.count(name) == 1 else own, own) for name, own in zip(bare, stored, strict=True))
 

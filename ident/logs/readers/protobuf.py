@@ -39,7 +39,7 @@ def decoded_message(raw: bytes, schema: bytes, msgtype: str) -> dict[str, Any]:
     try:
         return _message(memoryview(raw), types, msgtype.lstrip("."), 0)
     except (struct.error, IndexError, TypeError) as error:  # what is too short, or stands on the wire as another kind
-        raise ValueError(f"a message that is not what its schema says ({error})") from None
+        raise ValueError(f"a message that does not match its schema ({error})") from None
 
 
 @lru_cache(maxsize=16)
@@ -55,7 +55,7 @@ def _types(schema: bytes) -> dict[str, dict[int, _Field]]:
                     if k == 4:
                         _define(x, package, out)
     except (struct.error, IndexError, KeyError, StopIteration, UnicodeDecodeError, TypeError) as error:
-        raise ValueError(f"its schema is no set of descriptors ({error})") from None
+        raise ValueError(f"its schema is not a set of descriptors ({error})") from None
     return out
 
 
@@ -88,7 +88,7 @@ def _parts(raw: memoryview) -> Iterator[tuple[int, Any]]:
         if wire == _BYTES:
             size, at = _varint(raw, at)
         if size < 0 or at + size > len(raw):
-            raise IndexError(f"field {key >> 3} goes beyond it")
+            raise IndexError(f"field {key >> 3} extends beyond it")
         yield key >> 3, raw[at : at + size]
         at += size
 
@@ -103,7 +103,7 @@ def _varint(raw: memoryview, at: int) -> tuple[int, int]:
             return value, at
         shift += 7
         if shift > 63:
-            raise IndexError("a number that does not end")
+            raise IndexError("an unterminated number")
 
 
 def _message(raw: memoryview, types: dict[str, dict[int, _Field]], msgtype: str, deep: int) -> dict[str, Any]:

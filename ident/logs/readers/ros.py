@@ -122,7 +122,7 @@ def _list_arrays(path: Path, header: Header, layout: JointStateColumns) -> tuple
                     matrix[row, : len(numbers)] = [float(x) for x in numbers]
                 except ValueError:
                     raise DataError(
-                        f"log {path}: column {layout.fields[f][0]!r}, data row {row + 1}: {cell!r} is no list of {width} numbers."
+                        f"log {path}: column {layout.fields[f][0]!r}, data row {row + 1}: {cell!r} is not a list of {width} numbers."
                     ) from None
             values[f] = matrix
     return names, values

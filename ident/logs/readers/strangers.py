@@ -29,8 +29,10 @@ class Strangers:
     def notes(self, where: str) -> list[str]:
         """What to say of them."""
         notes = [f"{where}: comments between the rows ({self.comments}) are left out."] if self.comments else []
-        notes += [f"{where}: the header stands again between the rows ({self.headers}×), and is left out there."] if self.headers else []
-        return notes + ([f"{where}: the last line ends in the middle of a row, and is left out."] if self.cut else [])
+        notes += (
+            [f"{where}: the header is repeated between the rows ({self.headers}×); the repetitions are left out."] if self.headers else []
+        )
+        return notes + ([f"{where}: the last line is an incomplete row, and is left out."] if self.cut else [])
 
 
 def without_strangers(stream: IO[bytes], header: Header) -> tuple[bytes, Strangers]:

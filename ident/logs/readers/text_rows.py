@@ -44,15 +44,15 @@ def columns_by_rows(path: Path, header: Header, names: Sequence[str], text: Buff
         at = f"line {line} (data row {row})"
         if len(fields) > len(header.names):
             raise DataError(
-                f"log {path}: {at} has {counted(len(fields), 'field')}, but the header has {len(header.names)}; mend that line, or take it"
-                " out: what is missing is bridged or left out."
+                f"log {path}: {at} has {counted(len(fields), 'field')}, but the header has {len(header.names)}; correct that line,"
+                f" or remove it: missing samples are bridged or left out."
             )
         values.append([_value(fields[i], header, f"log {path}: column {name!r}, {at}") if i < len(fields) else np.nan for i, name in index])
         rows[:] = [(line, fields)]
     if rows and header.delimiter != " " and _never_closed(text, header, rows[0][0] - before):
         raise DataError(
-            f"log {path}: line {rows[0][0]} (data row {first + len(values) - 1}) opens quotes that are never closed, which hide all behind"
-            " it. Close them, or leave them out."
+            f"log {path}: line {rows[0][0]} (data row {first + len(values) - 1}) opens a quote that is never closed, which hides"
+            f" everything after it. Close it, or remove it."
         )
     table = np.array(values, float).reshape(len(values), len(index))
     return {name: table[:, k] for k, (_, name) in enumerate(index)}
@@ -67,7 +67,7 @@ def _value(field: str, header: Header, where: str) -> float:
     """A field as a number, NaN for what stands for none. Raises DataError."""
     text = field.strip()
     if "\n" in field and is_number(text):
-        raise DataError(f"{where}: {field!r} goes on over the end of its line. Close the quotes on the line, or leave them out.")
+        raise DataError(f"{where}: {field!r} runs past the end of its line. Close the quotes on the same line, or remove them.")
     if text.lower() in MISSING:
         return np.nan
     plain = text.replace(",", ".", 1) if header.decimal == "," and "." not in text else "" if header.decimal == "," else text
@@ -77,15 +77,15 @@ def _value(field: str, header: Header, where: str) -> float:
     shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
     remedy = "Correct or remove the row; write a missing value as an empty field."
     if _THOUSANDS.fullmatch(text) and (len(re.findall(r"\D", text.lstrip("+-"))) > 1 or not is_number(text.replace(",", ".", 1))):
-        remedy = "It has marks between its thousands: write numbers without them."
+        remedy = "It has thousands separators: write numbers without them."
     elif header.decimal == "," and is_number(text):
-        remedy = "It has a point, where other numbers have a decimal comma: write all of them in one way, without marks between thousands."
+        remedy = "It has a point, where other numbers have a decimal comma: write all numbers alike, without thousands separators."
     elif is_number(text.replace(",", ".", 1)):
         remedy = "It has a decimal comma: write the file with decimal points."
     elif _WITH_UNIT.fullmatch(text):
-        remedy = "Write numbers alone, and their unit into the header, as in q1_deg."
+        remedy = "Write numbers only, and put their unit into the header, as in q1_deg."
     elif is_moment(text):
-        remedy = "It is a date with a time: write times as seconds (since any moment), in every row."
+        remedy = "It is a date with a time: write times in seconds (from any origin), in every row."
     raise DataError(f"{where}: {shown!r} is not a number. {remedy}")
 
 

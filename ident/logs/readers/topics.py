@@ -42,7 +42,10 @@ def blocks(path: Path, wanted: Callable[[Channel], bool], said: list[str] | None
             file = McapFile(part)
             yield from file.blocks(wanted)
             if file.cut and said is not None:
-                said.append(f"log {part}: the file ends in the middle of a record (its recorder was ended); what is whole is read.")
+                said.append(
+                    f"log {part}: the file is truncated in the middle of a record (the recorder was killed); the complete"
+                    f" part of it is read."
+                )
         return
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
@@ -79,7 +82,7 @@ def topics_of(path: Path) -> dict[str, str]:
         return False
 
     for _ in blocks(path, noted):
-        raise DataError(f"log {path}: a topic that was not asked for.")
+        raise DataError(f"log {path}: a topic that was not requested.")
     return found
 
 

@@ -15,10 +15,10 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (b"MDF     ", "a measurement file (MDF)", "export it as MAT, HDF5 or CSV (asammdf: MDF(path).export)"),
     (b"SQLite format 3\x00", "an SQLite data base", "name the folder of a ROS 2 bag; export tables of others as CSV"),
     (b"PK\x03\x04", "", ""),
-    (b"\xd0\xcf\x11\xe0", "an Excel workbook of the old kind", "save the sheet as CSV"),
-    (b"\x80\x04\x95", "a Python pickle", "it may run code when it is opened; save the table as Parquet, CSV or NPZ"),
-    (b"\x80\x05\x95", "a Python pickle", "it may run code when it is opened; save the table as Parquet, CSV or NPZ"),
-    (b"\x1f\x8b", "a packed file that holds no table", "unpack it"),
+    (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)", "save the sheet as CSV"),
+    (b"\x80\x04\x95", "a Python pickle", "opening it may run code; save the table as Parquet, CSV or NPZ"),
+    (b"\x80\x05\x95", "a Python pickle", "opening it may run code; save the table as Parquet, CSV or NPZ"),
+    (b"\x1f\x8b", "a compressed file without a table in it", "unpack it"),
 )
 
 
@@ -28,7 +28,7 @@ def _zipped(path: Path, start: bytes) -> tuple[str, str]:
         content = start + file.read()
     if b"xl/" in content:
         return "an Excel workbook", "save the sheet as CSV"
-    return "a ZIP archive", "unpack it, and name the log in it"
+    return "a ZIP archive", "decompress it, and give the log in it"
 
 
 def _kind(path: Path, start: bytes) -> tuple[str, str]:
@@ -47,7 +47,7 @@ def _is_one(path: Path, start: bytes) -> bool:
 def _read(path: Path) -> Stored:
     with path.open("rb") as file:
         kind, remedy = _kind(path, file.read(512))
-    raise DataError(f"log {path}: is {kind}, which is not read: {remedy}.")
+    raise DataError(f"log {path}: is {kind}, which is not supported: {remedy}.")
 
 
 UNREAD = register_log_format(LogFormat("another kind of file", _is_one, _read))

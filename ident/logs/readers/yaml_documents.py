@@ -44,7 +44,7 @@ def _read(path: Path) -> Stored:
         raise DataError(f"log {path}: holds no message.")
     if len(documents) == 1:
         return arrays_by_name(documents[0], path)
-    cut = [f"log {path}: the last message ends in the middle, and is left out."] if _shape(documents[-1]) != _shape(documents[0]) else []
+    cut = [f"log {path}: the last message is truncated, and is left out."] if _shape(documents[-1]) != _shape(documents[0]) else []
     stored = table_of_messages(iter(documents[: -1 if cut else None]), path)
     return replace(stored, notes=(*stored.notes, *cut))
 
@@ -76,7 +76,7 @@ def _document(lines: list[Line], path: Path, number: int) -> Any:
     value, at = _block(lines, start, 0)
     if at < len(lines):
         raise DataError(
-            f"log {path}: the message that ends on line {number} holds {lines[at][1][:40]!r}, which is no YAML as ROS prints it."
+            f"log {path}: the message that ends on line {number} holds {lines[at][1][:40]!r}, which is not YAML as ROS prints it."
         )
     return value
 

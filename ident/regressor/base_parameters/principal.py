@@ -33,10 +33,6 @@ class PrincipalParameters:
         """Largest over smallest sensitivity; infinite if the trajectory does not show some direction."""
         return float(self.sensitivity[0] / self.sensitivity[-1]) if len(self.names) and self.sensitivity[-1] > 0 else float("inf")
 
-    def count_above(self, torque: float) -> int:
-        """How many principal parameters show more torque per unit than `torque`."""
-        return int((self.sensitivity > torque).sum())
-
     def values(self, base_values: Array) -> Array:
         """Principal values (k,) of base values (k,)."""
         return self.directions @ (np.asarray(base_values, float) / self.scale)

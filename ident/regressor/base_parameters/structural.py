@@ -108,20 +108,56 @@ class _Ranks:
         return np.minimum(s[:r] / _FAINT, 1.0)[:, None] * Vt[:r]
 
 
+def _motor_rates(robot: Robot, blocks: Sequence[JointBlock], motors: Sequence[int]) -> Array:
+    """Rates (m, n) of motors per unit of the blocks' coordinates."""
+    unit = np.ones(robot.n)
+    for block in blocks:
+        unit[list(block.coordinates)] = block.scale
+    rates: Array = robot.transmission.K_inverse[motors] * unit
+    return rates
+
+
+def _in_order(full: Array, kept: Array, width: int, motors: Sequence[int], n: int) -> tuple[Array, Array, Array]:
+    """Rows in the order of the columns that name them, those columns counted over all motors, and the motors' part over all (b, n)."""
+    order = np.argsort([_column_place(int(c)) if c < width else c for c in kept], kind="stable")
+    full, kept = full[order], kept[order]
+    spread = np.zeros((len(full), n))
+    spread[:, motors] = full[:, width:]
+    return full, np.array([c if c < width else width + motors[c - width] for c in kept], int), spread
+
+
 def base_set(robot: Robot, rotor_inertia: bool | Sequence[str] = False, tolerance: float = TOLERANCE) -> StructuralSet:
     """Base parameters of a robot with any tree of revolute and prismatic joints, loop closure or floating base.
 
-    `rotor_inertia`: True, or names of joints: the reflected inertias of their motors are included, through K.
-    `tolerance`: directions that show less than this (lengths over the typical length) count as none.
-    Raises ConfigurationError for an unknown joint."""
+    Parameters
+    ----------
+    robot : Robot
+        The robot with its transmission.
+    rotor_inertia : bool or sequence of str
+        True, or names of joints: the reflected inertias of their motors are included, through K.
+    tolerance : float
+        Directions that show less than this (lengths over the typical length) count as none.
+
+    Returns
+    -------
+    StructuralSet
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown joint.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.regressor.base_set(ident.load_robot("scara")).count
+    8
+    """
     asked = robot.joint_names if rotor_inertia is True else tuple(rotor_inertia or ())
     motors = [robot.joint_index(name) for name in asked]
     length = typical_length(robot.tree)
     blocks = joint_blocks(robot, length)
-    unit = np.ones(robot.n)
-    for block in blocks:
-        unit[list(block.coordinates)] = block.scale
-    k = robot.transmission.K_inverse[motors] * unit  # motor rates per unit of the blocks' coordinates
+    k = _motor_rates(robot, blocks, motors)
     rotor_size = np.linalg.norm(k, axis=1)
 
     ranks = _Ranks(tolerance)
@@ -137,12 +173,7 @@ def base_set(robot: Robot, rotor_inertia: bool | Sequence[str] = False, toleranc
     kept = np.r_[np.array(pivots, int), width + np.array(leading, int)]
     full = _tidy(full * scale / scale[kept][:, None])
     full[:, kept] = np.eye(len(full))
-    order = np.argsort([_column_place(int(c)) if c < width else c for c in kept], kind="stable")
-    full, kept = full[order], kept[order]
-    spread = np.zeros((len(full), robot.n))
-    spread[:, motors] = full[:, width:]
-    kept = np.array([c if c < width else width + motors[c - width] for c in kept], int)
-
+    full, kept, spread = _in_order(full, kept, width, motors, robot.n)
     parameters, motor_names = link_parameter_names(body_names(robot)), rotor_names(robot)
     columns = parameters + motor_names
     dimensions += [(f"motor {asked[i]}", 1) for i in sorted(leading)]
