@@ -19,14 +19,11 @@ from typing import Any
 import ident
 from ident._utils.json import jsonable
 
-from . import figures, tables
+from . import figures, speed, tables
 from .counts import against_gain, against_size, confusion, requirements
-from .generate import Case, generate, suite
+from .generate import generate, suite
 from .run_cases import diagnosed, line
-from .score import read_cases, run
-
-#: Wall time that a diagnosis of a 60 s log of six joints at 200 Hz may take on two cores.
-_WALL = 60.0
+from .score import read_cases
 
 
 def main(short: bool, folder: Path) -> int:
@@ -52,9 +49,9 @@ def benchmark(
     text = told(results)
     print(text)
     (out / "tables.txt").write_text(text + "\n")
-    limit = None if name == "short" else timed(out / "timed")
+    limit = None if name == "short" else speed.measured(out / "speed")
     if limit is not None:
-        print(f"\n-- a six-joint log of 60 s at 200 Hz, full catalogue: {_seconds(limit)}")
+        print(f"\n-- six joints, 60 s at 500 Hz, full catalogue, one core\n{speed.told(limit)}")
     drawn = drawings(results, out)
     kept = {
         "suite": name, "first": first, "ident_version": ident.__version__, "jobs": jobs, "cases": len(results),
@@ -69,7 +66,7 @@ def benchmark(
     if name == "short":
         print("the short run is too small to judge by: no requirement is enforced")
         return 0
-    in_time = limit is None or all(t["wall_seconds"] <= _WALL for t in limit)
+    in_time = limit is None or speed.met(limit)
     return 0 if in_time and all(r.met is not False for r in requirements(results)) else 1
 
 
@@ -97,25 +94,6 @@ def drawings(results: list[dict[str, Any]], out: Path) -> list[Path]:
     if confusion(results):
         drawn.append(figures.confusion_figure(results, out / "confusion.png"))
     return drawn
-
-
-def timed(folder: Path) -> list[dict[str, Any]]:
-    """Wall and processor time of a clean and of a faulty 60 s log of the PUMA 560, alone on the machine as it is; kept, like cases."""
-    wanted = [
-        Case("puma560", (), 8800, "clean", 60.0),
-        Case("puma560", (("stribeck", 2, 2.0),), 8801, "single", 60.0),
-    ]
-    generate(folder, wanted)
-    kept = folder / "timed.json"
-    if not kept.exists():
-        found = [run(folder, record) for record in read_cases(folder)]
-        kept.write_text(json.dumps([{k: r[k] for k in ("id", "verdict", "seconds", "wall_seconds")} for r in found]))
-    return list(json.loads(kept.read_text()))
-
-
-def _seconds(limit: list[dict[str, Any]]) -> str:
-    each = "; ".join(f"{t['id']} {t['wall_seconds']:.0f} s ({t['seconds']:.0f} s of one core)" for t in limit)
-    return f"{each}: {'met' if all(t['wall_seconds'] <= _WALL for t in limit) else 'NOT MET'} (asked: {_WALL:g} s)"
 
 
 def free_cores() -> int:

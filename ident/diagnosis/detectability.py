@@ -25,11 +25,11 @@ def undetectable(decision: Decision) -> tuple[Hidden, ...]:
     found: list[Hidden] = []
     torque = np.concatenate([run.torque for run in fit.runs])
     spread = torque.std(axis=0)
-    for g in scores.groups:
+    for g, square in zip(scores.catalogue.groups, scores.squares, strict=True):
         effect = g.effect
         if effect is None or effect.shape() or len(g.columns) != 1:
             continue
-        left = float(scores.raw_gram[g.columns[0], g.columns[0]])
+        left = float(square[0, 0])
         if not left > 0:
             continue
         least = critical / np.sqrt(left)

@@ -119,7 +119,7 @@ def _stretches(plant: DrivePlant, fit: Fitted) -> list[_JointStretches]:
             count = np.bincount(number, weights > 0)
             squares = np.bincount(number, np.square(fit.residual[rows, j]) * (weights > 0))
             error = np.sqrt(squares / np.maximum(count, 1.0))
-            moving = _moving(log.q[:, j], log.q_cmd[:, j], number) & (count > 0)
+            moving = _moving(log.q[:, j], (log.enabled * log.q_cmd)[:, j], number) & (count > 0)
             if np.sum(moving) >= _FEW and np.median(error[moving]) > 0.0:
                 most = np.zeros(len(error))
                 np.maximum.at(most, number, weights)

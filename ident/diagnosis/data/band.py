@@ -66,22 +66,25 @@ class Band:
         ramp = np.clip((1.1 * self.top_hz - f) / (0.2 * self.top_hz), 0.0, 1.0)
         return 0.5 - 0.5 * np.cos(np.pi * ramp)
 
-    def rows(self, x: Array) -> Array:
-        """Columns x (N, k) as rows (count, k), those of the reflection included."""
+    def rows(self, x: Array, use: Array | float = 1.0) -> Array:
+        """Columns x (N, k) times `use` (N,) as rows (count, k), those of the reflection included."""
         from scipy.fft import irfft, rfft
 
-        x = np.ascontiguousarray(x.T, float)
-        before, after = self._pad, self._length - self.samples - self._pad
-        left = 2 * x[:, :1] - x[:, before:0:-1]
-        reach = min(after, self.samples - 1)
-        right = 2 * x[:, -1:] - x[:, -2 : -2 - reach : -1]
-        rest = np.repeat(right[:, -1:], after - reach, axis=1)
-        spectrum = rfft(np.concatenate([left, x, right, rest], axis=1), axis=1)[:, : self.count // 2 + 1] * self._gain
-        return np.asarray(irfft(spectrum, self.count, axis=1).T / self.factor)
+        before, end = self._pad, self._pad + self.samples
+        whole = np.empty((x.shape[1], self._length))
+        inner = whole[:, before:end]
+        np.multiply(x.T, use, out=inner)
+        np.subtract(2 * inner[:, :1], inner[:, before:0:-1], out=whole[:, :before])
+        reach = min(self._length - end, self.samples - 1)
+        np.subtract(2 * inner[:, -1:], inner[:, -2 : -2 - reach : -1], out=whole[:, end : end + reach])
+        whole[:, end + reach :] = whole[:, end + reach - 1, None]
+        spectrum = rfft(whole, axis=1)[:, : self.count // 2 + 1] * (self._gain / self.factor)
+        return np.asarray(irfft(spectrum, self.count, axis=1).T)
 
     def filtered(self, rows: Array, gain: Array) -> Array:
         """Rows (count, …) through a filter of this gain over `frequencies`; those that count."""
         from scipy.fft import irfft, rfft
 
-        shaped = gain.reshape(-1, *[1] * (rows.ndim - 1))
-        return np.asarray(irfft(rfft(rows, axis=0) * shaped, self.count, axis=0)[self.inner])
+        if np.all(gain == gain[0]):
+            return rows[self.inner] * gain[0]
+        return np.asarray(irfft(rfft(rows.T) * gain, self.count)[..., self.inner].T)

@@ -43,7 +43,7 @@ class RunRows:
 
     def masked(self, values: Array, m: int) -> Array:
         """Values (N, k) of motor m as rows (count, k): masked first, filtered second, so that nothing of a held contact leaks."""
-        return self.band.rows(values * self.use[:, m, None])
+        return self.band.rows(values, self.use[:, m])
 
     @property
     def share(self) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from ...effects.motion import Motion
 
 Array = np.ndarray
+Gains = tuple[Array, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +53,7 @@ class Catalogue:
     places: list[Array]
     rows: list[list[Array]]
     count: int
+    _whitened: tuple[Gains, list[tuple[int, Array, Array]]] | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, fit: Fit, speeds: Array) -> Catalogue:
@@ -75,6 +78,7 @@ class Catalogue:
 
     def updated(self, fit: Fit) -> None:
         """Columns that depend on what the model predicts, made anew from the fit's values."""
+        self._whitened = None
         chosen = [g for g in self.groups if g.effect is not None and depends(g.effect)]
         motions = fit.motions(instrument=True)
         new: list[dict[int, list[Array]]] = [defaultdict(list) for _ in range(fit.robot.n)]
@@ -94,6 +98,33 @@ class Catalogue:
             at = [where[ids[m][k]] for k in known]
             for i in range(len(fit.runs)):
                 self.rows[m][i][:, at] = np.concatenate(new[m][i], axis=1)[:, known]
+
+    def whitened(self, fit: Fit, gains: Gains) -> list[tuple[int, Array, Array]]:
+        """Motors with the places of their columns, and these behind whitening filters (k, R); kept until others are asked for."""
+        if self._whitened is None or self._whitened[0] is not gains:
+            self._whitened = None
+            heard = [m for m, ids in enumerate(self.places) if len(ids) and any(gain[m].any() for gain in gains)]
+            self._whitened = gains, [(m, self.places[m], fit.filtered(self.rows[m], gains, m).T) for m in heard]
+        return self._whitened[1]
+
+    def raw_squares(self, fit: Fit, gains: Gains) -> list[Array]:
+        """Gram matrices (K, d, d) of the columns of each group behind whitening filters, for each width of `of_width`."""
+        found = [np.zeros((*ix.shape, ix.shape[1])) for _, ix in self.of_width.values()]
+        for _, ids, C in self.whitened(fit, gains):
+            at = np.full(self.count, -1)
+            at[ids] = np.arange(len(ids))
+            for square, (_, ix) in zip(found, self.of_width.values(), strict=True):
+                here = at[ix[:, 0]] >= 0
+                own = C[at[ix[here]]]
+                square[here] += own @ own.swapaxes(1, 2)
+        return found
+
+    @cached_property
+    def of_width(self) -> dict[int, tuple[Array, Array]]:
+        """By their number of columns d, which groups have it, and their columns (K, d)."""
+        widths = np.array([len(g.columns) for g in self.groups], int)
+        found = {int(d): np.flatnonzero(widths == d) for d in np.unique(widths)}
+        return {d: (which, np.stack([self.groups[k].columns for k in which.tolist()])) for d, which in found.items()}
 
     def _fill(self, fit: Fit, effects: Sequence[tuple[Effect, tuple[str, ...]]], speeds: Array | None) -> None:
         n, motions = fit.robot.n, fit.motions(instrument=True)

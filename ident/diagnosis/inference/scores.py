@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -56,89 +55,87 @@ def least_squares_left(blocks: Array, starts: Array, stretch: float = STRETCH) -
 
 @dataclass(eq=False)
 class Scores:
-    """Scores of a frame. K groups that the model does not absorb (`kept`), with c whitened directions in all.
+    """Scores of a catalogue of P columns beside a frame's model. K groups that the model does not absorb (`kept`), with c whitened
+    directions in all.
 
-    `blocks` (c, B): score of each block of time; `gram` (c, c): their covariance; `starts` (K,), `degrees` (K,): directions of each group;
-    `parts`: groups that act on one motor, motor by motor, then those that act on several; `row_scores(columns)` (R, k): what each row adds
-    to the raw scores of some columns; `stretch`: share of the log that may not decide alone; `material`: z of what is not material."""
+    `blocks` (c, B): score of each block of time; `starts` (K,), `degrees` (K,): directions of each group; `directions` (c, P): sparse;
+    `squares`: for each group of the catalogue the Gram matrix of its columns, without what the model absorbs; `raw_scores` (P,);
+    `absorbed` (P, p): the columns by the model's, along the instrument; `along` (P, p): products of the columns with the instrument's;
+    `stretch`: share of the log that may not decide alone; `material`: z of what is not material.
+    What is asked for later (`gram`) is of the catalogue's columns as they were last updated."""
 
-    groups: list[Group]
+    fit: Fit = field(repr=False)
+    frame: Solved = field(repr=False)
+    catalogue: Catalogue = field(repr=False)
     kept: list[int]
     blocks: Array = field(repr=False)
-    gram: Array = field(repr=False)
     starts: Array = field(repr=False)
     degrees: Array = field(repr=False)
+    directions: Any = field(repr=False)
+    squares: list[Array] = field(repr=False)
     raw_scores: Array = field(repr=False)
-    raw_gram: Array = field(repr=False)
-    parts: list[Array] = field(repr=False)
-    row_scores: Callable[[Array], Array] = field(repr=False)
+    absorbed: Array = field(repr=False)
+    along: Array = field(repr=False)
     stretch: float = STRETCH
     material: float = 0.0
 
     @classmethod
     def of(cls, fit: Fit, frame: Solved, catalogue: Catalogue, stretch: float = STRETCH) -> Scores:
-        """Score a catalogue beside a frame's model."""
-        R, n, p = frame.Z.shape
-        scaled = frame.Z / frame.scale
-        inverse = frame.inverse.reshape(p, R, n)
-        cuts = blocks(fit, frame)
-        count = catalogue.count
-        G, A, CZ, S = np.zeros((count, count)), np.zeros((p, count)), np.zeros((count, p)), np.zeros((count, len(cuts)))
-        for m in range(n):
-            ids = catalogue.places[m]
-            if not len(ids) or not any(gain[m].any() for gain in frame.gains):
-                continue
-            C = fit.filtered(catalogue.rows[m], frame.gains, m)
-            G[np.ix_(ids, ids)] += C.T @ C
-            A[:, ids] += inverse[:, :, m] @ C
-            CZ[ids] += C.T @ scaled[:, m]
-            S[ids] += np.add.reduceat(C * frame.residual[:, [m]], cuts, axis=0).T
-        model = np.add.reduceat(np.einsum("rnp,rn->rp", scaled, frame.residual), cuts, axis=0) + frame.prior / len(cuts)
-        raw = np.diag(G).copy()
-        T = CZ @ A
-        G = G - T - T.T + A.T @ (frame.gram @ A)
-        S = S - (model @ A).T
-        found = cls._orthonormal(catalogue, raw, G, S, partial(_row_scores, fit, frame, catalogue), stretch)
-        return replace(found, material=material_z(fit, frame))
-
-    @classmethod
-    def _orthonormal(
-        cls, catalogue: Catalogue, raw: Array, G: Array, S: Array, row_scores: Callable[[Array], Array], stretch: float
-    ) -> Scores:
-        """Orthonormal directions inside each group; what the model absorbs is dropped."""
+        """Score a catalogue beside a frame's model: orthonormal directions inside each group; what the model absorbs is dropped."""
         import scipy.sparse as sparse
 
-        groups = catalogue.groups
-        kept, starts, degrees, entries, rows, columns = [], [], [], [], [], []
-        total = 0
-        for k, g in enumerate(groups):
-            ix = g.columns
-            size = np.sqrt(np.maximum(raw[ix], 1e-300))
-            if not raw[ix].max(initial=0.0) > 0:
-                continue
-            own = G[np.ix_(ix, ix)] / np.outer(size, size)
-            w, U = np.linalg.eigh((own + own.T) / 2.0)
-            good = w > ABSORBED
-            if not good.any():
-                continue
-            B = (U[:, good] / np.sqrt(w[good])).T / size
-            kept.append(k)
-            starts.append(total)
-            degrees.append(len(B))
-            for r, row in enumerate(B):
-                entries += row.tolist()
-                rows += [total + r] * len(ix)
-                columns += ix.tolist()
-            total += len(B)
-        Q = sparse.csr_matrix((entries, (rows, columns)), shape=(total, len(raw)))
-        gram = np.asarray(Q @ (Q @ G).T)
-        parts = _by_motor(catalogue, kept)
-        return cls(groups, kept, Q @ S, gram, np.array(starts, int), np.array(degrees, int), S.sum(axis=1), G, parts, row_scores, stretch)
+        cuts, p, count = blocks(fit, frame), len(frame.theta), catalogue.count
+        CX, CZ, S = np.zeros((count, p)), np.zeros((count, p)), np.zeros((count, len(cuts)))
+        for m, ids, C in catalogue.whitened(fit, frame.gains):
+            CX[ids] += C @ frame.X[:, m]
+            CZ[ids] += C @ frame.Z[:, m]
+            S[ids] += np.add.reduceat(C * frame.residual[:, m], cuts, axis=1)
+        A, CZ = (CX / frame.scale) @ frame.solution.T, CZ / frame.scale
+        S -= A @ (np.add.reduceat(frame.row_scores, cuts, axis=0) + frame.prior / len(cuts)).T
+        squares: list[Array] = [np.zeros(0)] * len(catalogue.groups)
+        entries = np.zeros((count, max(catalogue.of_width, default=0)))
+        at, seen = np.full(entries.shape, -1), np.zeros(count, bool)
+        for (width, (which, ix)), raw in zip(catalogue.of_width.items(), catalogue.raw_squares(fit, frame.gains), strict=True):
+            T = CZ[ix] @ A[ix].swapaxes(1, 2)
+            own = raw - T - T.swapaxes(1, 2) + A[ix] @ frame.gram @ A[ix].swapaxes(1, 2)
+            power = np.diagonal(raw, axis1=1, axis2=2)
+            size = np.sqrt(np.maximum(power, 1e-300))
+            unit = own / (size[:, :, None] * size[:, None, :])
+            w, U = np.linalg.eigh((unit + unit.swapaxes(1, 2)) / 2.0)
+            good = (w > ABSORBED) & (power.max(axis=1) > 0)[:, None]
+            entries[ix, :width] = (U / np.sqrt(np.where(good, w, 1.0))[:, None]).swapaxes(1, 2) / size[:, None]
+            at[ix, :width], seen[ix] = ix[:, None], good
+            for k, square in zip(which.tolist(), own, strict=True):
+                squares[k] = square
+        degrees = np.array([seen[g.columns].sum() for g in catalogue.groups], int)
+        inside = at[seen] >= 0
+        ends = np.cumsum([0, *inside.sum(axis=1)])
+        Q = sparse.csr_matrix((entries[seen][inside], at[seen][inside], ends), shape=(len(inside), count))
+        kept = np.flatnonzero(degrees)
+        degrees = degrees[kept]
+        starts, total = np.cumsum([0, *degrees])[:-1], S.sum(axis=1)
+        material = material_z(fit, frame)
+        return cls(fit, frame, catalogue, kept.tolist(), Q @ S, starts, degrees, Q, squares, total, A, CZ, stretch, material)
+
+    def gram(self, left: Array, right: Array) -> Array:
+        """Covariance of some directions (c,) with others (d,)."""
+        Q, P = self.directions[left], self.directions[right]
+        rows, columns = np.unique(Q.indices), np.unique(P.indices)
+        G = np.zeros((len(rows), len(columns)))
+        for _, ids, C in self.catalogue.whitened(self.fit, self.frame.gains):
+            here, there = np.isin(rows, ids), np.isin(columns, ids)
+            if there.any():
+                own = C if here.sum() == len(ids) else C[np.isin(ids, rows)]
+                other = own if np.array_equal(rows, columns) else C[np.isin(ids, columns)]
+                G[np.ix_(here, there)] += own @ other.T
+        A, B = self.absorbed[rows], self.absorbed[columns]
+        G += (A @ self.frame.gram - self.along[rows]) @ B.T - A @ self.along[columns].T
+        return np.asarray(Q[:, rows] @ (P[:, columns] @ G.T).T)
 
     @cached_property
     def named(self) -> Array:
         """Which of the K groups are effects of the catalogue."""
-        return np.array([self.groups[k].named for k in self.kept], bool)
+        return np.array([self.group(k).named for k in range(len(self.kept))], bool)
 
     @cached_property
     def total(self) -> Array:
@@ -146,7 +143,7 @@ class Scores:
 
     def group(self, k: int) -> Group:
         """The k-th of the groups that are not absorbed."""
-        return self.groups[self.kept[k]]
+        return self.catalogue.groups[self.kept[k]]
 
     def slice_of(self, k: int) -> Array:
         """Directions of the k-th group."""
@@ -181,18 +178,35 @@ class Scores:
             return found
         columns = [self.group(k).columns for k in heard]
         ends = np.cumsum([len(x) for x in columns])[:-1]
-        for k, parts in zip(heard, np.split(self.row_scores(np.concatenate(columns)), ends, axis=1), strict=True):
-            size = np.sqrt(np.maximum(np.sum(parts**2, axis=0), 1e-300))
-            parts = parts / size
-            s = parts.sum(axis=0)
-            found[k] = z_of(np.array([s @ pinv(parts.T @ parts, rcond=_FLAT) @ s]), self.degrees[[k]])[0]
+        for k, parts in zip(heard, np.split(self._row_scores(np.concatenate(columns)), ends), strict=True):
+            parts = parts / np.sqrt(np.maximum(np.sum(parts**2, axis=1), 1e-300))[:, None]
+            s = parts.sum(axis=1)
+            found[k] = z_of(np.array([s @ pinv(parts @ parts.T, rcond=_FLAT) @ s]), self.degrees[[k]])[0]
         return found
+
+    def _row_scores(self, columns: Array) -> Array:
+        """What each row adds to the raw scores of some columns (k, R), the prior apart."""
+        found = -self.absorbed[columns] @ self.frame.row_scores.T
+        for m, ids, C in self.catalogue.whitened(self.fit, self.frame.gains):
+            _, at, own = np.intersect1d(ids, columns, return_indices=True)
+            found[own] += C[at] * self.frame.residual[:, m]
+        return np.asarray(found)
+
+    @cached_property
+    def parts(self) -> list[Array]:
+        """Places of groups that act on several motors, and of those that act on one, motor by motor."""
+        acts = np.zeros((len(self.catalogue.places), self.catalogue.count), bool)
+        for m, ids in enumerate(self.catalogue.places):
+            acts[m, ids] = True
+        of_group = [acts[:, self.group(k).columns].any(axis=1) for k in range(len(self.kept))]
+        alone = np.array([int(np.argmax(x)) if x.sum() == 1 else -1 for x in of_group], int)
+        found = [np.flatnonzero(alone == m) for m in range(-1, len(self.catalogue.places))]
+        return [x for x in found if len(x)]
 
     def values(self, k: int) -> tuple[Array, Array]:
         """What the parameters of the k-th group would be, and their standard deviations, in the units of its columns; of parameters that
         the model absorbs, or that never act, the deviation is infinite."""
-        ix = self.group(k).columns
-        gram = self.raw_gram[np.ix_(ix, ix)]
+        ix, gram = self.group(k).columns, self.squares[self.kept[k]]
         size = np.sqrt(np.maximum(np.diag(gram), 0.0))
         size = np.where(size > 0, size, 1.0)
         w, U = np.linalg.eigh(gram / np.outer(size, size))
@@ -203,13 +217,13 @@ class Scores:
 
     def alike(self, k: int, other: int) -> float:
         """Part of the directions of two groups that they have in common."""
-        shared = self.gram[np.ix_(self.slice_of(k), self.slice_of(other))]
+        shared = self.gram(self.slice_of(k), self.slice_of(other))
         return float(np.sum(shared**2) / max(self.degrees[k], self.degrees[other]))
 
     def beside(self, directions: Array) -> tuple[Array, Array]:
         """z (K,) of all groups after those directions have joined the model; and the share of each group's least direction that is left."""
-        g = self.gram[:, directions]
-        inner = pinv(self.gram[np.ix_(directions, directions)], rcond=1e-8)
+        g = self.gram(np.arange(len(self.total)), directions)
+        inner = pinv(g[directions], rcond=1e-8)
         left = self.total - g @ (inner @ self.total[directions])
         h = g @ inner
         energy = 1.0 - np.einsum("ij,ij->i", h, g)
@@ -222,7 +236,7 @@ class Scores:
                 e = energy[ii[:, 0]]
                 squares[k] = np.where(e > 1e-3, r[:, 0] ** 2 / np.maximum(e, 1e-3), 0.0)
             else:
-                own = np.stack([self.gram[np.ix_(i, i)] for i in ii]) - np.einsum("kab,kcb->kac", h[ii], g[ii])
+                own = np.eye(d) - h[ii] @ g[ii].swapaxes(1, 2)
                 w, U = np.linalg.eigh((own + np.swapaxes(own, 1, 2)) / 2.0)
                 along = np.einsum("kab,ka->kb", U, r)
                 squares[k] = np.where(w > 1e-3, along**2 / np.maximum(w, 1e-3), 0.0).sum(axis=1)
@@ -234,32 +248,6 @@ def material_z(fit: Fit, frame: Solved) -> float:
     share = fit.share
     used = float(share[share > 0].mean()) if (share > 0).any() else 1.0
     return MATERIAL * float(np.sqrt(frame.rows * used))
-
-
-def _row_scores(fit: Fit, frame: Solved, catalogue: Catalogue, columns: Array) -> Array:
-    """What each row (R, k) adds to the scores of some columns of a catalogue, beside a frame's model (its prior apart)."""
-    R, n, p = frame.Z.shape
-    inverse = frame.inverse.reshape(p, R, n)
-    absorbed, found = np.zeros((p, len(columns))), np.zeros((R, len(columns)))
-    for m in range(n):
-        here, at, own = np.intersect1d(catalogue.places[m], columns, return_indices=True)
-        if len(here) and frame.gains[0][m].any():
-            x = fit.filtered([rows[:, at] for rows in catalogue.rows[m]], frame.gains, m)
-            found[:, own] += x * frame.residual[:, [m]]
-            absorbed[:, own] += inverse[:, :, m] @ x
-    model = np.einsum("rnp,rn->rp", frame.Z / frame.scale, frame.residual)
-    return np.asarray(found - model @ absorbed)
-
-
-def _by_motor(catalogue: Catalogue, kept: list[int]) -> list[Array]:
-    """Places (among the kept groups) of those that act on one motor, motor by motor, and of those that act on several."""
-    acts = np.zeros((len(catalogue.places), catalogue.count), bool)
-    for m, ids in enumerate(catalogue.places):
-        acts[m, ids] = True
-    of_group = [acts[:, catalogue.groups[k].columns].any(axis=1) for k in kept]
-    alone = np.array([int(np.argmax(x)) if x.sum() == 1 else -1 for x in of_group], int)
-    found = [np.flatnonzero(alone == m) for m in range(-1, len(catalogue.places))]
-    return [x for x in found if len(x)]
 
 
 def blocks(fit: Fit, frame: Solved) -> Array:

@@ -23,7 +23,9 @@ _FADE = 0.11
 
 def on_motors(values: Array, side: Side, robot) -> Array:  # type: ignore[no-untyped-def]
     """Columns (N, n, k) of torque on a side, as torque of the motors."""
-    return values if side == Side.MOTOR else np.matmul(robot.transmission.torque_map(side, Side.MOTOR), values)
+    if side == Side.MOTOR:
+        return values
+    return np.moveaxis(np.tensordot(robot.transmission.torque_map(side, Side.MOTOR), values, (1, 1)), 0, 1)
 
 
 def rows_of(values: Array, run: RunRows) -> Array:
@@ -43,7 +45,8 @@ def effect_columns(effect: Effect, motion: Motion, robot) -> Array:  # type: ign
     if len(shape) == 1 and shape[0].unit.startswith("1/rad"):
         side, j = getattr(effect, "angle", effect.side), effect.at(robot)[0]
         turning = np.abs(motion.on(side).dq[:, j]) * float(getattr(effect, shape[0].name)) / (2.0 * np.pi)
-        values = values / (1.0 + (turning / (_FADE * motion.rate)) ** 8)[:, None, None]
+        fade = np.square(turning / (_FADE * motion.rate))
+        values = values / (1.0 + np.square(np.square(fade)))[:, None, None]
     return values
 
 

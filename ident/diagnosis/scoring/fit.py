@@ -45,7 +45,7 @@ class Solved:
     """A solved stage. R rows, n motors, p columns (base parameters, then effects).
 
     `X`, `Z` (R, n, p): columns of measured motion and instrument, whitened; `residual` (R, n); `theta` (p,); `scale` (p,): of Z's columns;
-    `inverse` (p, R n): (X'Z)⁻¹ X' of scaled columns; `prior` (p,): what the prior's rows add to Z'e; `equations` (p, p): Z'X of scaled
+    `solution` (p, p): (X'Z)⁻¹ of scaled columns; `prior` (p,): what the prior's rows add to Z'e; `equations` (p, p): Z'X of scaled
     columns, `gram` (p, p): Z'Z, both with the prior's rows; `gains`: whitening filters."""
 
     X: Array
@@ -53,7 +53,7 @@ class Solved:
     residual: Array
     theta: Array
     scale: Array
-    inverse: Array
+    solution: Array
     prior: Array
     equations: Array
     gram: Array
@@ -63,6 +63,11 @@ class Solved:
     @property
     def rows(self) -> int:
         return len(self.residual)
+
+    @cached_property
+    def row_scores(self) -> Array:
+        """What each row (R, p) adds to the scores of the model's own scaled columns."""
+        return np.matmul(self.residual[:, None], self.Z)[:, 0] / self.scale
 
     @cached_property
     def std(self) -> Array:
@@ -216,10 +221,6 @@ class Fit:
     def _dependent_declared(self) -> bool:
         return any(depends(e) for e in self.declared.effects)
 
-    def _stacked(self) -> tuple[list[Array], list[Array]]:
-        parts = [self.rows(None), *(self.rows(e) for e in self.effects)]
-        return tuple([np.concatenate([p[side][i] for p in parts], axis=2) for i in range(len(self.runs))] for side in (0, 1))  # type: ignore[return-value]
-
     def filtered(self, rows: Sequence[Array], gains: Sequence[Array], m: int | None = None) -> Array:
         """Rows of all runs behind the whitening filters: (count, n, k) each, or (count, k) of motor m; those that count."""
         found = []
@@ -240,8 +241,9 @@ class Fit:
 
     def raw_residual(self, frame: Solved) -> list[Array]:
         """Rows (count, n) of the residual before whitening, for each run."""
-        X, _ = self._stacked()
-        return [y - x @ frame.theta for x, y in zip(X, self.torque, strict=True)]
+        parts = [self.rows(e)[0] for e in (None, *self.effects)]
+        theta = np.split(frame.theta, np.cumsum([x[0].shape[2] for x in parts])[:-1])
+        return [y - sum(x[i] @ own for x, own in zip(parts, theta, strict=True)) for i, y in enumerate(self.torque)]
 
     def at_usual_noise(self, frame: Solved) -> Array:
         """The residual (R, n) of a frame over the noise that most of the time has: what is loud now and then stands out."""
@@ -294,31 +296,29 @@ class Fit:
     def _freed(self, frame: Solved) -> Array:
         """What each motor's residual (n,) lacks of the noise, because parameters took it up: a factor of its power."""
         R = frame.rows
-        scaled = frame.X / frame.scale
-        inverse = pinv(frame.equations, rcond=SINGULAR)
-        taken = np.einsum("rnp,pq,rnq->n", scaled, inverse, frame.Z / frame.scale)
+        inverse = frame.solution.T / np.outer(frame.scale, frame.scale)
+        taken = np.array([np.sum(inverse * (frame.X[:, m].T @ frame.Z[:, m])) for m in range(self.robot.n)])
         rows = R * self.share * min(1.0, 2.0 * self.runs[0].band.top_hz / self.runs[0].band.row_rate)
         return 1.0 / np.clip(1.0 - taken / np.maximum(rows, 1.0), 0.1, 1.0)
 
     def _solve(self, gains: tuple[Array, ...]) -> Solved:
-        parts = self._stacked()
-        X, Z = (self.filtered(side, gains) for side in parts)
+        parts = [self.rows(e) for e in (None, *self.effects)]
+        X, Z = (np.concatenate([self.filtered(part[side], gains) for part in parts], axis=2) for side in (0, 1))
         y = self.filtered([t[:, :, None] for t in self.torque], gains)[:, :, 0]
         R, n, p = X.shape
-        Xf, Zf, yf = X.reshape(-1, p), Z.reshape(-1, p), y.reshape(-1)
+        Xf, Zf = X.reshape(-1, p), Z.reshape(-1, p)
         known, told = self.known_rows(p), self._prior[1]
-        Xa, Za, ya = np.concatenate([Xf, known]), np.concatenate([Zf, known]), np.concatenate([yf, told])
-        scale = np.linalg.norm(Za, axis=0)
+        gram = Zf.T @ Zf + known.T @ known
+        scale = np.sqrt(np.diag(gram))
         scale = np.where(scale > 0, scale, 1.0)
-        equations = (Za / scale).T @ (Xa / scale)
-        theta = lstsq(equations, (Za / scale).T @ ya, rcond=SINGULAR) / scale
-        residual = ya - Xa @ theta
-        inverse = pinv(equations.T, rcond=SINGULAR) @ (Xf / scale).T
+        equations = (Zf.T @ Xf + known.T @ known) / np.outer(scale, scale)
+        theta = lstsq(equations, (Zf.T @ y.reshape(-1) + known.T @ told) / scale, rcond=SINGULAR) / scale
+        residual = y - (Xf @ theta).reshape(R, n)
         self.values = self._expanded(theta)
         edges = np.cumsum([0, *(run.band.inner.stop - run.band.inner.start for run in self.runs)]).tolist()
         return Solved(
-            X, Z, residual[: R * n].reshape(R, n), theta, scale, inverse, (known / scale).T @ residual[R * n :],
-            equations, (Za / scale).T @ (Za / scale), gains, tuple(edges),
+            X, Z, residual, theta, scale, pinv(equations.T, rcond=SINGULAR), (known / scale).T @ (told - known @ theta),
+            equations, gram / np.outer(scale, scale), gains, tuple(edges),
         )  # fmt: skip
 
     def known_rows(self, count: int) -> Array:

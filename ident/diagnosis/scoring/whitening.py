@@ -34,7 +34,8 @@ def density(e: Array, rate: float, top_hz: float, average: Literal["mean", "medi
     def terms(g: Array) -> Array:
         return np.stack([np.ones_like(g), 1.0 / np.maximum(g, 0.08), *(1.0 / (1.0 + (g / c) ** 2) for c in _CORNERS)], axis=1)
 
-    smooth = np.array([y[np.abs(x - a) <= max(0.5, 0.2 * a)].mean() for a in x])
+    near = np.abs(x - x[:, None]) <= np.maximum(0.5, 0.2 * x)[:, None]
+    smooth = near @ y / near.sum(axis=1)
     columns, level = terms(x), smooth.copy()
     weights = np.zeros(columns.shape[1])
     for _ in range(8):
