@@ -30,21 +30,22 @@ def long_table(source: TableSource) -> dict[str, Array] | None:
         return None
     try:
         every = source.labels(keys[0])
+        if not _several(every):
+            return None
+        rest = [n for n in source.header.names if n != keys[0]]
+        try:
+            table = source.read(rest, ())
+        except DataError:
+            table = source.read([], rest)
+        if any(len(column) != len(every) for column in table.values()):  # lines that are no rows were left out of the numbers
+            every = source.labels(keys[0], len(next(iter(table.values()))))
     except (DataError, ValueError):
         return None
     told = np.array([x not in _NONE for x in every], bool)  # a last row that ends before its label is none
-    labels = [x for x in every if x not in _NONE]
-    joints = sorted(dict.fromkeys(labels), key=_counted)
-    if not 2 <= len(joints) <= _MOST or len(labels) < 2 * len(joints):
+    labels, table = [x for x in every if x not in _NONE], {name: column[told] for name, column in table.items()}
+    joints = _several(labels)
+    if not joints:
         return None
-    rest = [n for n in source.header.names if n != keys[0]]
-    try:
-        table = source.read(rest, ())
-    except DataError:
-        table = source.read([], rest)
-    if any(len(column) != len(every) for column in table.values()):
-        return None  # numbers and labels are not of the same rows
-    table = {name: column[told] for name, column in table.items()}
     times = [name for name in table if words_of(name) & TIME]
     sweep = _sweeps(labels, joints)
     if sweep is None:
@@ -62,6 +63,12 @@ def long_table(source: TableSource) -> dict[str, Array] | None:
             named = {joint: joint if re.search("[A-Za-z]", joint) else f"joint {joint}" for joint in joints}
             out |= {joint if channels else f"{name}[{named[joint]}]": column[rows] for joint, rows in zip(joints, sweep, strict=True)}
     return out
+
+
+def _several(labels: list[str]) -> list[str]:
+    """The joints that a column names, where there are several, each of them more than once; else none."""
+    joints = sorted({x: None for x in labels if x not in _NONE}, key=_counted)
+    return joints if 2 <= len(joints) <= _MOST and len(labels) >= 2 * len(joints) else []
 
 
 def _counted(label: str) -> tuple[float, str]:

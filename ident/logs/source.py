@@ -24,14 +24,15 @@ Array = np.ndarray
 class TableSource:
     """What messages call a table (`where`), its `name`, its `header`, how columns and labels are read, and the file that it is.
 
-    `read`: (names, optional) → columns as floats; `labels`: name → one text a row. `notes`: what its reader has to say, once it has read;
+    `read`: (names, optional) → columns as floats; `labels`: name (and how many rows there are) → one text a row.
+    `notes`: what its reader has to say, once it has read;
     `whole`: it is read as a whole, whatever is wanted of it; `constants`: single numbers that the file tells, by name."""
 
     where: str
     name: str
     header: Header
     read: Callable[[Sequence[str], Sequence[str]], dict[str, Array]]
-    labels: Callable[[str], list[str]]
+    labels: Callable[..., list[str]]
     path: Path | None = None
     notes: Sequence[str] = ()
     whole: bool = False
@@ -68,7 +69,7 @@ class TableSource:
             )
         columns = frame_columns(source)
 
-        def labels(name: str) -> list[str]:
+        def labels(name: str, rows: int | None = None) -> list[str]:
             return [str(x).strip() for x in columns[name]]
 
         return cls("log DataFrame", "frame", Header(tuple(columns)), partial(chosen_columns, columns), labels)

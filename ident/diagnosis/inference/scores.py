@@ -157,10 +157,10 @@ class Scores:
     @cached_property
     def z(self) -> Array:
         """z (K,), the least over all windows of a tenth of the log (`stretch`) that are left out: no single one decides. Where one may, a
-        score counts for no more than its own rows bear out: they speak against chance, not for a size."""
+        score counts for no more than its own rows bear out."""
         if self.stretch > 0.0:
             return z_of(least_squares_left(self.blocks, self.starts, self.stretch), self.degrees)
-        return np.asarray(np.minimum(self.plain, self.self_normalised + self.material))
+        return np.asarray(np.minimum(self.plain, self.self_normalised))
 
     @cached_property
     def self_normalised(self) -> Array:

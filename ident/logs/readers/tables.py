@@ -76,14 +76,14 @@ def _read_stored(name: str, path: Path, stamp: int) -> Stored:
     return found.read(path)
 
 
-def read_labels(path: Path, header: Header, name: str) -> list[str]:
-    """A column as text, one a row. Raises DataError."""
+def read_labels(path: Path, header: Header, name: str, rows: int | None = None) -> list[str]:
+    """A column as text, one a row. `rows`: of the file's numbers, where they are known. Raises DataError."""
     if (stored := stored_table(path)) is not None:
         return [f"{x:g}" for x in stored.columns[name]]
     if path.suffix.lower() in _PARQUET:
         own = dict(stored_names(parquet_file(path)))[name]
         return [str(x).strip() for x in parquet_table(path, [own]).column(0).to_pylist()]
-    return [str(x).strip() for x in read_text_columns(path, header, [name])[name]]
+    return [str(x).strip() for x in read_text_columns(path, header, [name], rows)[name]]
 
 
 def first_values(path: Path, header: Header, name: str) -> Array:
@@ -132,12 +132,17 @@ def read_columns(
     place = {name: header.names.index(name) for name in optional}
     numbers = [n for n, i in place.items() if all(i < len(f) and _number_or_none(f[i], header) for f in first)]
     texts = [n for n in (*names, *optional) if n in header.moments]
-    moments = {n: seconds_of(x, path, n) for n, x in read_text_columns(path, header, texts).items()} if texts else {}
-    names = [n for n in names if n not in moments]
+    names = [n for n in names if n not in texts]
+    read: dict[str, Array] = {}
     if numbers:
         with suppress(DataError):
-            return text_columns(path, header, [*names, *numbers], said) | moments
-    return (text_columns(path, header, names, said) if names or not moments else {}) | moments
+            read = text_columns(path, header, [*names, *numbers], said)
+    if not read and (names or not texts):
+        read = text_columns(path, header, names, said)
+    if not texts:
+        return read
+    rows = len(next(iter(read.values()))) if read else None
+    return read | {n: seconds_of(x, path, n) for n, x in read_text_columns(path, header, texts, rows).items()}
 
 
 def _number_or_none(text: str, header: Header) -> bool:

@@ -34,15 +34,24 @@ _HEAD = 1 << 16
 _NONE = [text for lower in MISSING if lower for text in {lower, lower.upper(), lower.replace("nan", "NaN").replace("ind", "IND")}]
 
 
-def read_text_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str, Array]:
-    """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists): of the same rows that
-    numbers are read from. Raises DataError."""
+def read_text_columns(path: Path, header: Header, names: Sequence[str], rows: int | None = None) -> dict[str, Array]:
+    """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists). `rows`: how many the numbers
+    of the file have; where lines that are no rows were left out there, they are here. Raises DataError."""
+    columns = _texts(path, header, names)
+    if rows is not None and any(len(x) != rows for x in columns.values()):
+        columns = _texts(path, header, names, strangers=False)
+        if (count := len(next(iter(columns.values())))) != rows:
+            raise DataError(f"log {path}: {rows} rows hold numbers, but {count} texts; a row is damaged, or ends in the middle. Remove it.")
+    return columns
+
+
+def _texts(path: Path, header: Header, names: Sequence[str], *, strangers: bool = True) -> dict[str, Array]:
     import pandas as pd
 
     # All columns, not only those wanted: otherwise rows with too many fields, or too few, would be read as others.
     with damage_told(path, "cannot be read as a table"), body_of(path, header) as stream:
         frame = pd.read_csv(
-            io.BytesIO(without_strangers(stream, header)[0]),
+            stream if strangers else io.BytesIO(without_strangers(stream, header)[0]),
             sep=header.delimiter if header.delimiter != " " else r"\s+",
             names=list(header.names),
             dtype=str,
