@@ -14,6 +14,7 @@ from ..effects.motion import Coordinates
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..logs.reading import read_logs
+from ..planning.logs import require_reachable
 from ..planning.plan import read_plan, simulate_plan
 from ..robots.library.nominal import nominal_values
 from ..robots.reach import reach
@@ -29,8 +30,6 @@ from .injected import HELP, injected
 if TYPE_CHECKING:
     from ..model import Model
     from ..planning.plan import Plan
-    from ..planning.trials import PlannedTest
-    from ..robots.robot import Robot
 
 Array = np.ndarray
 #: Encoder counts a motor turn, where nothing asks for more.
@@ -147,7 +146,7 @@ def _planned(args: argparse.Namespace) -> int:
         )
     tests = plan.tests if args.tests is None else tuple(plan.test(name) for name in args.tests)
     for test in tests:
-        _require_reachable(test, model.robot, args.plan)
+        require_reachable(test, model.robot, f"plan {args.plan}")
         _require_length(plan.trajectory(test)[0].duration, f"plan {args.plan}: test {test.name!r}")
     out = Output(args)
     assert out.folder is not None
@@ -254,20 +253,6 @@ def _require_length(seconds: float, what: str) -> None:
     """Raise ConfigurationError for a motion that nobody means: the wrong unit of time, or a damaged file."""
     if not seconds <= _LONGEST_S:
         raise ConfigurationError(f"{what}: the motion lasts {seconds:.3g} s; more than {_LONGEST_S:.0e} s are not simulated at once.")
-
-
-def _require_reachable(test: PlannedTest, robot: Robot, file: str) -> None:
-    """Raise ConfigurationError for a posture outside the joints' ranges (a joint without one turns within one turn of zero): of another
-    robot, or a damaged file."""
-    for k, posture in enumerate(test.postures.tolist()):
-        for q, joint in zip(posture, robot.joints, strict=True):
-            turn = np.inf if joint.prismatic else 2.0 * np.pi
-            low, high = max(joint.lower, -turn), min(joint.upper, turn)
-            if not low - 1e-6 <= q <= high + 1e-6:
-                raise ConfigurationError(
-                    f"plan {file}: test {test.name!r}: posture {k + 1} puts {joint.name} at {q:.4g}, outside {low:.4g} … {high:.4g}."
-                    " Make the plan for this robot (ident plan)."
-                )
 
 
 def _require_dense(t: Array, file: str) -> None:

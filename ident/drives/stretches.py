@@ -124,10 +124,13 @@ def _stretches(plant: DrivePlant, fit: Fitted) -> list[_JointStretches]:
                 most = np.zeros(len(error))
                 np.maximum.at(most, number, weights)
                 share = np.where(count > 0, most / np.max(weights), 1.0)
-                found.append(_JointStretches(i, j, rows, number, error / float(np.median(error[moving])), moving, share))
+                found.append((i, j, rows, number, error / float(np.median(error[moving])), moving, share))
     # What is at rest is no usual error, but may be beyond it.
     level = _BY_CHANCE / max(len(found), 1)
-    return [replace(own, far=own.times > beyond(own.times[own.far | (own.times > 1.0)], level)) for own in found]
+    return [
+        _JointStretches(i, j, rows, number, times, times > beyond(times[moving | (times > 1.0)], level), share)
+        for i, j, rows, number, times, moving, share in found
+    ]
 
 
 def beyond(errors: Array, level: float) -> float:

@@ -143,8 +143,8 @@ class Saturation(JointEffect):
         """From a torque that half of the samples exceed (of what the model predicts: a fifth) to one that the largest exceeds by more
         than the noise of the reading.
 
-        The excess of a noisy reading holds that noise, which then follows it one to one as well. A model that does not foretell the
-        reading below the limit knows nothing of its noise."""
+        The excess of a noisy reading contains its noise, and so correlates with it. A model that does not predict the reading below the
+        limit does not know that noise."""
         torque = motion.measured_on(self.side) if self.clipped == Clipping.DRIVE else motion.predicted_on(self.side)
         at = self.at(robot)
         size = np.abs(torque[:, at])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -26,19 +27,19 @@ Array = np.ndarray
 _MAD = 0.6744897501960817
 
 
-class Loss:
+class Loss(ABC):
     """A loss ρ of the scaled residual u by its weight w(u) = ρ'(u)/u and its curvature ρ''(u)."""
 
     #: Tuning constant with 95 % efficiency where the noise is normal after all (Huber 1981; Holland & Welsch 1977).
     tuning: float
 
     @staticmethod
-    def weight(u: Array, c: float) -> Array:
-        raise NotImplementedError
+    @abstractmethod
+    def weight(u: Array, c: float) -> Array: ...
 
     @staticmethod
-    def curvature(u: Array, c: float) -> Array:
-        raise NotImplementedError
+    @abstractmethod
+    def curvature(u: Array, c: float) -> Array: ...
 
 
 class Huber(Loss):

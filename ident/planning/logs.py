@@ -17,10 +17,12 @@ from ..simulation.simulate import Sensors, simulate_batch
 from .manifest import write_manifest
 
 if TYPE_CHECKING:
+    from ..robots.robot import Robot
     from ..simulation.controller import Controller
     from ..simulation.plant import Plant
     from ..simulation.trajectory import Chained
     from .sequence import Plan
+    from .trials import PlannedTest
 
 _DEFAULTS: dict[str, Any] = {"rate": 250.0, "control_rate": 1000.0, "step": 1e-3}
 
@@ -55,6 +57,8 @@ def simulate_logs(
     tests = plan.tests if names is None else tuple(plan.test(name) for name in names)
     if not tests:
         raise ConfigurationError("the plan holds no test.")
+    for test in tests:
+        require_reachable(test, plant.robot, f"plan for {plan.robot}")
     folder.mkdir(parents=True, exist_ok=True)
     taken = [folder / name for name in ("plan.toml", *(t.log for t in tests)) if (folder / name).exists()]
     if taken and not force:
@@ -113,3 +117,17 @@ _RUNS: dict[TrackingMode, Callable[[Plant, list[Chained], list[int], dict[str, A
     TrackingMode.CONTROLLER: _tracked,
     TrackingMode.EXACT: _exact,
 }
+
+
+def require_reachable(test: PlannedTest, robot: Robot, where: str) -> None:
+    """Raise ConfigurationError for a posture outside the joints' ranges (a joint without one turns within one turn of zero): of another
+    robot, or a damaged file."""
+    for k, posture in enumerate(test.postures.tolist()):
+        for q, joint in zip(posture, robot.joints, strict=True):
+            turn = np.inf if joint.prismatic else 2.0 * np.pi
+            low, high = max(joint.lower, -turn), min(joint.upper, turn)
+            if not low - 1e-6 <= q <= high + 1e-6:
+                raise ConfigurationError(
+                    f"{where}: test {test.name!r}: posture {k + 1} puts {joint.name} at {q:.4g}, outside {low:.4g} … {high:.4g}."
+                    " Make the plan for this robot (ident plan)."
+                )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
@@ -37,21 +37,22 @@ _NONE = [text for lower in MISSING if lower for text in {lower, lower.upper(), l
 def read_text_columns(path: Path, header: Header, names: Sequence[str], rows: int | None = None) -> dict[str, Array]:
     """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists). `rows`: how many the numbers
     of the file have; where lines that are no rows were left out there, they are here. Raises DataError."""
-    columns = _texts(path, header, names)
+    columns = _texts(path, header, names, lambda stream: stream)
     if rows is not None and any(len(x) != rows for x in columns.values()):
-        columns = _texts(path, header, names, strangers=False)
+        columns = _texts(path, header, names, lambda stream: io.BytesIO(without_strangers(stream, header)[0]))
         if (count := len(next(iter(columns.values())))) != rows:
             raise DataError(f"log {path}: {rows} rows hold numbers, but {count} texts; a row is damaged, or ends in the middle. Remove it.")
     return columns
 
 
-def _texts(path: Path, header: Header, names: Sequence[str], *, strangers: bool = True) -> dict[str, Array]:
+def _texts(path: Path, header: Header, names: Sequence[str], of: Callable[[IO[bytes]], IO[bytes]]) -> dict[str, Array]:
+    """Columns of what `of` makes of the bytes behind the header, as text."""
     import pandas as pd
 
     # All columns, not only those wanted: otherwise rows with too many fields, or too few, would be read as others.
     with damage_told(path, "cannot be read as a table"), body_of(path, header) as stream:
         frame = pd.read_csv(
-            stream if strangers else io.BytesIO(without_strangers(stream, header)[0]),
+            of(stream),
             sep=header.delimiter if header.delimiter != " " else r"\s+",
             names=list(header.names),
             dtype=str,
