@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -45,30 +44,37 @@ class Group:
         return self.name, self.joints
 
 
-@dataclass(eq=False)
+@dataclass
+class _Kept:
+    """The columns that were whitened last, of all the catalogues that share their fixed ones: one such set is what memory is for."""
+
+    of: Catalogue | None = None
+    gains: Gains | None = None
+    columns: list[tuple[int, Array, Array]] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
 class Catalogue:
-    """Groups, and for each motor which columns act on it (`places`) and their rows for each run (count, k)."""
+    """Groups, and for each motor which columns act on it (`places`) and their rows for each run (count, k): `fixed` ones, that hang on the
+    motion alone, come first; `following` ones follow what a model predicts."""
 
     groups: list[Group]
     places: list[Array]
-    rows: list[list[Array]]
+    fixed: list[list[Array]]
+    following: list[list[Array]]
     count: int
-    _whitened: tuple[Gains, list[tuple[int, Array, Array]]] | None = field(default=None, repr=False)
+    _kept: _Kept = field(default_factory=_Kept, repr=False)
 
     @classmethod
     def of(cls, fit: Fit, speeds: Array) -> Catalogue:
         """Everything that could be beside the fit's model."""
-        made = cls([], [], [], 0)
         changes = [] if fit.known is None else list(fit.known.own)
-        made._fill(fit, [*changes, *_effects(fit, (kind for kind in _causes() if Need.TORQUE not in kind.needs))], speeds)
-        return made
+        return _made(fit, [*changes, *_effects(fit, (kind for kind in _causes() if Need.TORQUE not in kind.needs))], speeds)
 
     @classmethod
     def of_effects(cls, fit: Fit, effects: Sequence[tuple[Effect, tuple[str, ...]]]) -> Catalogue:
         """These effects alone."""
-        made = cls([], [], [], 0)
-        made._fill(fit, effects, None)
-        return made
+        return _made(fit, effects, None)
 
     @classmethod
     def of_readings(cls, fit: Fit) -> Catalogue:
@@ -76,36 +82,35 @@ class Catalogue:
         with it: such a score says what to try, and never that something is left."""
         return cls.of_effects(fit, [*_effects(fit, (kind for kind in _causes() if Need.TORQUE in kind.needs))])
 
-    def updated(self, fit: Fit) -> None:
-        """Columns that depend on what the model predicts, made anew from the fit's values."""
-        self._whitened = None
+    def at(self, fit: Fit) -> Catalogue:
+        """The same with the columns that follow what a model predicts at the fit's values."""
         chosen = [g for g in self.groups if g.effect is not None and depends(g.effect)]
         motions = fit.motions(instrument=True)
-        new: list[dict[int, list[Array]]] = [defaultdict(list) for _ in range(fit.robot.n)]
-        ids: list[list[int]] = [[] for _ in range(fit.robot.n)]
+        new = [[np.zeros_like(x) for x in each] for each in self.following]
+        where = [{int(c): k for k, c in enumerate(ids[len(ids) - each[0].shape[1] :])} for ids, each in zip(self.places, new, strict=True)]
         for g in chosen:
             assert g.effect is not None
             own = fit.motions(instrument=True, effect=g.effect) if is_order(g.effect) else motions
             for m, rows in _rows(fit, g.effect, own).items():
-                ids[m] += g.columns.tolist()
-                for i, x in enumerate(rows):
-                    new[m][i].append(x)
-        for m in range(fit.robot.n):
-            if not ids[m]:
-                continue
-            where = {int(c): k for k, c in enumerate(self.places[m])}
-            known = [k for k, c in enumerate(ids[m]) if c in where]
-            at = [where[ids[m][k]] for k in known]
-            for i in range(len(fit.runs)):
-                self.rows[m][i][:, at] = np.concatenate(new[m][i], axis=1)[:, known]
+                # What acted on no row of a motor at the values before has no place there.
+                known = [k for k, c in enumerate(g.columns.tolist()) if c in where[m]]
+                at = [where[m][int(g.columns[k])] for k in known]
+                for x, r in zip(new[m], rows, strict=True):
+                    x[:, at] = r[:, known]
+        return replace(self, following=new)
 
     def whitened(self, fit: Fit, gains: Gains) -> list[tuple[int, Array, Array]]:
-        """Motors with the places of their columns, and these behind whitening filters (k, R); kept until others are asked for."""
-        if self._whitened is None or self._whitened[0] is not gains:
-            self._whitened = None
-            heard = [m for m, ids in enumerate(self.places) if len(ids) and any(gain[m].any() for gain in gains)]
-            self._whitened = gains, [(m, self.places[m], fit.filtered(self.rows[m], gains, m).T) for m in heard]
-        return self._whitened[1]
+        """Motors with the places of their columns in order, and these behind whitening filters (k, R); kept until others are asked for."""
+        kept = self._kept
+        if kept.of is not self or kept.gains is not gains:
+            kept.of, kept.gains, kept.columns = None, None, []
+            for m, ids in enumerate(self.places):
+                if len(ids) and any(gain[m].any() for gain in gains):
+                    order = np.argsort(ids)
+                    rows = [np.concatenate(x, axis=1)[:, order] for x in zip(self.fixed[m], self.following[m], strict=True)]
+                    kept.columns.append((m, ids[order], fit.filtered(rows, gains, m).T))
+            kept.of, kept.gains = self, gains
+        return kept.columns
 
     def raw_squares(self, fit: Fit, gains: Gains) -> list[Array]:
         """Gram matrices (K, d, d) of the columns of each group behind whitening filters, for each width of `of_width`."""
@@ -126,37 +131,44 @@ class Catalogue:
         found = {int(d): np.flatnonzero(widths == d) for d in np.unique(widths)}
         return {d: (which, np.stack([self.groups[k].columns for k in which.tolist()])) for d, which in found.items()}
 
-    def _fill(self, fit: Fit, effects: Sequence[tuple[Effect, tuple[str, ...]]], speeds: Array | None) -> None:
-        n, motions = fit.robot.n, fit.motions(instrument=True)
-        ids: list[list[Array]] = [[] for _ in range(n)]
-        parts: list[list[list[Array]]] = [[[] for _ in fit.runs] for _ in range(n)]
 
-        def add(name: str, joints: tuple[str, ...], effect: Effect | None, width: int, rows: dict[int, list[Array]]) -> None:
-            columns = np.arange(self.count, self.count + width)
-            self.count += width
-            self.groups.append(Group(name, joints, effect, columns))
-            for m, each in rows.items():
-                ids[m].append(columns)
-                for i, x in enumerate(each):
-                    parts[m][i].append(x.astype(np.float32))
+def _made(fit: Fit, effects: Iterable[tuple[Effect, tuple[str, ...]]], speeds: Array | None) -> Catalogue:
+    """Groups of effects, and with `speeds` generic shapes, as rows of the fit."""
+    n, motions = fit.robot.n, fit.motions(instrument=True)
+    groups: list[Group] = []
+    # For each motor the columns' places and rows, of those that are fixed and of those that follow.
+    ids: list[list[list[Array]]] = [[[] for _ in range(n)] for _ in range(2)]
+    parts: list[list[list[list[Array]]]] = [[[[] for _ in fit.runs] for _ in range(n)] for _ in range(2)]
+    count = 0
 
-        for effect, joints in effects:
-            try:
-                width = len(effect.parameters(fit.robot))
-                rows = _rows(fit, effect, fit.motions(instrument=True, effect=effect) if is_order(effect) else motions)
-            except IdentError:
-                continue
-            if rows:
-                add(effect.name, joints, effect, width, rows)
-        for name, j, columns in shapes(motions, speeds) if speeds is not None else ():
-            rows = {j: [run.masked(x, j) for run, x in zip(fit.runs, columns, strict=True)]}
-            add(name, (fit.robot.joint_names[j],), None, columns[0].shape[1], rows)
-        empty = np.zeros(0, int)
-        self.places = [np.concatenate(x) if x else empty for x in ids]
-        self.rows = [
-            [np.concatenate(x, axis=1) if x else np.zeros((run.band.count, 0), np.float32) for x, run in zip(each, fit.runs, strict=True)]
-            for each in parts
-        ]
+    def add(name: str, joints: tuple[str, ...], effect: Effect | None, width: int, rows: dict[int, list[Array]]) -> None:
+        nonlocal count
+        columns = np.arange(count, count + width)
+        count += width
+        groups.append(Group(name, joints, effect, columns))
+        follows = int(effect is not None and depends(effect))
+        for m, each in rows.items():
+            ids[follows][m].append(columns)
+            for i, x in enumerate(each):
+                parts[follows][m][i].append(x.astype(np.float32))
+
+    for effect, joints in effects:
+        try:
+            width = len(effect.parameters(fit.robot))
+            rows = _rows(fit, effect, fit.motions(instrument=True, effect=effect) if is_order(effect) else motions)
+        except IdentError:
+            continue
+        if rows:
+            add(effect.name, joints, effect, width, rows)
+    for name, j, columns in shapes(motions, speeds) if speeds is not None else ():
+        rows = {j: [run.masked(x, j) for run, x in zip(fit.runs, columns, strict=True)]}
+        add(name, (fit.robot.joint_names[j],), None, columns[0].shape[1], rows)
+    places = [np.concatenate([np.zeros(0, int), *own, *others]) for own, others in zip(*ids, strict=True)]
+    none = [np.zeros((run.band.count, 0), np.float32) for run in fit.runs]
+    fixed, following = (
+        [[np.concatenate([empty, *x], axis=1) for empty, x in zip(none, each, strict=True)] for each in kind] for kind in parts
+    )
+    return Catalogue(groups, places, fixed, following, count)
 
 
 def _rows(fit: Fit, effect: Effect, motions: Sequence[Motion]) -> dict[int, list[Array]]:

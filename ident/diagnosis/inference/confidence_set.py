@@ -127,7 +127,6 @@ def _at_their_best(state: EffectSearch, i: int, members: tuple[Member, ...]) -> 
         beside = state.scored(trial.fit, trial.fit.behind(state.frame.gains), Catalogue.of_effects(trial.fit, [own]))
         if left <= state.critical and beside.plain.max(initial=0.0) <= state.chance:
             found.append(Member(trial.effect, trial.joints, float(others.scores.plain[k]), left))
-    state.catalogue.updated(state.fit)  # both searches have one, whose columns follow the values of the last that scored
     return found
 
 

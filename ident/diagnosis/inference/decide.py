@@ -183,7 +183,6 @@ def _with_one_stretch(state: EffectSearch, say: Callable[[str], None], most: int
     if len(whole.accepted) > len(state.accepted) and whole.impossible() is None and not _left(whole):
         say(f"accepted, seen in one stretch alone: {', '.join(e.name for e, _ in whole.accepted[len(state.accepted) :])}")
         return whole
-    state.catalogue.updated(state.fit)
     return state
 
 
@@ -213,9 +212,8 @@ def _of_one_stretch(state: EffectSearch) -> tuple[int, float] | None:
     scores = state.scores
     if not (scores.plain > state.critical).any():
         return None
-    # The whole log's scores reach further by chance than those without the stretch that speaks for them most. Their covariance is taken
-    # anew: other searches have renewed the catalogue's columns since.
-    chance = parametric(replace(state.scored(state.fit, state.frame), stretch=0.0), state.level)
+    # The whole log's scores reach further by chance than those without the stretch that speaks for them most.
+    chance = parametric(replace(scores, stretch=0.0), state.level)
     critical = chance + scores.material
     own_rows = scores.self_normalised
     own = {(e.name, j) for e, j in state.accepted}

@@ -61,8 +61,7 @@ class Scores:
     `blocks` (c, B): score of each block of time; `starts` (K,), `degrees` (K,): directions of each group; `directions` (c, P): sparse;
     `squares`: for each group of the catalogue the Gram matrix of its columns, without what the model absorbs; `raw_scores` (P,);
     `absorbed` (P, p): the columns by the model's, along the instrument; `along` (P, p): products of the columns with the instrument's;
-    `stretch`: share of the log that may not decide alone; `material`: z of what is not material.
-    What is asked for later (`gram`) is of the catalogue's columns as they were last updated."""
+    `stretch`: share of the log that may not decide alone; `material`: z of what is not material."""
 
     fit: Fit = field(repr=False)
     frame: Solved = field(repr=False)

@@ -43,7 +43,7 @@ class EffectSearch:
         """Refit with what is accepted, and score everything beside it."""
         self.fit = self.fit.with_effects(tuple(e for e, _ in self.accepted))
         self.frame = self.fit.solved(2)
-        self.catalogue.updated(self.fit)
+        self.catalogue = self.catalogue.at(self.fit)
         self.scores = self.scored(self.fit, self.frame)
 
     def scored(self, fit: Fit, frame: Solved, catalogue: Catalogue | None = None) -> Scores:
