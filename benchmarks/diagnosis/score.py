@@ -153,9 +153,10 @@ def is_part(effect: str, joints: Sequence[str], motors: Sequence[str] | None, pa
 
 
 def _named(oracle: Oracle, findings: Sequence[Any], part: dict[str, Any], i: int, true: Sequence[Effect | None]) -> dict[str, Any]:
-    """How a true part is named: by which finding, directly ("found"), or as the rival of an ambiguous one ("rival"), else "no".
+    """How a true part is named: by which finding, directly ("found"), as its other name on this motion ("same": the very columns, told beside
+    it), or as the rival of an ambiguous one ("rival"), else "no".
 
-    Where that finding is ambiguous: whether the other one (the rival, or what stands in the truth's place) truly foretells the
+    Where the part is not what the finding is called, or the finding is ambiguous: whether the other one (the rival, or what stands in the truth's place) truly foretells the
     held-out data as well as the truth, all other true parts being in the model."""
     names = oracle.found.before.model.robot.joint_names
     beside = [e for k, e in enumerate(true) if k != i and e is not None]
@@ -171,7 +172,9 @@ def _named(oracle: Oracle, findings: Sequence[Any], part: dict[str, Any], i: int
                 return told("found", place, None)
             rival = max(f.competing, key=lambda m: m.confidence)
             return told("found, ambiguous", place, oracle.rival(rival.effect, rival.joints))
-    for place, f in enumerate(findings):
+    for place, (f, x) in enumerate(zip(findings, oracle.found.decision.named, strict=True)):
+        if any(m.renamed and is_part(m.effect.name, m.joints, getattr(m.effect, "motors", None), part, names) for m in x.competing):
+            return told("same", place, f.effect)
         if not f.ambiguous:
             continue
         if any(m.confidence >= _NAMED and is_part(m.effect, m.joints, None, part, names) for m in f.competing):

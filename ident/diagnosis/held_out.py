@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .foretold import prediction_variance, share_variance
 from .result import Unexplained
 from .thresholds import HALF, LOUD, STRETCH, WORSE
 
@@ -26,19 +27,25 @@ def presence(without: Estimate, whole: Estimate, data: Signals) -> tuple[float, 
     """Share of what an effect predicts on data that is there, with its standard error over blocks of time.
 
     The two models' predictions differ by d. If the effect is what acts, the residual without it holds d once: its regression on d, rows
-    weighted by the noise, is 1. If the effect stood for something else, which is not there, it is 0. NaN where the two do not differ."""
+    weighted by the noise and by how far the fit's own uncertainty lets the prediction be off, is 1. If the effect stood for something else,
+    which is not there, it is 0. The standard error holds both. NaN where the two do not differ."""
     rw, ra = without.residual(data), whole.residual(data)
-    weight = 1.0 / np.maximum(np.asarray(whole.fit_error.rms), 1e-300) ** 2
-    d, r = (np.where(np.isfinite(rw + ra), x, 0.0) for x in (rw - ra, rw))
+    there = np.isfinite(rw + ra)
+    d, r = (np.where(there, x, 0.0) for x in (rw - ra, rw))
+    noise = np.maximum(np.asarray(whole.fit_error.rms), 1e-300) ** 2
+    with np.errstate(invalid="ignore"):
+        weight = np.where(there, 1.0 / (noise + prediction_variance(whole, data)), 0.0)
     weight = np.where(np.isfinite(weight), weight, 0.0)
     edges = [np.linspace(run.start, run.stop, _BLOCKS + 1).astype(int) for run in data.row_runs]
     parts = [slice(a, b) for e in edges for a, b in itertools.pairwise(e) if b > a]
-    along, own = (np.array([np.sum(weight * x[part] * d[part]) for part in parts]) for x in (r, d))
+    along, own = (np.array([np.sum(weight[part] * x[part] * d[part]) for part in parts]) for x in (r, d))
     if not own.sum() > 0 or len(parts) < 3:
         return float("nan"), float("nan")
     share = float(along.sum() / own.sum())
     left = (along.sum() - along) / np.maximum(own.sum() - own, 1e-300)
-    return share, float(np.sqrt((len(parts) - 1) * np.mean((left - left.mean()) ** 2)))
+    by_blocks = (len(parts) - 1) * np.mean((left - left.mean()) ** 2)
+    # One error of a parameter is in all blocks, which do not tell it from what is there.
+    return share, float(np.sqrt(by_blocks + share_variance(whole, data, weight * d) / own.sum() ** 2))
 
 
 def contradicted(named: Sequence[AcceptedEffect], shares: Sequence[tuple[float, float]]) -> tuple[Unexplained, ...]:
@@ -76,11 +83,14 @@ def _missing(name: str, joints: tuple[str, ...], share: tuple[float, float]) -> 
 
 
 def louder(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained, ...]:
-    """Joints whose error on data held out is far above what the same model leaves on the data fitted.
+    """Joints whose error on data held out is far above what the same model leaves on the data fitted, and what the uncertainty of its
+    parameters makes of it there.
 
     Sizes are those that a tenth of the rows exceeds: no single stretch decides (rows beside a reversal, where a joint sticks, are loud)."""
     found = []
     own, other = (np.abs(after.residual(s)) for s in (fitted, held))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        other = other / np.sqrt(1.0 + prediction_variance(after, held) / np.asarray(after.fit_error.rms) ** 2)
     for j, joint in enumerate(after.model.robot.joint_names):
         usual, here = (x[:, j][np.isfinite(x[:, j])] for x in (own, other))
         if len(usual) < _ROWS or len(here) < _ROWS:

@@ -183,6 +183,10 @@ class Effect(ABC):
         such thing is known."""
         return None
 
+    def unresolved(self, interval: float) -> float:
+        """Size of its parameters up to which a log with `interval` seconds between its samples does not tell the effect from none."""
+        return 0.0
+
     def memory(self, robot: Robot) -> Array:
         """Seconds (n,) for which what the prediction was at a moment is in the effect's torque on each joint's row, on the effect's side;
         negative where it is there before."""

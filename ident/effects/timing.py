@@ -68,6 +68,10 @@ class Delay(JointEffect):
     def told_by(self, values: Array) -> Self:
         return self.nearest_shape(late=float(np.mean(values)))
 
+    def unresolved(self, interval: float) -> float:
+        """Half a sample: what acted between samples, and when in it a value was held, no log tells."""
+        return 0.5 * interval
+
     def memory(self, robot: Robot) -> Array:
         """The delay."""
         return _on(self.at(robot), self.late, robot)
@@ -120,6 +124,10 @@ class FilterLag(JointEffect):
 
     def told_by(self, values: Array) -> Self:
         return self.nearest_shape(T=float(np.mean(values)))
+
+    def unresolved(self, interval: float) -> float:
+        """Half a sample, as of a delay."""
+        return 0.5 * interval
 
     def memory(self, robot: Robot) -> Array:
         """Until a twentieth is left."""

@@ -32,7 +32,8 @@ _TOP_HZ = 20.0
 @dataclass(frozen=True, eq=False)
 class RunRows:
     """One run. `measured`, `instrument`: motions of N samples; `torque` (N, n) on the motor side; `reading` (N, n): the same on the side
-    that is measured, as recorded; `use` (N, n): motor m's friction is a function of the motion there; `band`: makes rows."""
+    that is measured, as recorded; `use` (N, n): motor m's friction is a function of the motion there; `band`: makes rows; `interval`:
+    seconds between samples as they were recorded."""
 
     measured: Motion
     instrument: Motion
@@ -40,6 +41,7 @@ class RunRows:
     reading: Array = field(repr=False)
     use: Array = field(repr=False)
     band: Band
+    interval: float
 
     def masked(self, values: Array, m: int) -> Array:
         """Values (N, k) of motor m as rows (count, k): masked first, filtered second, so that nothing of a held contact leaks."""
@@ -130,6 +132,7 @@ def run_rows(
     # Friction is no function of a motion whose direction is not known.
     least = np.maximum(SLOW * top, BOUND * speed_noise(position_noise, kept_hz(rate)))
     least_below = np.maximum(SLOW * top, BOUND * speed_noise(position_noise, cutoff_hz) if reference is None else 0.0)
+    interval = 1.0 / float(signals.report.rate_hz or rate)
     found = []
     for i, run in enumerate(signals.runs):
         if run.stop - run.start < int(4 * rate):
@@ -147,7 +150,7 @@ def run_rows(
         slow[:ends] = slow[len(slow) - ends :] = True
         use = ~_widened(slow, int(SETTLE * rate))
         raw = np.nan_to_num(signals.torque[run] if reading is None else reading[i])
-        found.append(RunRows(measured, instrument, torque, raw, use.astype(float), Band(len(t), rate, factor, top_hz)))
+        found.append(RunRows(measured, instrument, torque, raw, use.astype(float), Band(len(t), rate, factor, top_hz), interval))
     return found
 
 

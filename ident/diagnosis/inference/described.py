@@ -27,6 +27,8 @@ _LAWS = 2
 _TRIED = 4
 #: Quantities of effects that are one with a law's.
 _SAME = {Axis.POSITION: {Axis.POSITION, Axis.MOTOR_ANGLE}}
+#: Share of a quantity's size below which its changes are rounding, of single precision too.
+_ROUNDING = 1e-6
 #: Effects of one quantity on a joint from which on they are no separate causes.
 _SERIES = 3
 
@@ -121,5 +123,6 @@ def _candidates(fit: Fit, joints: tuple[str, ...], intervals: int) -> Iterator[D
                     law = kind(joints=(joint,), by=by, turned=turned, label=f"~{kind.what[0]}{by}{turned[0]}")
                     x = np.concatenate([law.quantity(m, robot, robot.joint_index(law.followed)) for m in motions])
                     low, high = np.quantile(x, [0.002, 0.998])
-                    if high > low:
+                    # What stands still but for rounding is followed by nothing.
+                    if high - low > _ROUNDING * max(abs(low), abs(high)):
                         yield replace(law, knots=tuple(np.linspace(low, high, intervals + 1).tolist()))

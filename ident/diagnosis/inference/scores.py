@@ -59,7 +59,8 @@ class Scores:
     directions in all.
 
     `blocks` (c, B): score of each block of time; `starts` (K,), `degrees` (K,): directions of each group; `directions` (c, P): sparse;
-    `squares`: for each group of the catalogue the Gram matrix of its columns, without what the model absorbs; `raw_scores` (P,);
+    `squares`: for each group of the catalogue the Gram matrix of its columns, without what the model absorbs; `raw_scores` (P,), of which
+    `blocks` lack what the log does not resolve;
     `absorbed` (P, p): the columns by the model's, along the instrument; `along` (P, p): products of the columns with the instrument's;
     `stretch`: share of the log that may not decide alone; `material`: z of what is not material."""
 
@@ -106,15 +107,18 @@ class Scores:
             at[ix, :width], seen[ix] = ix[:, None], good
             for k, square in zip(which.tolist(), own, strict=True):
                 squares[k] = square
+        raw_scores = S.sum(axis=1)
+        for g, square in zip(catalogue.groups, squares, strict=True):
+            S[g.columns] -= _unresolved(fit, g, square, raw_scores[g.columns])[:, None] / len(cuts)
         degrees = np.array([seen[g.columns].sum() for g in catalogue.groups], int)
         inside = at[seen] >= 0
         ends = np.cumsum([0, *inside.sum(axis=1)])
         Q = sparse.csr_matrix((entries[seen][inside], at[seen][inside], ends), shape=(len(inside), count))
         kept = np.flatnonzero(degrees)
         degrees = degrees[kept]
-        starts, total = np.cumsum([0, *degrees])[:-1], S.sum(axis=1)
+        starts = np.cumsum([0, *degrees])[:-1]
         material = material_z(fit, frame)
-        return cls(fit, frame, catalogue, kept.tolist(), Q @ S, starts, degrees, Q, squares, total, A, CZ, stretch, material)
+        return cls(fit, frame, catalogue, kept.tolist(), Q @ S, starts, degrees, Q, squares, raw_scores, A, CZ, stretch, material)
 
     def gram(self, left: Array, right: Array) -> Array:
         """Covariance of some directions (c,) with others (d,)."""
@@ -206,12 +210,7 @@ class Scores:
         """What the parameters of the k-th group would be, and their standard deviations, in the units of its columns; of parameters that
         the model absorbs, or that never act, the deviation is infinite."""
         ix, gram = self.group(k).columns, self.squares[self.kept[k]]
-        size = np.sqrt(np.maximum(np.diag(gram), 0.0))
-        size = np.where(size > 0, size, 1.0)
-        w, U = np.linalg.eigh(gram / np.outer(size, size))
-        good = w > max(float(w[-1]), 1e-300) * _FLAT
-        inverse = (U[:, good] / w[good]) @ U[:, good].T / np.outer(size, size)
-        free = (U[:, ~good] ** 2).sum(axis=1) > _SHARED
+        inverse, free = _inverse(gram)
         return inverse @ self.raw_scores[ix], np.where(free, np.inf, np.sqrt(np.maximum(np.diag(inverse), 0.0)))
 
     def alike(self, k: int, other: int) -> float:
@@ -240,6 +239,25 @@ class Scores:
                 along = np.einsum("kab,ka->kb", U, r)
                 squares[k] = np.where(w > 1e-3, along**2 / np.maximum(w, 1e-3), 0.0).sum(axis=1)
         return z_of(squares, self.degrees), np.minimum.reduceat(energy, self.starts)
+
+
+def _inverse(gram: Array) -> tuple[Array, Array]:
+    """Inverse (k, k) of the Gram matrix of a group's columns, and which of its parameters (k,) it leaves free."""
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    size = np.where(size > 0, size, 1.0)
+    w, U = np.linalg.eigh(gram / np.outer(size, size))
+    good = w > max(float(w[-1]), 1e-300) * _FLAT
+    inverse = (U[:, good] / w[good]) @ U[:, good].T / np.outer(size, size)
+    return inverse, (U[:, ~good] ** 2).sum(axis=1) > _SHARED
+
+
+def _unresolved(fit: Fit, group: Group, gram: Array, scores: Array) -> Array:
+    """What of a group's raw scores (k,) values explain that the log does not tell from none."""
+    least = 0.0 if group.effect is None else group.effect.unresolved(max(run.interval for run in fit.runs))
+    if not least > 0.0:
+        return np.zeros(len(scores))
+    values = _inverse(gram)[0] @ scores
+    return np.asarray(gram @ np.clip(values, -least, least))
 
 
 def material_z(fit: Fit, frame: Solved) -> float:
