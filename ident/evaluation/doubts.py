@@ -12,6 +12,7 @@ from ..errors import DataError
 from ..problem.opposite_signs import negative_share, opposite_sign
 from .against_nominal import factor_doubt, size_doubt, zero_doubt
 from .misreadings import misreading
+from .negative_inertia import negative_inertia
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -87,7 +88,7 @@ def _impossible(estimate: Estimate) -> str:
     beyond = (estimate.values < low - margin) | (estimate.values > high + margin)
     found = [f"{estimate.names[i]} = {estimate.values[i]:.3g} ± {estimate.std[i]:.2g}" for i in np.flatnonzero(beyond)]
     if not found:
-        return ""
+        return negative_inertia(estimate, _SURELY)
     listed = ", ".join(found[:_LISTED]) + (f" and {len(found) - _LISTED} more" if len(found) > _LISTED else "")
     return (
         f"{listed}: a physically impossible sign that noise does not explain. Possible causes: torque recorded with the"

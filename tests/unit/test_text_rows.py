@@ -42,6 +42,7 @@ def test_what_people_write_for_nothing_is_nothing(text: str, german: bool, tmp_p
     ("text", "mark", "comma", "remedy"),
     [
         ("1.000,50", ";", ",", "thousands separators"),
+        ("\u22121.5", ",", ".", "Its minus sign"),
         ("1.000.000,5", ";", ",", "thousands separators"),
         ("1.000", ";", ",", "has a point, where other numbers have a decimal comma"),
         ('"1,000.50"', ",", ".", "thousands separators"),

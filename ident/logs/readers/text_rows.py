@@ -26,6 +26,8 @@ Buffer = bytes | memoryview
 _SHOWN, _BLOCK = 40, 1 << 16
 #: A number with its unit.
 _WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?\s*[A-Za-z°µμ%][\w°µμ%/·*.²^-]{0,8}")
+#: The minus sign of typesetting, as some programs write it.
+_TYPED_MINUS = "\u2212"
 #: A number with marks between its thousands: `1.000,50`, `1'000.5`, `1 000,5`.
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[.,'’ \u00a0\u202f])\d{3})(?:(?P=mark)\d{3})*(?:[.,]\d+)?")
 
@@ -82,6 +84,8 @@ def _value(field: str, header: Header, where: str) -> float:
         remedy = "It has a point, where other numbers have a decimal comma: write all numbers alike, without thousands separators."
     elif is_number(text.replace(",", ".", 1)):
         remedy = "It has a decimal comma: write the file with decimal points."
+    elif is_number(text.replace(_TYPED_MINUS, "-")):
+        remedy = f"Its minus sign is {_TYPED_MINUS!r} (U+2212), not the hyphen '-' of numbers: replace it in the file."
     elif _WITH_UNIT.fullmatch(text):
         remedy = "Write numbers only, and put their unit into the header, as in q1_deg."
     elif is_moment(text):
