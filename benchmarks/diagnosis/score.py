@@ -153,11 +153,11 @@ def is_part(effect: str, joints: Sequence[str], motors: Sequence[str] | None, pa
 
 
 def _named(oracle: Oracle, findings: Sequence[Any], part: dict[str, Any], i: int, true: Sequence[Effect | None]) -> dict[str, Any]:
-    """How a true part is named: by which finding, directly ("found"), as its other name on this motion ("same": the very columns, told beside
-    it), or as the rival of an ambiguous one ("rival"), else "no".
+    """How a true part is named: by which finding, directly ("found"), as its other name ("same": the very columns on this motion, told
+    beside it), or as the rival of an ambiguous one ("rival"), else "no".
 
-    Where the part is not what the finding is called, or the finding is ambiguous: whether the other one (the rival, or what stands in the truth's place) truly foretells the
-    held-out data as well as the truth, all other true parts being in the model."""
+    Where it is not called by its name, or the finding is ambiguous: whether the other one (the rival, or what stands in the truth's place)
+    truly foretells the held-out data as well as the truth, all other true parts being in the model."""
     names = oracle.found.before.model.robot.joint_names
     beside = [e for k, e in enumerate(true) if k != i and e is not None]
     truth = true[i]
