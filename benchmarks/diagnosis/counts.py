@@ -213,7 +213,7 @@ def _sure(record: dict[str, Any]) -> bool:
 
 
 def _at_floor(record: dict[str, Any], key: str) -> bool:
-    return "failed" not in record and record[key][0] <= FLOOR
+    return "failed" not in record and record[key][0] is not None and record[key][0] <= FLOOR
 
 
 def named_as(record: dict[str, Any]) -> str:
