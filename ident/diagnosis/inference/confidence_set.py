@@ -12,6 +12,7 @@ import numpy as np
 from ..design.catalogue import Catalogue
 from ..thresholds import COMPETES, CONTAINED
 from .candidates import left_beside, rank, tried
+from .search import REPEATABLE
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
@@ -87,6 +88,8 @@ def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
     that are the same."""
     effect, joints = state.accepted[i]
     scores, own = state.without(i), (effect.name, joints)
+    # A joint does not have one effect twice.
+    taken = {own, *((e.name, at) for e, at in state.accepted if e.name not in REPEATABLE)}
     mine = [k for k in range(len(scores.kept)) if scores.group(k).kind == own]
     z = scores.plain
     nearest = mine[int(np.argmax(z[mine]))] if mine else None
@@ -99,7 +102,7 @@ def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
         if z[k] < state.critical or z[k] < COMPETES * top:
             break
         g = scores.group(k)
-        if scores.z[k] < state.critical or not g.named or g.kind == own or not state.possible(scores, k):
+        if scores.z[k] < state.critical or not g.named or g.kind in taken or not state.possible(scores, k):
             continue
         member = _member(state, scores, k, nearest)
         limit = own_limit if member is not None and member.same else state.critical

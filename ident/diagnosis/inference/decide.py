@@ -16,7 +16,7 @@ from .candidates import Kind, best
 from .confidence_set import AcceptedEffect, accepted_effect, competing, drop_unnecessary
 from .described import describing, outdone
 from .scores import z_of
-from .search import EffectSearch
+from .search import REPEATABLE, EffectSearch
 from .significance import parametric
 from .tones import tone
 
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from .scores import Scores
 
 Array = np.ndarray
-#: Effects of which a joint may have several: one for each order.
-_REPEATABLE = frozenset({"cogging", "torque_ripple", "gear_coupling", "position_dependent_friction"})
 #: Times that an accepted effect is replaced by a member of its set beside which less is left.
 _SWAPS = 3
 
@@ -129,7 +127,7 @@ def _forward(state: EffectSearch, say: Callable[[str], None], tell: Callable[[fl
         if found is None:
             return
         effect, joints = found
-        if effect.name not in _REPEATABLE:
+        if effect.name not in REPEATABLE:
             refused.add((effect.name, joints))
         state.accept(found)
         state.reprofile()

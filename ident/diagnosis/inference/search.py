@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
+#: Effects of which a joint may have several: one for each order.
+REPEATABLE = frozenset({"cogging", "torque_ripple", "gear_coupling", "position_dependent_friction"})
 #: An effect on its joints (() for the whole robot).
 Placed = tuple["Effect", tuple[str, ...]]
 
