@@ -21,9 +21,6 @@ LAZY = {
     ("robots/robot.py", "ident.model"): "a documented convenience above its layer",
     ("regressor/kernel_choice.py", "ident.regressor"): "the compiled kernel may not be built",
     ("commands/check.py", "ident.commands.diagnose"): "a check loads the diagnosis only when it is strict",
-    ("effects/flexing.py", "ident._native"): "the compiled recursions may not be built",
-    ("signals/filters.py", "ident._native"): "the compiled filters may not be built",
-    ("streaming/text.py", "ident._native"): "the compiled reader may not be built",
 }
 
 
