@@ -66,7 +66,7 @@ def draws(found: Identified, units: Sequence[Identified], count: int, seed: int)
     upper[closed] = lower[closed] + 2.0 * np.maximum(mean - lower, held)[closed]
     if wide.any():
         told = ", ".join(name for name, here in zip(names, wide, strict=True) if here)
-        notes.append(f"standard deviation above {SHARE:.0%} of the value; where bounded below, drawn up to twice the value: {told}.")
+        notes.append(f"not determined to {SHARE:.0%} each; where it has a bound, drawn up to twice the value: {told}.")
     sample = bounded_normal(mean, covariance, lower, upper, count, np.random.default_rng(seed))
     sets, unreal = _sets(found, sample)
     if unreal:
