@@ -179,4 +179,4 @@ def test_friction_that_has_pushed_another_to_zero_has_no_size():
     assert doubtful_sizes(unknowns, values, apart) == {}
     assert "Fc_joint1 was estimated as zero" in doubtful_sizes(unknowns, values, traded)[1]
     assert doubtful_sizes(unknowns, values + [0.3, 0.0], traded) == {}
-    assert "no gear has" in doubtful_sizes(unknowns, values + [0.3, 2.0], apart)[1]
+    assert "physically impossible" in doubtful_sizes(unknowns, values + [0.3, 2.0], apart)[1]
