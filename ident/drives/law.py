@@ -120,11 +120,13 @@ class DriveLaw:
     def of(cls, robot: Robot, kind: str = "pd_position", *, links: str = "known", by_log: Any = None, **given: Any) -> DriveLaw:
         """From numbers, lists or tables by joint, as a study file has them. Raises ConfigurationError, UnsupportedError."""
         if kind in _LATER:
-            raise UnsupportedError(f"[drive] law {kind!r} is not built yet; known laws: {', '.join((*_DEFAULTS, *MEASURED))}.")
+            raise UnsupportedError(f"[drive] law {kind!r} is not supported; known laws: {', '.join((*_DEFAULTS, *MEASURED))}.")
         if kind not in _DEFAULTS:
             raise unknown_name("[drive] law", kind, (*_DEFAULTS, *MEASURED))
         if not np.allclose(robot.transmission.K, np.eye(robot.n)):
-            raise UnsupportedError("[drive] law: commands are joint positions; a gearing (ratio, K) beside a drive law is not built yet.")
+            raise UnsupportedError(
+                "[drive] law: commands are joint positions; a transmission (ratio, K) together with a drive law is not supported yet."
+            )
         forms = {key: given.pop(key) for key in _FORMS if given.get(key) is not None}
         given = {key: value for key, value in given.items() if value is not None}
         constants, shared = {}, set()
@@ -196,7 +198,7 @@ def _per_joint(key: str, value: Any, robot: Robot) -> Array:
             robot.joint_index(name)
         missing = [name for name in robot.joint_names if name not in value]
         if missing:
-            raise ConfigurationError(f"[drive] {key}: the table lacks joint {missing[0]!r}.")
+            raise ConfigurationError(f"[drive] {key}: joint {missing[0]!r} is missing from the table.")
         value = [value[name] for name in robot.joint_names]
     entries = list(value) if isinstance(value, list | tuple | np.ndarray) else [value] * robot.n
     if len(entries) != robot.n:

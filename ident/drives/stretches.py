@@ -37,8 +37,8 @@ class LogStretch:
     def text(self, joint: str) -> str:
         """One line for people."""
         return (
-            f"log {self.log}, {joint}, {self.start:.3g} to {self.stop:.3g} s: {self.times:.3g} times the usual error, which the model does"
-            " not explain (a joint that sticks, a contact, another load?); it counts the less in the fit."
+            f"log {self.log}, {joint}, {self.start:.3g} to {self.stop:.3g} s: {self.times:.3g} times the usual error, unexplained by the"
+            " model (stiction, a contact, another load?); this part has less weight in the fit."
         )
 
 

@@ -144,7 +144,7 @@ def test_commands_in_another_space_than_the_joints():
     law = DriveLaw.of(leg, kp=25.0, kd=0.8)
     assert foreign_commands(DriveLog.of(log, leg, law), leg) == ()
     assert foreign_commands(DriveLog.of(linked(log), leg, law), leg) == (0,)
-    with pytest.raises(ident.DataError, match="joint hip are not its positions") as caught:
+    with pytest.raises(ident.DataError, match="joint hip do not match its position") as caught:
         fitted(leg, linked(log), kp=25.0, kd=0.8)
     assert "linkage" in str(caught.value)
 
