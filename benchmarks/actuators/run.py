@@ -94,7 +94,7 @@ def cases(short: bool) -> list[Case]:
         rest = tuple(name for name in every if name != f"xl330_{held}")
         name = f"XL330 without {held}"
         urdf = "xl330_pendulum/xl330_pendulum.urdf"
-        found.append(Case(name, urdf, rest, {f"xl330_{held}": 0.060}, {"by_log": duty}, servo, kind="pwm"))
+        found.append(Case(name, urdf, rest, {f"xl330_{held}": 0.060}, {"by_log": duty, "supply": "mean"}, servo, kind="pwm"))
     z1 = {"kp": [80.0, 120.0, 120.0, 80.0, 80.0, 80.0, 80.0], "kd": 2.5}
     found.append(Case("Z1 last third", "z1_iit/z1.urdf", ("z1_traj0",), {"z1_traj0 (last part)": 0.0150}, z1, part=1 / 3))
     april = {"go2_april_traj4": 0.0023, "go2_march_traj0": 0.0095}

@@ -124,6 +124,19 @@ def test_saturation_is_part_of_the_law(robot):
     assert right.fit_rms[0] == pytest.approx(5e-4, rel=0.2)
 
 
+def test_a_voltage_that_is_read_between_pulses_counts_by_its_mean(robot):
+    """Readings of 6.4 and 8.2 V of a supply of 7.3 V."""
+    log = commanded_log(robot, {**TRUTH, "kd": 0.0, "Fv": 0.3}, seed=4)
+    read = 7.3 + 0.9 * np.where(np.sin(7.1 * np.arange(len(log.t))) > 0.0, 1.0, -1.0)
+    log = replace(log, extra={**log.extra, "supply1": read})
+    law = {"kp": 0.2, "torque_scale": TRUTH["kp"] / (0.2 * 7.3), "back_emf": 0.0}
+    fits = [fit_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, "pwm", supply=form, **law)) for form in ("logged", "mean")]
+    friction = fits[1].values[fits[1].names.index("Fc_joint1")]
+    assert friction == pytest.approx(TRUTH["Fc"], rel=0.05)
+    assert fits[1].fit_rms[0] < 0.5 * fits[0].fit_rms[0]
+    assert fits[1].law.to_dict()["supply"] == "mean"
+
+
 def test_gains_that_are_hardly_distinguished_keep_their_intervals():
     """Two joints act on each other and all gains are unknown: with derivatives over narrow differences, rough by the corners of dry
     friction, a value is off by 4.5 of its standard deviations here."""
