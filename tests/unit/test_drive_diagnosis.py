@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rigid_models import needs_native
 
 import ident
 from benchmarks.actuators.commanded import LEG, commanded_log
@@ -24,8 +23,6 @@ from ident.drives.space import drive_logs
 from ident.drives.starts import moved_inertia, starts
 from ident.logs.log import LogSet
 from ident.regressor.kernel_choice import kernel
-
-pytestmark = needs_native  # which plays the drives of the logs
 
 EFFECTS = ("rotor_inertia", "viscous", "coulomb", "offset")
 CASES = ("clean", "clean", "joint_elasticity", "load_dependent_friction", "kp", "delay")
