@@ -108,7 +108,7 @@ def diagnosis_text(d: Told) -> str:
         for effect, places, motion in by_effect(d.hidden)
     ]
     lines += [str(d.instrument)]
-    data = "held out" if d.held is not None else "fitted"
+    data = "held-out" if d.held is not None else "fitted"
     lines += ["", f"error on {data} data, noise floor {_numbers(d.noise_floor)}:", str(d.comparison)]
     if d.before.sticking or d.after.sticking:
         before, after = (100.0 * x for x in d.every_row)

@@ -100,7 +100,8 @@ class DriveLaw:
     --------
     >>> import ident
     >>> from ident.drives import DriveLaw
-    >>> law = DriveLaw.of(ident.load_robot("scara"), kp=20.0, kd=1.0)
+    >>> robot = ident.load_robot("scara", transmission=[1.0, 1.0, 1.0, 1.0])
+    >>> law = DriveLaw.of(robot, kp=20.0, kd=1.0)
     >>> law.unknown("delay_s"), law.unknown("kp")
     (True, False)
     """

@@ -66,7 +66,7 @@ def zero_phase_lowpass(x: Array, cutoff: float, rate: float, order: int = 4) -> 
         table = np.ascontiguousarray(np.column_stack([sections[:, :3], sections[:, 4:], settled]))
         fast.zero_phase(table, np.ascontiguousarray(x, float), len(x), x.size // len(x), pad, out)
         return out
-    return _both_ways(sections, settled, np.asarray(x, float), pad)
+    return _both_ways(sections, settled, np.ascontiguousarray(x, float), pad)
 
 
 def _both_ways(sections: Array, settled: Array, x: Array, pad: int) -> Array:
@@ -80,7 +80,7 @@ def _both_ways(sections: Array, settled: Array, x: Array, pad: int) -> Array:
     y = np.concatenate([ends[0], x, ends[1]]) if pad else x
     for _ in range(2):
         y = sosfilt(sections, y, axis=0, zi=state * y[:1])[0][::-1]
-    return np.asarray(y[pad : pad + len(x)])
+    return np.ascontiguousarray(y[pad : pad + len(x)])
 
 
 @lru_cache(maxsize=32)
@@ -191,7 +191,7 @@ class RowFilter:
 
     def apply(self, x: Array) -> Array:
         """Filter and decimate a run or a piece of it (L, …) along time: (count(L), …)."""
-        x = np.asarray(x, float)
+        x = np.ascontiguousarray(x, float)  # the order of memory is that of the sums
         flat = x.reshape(len(x), int(np.prod(x.shape[1:])))
         total = self.count(len(x))
         out = np.empty((total, flat.shape[1]))

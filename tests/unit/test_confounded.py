@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from rigid_models import needs_native
 from scipy.integrate import solve_ivp
 
 import ident
@@ -14,6 +15,8 @@ from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from ident.drives import DriveFit, DriveLaw, DriveLog, fit_drives
 from ident.drives.space import foreign_commands
 from ident.logs.log import LogSet
+
+pytestmark = needs_native  # which plays the drives of the logs
 
 TRUTH = {"Ia": 0.012, "Fv": 0.08, "Fc": 0.15, "offset": 0.1, "kp": 25.0, "kd": 0.8, "delay": 0.006}
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rigid_models import needs_native
 
 import ident
 from benchmarks.actuators import coverage
@@ -19,6 +20,8 @@ from ident.drives.starts import starts
 from ident.drives.torque import with_torque
 from ident.drives.unknowns import unknowns
 from ident.logs.log import LogSet
+
+pytestmark = needs_native  # which plays the drives of the logs
 
 TRUTH = {"Ia": 0.012, "Fv": 0.08, "Fc": 0.15, "offset": 0.1, "kp": 25.0, "kd": 0.8, "delay": 0.006}
 

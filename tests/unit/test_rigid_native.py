@@ -11,15 +11,13 @@ import warnings
 
 import numpy as np
 import pytest
-from rigid_models import native
+from rigid_models import native, needs_native
 
 import ident
 from ident._native import choice
 from ident.errors import ConfigurationError
 from ident.regressor import kernel_choice
 from tests.fuzz import sanitized
-
-needs_native = pytest.mark.skipif(native() is None, reason="the compiled kernel is not built")
 
 
 def test_environment_chooses_the_kernel(monkeypatch):
