@@ -12,6 +12,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 from physical_models import random_links
+from rigid_models import needs_native
 
 import ident
 from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
@@ -333,6 +334,7 @@ def test_what_is_left_out_has_the_torque_it_makes(tmp_path):
     assert float(re.search(r"hip ([\d.]+)", load).group(1)) == pytest.approx(expected[0], rel=0.1)
 
 
+@needs_native
 def test_what_is_left_out_is_told_on_logs_as_position(tmp_path):
     """A delay left out: simulated position moves by what our own simulation says, here by a second fit without it."""
     fit = leg(law={"delay_s": 0.01}, urdf=LEG)
@@ -359,6 +361,7 @@ def test_a_coupled_wrist_is_approximated_where_it_must_be(tmp_path):
     assert float(re.search(r"hip ([\d.]+)", note).group(1)) == pytest.approx(abs(drag[0, 1]) * 30 / np.sqrt(3), rel=0.05)
 
 
+@needs_native
 def test_links_identified_under_a_law_become_real_bodies():
     robot = ident.Robot.from_urdf(PENDULUM)
     logs = LogSet((commanded_log(robot, {**TRUTH, "delay": 0.0}, seconds=3.0),))
