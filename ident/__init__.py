@@ -20,7 +20,7 @@ Results (reports and exports): `report`, `export`.
 Studies (everything in one TOML file): `Study`, `read_study`.
 Errors (each says what is wrong and how to fix it): `IdentError`, `ConfigurationError`, `DataError`, `UnsupportedError`.
 
-Packages: `effects`, `estimators`, `friction`, `physical`, `regressor`, `robots`.
+Packages: `drives` (logs without torque), `effects`, `estimators`, `friction`, `logs`, `physical`, `regressor`, `robots`.
 Steps are logged to the logger `ident`: `logging.basicConfig(level="INFO")` shows them.
 Public names are loaded on first use, so that `import ident` is fast."""
 
@@ -91,7 +91,7 @@ _WHERE: dict[str, tuple[str, str]] = {
     "DataError": ("errors", "DataError"),
     "UnsupportedError": ("errors", "UnsupportedError"),
 }
-_PACKAGES = ("effects", "estimators", "friction", "physical", "regressor", "robots")
+_PACKAGES = ("drives", "effects", "estimators", "friction", "logs", "physical", "regressor", "robots")
 
 __all__ = [
     "CentralDifference",
@@ -128,6 +128,7 @@ __all__ = [
     "compare",
     "demo_logs",
     "diagnose",
+    "drives",
     "effect_names",
     "effects",
     "essential",
@@ -138,6 +139,7 @@ __all__ = [
     "friction",
     "judge",
     "load_robot",
+    "logs",
     "make_effect",
     "make_estimator",
     "monitor",
@@ -174,7 +176,7 @@ def __dir__() -> list[str]:
 
 
 if TYPE_CHECKING:
-    from . import effects, estimators, friction, physical, regressor, robots
+    from . import drives, effects, estimators, friction, logs, physical, regressor, robots
     from .auditing import audit
     from .diagnosis import Diagnosis, diagnose, next_motion
     from .effects import Effect, Motion, effect_names, make_effect

@@ -16,6 +16,7 @@ from .effects.kinds import Nature, Need
 from .effects.motion import Motion
 from .effects.reduction import base_reduction
 from .effects.reference import Reference
+from .effects.rigid_body import RigidBody
 from .effects.sums import EffectSum, terms
 from .errors import ConfigurationError
 from .robots.parameters import Parameter
@@ -55,6 +56,11 @@ class Model(ShortRepr):
                 f"the model holds the parameter {twice[0]!r} twice: two effects of one kind sit on the same joint."
                 " If both are meant, give one of them a `label`."
             )
+
+    @classmethod
+    def of_links(cls, robot: Robot) -> Model:
+        """The rigid body of a robot alone, which `robot.rigid_body()` gives."""
+        return cls(robot, (RigidBody(),))
 
     def __add__(self, other: Effect | EffectSum[Effect] | Model) -> Model:
         if isinstance(other, Model):

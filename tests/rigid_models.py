@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from ident.regressor import kernel_choice, numpy_drive, numpy_dynamics, numpy_rows, numpy_series
 from ident.regressor.kernel_choice import Kernel
@@ -25,6 +26,9 @@ def native() -> ModuleType | None:
         return importlib.import_module("ident.regressor.native")
     except ImportError:
         return None
+
+
+needs_native = pytest.mark.skipif(native() is None, reason="the compiled kernel is not built")
 
 
 def kernels() -> list[str]:

@@ -36,6 +36,10 @@ SPRUNG = (*LOADED, "linear_spring")
 #: rest under load does next, and is chosen as everything else is: rad/s, half a decade apart.
 GEAR = {"gear_loss": "identify", "gear_loss_square": "identify"}
 SLOW = tuple({**GEAR, "gear_loss_slow": "identify", "slow_speed": speed} for speed in (0.03, 0.1, 0.3))
+#: A spring between motor and link.
+SPRING = {"joint_stiffness": "identify", "joint_damping": "identify"}
+#: Times the stiffness at which a search starts: what is so stiff is rigid to a simulation.
+RIGID = 400.0
 #: A delay of each joint of its own.
 EACH = {"delay_s": ["identify"] * 12}
 #: The AK80's feed-forward moves, so that its share can be seen beside kp and kd.
@@ -88,13 +92,13 @@ def cases(short: bool) -> list[Case]:
     if short:
         return found
     duty = {f"*kp{k}_*": {"kp": _XL330 * k} for k in (100, 200, 400, 800)}
-    servo = tuple((effects, more) for effects in (DRIVE, LOADED) for more in ({}, GEAR, *SLOW))
+    servo = ((LOADED, GEAR), *((LOADED, {**more, **SPRING}) for more in (GEAR, *SLOW)))
     every = sorted(f.name.removesuffix(".csv.gz") for f in (data() / "xl330_pendulum").glob("*.csv.gz"))
     for held in ("kp100_sin_sin", "kp200_up_and_down", "kp400_lift_and_drop", "kp400_sin_time_square", "kp800_up_and_down"):
         rest = tuple(name for name in every if name != f"xl330_{held}")
         name = f"XL330 without {held}"
         urdf = "xl330_pendulum/xl330_pendulum.urdf"
-        found.append(Case(name, urdf, rest, {f"xl330_{held}": 0.060}, {"by_log": duty}, servo, kind="pwm"))
+        found.append(Case(name, urdf, rest, {f"xl330_{held}": 0.060}, {"by_log": duty, "supply": "mean"}, servo, kind="pwm"))
     z1 = {"kp": [80.0, 120.0, 120.0, 80.0, 80.0, 80.0, 80.0], "kd": 2.5}
     found.append(Case("Z1 last third", "z1_iit/z1.urdf", ("z1_traj0",), {"z1_traj0 (last part)": 0.0150}, z1, part=1 / 3))
     april = {"go2_april_traj4": 0.0023, "go2_march_traj0": 0.0095}
@@ -131,7 +135,7 @@ def fitted(case: Case) -> tuple[DriveFit, int]:
     for model, law in pairs:
         plant = DrivePlant(model, law, drive_logs(train, robot, law))
         at, sizes = starts(plant)
-        fit = search(plant, at, sizes, narrower=_narrower(found, plant))
+        fit = search(plant, at, sizes, narrower=_narrower(found, plant, sizes))
         found.append((plant, fit, sizes))
     # What is chosen between is fitted to all readings alike, as they are counted in the choice.
     chosen = 0 if len(found) == 1 else best([held_out(*one) for one in found])
@@ -139,15 +143,16 @@ def fitted(case: Case) -> tuple[DriveFit, int]:
     return finished(plant, steadied(plant, fit, sizes), sizes, train.inputs).with_heldout(held), chosen
 
 
-def _narrower(found: Sequence[tuple[DrivePlant, Fitted, np.ndarray]], plant: DrivePlant) -> np.ndarray | None:
-    """Values (S, p) of a plant at which it is what a narrower one was fitted to: what that one has not adds nothing there."""
+def _narrower(found: Sequence[tuple[DrivePlant, Fitted, np.ndarray]], plant: DrivePlant, sizes: np.ndarray) -> np.ndarray | None:
+    """Values (S, p) of a plant at which it is what a narrower one was fitted to: what that one has not adds nothing there.
+    `sizes` (p,): usual sizes of the unknowns."""
     rows = []
     for other, fit, _ in found:
         if {u.place for u in other.unknowns} <= {u.place for u in plant.unknowns} and _alike_when_slow(other, plant):
             known = {u.name: value for u, value in zip(other.unknowns, fit.values, strict=True)}
             shared = {u.place: known[u.name] for u in other.unknowns if u.joint < 0 and u.column < 0}
             rows.append([known.get(u.name, shared.get(u.place, _none(other, u))) for u in plant.unknowns])
-    return np.array(rows) if rows else None
+    return np.where(np.isinf(rows), RIGID * sizes, rows) if rows else None
 
 
 def _none(plant: DrivePlant, unknown: Unknown) -> float:

@@ -34,10 +34,10 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
         other = effect_types().get(competing.effect)
         where = competing.joints[0] if competing.joints else "every joint"
         if other is not None and other.axis == finding.effect.axis and competing.joints == finding.joints:
-            same = "No motion tells them apart as long as they act alike" if other.axis == Axis.VELOCITY else "They differ only in detail"
+            same = "No motion distinguishes them as long as they act alike" if other.axis == Axis.VELOCITY else "They differ only in detail"
             motion = _MOTION[finding.effect.axis].format(joint=joint)
             return (
-                f"{title} or {competing.effect}: {same}; {motion}, over a wider range than in this log, or take either: they predict alike."
+                f"{title} or {competing.effect}: {same}; {motion}, over a wider range than in this log, or use either: they predict alike."
             )
         ways = dict.fromkeys(
             [_MOTION[finding.effect.axis].format(joint=joint)] + ([_MOTION[other.axis].format(joint=where)] if other is not None else [])

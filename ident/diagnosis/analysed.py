@@ -37,7 +37,7 @@ class Instrument:
 
     def __str__(self) -> str:
         what = "the desired motion" if self.kind == "q_ref" else "the measured motion"
-        return f"instrument: {what} below {self.band_hz:.2g} Hz; motion above answers disturbances and is not used to decide"
+        return f"instrument: {what} below {self.band_hz:.2g} Hz; faster motion responds to disturbances and is not used to decide"
 
 
 def full_rate(signals: Signals) -> Signals:
@@ -139,8 +139,8 @@ def prepared(model: Model, signals: Signals, values: Array | None = None, *, wit
     fit = Fit(_runs(full, model, band, noise, reference, reading), model, (), values)
     if not fit.share.any():
         raise DataError(
-            "no stretch of the logs in which a joint moves and its torque is there is long enough for a diagnosis; `ident check` says what"
-            " is missing of which joint."
+            "no stretch of the logs with a moving joint and its torque is long enough for a diagnosis; `ident check` says what"
+            " is missing for which joint."
         )
     instrument = Instrument("low_band" if reference is None else "q_ref", band)
     return fit, instrument, usual_speed(robot.transmission.motor_rate(full.dq))

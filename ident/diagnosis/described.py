@@ -72,8 +72,8 @@ class LeftoverDescription:
     def __str__(self) -> str:
         before, after = (100.0 * e.relative_all for e in (self.comparison.error_before, self.comparison.error_after))
         lines = [f"described, not explained: {law}" for law in self.laws]
-        said = "it holds there" if self.confirmed else "no more than chance: do not use it"
-        return "\n".join([*lines, f"     with it the error on data held out goes from {before:.2f} to {after:.2f} % ({said})"])
+        said = "confirmed" if self.confirmed else "no better than chance: do not use it"
+        return "\n".join([*lines, f"     with it the error on held-out data goes from {before:.2f} to {after:.2f} % ({said})"])
 
 
 def told(robot: Robot, laws: tuple[Described, ...], values: Array) -> tuple[Law, ...]:

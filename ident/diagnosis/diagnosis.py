@@ -205,7 +205,7 @@ def diagnose(
     signals = fit if fit is not None else before.problem.signals if before.problem is not None else None
     if signals is None:
         raise ConfigurationError(
-            "a saved estimate does not hold the signals it was fitted to; give them: diagnose(estimate, held, fit=signals)."
+            "a saved estimate does not contain the signals it was fitted to; give them: diagnose(estimate, held, fit=signals)."
         )
     estimator = estimator or estimator_of(before)
     tell = progress or (lambda _: None)
@@ -248,7 +248,7 @@ def _verdict(decision: Decision, signals: Signals) -> tuple[Verdict, tuple[Unexp
             continue
         seen.add(x.joints)
         where = ", ".join(x.joints) or "the whole robot"
-        said = f"{where}: the residual follows {x.name} (z {x.z:.1f}, chance and tolerance explain {decision.critical:.1f})"
+        said = f"{where}: the residual depends on {x.name} (z {x.z:.1f}, chance and tolerance explain up to {decision.critical:.1f})"
         left.append(Unexplained(x.joints[0] if x.joints else "", x.name, said, float(x.z**2)))
     plain, blind = jumps(signals), lost(signals)
     if plain:

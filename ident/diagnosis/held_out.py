@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .foretold import prediction_variance, share_variance
+from .prediction_variance import prediction_variance, share_variance
 from .result import Unexplained
 from .thresholds import HALF, LOUD, STRETCH, WORSE
 
@@ -76,8 +76,8 @@ def _missing(name: str, joints: tuple[str, ...], share: tuple[float, float]) -> 
     where = ", ".join(joints) or "the whole robot"
     predict = "predict" if name.endswith("together") else "predicts"
     said = (
-        f"{where}: of what {name} {predict} on data held out, {share[0]:.2f} ± {share[1]:.1g} is there:"
-        " it stands for something else that the data fitted hold"
+        f"{where}: only {share[0]:.2f} ± {share[1]:.1g} of what {name} {predict} is present in the held-out data:"
+        " it stands for something else in the fitted data"
     )
     return Unexplained(joints[0] if joints else "", "data held out", said, 0.0)
 
@@ -98,8 +98,8 @@ def louder(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained
         ratio = float(np.quantile(here, 1.0 - STRETCH) / max(np.quantile(usual, 1.0 - STRETCH), 1e-300))
         if ratio > LOUD:
             said = (
-                f"{joint}: its error on data held out is {ratio:.1f} times the error on the data fitted; the model does not hold there"
-                " (something acted in one part of the log alone, or the motion reached where it had not been)"
+                f"{joint}: its error on held-out data is {ratio:.1f} times the error on fitted data; the model does not hold there"
+                " (something acted in only one part of the log, or the motion left the range of the fitted data)"
             )
             found.append(Unexplained(joint, "data held out", said, 0.0))
     return tuple(found)

@@ -51,8 +51,8 @@ class NextMotion:
     def __str__(self) -> str:
         rate = f"{self.error_rate:.2g}" if self.error_rate > 1e-6 else "less than 1e-6"
         return (
-            f"next motion: tells {self.first} from {self.second}; expected distance {self.distance:.1f} standard deviations of the noise,"
-            f" so that the wrong one would win with probability {rate}\n{self.excitation}"
+            f"next motion: distinguishes {self.first} from {self.second}; expected distance {self.distance:.1f} standard deviations of"
+            f" the noise, so that the wrong one would win with probability {rate}\n{self.excitation}"
         )
 
 
@@ -129,7 +129,9 @@ def separating(
     names = both.base.names
     theirs = [[p.name for p in e.parameters(robot) if p.name in names] for e in (own, other)]
     if not all(theirs):
-        raise UnsupportedError(f"no motion tells {own.name}{on(place_of(own, own.joints or ()))} from {competing.name}: they are the same.")
+        raise UnsupportedError(
+            f"no motion distinguishes {own.name}{on(place_of(own, own.joints or ()))} from {competing.name}: they predict the same torque."
+        )
     known = np.concatenate([values, np.zeros(len(other.parameters(robot)))])
     found = excite(
         both, limits=limits, values=known, noise=np.asarray(noise).tolist(), family=FourierFamily(seconds),

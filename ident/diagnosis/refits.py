@@ -40,7 +40,9 @@ def fitted(model: Model, signals: Signals, estimator: Estimator, reference: Arra
         found = estimator.solve(problem)
     except IdentError:
         found = make_estimator("wls").solve(problem)
-        found = replace(found, warnings=(*found.warnings, f"refitted by weighted least squares: method {otherwise.method!r} cannot."))
+        found = replace(
+            found, warnings=(*found.warnings, f"refitted by weighted least squares: method {otherwise.method!r} cannot fit these effects.")
+        )
     return replace(found, inputs=otherwise.inputs, signals_config=otherwise.signals_config)
 
 

@@ -67,18 +67,18 @@ class Told(Protocol):
 _FEW = 3
 _SAID = {
     "clean": "nothing beyond the declared model is supported by the data",
-    "explained": "the model lacks what is listed, and with it nothing significant is left",
-    "unexplained": "structure is there that no effect of the catalogue accounts for",
+    "explained": "the model lacks the effects listed; with them, no significant residual is left",
+    "unexplained": "the residual has structure that no effect of the catalogue accounts for",
 }
 
 
 def undecided(d: Told) -> str:
     """Why a verdict is ambiguous."""
     if any(f.ambiguous for f in d.findings):
-        return "something is there, and two or more effects account for it equally well"
+        return "something is missing, and two or more effects account for it equally well"
     if d.findings:
-        return "something is there, and not all of the robot could be looked at"
-    return f"nothing can be said about {', '.join(dict.fromkeys(u.joint for u in d.unexplained))}"
+        return "something is missing, and not all of the robot could be examined"
+    return f"no conclusion about {', '.join(dict.fromkeys(u.joint for u in d.unexplained))}"
 
 
 def diagnosis_text(d: Told) -> str:
@@ -96,23 +96,23 @@ def diagnosis_text(d: Told) -> str:
             lines.append(f"     alternative explanations: {named}")
         if unlikely := sorted((m for m in f.competing if not m.likely), key=lambda m: -m.share):
             named = "; ".join(f"{m.effect}{on(m.place)}{_with(m.values)} {100 * m.share:.0f} %" for m in unlikely)
-            lines.append(f"     in its place would take up, of what it explains: {named}")
+            lines.append(f"     in its place would explain, of what it explains: {named}")
         if np.isfinite(f.presence[1]):
-            lines.append(f"     of what it predicts on data held out, {f.presence[0]:.2f} ± {f.presence[1]:.1g} is there")
+            lines.append(f"     {f.presence[0]:.2f} ± {f.presence[1]:.1g} of what it predicts is present in the held-out data")
         lines.append(f"     {f.advice}")
     lines += [f"left: {u.evidence}" for u in d.unexplained]
     if d.description is not None:
         lines += str(d.description).splitlines()
     lines += [
-        f"not detectable on this motion: {effect} on {places}: would pass for what the model has; to see it, {motion}"
+        f"not detectable with this motion: {effect} on {places}: not distinguishable from the model's effects; to see it, {motion}"
         for effect, places, motion in by_effect(d.hidden)
     ]
     lines += [str(d.instrument)]
-    data = "held out" if d.held is not None else "fitted"
+    data = "held-out" if d.held is not None else "fitted"
     lines += ["", f"error on {data} data, noise floor {_numbers(d.noise_floor)}:", str(d.comparison)]
     if d.before.sticking or d.after.sticking:
         before, after = (100.0 * x for x in d.every_row)
-        lines.append(f"with rows near reversals, which the table leaves out where joints stick: {before:.2f} -> {after:.2f} %")
+        lines.append(f"with rows near velocity reversals, which the table excludes where joints stick: {before:.2f} -> {after:.2f} %")
     lines += [wrapped(f"warning: {w}") for w in d.warnings if not w.startswith("audit: ")]  # the audit speaks for itself, and first
     return "\n".join(lines)
 

@@ -13,7 +13,7 @@ import numpy as np
 from .._utils.singular_values import lstsq
 from ..errors import DataError
 from ..logs.units import split_unit, unit_of
-from .law import DriveLaw, VelocityCommand
+from .law import DriveLaw, SupplyForm, VelocityCommand
 
 if TYPE_CHECKING:
     from ..logs.log import Log
@@ -85,12 +85,15 @@ class DriveLog:
         speed = got.get("dq_cmd", none) if law.velocity_command == VelocityCommand.LOGGED else none
         if law.velocity_command == VelocityCommand.DERIVATIVE:
             speed = np.gradient(q_cmd, t, axis=0)
+        supply = got.get("supply")
+        if supply is not None and law.supply == SupplyForm.MEAN:
+            supply = np.broadcast_to(supply.mean(axis=0), supply.shape).copy()
         enabled = got.get("torque_enable", np.ones_like(none))
         rate = log.velocity(robot.transmission)
         origin, first = _first_state(t, q[good])
         if rate is not None and np.isfinite(rate[good][0]).all():
             first = np.where(first == 0.0, 0.0, rate[good][0])
-        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, got.get("supply"), origin, first)
+        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, supply, origin, first)
 
     @property
     def period(self) -> float:

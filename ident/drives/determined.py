@@ -175,13 +175,13 @@ def separated_by(members: Sequence[Unknown]) -> str:
     places = {u.place for u in members}
     advice = []
     if {"kd", "viscous"} <= places or ("kd" in places and not places & {"viscous"}):
-        advice.append("kd from the drive's settings, a log with another kd, or one whose velocity command dq_cmd moves")
+        advice.append("kd from the drive's settings, a log with another kd, or a log in which the velocity command dq_cmd varies")
     if places & set(_SCALES):
         advice.append("kp from the drive's settings, a log with a known mass added, or one with current or torque")
     if {"back_emf", "viscous"} <= places:
-        advice.append("swings with the torque switched off (torque_enable 0)")
+        advice.append("free swings with the torque switched off (torque_enable 0)")
     if "delay_s" in places:
-        advice.append("steps, or commands of a wider band")
+        advice.append("step commands, or commands of a wider bandwidth")
     if "offset" in places or "link" in places:
-        advice.append("motion about other postures")
+        advice.append("motion in other postures")
     return "; ".join(advice) or "faster and slower motion, steps, and other postures"

@@ -58,11 +58,22 @@ def fit_drives(
 
     Examples
     --------
+    A PD drive with kp = 100 N m/rad, kd = 5 N m s/rad and a joint with a viscous friction of 2 N m s/rad:
+
     >>> import ident
     >>> import numpy as np
-    >>> from ident.drives import DriveLaw, fit_drives
-    >>> fit_drives  # doctest: +ELLIPSIS
-    <function fit_drives at ...>
+    >>> robot = ident.load_robot("scara", joints=["joint1"], transmission=np.ones(1))
+    >>> inertia = ident.regressor.mass_matrix(robot.tree, robot.nominal, np.zeros((1, 1))).item()
+    >>> t = np.arange(0.0, 4.0, 0.0005)
+    >>> q, dq, command = np.zeros(len(t)), 0.0, 0.5 * (1.0 - np.cos(4.0 * t)) + 0.2 * (t > 2.0)
+    >>> for k in range(len(t) - 1):
+    ...     dq += 0.0005 * (100.0 * (command[k] - q[k]) - (5.0 + 2.0) * dq) / inertia
+    ...     q[k + 1] = q[k] + 0.0005 * dq
+    >>> log = ident.Log("run", t=t[::10], q=q[::10, None], extra={"q_cmd1": command[::10]})
+    >>> law = ident.drives.DriveLaw.of(robot, kp=100.0, kd=5.0, delay_s=0.0)
+    >>> fit = ident.drives.fit_drives(ident.LogSet((log,)), robot.rigid_body() + ident.friction.Viscous(), law)
+    >>> print(f"{fit.value('Fv_joint1'):.1f}")
+    2.0
     """
     robot = model.robot
     plant = DrivePlant(model, law, drive_logs(logs, robot, law))

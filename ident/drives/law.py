@@ -55,6 +55,19 @@ class VelocityCommand(StrEnum):
     DERIVATIVE = "derivative"
 
 
+class SupplyForm(StrEnum):
+    """The voltage that a drive's pulses are shares of: the logged readings, or their mean over the log.
+
+    A reading is of one instant, while the pulses of the drive draw on the supply and pump it up again thousands of times a second."""
+
+    LOGGED = "logged"
+    MEAN = "mean"
+
+
+#: What a law says besides constants, and of what kind it is.
+_FORMS: dict[str, type[StrEnum]] = {"command": CommandForm, "velocity_command": VelocityCommand, "supply": SupplyForm}
+
+
 @dataclass(frozen=True, eq=False)
 class DriveLaw:
     """τ = s (kp (q_cmd(t − d) − q) + kd (dq_cmd(t − d) − dq) + f tau_ff(t − d)) − back_emf dq, the bracket within ±effort_limit.
@@ -74,6 +87,8 @@ class DriveLaw:
         Constants to be identified as one number for all joints.
     command, velocity_command
         What happens between the logged commands, and beside them.
+    supply
+        The voltage under "pwm".
     links_known : bool
         Whether the inertials of the robot's links are known.
     by_log : mapping
@@ -85,7 +100,8 @@ class DriveLaw:
     --------
     >>> import ident
     >>> from ident.drives import DriveLaw
-    >>> law = DriveLaw.of(ident.load_robot("scara"), kp=20.0, kd=1.0)
+    >>> robot = ident.load_robot("scara", transmission=[1.0, 1.0, 1.0, 1.0])
+    >>> law = DriveLaw.of(robot, kp=20.0, kd=1.0)
     >>> law.unknown("delay_s"), law.unknown("kp")
     (True, False)
     """
@@ -95,6 +111,7 @@ class DriveLaw:
     shared: frozenset[str] = frozenset()
     command: CommandForm = CommandForm.STAIRCASE
     velocity_command: VelocityCommand = VelocityCommand.LOGGED
+    supply: SupplyForm = SupplyForm.LOGGED
     links_known: bool = True
     by_log: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
@@ -104,12 +121,14 @@ class DriveLaw:
     def of(cls, robot: Robot, kind: str = "pd_position", *, links: str = "known", by_log: Any = None, **given: Any) -> DriveLaw:
         """From numbers, lists or tables by joint, as a study file has them. Raises ConfigurationError, UnsupportedError."""
         if kind in _LATER:
-            raise UnsupportedError(f"[drive] law {kind!r} is not built yet; known laws: {', '.join((*_DEFAULTS, *MEASURED))}.")
+            raise UnsupportedError(f"[drive] law {kind!r} is not supported; known laws: {', '.join((*_DEFAULTS, *MEASURED))}.")
         if kind not in _DEFAULTS:
             raise unknown_name("[drive] law", kind, (*_DEFAULTS, *MEASURED))
         if not np.allclose(robot.transmission.K, np.eye(robot.n)):
-            raise UnsupportedError("[drive] law: commands are joint positions; a gearing (ratio, K) beside a drive law is not built yet.")
-        forms = {key: given.pop(key) for key in ("command", "velocity_command") if given.get(key) is not None}
+            raise UnsupportedError(
+                "[drive] law: commands are joint positions; a transmission (ratio, K) together with a drive law is not supported yet."
+            )
+        forms = {key: given.pop(key) for key in _FORMS if given.get(key) is not None}
         given = {key: value for key, value in given.items() if value is not None}
         constants, shared = {}, set()
         per_log = list((by_log or {}).values())
@@ -140,7 +159,7 @@ class DriveLaw:
         """The law that a study's `[drive]` declares; None where its logs hold torque or current."""
         if table.law is None or table.law in MEASURED:
             return None
-        keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", *_GEAR, "command", "velocity_command")
+        keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", *_GEAR, *_FORMS)
         given = {key: getattr(table, key) for key in keys}
         return cls.of(robot, table.law, links=table.links or "known", by_log=table.by_log, **given)
 
@@ -168,7 +187,7 @@ class DriveLaw:
             return {k: [IDENTIFY if np.isnan(x) else "none" if np.isinf(x) else float(x) for x in v] for k, v in constants.items()}
 
         logs = {name: {**plain(t["constants"]), **{k: str(v) for k, v in t["forms"].items()}} for name, t in self.by_log.items()}
-        forms = {"command": str(self.command), "velocity_command": str(self.velocity_command)}
+        forms = {key: str(getattr(self, key)) for key in _FORMS}
         own = {key: values for key, values in self.constants.items() if key not in self.only_by_log}
         return {"law": self.kind, **plain(own), **forms, "links": "known" if self.links_known else IDENTIFY, "by_log": logs}
 
@@ -180,7 +199,7 @@ def _per_joint(key: str, value: Any, robot: Robot) -> Array:
             robot.joint_index(name)
         missing = [name for name in robot.joint_names if name not in value]
         if missing:
-            raise ConfigurationError(f"[drive] {key}: the table lacks joint {missing[0]!r}.")
+            raise ConfigurationError(f"[drive] {key}: joint {missing[0]!r} is missing from the table.")
         value = [value[name] for name in robot.joint_names]
     entries = list(value) if isinstance(value, list | tuple | np.ndarray) else [value] * robot.n
     if len(entries) != robot.n:
@@ -195,11 +214,10 @@ def _per_joint(key: str, value: Any, robot: Robot) -> Array:
 
 
 def _forms(given: Mapping[str, Any]) -> dict[str, Any]:
-    kinds: dict[str, type[StrEnum]] = {"command": CommandForm, "velocity_command": VelocityCommand}
-    return {key: kinds[key](value) for key, value in given.items() if value is not None}
+    return {key: _FORMS[key](value) for key, value in given.items() if value is not None}
 
 
 def _of_a_log(name: str, table: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
-    forms = {key: value for key, value in table.items() if key in ("command", "velocity_command")}
+    forms = {key: value for key, value in table.items() if key in _FORMS}
     constants = {key: _per_joint(f"by_log.{name} {key}", value, robot) for key, value in table.items() if key not in forms}
     return {"constants": constants, "forms": _forms(forms)}

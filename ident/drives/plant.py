@@ -56,7 +56,7 @@ class DrivePlant:
     def __post_init__(self) -> None:
         require_fixed_base(self.robot)
         if not self.robot.loop.is_trivial:
-            raise ConfigurationError(f"robot {self.robot.name!r} has loop closures, which a drive law does not cover yet.")
+            raise ConfigurationError(f"robot {self.robot.name!r} has loop closures, which fits under a drive law do not support yet.")
 
     @property
     def robot(self) -> Robot:
@@ -77,7 +77,7 @@ class DrivePlant:
         """Inertial parameters (10 nb,) of the URDF."""
         if self.robot.nominal is None:
             raise ConfigurationError(
-                f'the URDF of robot {self.robot.name!r} has no inertials, so its links are not known: give [drive] links = "identify".'
+                f'the URDF of robot {self.robot.name!r} has no inertials, so its dynamics are unknown: set [drive] links = "identify".'
             )
         return np.asarray(self.robot.nominal, float)
 

@@ -131,7 +131,7 @@ class DriveFit(ShortRepr):
             "method": METHOD,
             "status": {
                 "code": "ok" if self.settled else "not_converged",
-                "text": "settled" if self.settled else "the search did not settle",
+                "text": "converged" if self.settled else "the search did not converge",
             },
             "parameters": self._parameters(),
             "samples": self.samples,
@@ -198,7 +198,7 @@ class DriveFit(ShortRepr):
                 delay_ends={d["name"]: _ends(*d["interval"]) for d in data["delay"]},
             )  # fmt: skip
         except (KeyError, TypeError, ValueError) as error:
-            raise ConfigurationError(f"fit {path}: is damaged, or another version of ident wrote it ({error}). Fit again.") from None
+            raise ConfigurationError(f"fit {path}: is damaged, or was written by another version of ident ({error}). Fit again.") from None
 
 
 def is_drive_fit(data: Any) -> bool:

@@ -70,7 +70,9 @@ def fitted(
     costs = coarse.costs(starts)
     order = [i for i in np.argsort(costs)[:_FOLLOWED] if np.isfinite(costs[i])]
     if not order:
-        raise DataError("no start of the simulation stays within bounds: check the signs of commands and positions, and the gains.")
+        raise DataError(
+            "the simulation diverges from every starting point of the search: check the signs of commands and positions, and the gains."
+        )
     ends = [coarse.run(starts[i], _SHORT, _NEAR) for i in order]
     best = min(ends, key=lambda end: end[1])
     best = coarse.run(best[0], steps, _NEAR)

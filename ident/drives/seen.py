@@ -33,7 +33,7 @@ class CommandsSeen:
         """One line for people."""
         said = [f"log {self.name}: {self.seconds:.3g} s at {self.rate_hz:.4g} Hz"]
         if self.ideal_clock:
-            said.append("times an ideal ramp, which may have been written afterwards")
+            said.append("times exactly equidistant, perhaps written afterwards")
         parts = (
             (self.command_unchanged, "of the commands unchanged from sample to sample (a staircase)"),
             (self.position_repeated, "of the positions repeated while the joint moves"),

@@ -10,10 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-try:
-    from .._native import _recursions  # type: ignore[attr-defined, unused-ignore]
-except ImportError:  # not built: NumPy does the same
-    _recursions = None
+from .._native.choice import compiled
 
 Array = np.ndarray
 #: Sweeps over the joints to find the dry friction of a step, which starts from that of the step before.
@@ -82,21 +79,23 @@ def simulated(
     `groups`: joints that do not act on each other, in one slice each. Lanes that leave every bound are NaN from there on."""
     out = np.empty((len(target) + 1, *q.shape))
     out[0] = q
-    step = getattr(_recursions, "drive_step", None)
+    recursions = compiled("_recursions")  # None: NumPy does the same
     with np.errstate(all="ignore"):
         single = getattr(links, "single", lambda: None)()
-        if step is not None and single is not None:
-            _single(out, single, drives, target, strength, dq, h)
-        elif step is None:
+        if recursions is not None and single is not None:
+            _single(out, recursions.drive_single, single, drives, target, strength, dq, h)
+        elif recursions is None:
             _plain(out, links, drives, target, strength, dq, h, groups)
         else:
-            _compiled(out, step, links, drives, target, strength, dq, h, len(groups))
+            _compiled(out, recursions.drive_step, links, drives, target, strength, dq, h, len(groups))
     lost = np.cumsum(~np.isfinite(out).all(axis=2), axis=0) > 0
     out[lost] = np.nan
     return out
 
 
-def _single(out: Array, link: SingleLink, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float) -> None:
+def _single(
+    out: Array, steps: Any, link: SingleLink, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float
+) -> None:
     """Positions of one joint (with a spring: of motor and link) from out[0] on, all steps in C++."""
     lanes, n = dq.shape
     H = np.zeros((lanes, n, n))
@@ -106,7 +105,7 @@ def _single(out: Array, link: SingleLink, drives: LaneDrives, target: Array, str
     state = np.zeros((5, lanes, n))
     state[:3] = out[0], dq, dq
     target, strength = np.ascontiguousarray(target), None if strength is None else np.ascontiguousarray(strength)
-    _recursions.drive_single(H, *parts, constants, target, strength, state, out[1:], lanes, n, len(target), h, _BEYOND)
+    steps(H, *parts, constants, target, strength, state, out[1:], lanes, n, len(target), h, _BEYOND)
 
 
 def _compiled(

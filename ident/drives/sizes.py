@@ -31,7 +31,8 @@ def doubtful_sizes(unknowns: Sequence[Unknown], values: Array, covariance: Array
             continue
         if values[i] >= 1.0:
             out[i] = (
-                f"{unknown.name} is more than all of it, which no gear has: friction that follows the posture, or a contact, looks like it"
+                f"{unknown.name} is at least 1: all of the torque would be lost, which is physically impossible; friction that depends on"
+                " the posture, or a contact, can look like this"
             )
             continue
         for k, other in enumerate(unknowns):
@@ -39,7 +40,7 @@ def doubtful_sizes(unknowns: Sequence[Unknown], values: Array, covariance: Array
             if k == i or other.joint != unknown.joint or other.place not in _FRICTION or not at_bound:
                 continue
             if abs(covariance[i, k]) > _EXCHANGED * size[i] * size[k]:
-                out[i] = f"{other.name} is at zero beside {unknown.name}: it may have taken its place, and there is no size to tell"
+                out[i] = f"{other.name} was estimated as zero, and {unknown.name} may stand for it: its value is not reliable"
     return out
 
 

@@ -62,9 +62,9 @@ def require_joint_commands(logs: Sequence[DriveLog], robot: Robot) -> None:
             answer = answers(log)
             worst = max(joints, key=lambda j: abs(np.nan_to_num(answer[j], nan=1.0) - 1.0))
             raise DataError(
-                f"log {log.name}: the commands of joint {', '.join(robot.joint_names[j] for j in joints)} are not its positions"
-                f" (the slow motion of {robot.joint_names[worst]} is {answer[worst]:.2g} of q_cmd{worst + 1}): of motors behind a linkage,"
-                " or of the other sign. Log joint commands, or leave these joints out ([robot] locked)."
+                f"log {log.name}: the commands of joint {', '.join(robot.joint_names[j] for j in joints)} do not match its"
+                f" position (slow motion of {robot.joint_names[worst]} is {answer[worst]:.2g} times that of q_cmd{worst + 1}): they may be"
+                " commands of motors behind a linkage, or have the opposite sign. Log joint commands, or lock the joints ([robot] locked)."
             )
 
 

@@ -18,7 +18,7 @@ Array = np.ndarray
 _SECONDS, _FEW = 0.5, 6
 #: Of fits in which no stretch is another than the others, the share that is told of one.
 _BY_CHANCE = 0.01
-#: Share of a joint's whole motion, or of its command's, that makes a stretch one with motion.
+#: Share of a joint's whole motion that makes a stretch one with motion.
 _MOVES = 0.05
 #: Rounds of weights at most, the change of a weight that ends them, and the share of the squared error that a step is to take off.
 _ROUNDS, _SAME, _ENOUGH = 6, 0.02, 1e-4
@@ -37,8 +37,8 @@ class LogStretch:
     def text(self, joint: str) -> str:
         """One line for people."""
         return (
-            f"log {self.log}, {joint}, {self.start:.3g} to {self.stop:.3g} s: {self.times:.3g} times the usual error, which the model does"
-            " not explain (a joint that sticks, a contact, another load?); it counts the less in the fit."
+            f"log {self.log}, {joint}, {self.start:.3g} to {self.stop:.3g} s: {self.times:.3g} times the usual error, unexplained by the"
+            " model (stiction, a contact, another load?); this part has less weight in the fit."
         )
 
 
@@ -119,7 +119,7 @@ def _stretches(plant: DrivePlant, fit: Fitted) -> list[_JointStretches]:
             count = np.bincount(number, weights > 0)
             squares = np.bincount(number, np.square(fit.residual[rows, j]) * (weights > 0))
             error = np.sqrt(squares / np.maximum(count, 1.0))
-            moving = _moving(log.q[:, j], (log.enabled * log.q_cmd)[:, j], number) & (count > 0)
+            moving = _moving(log.q[:, j], number) & (count > 0)
             if np.sum(moving) >= _FEW and np.median(error[moving]) > 0.0:
                 most = np.zeros(len(error))
                 np.maximum.at(most, number, weights)
@@ -149,12 +149,9 @@ def beyond(errors: Array, level: float) -> float:
     return float(np.exp(bound))
 
 
-def _moving(q: Array, command: Array, number: Array) -> Array:
-    """Whether a joint or its command moves in each stretch."""
-    out = np.zeros(int(number[-1]) + 1, bool)
-    for values in (q, command):
-        least = _MOVES * float(np.ptp(values))
-        for k in range(len(out)):
-            own = values[number == k]
-            out[k] |= len(own) > 0 and least > 0.0 and float(np.ptp(own)) > least
-    return out
+def _moving(q: Array, number: Array) -> Array:
+    """Whether a joint moves in each stretch. One that is commanded and rests is no measure of a usual error, whatever it is sent: it is
+    simulated at rest as well, and what is left there is nothing beside the error of motion."""
+    least = _MOVES * float(np.ptp(q))
+    spans = [float(np.ptp(own)) if len(own := q[number == k]) else 0.0 for k in range(int(number[-1]) + 1)]
+    return (np.array(spans) > least) & (least > 0.0)

@@ -66,7 +66,7 @@ def summary(fit: Summarised) -> str:
     unknowns, samples = counted(len(fit.unknowns), "unknown"), counted(fit.samples, "sample")
     lines = [f"{robot.name}: {unknowns} from {samples} of commands and positions, law {fit.law.kind}"]
     if not fit.settled:
-        lines.append("the search did not settle: do not rely on the values.")
+        lines.append("the search did not converge: do not rely on the values.")
     if found is not None:
         lines += _values(fit)
     lines += _delays(fit)
@@ -81,9 +81,9 @@ def _values(fit: Summarised) -> list[str]:
     width = max((len(u.expression or u.name) for u, *_ in rows), default=0)
     lines = ["", "determined (value ± standard deviation)"]
     known = [(u, v, s) for u, v, verdict, s, _ in rows if verdict == Standing.DETERMINED and u.place != "delay_s"]
-    lines += [f"  {u.expression or u.name:<{width}}  {v:.4g} ± {s:.2g} {u.unit}" for u, v, s in known] or ["  nothing by itself"]
+    lines += [f"  {u.expression or u.name:<{width}}  {v:.4g} ± {s:.2g} {u.unit}" for u, v, s in known] or ["  none on its own"]
     if found.combinations:
-        lines += ["", "determined only together"]
+        lines += ["", "determined only in combination"]
         for c in found.combinations:
             lines += [f"  {c.expression:<{width}}  {c.value:.4g} ± {c.std:.2g} {c.unit}"]
         for advice in dict.fromkeys(c.separated_by for c in found.combinations):
@@ -91,16 +91,16 @@ def _values(fit: Summarised) -> list[str]:
             lines.append(wrapped(f"  would separate {_few(members)}: {advice}"))
     unseen = [(u, below) for u, _, verdict, _, below in rows if verdict == Standing.UNSEEN and u.place != "delay_s"]
     if unseen:
-        lines += ["", "not determined (these logs show too little of it; 95 % bound on its size)"]
+        lines += ["", "not determined (too little information in these logs; 95 % bound on the value)"]
         lines += [f"  {u.expression or u.name:<{width}}  {_bound(below, u.unit)}" for u, below in unseen]
     rest = [u.name for u, _, verdict, _, _ in rows if verdict == Standing.CONFOUNDED and not _in_some(u.name, fit)]
     if rest:
-        lines += ["", wrapped(f"not determined, and in no combination that is: {', '.join(rest)}")]
+        lines += ["", wrapped(f"not determined, not even in combination: {', '.join(rest)}")]
     return lines
 
 
 def _bound(below: float, unit: str) -> str:
-    return f"below {below:.2g} {unit}" if np.isfinite(below) else "moves nothing in these logs"
+    return f"below {below:.2g} {unit}" if np.isfinite(below) else "no effect in these logs"
 
 
 def _in_some(name: str, fit: Summarised) -> bool:
@@ -115,14 +115,14 @@ def _delays(fit: Summarised) -> list[str]:
     lines, found = [], fit.determination
     for name, (value, low, high) in fit.delay_interval().items():
         if found is not None and found.verdicts[fit.names.index(name)] != Standing.DETERMINED:
-            ends = f"95 % interval {1e3 * low:.2f} to {1e3 * high:.2f} ms" if np.isfinite(high) else "these logs set no bound to it"
+            ends = f"95 % interval {1e3 * low:.2f} to {1e3 * high:.2f} ms" if np.isfinite(high) else "not bounded by these logs either"
             lines.append(f"  {name}: not determined by these logs, {ends}")
         else:
             samples = f"({value / fit.period:.2f} samples)"
             lines.append(f"  {name}  {1e3 * value:.2f} ms, 95 % interval {1e3 * low:.2f} to {1e3 * high:.2f} ms {samples}")
         traded = [f"{other} ({r:+.2f})" for other, r in fit.trades(name) if abs(r) > _TRADES]
         if traded:
-            lines.append(f"    trades with {', '.join(traded)}")
+            lines.append(f"    correlated with {', '.join(traded)}")
     return ["", "delay from command to torque", *lines] if lines else []
 
 

@@ -51,9 +51,13 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
     torque = strength * asked - constants["back_emf"] * speed
     known = (np.abs(asked) < constants["effort_limit"]) & (seen.enabled == 1.0)
     torque = np.where(known, torque, np.nan)
-    said = f"log {log.name}: torque is that of [drive] law {law.kind!r} with its constants; no torque was measured."
+    said = f"log {log.name}: torque computed from [drive] law {law.kind!r} with its constants; no torque was measured."
     lost = float(np.mean(~known))
-    more = (f"log {log.name}: {lost:.1%} of the torque is left out, where the command is clipped or switched off.",) if lost else ()
+    more = (
+        (f"log {log.name}: {lost:.1%} of the torque samples are excluded: the command is clipped, or the torque switched off.",)
+        if lost
+        else ()
+    )
     return replace(log, tau={"joint": torque}, notes=(*log.notes, said, *more), hint="")
 
 

@@ -65,7 +65,7 @@ def unknowns(model: Model, law: DriveLaw) -> tuple[Unknown, ...]:
             continue
         found += [Unknown(f"{symbol}_{robot.joint_names[j]}", unit, key, int(j), effect="drive") for j in at]
     if not found:
-        raise ConfigurationError("nothing is to be identified: no effect is declared, and every constant of the drive law is known.")
+        raise ConfigurationError("nothing to identify: no effect is declared, and every constant of the drive law is known.")
     return tuple(found)
 
 

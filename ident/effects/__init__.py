@@ -1,4 +1,10 @@
-"""The effect contract, and what a joint, drive, sensor or load can do beside friction; one module for each family."""
+"""The effect contract, and what a joint, drive, sensor or load can do beside friction; one module for each family.
+
+>>> import ident
+>>> model = ident.load_robot("scara").rigid_body() + ident.effects.LinearSpring(joints=("joint2",))
+>>> [effect.name for effect in model.effects]
+['rigid_body', 'linear_spring']
+"""
 
 from __future__ import annotations
 

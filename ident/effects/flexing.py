@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._native.choice import compiled
+
 Array = np.ndarray
 
 
@@ -23,12 +25,11 @@ def responses(load: Array, inertia: Array, stiffness: Array, damping: Array, ste
 
 def _follow(force: Array, coefficients: Array, position: Array, velocity: Array) -> None:
     """Fill position and velocity (N, L) from their first rows on, for force (N, L) and step coefficients (8, N, L)."""
-    try:
-        from .._native import _recursions  # type: ignore[attr-defined, unused-ignore]
-    except ImportError:
+    recursions = compiled("_recursions")
+    if recursions is None:
         _follow_plainly(force, coefficients, position, velocity)
     else:
-        _recursions.springs(force, coefficients, *force.shape, position, velocity)
+        recursions.springs(force, coefficients, *force.shape, position, velocity)
 
 
 def _follow_plainly(force: Array, coefficients: Array, position: Array, velocity: Array) -> None:

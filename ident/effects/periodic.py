@@ -23,8 +23,8 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Periodic(JointEffect):
-    """`angle`: the side whose position counts. `order`: cycles a turn of it, whole or not (rad/m on a slide)."""
+class PeriodicEffect(JointEffect):
+    """What repeats with the position of the side `angle`. `order`: cycles a turn of it, whole or not (rad/m on a slide)."""
 
     axis: ClassVar[Axis] = Axis.MOTOR_ANGLE
 
@@ -48,7 +48,7 @@ class _Periodic(JointEffect):
 
 @register
 @dataclass(frozen=True, kw_only=True)
-class Cogging(_Periodic):
+class Cogging(PeriodicEffect):
     """A torque that repeats with the angle, whatever the load: τ = cogs sin(n φ) + cogc cos(n φ).
 
     At the motor: magnets and slots; with `angle="joint"`: a gear that runs out of true.
@@ -79,7 +79,7 @@ class Cogging(_Periodic):
 
 @register
 @dataclass(frozen=True, kw_only=True)
-class TorqueRipple(_Periodic):
+class TorqueRipple(PeriodicEffect):
     """A torque constant that varies over a turn: τ = τ_pred (ripples sin(n φ) + ripplec cos(n φ)), τ_pred as the model predicts it.
 
     The reading is the torque times 1 + ripple. Hard to tell from cogging where the load hardly varies.

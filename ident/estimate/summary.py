@@ -78,10 +78,11 @@ def _held_shapes(estimate: EstimateRecord) -> list[str]:
     """The shape parameters of the model's effects, which a linear fit takes as they are declared."""
     robot = estimate.model.robot
     shapes = [
-        f"{p.name} = {getattr(effect, p.name):.4g} {effect.shape_unit(p, robot)} ({effect.name} on"
+        f"{p.name} = {getattr(effect, p.name):.4g} {unit if unit != '1' else ''} ({effect.name} on"
         f" {', '.join(effect.joints or ('all joints',))})".replace("  ", " ")
         for effect in estimate.model.effects
         for p in effect.shape()
+        for unit in [effect.shape_unit(p, robot)]
     ]
     if not shapes:
         return []

@@ -1,4 +1,9 @@
-"""Estimators: strategies behind one interface and one result."""
+"""Estimators: strategies behind one interface and one result.
+
+>>> import ident
+>>> ident.estimators.make_estimator("wls") == ident.estimators.WeightedLeastSquares()
+True
+"""
 
 from ..problem.linear_solution import LinearSolution, solve_triangle
 from .base import Capability, Estimator, estimator_types, make_estimator, register

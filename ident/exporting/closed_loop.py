@@ -44,7 +44,7 @@ class ClosedLoop:
         if fit.law.kind == "pwm":
             if supply is None:
                 raise ConfigurationError(
-                    "the torque of a pwm law follows the supply voltage: give the one to export at (--supply V, supply=)."
+                    "the torque of a pwm law depends on the supply voltage: give the voltage to export for (--supply V, supply=)."
                 )
             scale = float(supply)
         strength = scale * found["torque_scale"]
@@ -54,7 +54,7 @@ class ClosedLoop:
             for joint, value in zip(fit.model.robot.joint_names, values, strict=True):
                 if np.isnan(value):
                     raise ConfigurationError(
-                        f"{key} of joint {joint!r} is known for single logs only ([drive.by_log]); give the one to be written in [drive]."
+                        f"{key} of joint {joint!r} is given for single logs only ([drive.by_log]); give the value to export in [drive]."
                     )
         rates = fit.law.kind == "pd_velocity" or fit.law.velocity_command == VelocityCommand.DERIVATIVE
         return cls(**own, kind=fit.law.kind, velocity_command=rates)

@@ -51,7 +51,9 @@ def draws(found: Identified, units: Sequence[Identified], count: int, seed: int)
     if units:
         values = np.array([one.mean for one in free])
         mean, covariance = total_covariance(values, np.mean([one.covariance for one in free], axis=0))
-        notes.append(f"ranges are those of one more unit, from {len(free)} units' spread where it exceeds their estimates' uncertainty.")
+        notes.append(
+            f"ranges are for one further unit: the spread of {len(free)} units, where it exceeds the uncertainty of their estimates."
+        )
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     wide = std > SHARE * np.abs(mean)
     lower = free[0].lower
@@ -64,11 +66,11 @@ def draws(found: Identified, units: Sequence[Identified], count: int, seed: int)
     upper[closed] = lower[closed] + 2.0 * np.maximum(mean - lower, held)[closed]
     if wide.any():
         told = ", ".join(name for name, here in zip(names, wide, strict=True) if here)
-        notes.append(f"not determined to {SHARE:.0%} by themselves, and drawn up to twice their value where they have a bound: {told}.")
+        notes.append(f"not determined to {SHARE:.0%} each; where it has a bound, drawn up to twice the value: {told}.")
     sample = bounded_normal(mean, covariance, lower, upper, count, np.random.default_rng(seed))
     sets, unreal = _sets(found, sample)
     if unreal:
-        notes.append(f"in {unreal} of {count} sets the links would be no real bodies: those keep the identified links.")
+        notes.append(f"in {unreal} of {count} sets the links would be physically inconsistent: those sets keep the identified links.")
     return Draws(sets, tuple(notes))
 
 

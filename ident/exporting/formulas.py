@@ -72,6 +72,6 @@ def _printed(node: ast.expr, names: Mapping[str, str], power: str) -> str:
         case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in _FUNCTIONS:
             return f"{name}({_printed(argument, names, power)})"
     raise ConfigurationError(
-        f"a formula of an effect holds {ast.unparse(node)!r}, which is not written as code; known are + - * / **, numbers,"
+        f"formula of an effect: {ast.unparse(node)!r} cannot be written as code; supported are + - * / **, numbers,"
         f" {', '.join(_FUNCTIONS)}, and the names {', '.join(names)}."
     )

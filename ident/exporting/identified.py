@@ -65,7 +65,7 @@ class Identified:
             return _of_drives(source, metric, bounds, supply)
         if isinstance(source, StandardParameters):
             if model is None:
-                raise ConfigurationError("standard parameters are exported with their model: give model=.")
+                raise ConfigurationError("to export standard parameters, give their model too: model=.")
             return cls(model, source.values, source.notes)
         structure = InertiaStructure.from_model(source.model, source.base)
         values, notes = _real_links(source.model, structure, source.values, source.covariance, metric, bounds)
@@ -192,7 +192,7 @@ def _values(fit: DriveFit) -> Array:
             values[unknown.column] = value
     if fit.law.links_known:
         if model.robot.nominal is None:
-            raise UnsupportedError(f"the URDF of robot {model.robot.name!r} has no inertials to be exported.")
+            raise UnsupportedError(f"the URDF of robot {model.robot.name!r} has no inertials to export.")
         part = next(s for e, s in zip(model.effects, model.slices, strict=True) if isinstance(e, RigidBody))
         values[part] = model.robot.nominal
     return values
@@ -202,7 +202,7 @@ def _together(fit: DriveFit) -> tuple[str, ...]:
     if fit.determination is None:
         return ()
     return tuple(
-        f"only together determined: {c.expression}; the file holds one of the pairs that give the same motion."
+        f"determined only in combination: {c.expression}; the file holds one of the sets of values that give the same motion."
         for c in fit.determination.combinations
     )
 
@@ -217,5 +217,5 @@ def _without_undetermined(source: Estimate, values: Array, notes: tuple[str, ...
     values = values.copy()
     values[at] = 0.0
     names = tuple(source.model.parameters[i].name for i in at)
-    said = f"not determined by the data, and exported as zero (a URDF keeps what it says): {', '.join(names)}."
+    said = f"not determined by the data, and exported as zero (a URDF keeps its own values): {', '.join(names)}."
     return values, (*notes, said), names

@@ -67,7 +67,7 @@ def mjcf_text(
         if joint.name in robot.joint_names:
             j = robot.joint_index(joint.name)
             _attributes(node, j, abs(K[j, j]) if diagonal else 0.0, drive, beside or {})
-    notes = ["the MJCF holds no geometry: add it to the bodies, which stand in the joint frames."]
+    notes = ["the MJCF contains no geometry: add it to the bodies, whose frames are the joint frames."]
     notes += _closure(root, robot)
     if not diagonal and any(np.any(v != 0) for v in drive.values()):
         _tendons(root, robot, drive)
@@ -82,7 +82,7 @@ def real_bodies(robot: Robot, inertial: Array, reader: str) -> None:
     bad = [names[i] for i in np.flatnonzero(smallest_eigenvalues(np.asarray(inertial, float).reshape(-1, 10)) <= 0)]
     if bad:
         raise ConfigurationError(
-            f"the parameters of {', '.join(bad)} are not those of a real body, and {reader} refuses such; export standard parameters."
+            f"the parameters of {', '.join(bad)} are physically inconsistent, and {reader} rejects them; export standard parameters."
         )
 
 
@@ -131,7 +131,7 @@ def _across_branches(robot: Robot, drive: Mapping[str, Array]) -> list[str]:
         return []
     worst = max(lost)
     pairs = ", ".join(pair for _, pair in lost)
-    size = f"up to {worst[0]:.3g} kg m^2 ({worst[1]}), so many N m per rad/s^2 of the other joint"
+    size = f"up to {worst[0]:.3g} kg m^2 ({worst[1]}), in N m per rad/s^2 of the other joint"
     return [f"not expressible: rotor inertia between joints of different branches ({pairs}): {size}."]
 
 
@@ -148,7 +148,7 @@ def _closure(root: object, robot: Robot) -> list[str]:
         masters = np.flatnonzero(row)
         if len(masters) > 1:
             raise UnsupportedError(
-                f"joint {joint.name!r} follows {len(masters)} joints at once, which an MJCF joint equality cannot say;"
+                f"joint {joint.name!r} follows {len(masters)} joints at once, which an MJCF joint equality cannot express;"
                 " export a URDF or JSON instead."
             )
         attributes = {"joint1": joint.name, "polycoef": _words([offset, row[masters[0]] if len(masters) else 0.0, 0, 0, 0])}
@@ -156,7 +156,7 @@ def _closure(root: object, robot: Robot) -> list[str]:
             attributes["joint2"] = robot.joint_names[int(masters[0])]
         etree.SubElement(section, "joint", attributes)
         dependent.append(joint.name)
-    return [f"dependent joints {', '.join(dependent)} are held by equality constraints, which MuJoCo keeps softly."]
+    return [f"dependent joints {', '.join(dependent)} are tied by equality constraints, which are soft in MuJoCo."]
 
 
 def _body_names(robot: Robot) -> tuple[str, ...]:

@@ -85,12 +85,14 @@ def _found(found: Identified, expresses: frozenset[Expressed], seen: list[Motion
             continue
         hint = ""
         if effect.name == "stribeck" and Expressed.BREAKAWAY in expresses:
-            hint = "at rest it is in the static friction"
+            hint = "at standstill the static friction includes it"
         elif effect.name == "offset":
             hint = "add it to the commanded torque"
         yield _omission(effect.name, [_torque(found, effect, found.values[part], motion) for motion in seen], hint)
     if not robot.transmission.is_diagonal and Expressed.COUPLING not in expresses:
-        yield _omission("coupling of motors and joints", [_coupling(found, motion) for motion in seen], "a JSON or MJCF export has it")
+        yield _omission(
+            "coupling between motors and joints", [_coupling(found, motion) for motion in seen], "JSON and MJCF exports contain it"
+        )
     if law is None:
         return
     if np.any(law.gear_loss + law.gear_loss_square + law.gear_loss_slow > 0):
@@ -99,7 +101,9 @@ def _found(found: Identified, expresses: frozenset[Expressed], seen: list[Motion
         twist = [_links(found, motion) / law.joint_stiffness for motion in seen]
         most = np.max([np.abs(x).max(axis=0) for x in twist], axis=0)
         told = ", ".join(f"{name} by {x:.3g} rad" for name, x in zip(robot.joint_names, most, strict=True) if x > 0)
-        yield Omission("joint elasticity", np.full(robot.n, np.nan), np.full(robot.n, np.nan), f"links turn against their motors: {told}")
+        yield Omission(
+            "joint elasticity", np.full(robot.n, np.nan), np.full(robot.n, np.nan), f"links deflect against their motors: {told}"
+        )
     if law.velocity_command and Expressed.VELOCITY_COMMAND not in expresses:
         yield Omission("velocity commands", np.full(robot.n, np.nan), np.full(robot.n, np.nan), "gains act on the position command alone")
 
@@ -157,7 +161,7 @@ def _motions(found: Identified, options: ExportOptions) -> tuple[list[Motion], s
     known = all(0 < joint.velocity < np.inf for joint in robot.joints)
     q = rng.uniform([low for low, _ in limits], [high for _, high in limits], (_STATES, robot.n))
     dq = rng.uniform(-1.0, 1.0, (_STATES, robot.n)) * speeds
-    within = "the limits of the joints" if known else f"the joints' range and {_SPEED:g} rad/s or m/s (a limit of speed is not known)"
+    within = "the limits of the joints" if known else f"the joints' range and {_SPEED:g} rad/s or m/s (no speed limit is known)"
     return [Motion.of(robot, q, dq, np.zeros_like(q))], f"over states without acceleration within {within}"
 
 
@@ -174,7 +178,7 @@ def _line(robot: Robot, one: Omission, where: str, logs: LogSet | None, fit: obj
     position = _moved(fit, one.cause, logs)
     hint = f"; {one.hint}" if one.hint else ""
     if np.isnan(one.peak).any():
-        also = "" if position or one.hint else ": its error is not known at single states; give logs (--log)"
+        also = "" if position or one.hint else ": its error cannot be computed from single states; give logs (--log)"
         return f"not expressible: {one.cause}{also}{position}{hint}."
     at = [j for j in range(robot.n) if one.peak[j] > 1e-12]
     if not at:
@@ -191,8 +195,8 @@ def _line(robot: Robot, one: Omission, where: str, logs: LogSet | None, fit: obj
 def _delay(found: Identified, law: ClosedLoop, logs: LogSet | None) -> str:
     worst, late = int(np.argmax(law.delay_s)), 1e3 * law.delay_s
     return (
-        f"not expressible: the delay from command to torque ({late.min():.2f} to {late.max():.2f} ms). Send commands that much later;"
-        f" without, joint {found.robot.joint_names[worst]} is ahead of the robot by {late[worst]:.2f} ms{_moved(found.fit, 'delay', logs)}."
+        f"not expressible: the delay from command to torque ({late.min():.2f} to {late.max():.2f} ms). Delay your commands by as much;"
+        f" else joint {found.robot.joint_names[worst]} is ahead of the robot by {late[worst]:.2f} ms{_moved(found.fit, 'delay', logs)}."
     )
 
 
@@ -213,4 +217,4 @@ def _moved(fit: object, cause: str, logs: LogSet | None) -> str:
     law = replace(fit.law, constants=without(dict(fit.law.constants)), by_log=by_log)
     there, here = replace(fit, values=values, law=law).replay(logs), fit.replay(logs)
     shift = np.concatenate([there[name] - here[name] for name in here])
-    return f"; without it simulated position moves by {np.sqrt(np.mean(shift**2)):.3g} rad (m) rms on the logs given"
+    return f"; without it the simulated position changes by {np.sqrt(np.mean(shift**2)):.3g} rad (m) rms on the logs given"

@@ -23,7 +23,7 @@ class Expressed(StrEnum):
     ARMATURE = "armature"
     DAMPING = "damping"
     DRY_FRICTION = "dry friction"
-    BREAKAWAY = "static friction above the dynamic one"
+    BREAKAWAY = "static friction above dynamic friction"
     COUPLING = "coupled transmission"
     OFFSET = "constant torque"
     SPRING = "spring"

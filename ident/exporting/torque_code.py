@@ -54,7 +54,7 @@ class TorqueCode:
         """Raises UnsupportedError for effects that declare no formula, and a floating base."""
         robot = found.robot
         if robot.tree.floating:
-            raise UnsupportedError("code is written for robots on a fixed base.")
+            raise UnsupportedError("code can be exported for robots on a fixed base only.")
         inertial = np.zeros(10 * robot.tree.nb)
         terms: list[TorqueTerm] = []
         for effect, part in zip(found.model.effects, found.model.slices, strict=True):

@@ -86,10 +86,14 @@ def _shared_note(link: str, others: list[str], attached: Attached, kept: bool) -
     """What became of the inertials of links attached to one that moves."""
     if attached == Attached.KEEP and not kept:
         return (
-            f"{link}: less the nominal inertials of {', '.join(others)} no real body is left;"
-            " their inertials were removed, and the link carries all of it."
+            f"{link}: subtracting the nominal inertials of {', '.join(others)} would leave no physical body;"
+            " their inertials were removed, and the link holds the sum."
         )
-    how = "their nominal inertials stay, and were subtracted" if kept else "their inertials were removed, and the link carries all of it"
+    how = (
+        "their nominal inertials were kept, and subtracted from the link"
+        if kept
+        else "their inertials were removed, and the link holds the sum"
+    )
     return f"{link}: identified together with {', '.join(others)} (joined by fixed or locked joints); {how}."
 
 
@@ -119,8 +123,8 @@ def patch_urdf(
     if not real.all() and not allow_inconsistent:
         bad = ", ".join(bodies[i].link for i in np.flatnonzero(~real))
         raise ConfigurationError(
-            f"the parameters of {bad} are not those of a real body, and programs that read URDFs need real ones."
-            " Export standard parameters (a consistent fit), or allow inconsistent bodies if you know that your program does not mind."
+            f"the parameters of {bad} are physically inconsistent, and programs that read URDFs reject them."
+            " Export standard parameters (a consistent fit), or allow inconsistent bodies if your program accepts them."
         )
     done, notes = [], []
     links = {link.get("name"): link for link in root.findall("link")}
@@ -250,7 +254,7 @@ def _read_inertial(link: Element, where: str) -> Array:
         values = {k: float(node.find("inertia").get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}  # type: ignore[union-attr]
     except (AttributeError, TypeError, ValueError):
         raise ConfigurationError(
-            f"URDF {where}: the <inertial> of link {link.get('name')!r} lacks a mass or inertia, or holds no numbers."
+            f"URDF {where}: the <inertial> of link {link.get('name')!r} lacks a mass or inertia, or its values are not numbers."
         ) from None
     v = values
     inertia_c = np.array([[v["ixx"], v["ixy"], v["ixz"]], [v["ixy"], v["iyy"], v["iyz"]], [v["ixz"], v["iyz"], v["izz"]]])

@@ -1,4 +1,10 @@
-"""The drive side of the effect contract: rotor inertia and friction."""
+"""The drive side of the effect contract: rotor inertia and friction.
+
+>>> import ident
+>>> drive = ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
+>>> len((ident.load_robot("scara").rigid_body() + drive).effects)
+4
+"""
 
 from .asymmetric import AsymmetricCoulomb, AsymmetricViscous
 from .drive import Coulomb, RotorInertia, Viscous

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from ..effects.joint_effect import JointEffect
-from ..effects.kinds import Axis, Nature, choice
+from ..effects.kinds import Axis, Nature
 from ..effects.motion import Coordinates, Motion
-from ..effects.orders import slowest_order
+from ..effects.periodic import PeriodicEffect
 from ..effects.registry import register
-from ..robots.parameters import ShapeParameter
 from ..robots.transmission import Side
-
-if TYPE_CHECKING:
-    from ..robots.robot import Robot
 
 Array = np.ndarray
 
 
 @register
 @dataclass(frozen=True, kw_only=True)
-class PositionDependentFriction(JointEffect):
+class PositionDependentFriction(PeriodicEffect):
     """Dry friction that varies over a turn: τ = s(ω) (Fps sin(n x) + Fpc cos(n x)), s = sgn of the speed on `side`.
 
     `angle`: the side whose position x modulates it, the joint by default (a gear that runs out of true, a seal). `order`: n,
@@ -46,20 +42,9 @@ class PositionDependentFriction(JointEffect):
     formulas = ("sgn(dq) * sin(order * x)", "sgn(dq) * cos(order * x)")
 
     angle: Side = Side.JOINT
-    order: float = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "angle", choice(Side, self.angle, "angle", self.name))
-
-    def shape(self) -> tuple[ShapeParameter, ...]:
-        return (ShapeParameter("order", "1/rad (1/m)", 0.05, 1000.0, 1.0, log=True),)
-
-    def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
-        return self.bounded(order=(slowest_order(robot, self.at(robot), self.angle), np.inf))
 
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
-        phase = self.order * motion.on(self.angle).q[:, at]
+        phase = self.phase(motion, at)
         yield own.direction * np.sin(phase)
         yield own.direction * np.cos(phase)
 

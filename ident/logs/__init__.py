@@ -1,4 +1,10 @@
-"""Logs as recorded: reading files, what their columns mean, units, repairs."""
+"""Logs as recorded: reading files, what their columns mean, units, repairs.
+
+>>> import ident
+>>> log = ident.demo_logs()[0][0]
+>>> log.q.shape[1], sorted(log.tau)
+(6, ['motor'])
+"""
 
 from __future__ import annotations
 

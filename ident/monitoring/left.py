@@ -36,7 +36,7 @@ def left_of(decision: Decision, before: Collection[tuple[str, tuple[str, ...]]],
     for x in sorted(decision.left, key=lambda x: (x.named, -x.z)):
         if (x.name, x.joints) not in before and x.joints not in found:
             where = ", ".join(x.joints) or "the whole robot"
-            said = f"{where}: the residual follows {x.name} (z {x.z:.1f}, chance and tolerance explain {decision.critical:.1f})"
+            said = f"{where}: the residual depends on {x.name} (z {x.z:.1f}, chance and tolerance explain up to {decision.critical:.1f})"
             found[x.joints] = Drift(x.joints[0] if x.joints else "", x.name, said)
     return (*found.values(), *(Drift(u.joint, u.signature, u.evidence) for u in jumps(signals)))
 

@@ -1,6 +1,13 @@
 """Physically possible and physically consistent: judge base parameters, repair them, turn them into links, find a payload.
 
-Everything works on an `InertiaStructure` (plain arrays) and base values; `judge`, `repair_estimate` and `payload_of` take estimates."""
+Everything works on an `InertiaStructure` (plain arrays) and base values; `judge`, `repair_estimate` and `payload_of` take estimates.
+
+>>> import ident
+>>> train, test = ident.demo_logs()
+>>> estimate = ident.fit(train, ident.load_robot("puma560"), held=test)
+>>> bool(ident.physical.judge(estimate).possible)
+True
+"""
 
 from .binding import Binding, binding_constraints
 from .bounds import Bounds, LinkBounds, Metric, Prior, nominal_prior, reference_prior

@@ -110,6 +110,10 @@ def minimise_eigenvalue(
         q, found = _descend(objective, q, lower, upper, iterations, 1e-6, floor, deadline)
         order = _spread(q, found, max(len(q) // keep, 4), structure.relevant, 1e-2)
         q, found = q[order], found[order]
+    # Of positions that a symmetry of the robot makes equal, the nearest to zero, whichever rounding made the lowest.
+    equal = int(np.count_nonzero(found <= found[0] + 1e-5 * abs(found[0])))
+    order = np.append(np.argsort(np.abs(q[:equal]).sum(axis=1)), np.arange(equal, len(q)))
+    q, found = q[order], found[order]
     best, value = _descend(objective, q[:1], lower, upper, 100, 1e-13, -np.inf, deadline)
     if value[0] <= found[0]:
         q[0], found[0] = best[0], value[0]

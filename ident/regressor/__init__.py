@@ -1,4 +1,11 @@
-"""Regressors: rigid-body columns and dynamics, base reduction, closed forms."""
+"""Regressors: rigid-body columns and dynamics, base reduction, closed forms.
+
+>>> import ident
+>>> import numpy as np
+>>> robot = ident.load_robot("scara")
+>>> ident.regressor.regressor(robot.tree, *np.zeros((3, 5, robot.n))).shape
+(5, 4, 40)
+"""
 
 from __future__ import annotations
 

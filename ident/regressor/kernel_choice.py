@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
 
-from ..errors import ConfigurationError
+from .._native.choice import asked, missing
 from . import numpy_drive, numpy_dynamics, numpy_rows, numpy_series
 
 
@@ -36,24 +35,19 @@ def kernel() -> Kernel:
     """The kernel that IDENT_KERNEL asks for ("native" or "numpy"), else the compiled one, else NumPy, which is said once.
 
     Raises ConfigurationError for another name, and where the compiled one is asked for and not there."""
-    return _kernel(os.environ.get("IDENT_KERNEL", "").strip().lower())
+    return _kernel(asked())
 
 
 @cache
 def _kernel(name: str) -> Kernel:
     plain = Kernel(numpy_dynamics, numpy_rows, numpy_series, numpy_drive)
-    if name not in ("", "native", "numpy"):
-        raise ConfigurationError(f"IDENT_KERNEL={name!r}: must be 'native' or 'numpy', or not set.")
     if name == "numpy":
         return plain
     try:
         from . import native
     except ImportError as error:
         if name == "native":
-            raise ConfigurationError(
-                f"IDENT_KERNEL=native, but the compiled kernel is not there ({error}):"
-                " install a wheel, or a C++ compiler and then ident again."
-            ) from None
+            raise missing(str(error)) from None
         warnings.warn(
             "the compiled kernel is not there: NumPy takes its place, with the same numbers, ten to fifty times slower."
             " In a checkout run `pip install -e .`; else install a wheel, or a C++ compiler and then ident again."

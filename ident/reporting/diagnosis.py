@@ -71,7 +71,7 @@ def _left(d: Diagnosis) -> list[Section]:
 def _hidden(d: Diagnosis) -> list[Section]:
     if not d.hidden:
         return []
-    note = "On this motion it would pass for what the model has, so that it was not found means nothing."
+    note = "On this motion it is not distinguishable from the model's effects: that it was not found proves nothing."
     return [
         Table(
             "What this motion could not have shown",

@@ -1,4 +1,9 @@
-"""Robots as data: kinematic tree, joints, transmission, and the built-in and example robots by name."""
+"""Robots as data: kinematic tree, joints, transmission, and the built-in and example robots by name.
+
+>>> import ident
+>>> ident.robots.load_robot("scara").joint_names
+('joint1', 'joint2', 'joint3', 'joint4')
+"""
 
 from __future__ import annotations
 

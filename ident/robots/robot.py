@@ -199,10 +199,9 @@ class Robot(ShortRepr):
 
     def rigid_body(self) -> Model:
         """The model that holds the rigid body alone; add effects to it with `+`."""
-        from ..effects.rigid_body import RigidBody
         from ..model import Model
 
-        return Model(self, (RigidBody(),))
+        return Model.of_links(self)
 
 
 def _gravity(gravity: Sequence[float]) -> Array:

@@ -131,6 +131,7 @@ class DriveTable:
 
     What a drive makes of its commands, for logs without torque (`ident.drives`): `law` and its constants (each a number, numbers
     per joint, a table by joint, or "identify"); `command`, `velocity_command`: what happens between and beside the logged commands;
+    `supply`: which voltage of a drive that is sent pulses;
     `links`: "known" (the URDF's inertials are right) or "identify"; `by_log`: name or pattern of a log → constants of that log."""
 
     measured: str | None = None
@@ -157,6 +158,7 @@ class DriveTable:
     feed_forward: Any = None
     command: str | None = None
     velocity_command: str | None = None
+    supply: str | None = None
     links: str | None = None
     by_log: Mapping[str, Mapping[str, Any]] | None = None
 
@@ -165,6 +167,7 @@ class DriveTable:
         **dict.fromkeys(_CONSTANTS, constants),
         "command": one_of("staircase", "ramp"),
         "velocity_command": one_of("logged", "zero", "derivative"),
+        "supply": one_of("logged", "mean"),
     }
     SCHEMA: ClassVar[Mapping[str, Kind]] = {
         "measured": one_of("motor", "joint"),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
-from typing import Any
+from functools import cached_property, lru_cache
 
 import numpy as np
 
+from .._native.choice import compiled
 from ..errors import ConfigurationError
 
 Array = np.ndarray
@@ -38,9 +38,9 @@ def central_differences(q: Array, rate: float, accuracy: int = 6) -> tuple[Array
         return np.empty((0, *q.shape[1:])), np.empty((0, *q.shape[1:]))
     first, second = np.zeros((size, *q.shape[1:])), np.zeros((size, *q.shape[1:]))
     weights = [np.array(w[accuracy]) * rate**order for order, w in ((1, _FIRST), (2, _SECOND))]
-    compiled = _compiled()
-    if compiled is not None and q.size:
-        compiled.differences(np.ascontiguousarray(q, float), size, q.size // len(q), *weights, first, second)
+    fast = compiled("_filters")
+    if fast is not None and q.size:
+        fast.differences(np.ascontiguousarray(q, float), size, q.size // len(q), *weights, first, second)
         return first, second
     # Piece by piece, so that what is in between stays in the cache and large logs cost no more memory than their result.
     for start in range(0, size, _PIECE):
@@ -60,13 +60,13 @@ def zero_phase_lowpass(x: Array, cutoff: float, rate: float, order: int = 4) -> 
         raise ConfigurationError(f"cut-off {cutoff:g} Hz must lie between 0 and half the sample rate ({0.5 * rate:g} Hz).")
     sections, settled = _butterworth(float(cutoff), float(rate), order)
     pad = min(len(x) - 1, math.ceil(3 * rate / cutoff))
-    compiled = _compiled()
-    if compiled is not None and x.size and len(sections) <= compiled.MOST_SECTIONS:
+    fast = compiled("_filters")
+    if fast is not None and x.size and len(sections) <= fast.MOST_SECTIONS:
         out = np.empty(x.shape)
         table = np.ascontiguousarray(np.column_stack([sections[:, :3], sections[:, 4:], settled]))
-        compiled.zero_phase(table, np.ascontiguousarray(x, float), len(x), x.size // len(x), pad, out)
+        fast.zero_phase(table, np.ascontiguousarray(x, float), len(x), x.size // len(x), pad, out)
         return out
-    return _both_ways(sections, settled, np.asarray(x, float), pad)
+    return _both_ways(sections, settled, np.ascontiguousarray(x, float), pad)
 
 
 def _both_ways(sections: Array, settled: Array, x: Array, pad: int) -> Array:
@@ -80,7 +80,7 @@ def _both_ways(sections: Array, settled: Array, x: Array, pad: int) -> Array:
     y = np.concatenate([ends[0], x, ends[1]]) if pad else x
     for _ in range(2):
         y = sosfilt(sections, y, axis=0, zi=state * y[:1])[0][::-1]
-    return np.asarray(y[pad : pad + len(x)])
+    return np.ascontiguousarray(y[pad : pad + len(x)])
 
 
 @lru_cache(maxsize=32)
@@ -112,16 +112,6 @@ def butterworth_sections(cutoff: float, rate: float, order: int) -> Array:
         sections[-1, :3] = 1.0, 1.0, 0.0
     sections[0, :3] *= gain
     return sections
-
-
-@cache
-def _compiled() -> Any:
-    """The compiled filters, which do the same bit by bit; None where they were not built."""
-    try:
-        from .._native import _filters  # type: ignore[attr-defined, unused-ignore]
-    except ImportError:
-        return None
-    return _filters
 
 
 def butterworth_transient(cutoff: float, order: int = 4, remaining: float = 1e-3) -> float:
@@ -201,7 +191,7 @@ class RowFilter:
 
     def apply(self, x: Array) -> Array:
         """Filter and decimate a run or a piece of it (L, …) along time: (count(L), …)."""
-        x = np.asarray(x, float)
+        x = np.ascontiguousarray(x, float)  # the order of memory is that of the sums
         flat = x.reshape(len(x), int(np.prod(x.shape[1:])))
         total = self.count(len(x))
         out = np.empty((total, flat.shape[1]))

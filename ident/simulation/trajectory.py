@@ -187,8 +187,8 @@ def _bspline(count: int, seconds: float) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class PointToPoint(Trajectory):
-    """From one posture to another (n,) along a fifth-order polynomial that starts and ends at rest."""
+class _Transfer(Trajectory):
+    """From one posture to another (n,)."""
 
     start: Array
     end: Array
@@ -201,6 +201,11 @@ class PointToPoint(Trajectory):
     @property
     def n(self) -> int:
         return len(self.start)
+
+
+@dataclass(frozen=True, eq=False)
+class PointToPoint(_Transfer):
+    """From one posture to another (n,) along a fifth-order polynomial that starts and ends at rest."""
 
     def _sample(self, t: Array) -> Coordinates:
         s = (t / self.seconds)[:, None]
@@ -212,27 +217,16 @@ class PointToPoint(Trajectory):
 
 
 @dataclass(frozen=True, eq=False)
-class Trapezoid(Trajectory):
+class Trapezoid(_Transfer):
     """From one posture to another (n,) with constant speed in the middle; speed rises and falls as a cosine over `ramp` seconds.
 
     All joints move in step. The speed in the middle is distance / (`seconds` − `ramp`)."""
 
-    start: Array
-    end: Array
-    seconds: float
     ramp: float
 
     def __post_init__(self) -> None:
         if not 0 < self.ramp <= 0.5 * self.seconds:
             raise ConfigurationError("trapezoid: the ramp must be positive and at most half the duration.")
-
-    @property
-    def duration(self) -> float:
-        return self.seconds
-
-    @property
-    def n(self) -> int:
-        return len(self.start)
 
     @property
     def steady(self) -> tuple[float, float]:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from .._native.choice import compiled
 from ..errors import DataError
 from ..logs.column_plan import ColumnPlan
 from ..logs.readers.header import Header
@@ -26,16 +26,6 @@ Array = np.ndarray
 _COUNTED = 1 << 20
 #: Bytes up to which a file is looked at as a whole for what is wrong with a piece of it.
 _WHOLE = 1 << 28
-
-
-@cache
-def _compiled() -> Any:
-    """The compiled reader; None where it was not built."""
-    try:
-        from .._native import _text  # type: ignore[attr-defined, unused-ignore]
-    except ImportError:
-        return None
-    return _text
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +96,13 @@ class TextParser:
 
     def _plain(self, text: memoryview) -> dict[str, Array] | None:
         """The compiled reader's arrays; None where it is not there or does not take the text."""
-        compiled, targets = _compiled(), self._targets
-        if compiled is None or targets is None:
+        reader, targets = compiled("_text"), self._targets
+        if reader is None or targets is None:
             return None
         widths, place = targets
-        lines = compiled.lines(text)
+        lines = reader.lines(text)
         arrays = {q: np.empty((lines, w)) for q, w in widths.items()}
-        rows = compiled.parse(text, ord(self.header.delimiter), place, tuple(arrays.values()), tuple(widths.values()), lines)
+        rows = reader.parse(text, ord(self.header.delimiter), place, tuple(arrays.values()), tuple(widths.values()), lines)
         if rows < 0:
             return None
         for quantity, j in self._absent:

@@ -120,7 +120,7 @@ def test_nan_block_is_refused_and_can_be_a_gap(fit, arm, tmp_path):
     refused(fit(path), DATA, r"hole\.csv: column 'q2' has no number in 100 of 1600 rows \(data rows 401-500\)", r"--missing gap")
     ran = fit(path, "--missing", "gap")
     assert ran.code == 0
-    assert re.search(r"left out as a gap", ran.out)
+    assert "left out as a gap" in " ".join(ran.out.split())
 
 
 def test_nan_in_a_torque_leaves_those_rows_out(fit, arm, tmp_path):

@@ -339,4 +339,4 @@ def test_torque_missing_on_every_motor_is_refused(lacking, tmp_path, capsys):
         '[logs]\nfit = ["part.csv"]\n[signals]\ncutoff_hz = 10.0\n'
     )
     assert main(["diagnose", str(tmp_path / "study.toml"), "--quiet"]) == DATA
-    assert "`ident check` says what is missing of which joint" in capsys.readouterr().err
+    assert "`ident check` says what is missing for which joint" in capsys.readouterr().err

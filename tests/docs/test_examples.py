@@ -11,19 +11,20 @@ import pytest
 
 import ident
 
-PUBLIC = [name for name in ident.__all__ if name != "__version__" and not inspect.ismodule(getattr(ident, name))]
+PUBLIC = [name for name in ident.__all__ if name != "__version__"]
 
 
 #: What authors of laws and methods derive from: docs/extend.md has their examples.
 CONTRACTS = (ident.Effect, ident.effects.JointEffect, ident.estimators.Estimator)
 #: Packages whose laws, methods and functions are public as well.
-PACKAGES = (ident.effects, ident.friction, ident.estimators, ident.regressor)
+PACKAGES = (ident.drives, ident.effects, ident.friction, ident.estimators, ident.regressor)
 MORE = [
     f"{package.__name__.removeprefix('ident.')}.{name}"
     for package in PACKAGES
     for name in package.__all__
     for found in [getattr(package, name)]
     if inspect.isfunction(found)
+    or found is ident.drives.DriveLaw
     or (inspect.isclass(found) and issubclass(found, ident.Effect | ident.estimators.Estimator) and found not in CONTRACTS)
 ]
 

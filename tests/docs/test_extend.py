@@ -18,7 +18,7 @@ import ident
 from ident.robots import robot_folder
 
 PAGE = (Path(__file__).parents[2] / "docs/extend.md").read_text()
-FILES = dict(re.findall(r"```python\n# file: (\S+)\n(.*?)```", PAGE, re.DOTALL))
+FILES = dict(re.findall(r"```(?:python|toml)\n# file: (\S+)\n(.*?)```", PAGE, re.DOTALL))
 COMMANDS = re.findall(r"^\$ ident (.*)$", PAGE, re.MULTILINE)
 
 

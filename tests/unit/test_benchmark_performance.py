@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from rigid_models import needs_native
 
 from benchmarks.performance import estimation, kernel, live, ratios, reading, startup, timing
 from benchmarks.performance.cases import puma
@@ -73,6 +74,7 @@ def test_a_reason_is_made_of_what_was_measured() -> None:
     assert "%" in told
 
 
+@needs_native
 def test_operations_are_counted_row_by_row() -> None:
     case = puma(300)
     factors = case.information("triangle")
@@ -90,6 +92,7 @@ def test_live_calls_and_start_up_have_rows() -> None:
     assert "numpy" in startup.slowest_imports(["-c", "import numpy"])
 
 
+@needs_native
 def test_an_arm_is_measured_against_its_own_limit() -> None:
     (row,) = kernel.arm_rows([2], 64)
     assert row.target is not None
@@ -144,6 +147,7 @@ def test_a_regression_fails_on_the_machine_that_was_recorded_alone(known: str, s
     assert ("more than 25% worse" in capsys.readouterr().out) == bool(status)
 
 
+@needs_native
 def test_every_recorded_ratio_is_still_measured() -> None:
     names = {name for make in ratios.GROUPS for name in make().pairs}
     assert all(set(machine["ratios"]) == names for machine in ratios.recorded().values())

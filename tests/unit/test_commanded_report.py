@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rigid_models import needs_native
 from test_actuator_export import as_fitted
 
 import ident
@@ -15,6 +16,8 @@ from ident.drives import DriveLaw, DriveLog
 from ident.exporting.rollout import mujoco_rollout
 from ident.logs.log import LogSet
 from ident.reporting.commanded import drive_report
+
+pytestmark = needs_native  # which plays the drives of the logs
 
 TRUTH = {"Ia": 0.012, "Fv": 0.08, "Fc": 0.15, "kp": 25.0, "kd": 0.8, "delay": 0.006}
 

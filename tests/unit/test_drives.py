@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rigid_models import needs_native
 
 import ident
 from benchmarks.actuators import coverage
@@ -19,6 +20,8 @@ from ident.drives.starts import starts
 from ident.drives.torque import with_torque
 from ident.drives.unknowns import unknowns
 from ident.logs.log import LogSet
+
+pytestmark = needs_native  # which plays the drives of the logs
 
 TRUTH = {"Ia": 0.012, "Fv": 0.08, "Fc": 0.15, "offset": 0.1, "kp": 25.0, "kd": 0.8, "delay": 0.006}
 
@@ -122,6 +125,19 @@ def test_saturation_is_part_of_the_law(robot):
     right = fit_drives(logs, model_of(robot), DriveLaw.of(robot, kp=25.0, kd=0.8, effort_limit=1.2))
     assert right.value("Fc_joint1") == pytest.approx(0.15, rel=0.08)
     assert right.fit_rms[0] == pytest.approx(5e-4, rel=0.2)
+
+
+def test_a_voltage_that_is_read_between_pulses_counts_by_its_mean(robot):
+    """Readings of 6.4 and 8.2 V of a supply of 7.3 V."""
+    log = commanded_log(robot, {**TRUTH, "kd": 0.0, "Fv": 0.3}, seed=4)
+    read = 7.3 + 0.9 * np.where(np.sin(7.1 * np.arange(len(log.t))) > 0.0, 1.0, -1.0)
+    log = replace(log, extra={**log.extra, "supply1": read})
+    law = {"kp": 0.2, "torque_scale": TRUTH["kp"] / (0.2 * 7.3), "back_emf": 0.0}
+    fits = [fit_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, "pwm", supply=form, **law)) for form in ("logged", "mean")]
+    friction = fits[1].values[fits[1].names.index("Fc_joint1")]
+    assert friction == pytest.approx(TRUTH["Fc"], rel=0.05)
+    assert fits[1].fit_rms[0] < 0.5 * fits[0].fit_rms[0]
+    assert fits[1].law.to_dict()["supply"] == "mean"
 
 
 def test_gains_that_are_hardly_distinguished_keep_their_intervals():
@@ -244,8 +260,7 @@ def test_a_method_that_needs_torque_gets_that_of_the_law(tmp_path, robot, ident)
 @pytest.mark.parametrize("loaded", [False, True])
 def test_the_compiled_step_does_what_the_plain_one_does(monkeypatch, loaded):
     """Branches of three joints, clipped and switched-off drives, friction of each kind."""
-    if getattr(simulate._recursions, "drive_step", None) is None:
-        pytest.skip("the extension is not built")
+    pytest.importorskip("ident._native._recursions", reason="the compiled recursions were not built")
     rng = np.random.default_rng(5)
     lanes, n, steps = 3, 6, 400
     root = rng.normal(size=(lanes, 2, 3, 3))
@@ -271,8 +286,9 @@ def test_the_compiled_step_does_what_the_plain_one_does(monkeypatch, loaded):
     strength = np.where((time > 0.5) & (time < 0.6), 0.0, 1.0) * np.ones_like(target)
     groups = [slice(k, None, 3) for k in range(3)]
     run = lambda: simulate.simulated(Links(), drives, target, strength, nothing, nothing, 0.002, groups)  # noqa: E731
+    monkeypatch.setenv("IDENT_KERNEL", "native")
     compiled = run()
-    monkeypatch.setattr(simulate, "_recursions", None)
+    monkeypatch.setenv("IDENT_KERNEL", "numpy")
     assert np.ptp(compiled, axis=0).min() > 0.1
     np.testing.assert_allclose(compiled, run(), atol=1e-9)
 

@@ -156,7 +156,7 @@ def test_keep_becomes_move_where_nothing_real_is_left(tmp_path: Path) -> None:
     data, where = source_text(robot, None)
     found = patch_urdf(data, where, robot, links, attached="keep")
     assert not found.bodies[1].kept
-    assert any("no real body is left" in note for note in found.notes)
+    assert any("would leave no physical body" in note for note in found.notes)
     again = Robot.from_urdf(found.data.decode(), locked={"wrist": 0.35})
     assert np.abs(again.nominal - links).max() < 1e-12
     gripper = next(link for link in etree.fromstring(found.data).findall("link") if link.get("name") == "gripper")
@@ -218,7 +218,7 @@ def test_refusals(tmp_path: Path) -> None:
     links = random_links(np.random.default_rng(0), 2)
     unreal = links.copy()
     unreal[4] = -1.0
-    with pytest.raises(ConfigurationError, match="upper are not those of a real body"):
+    with pytest.raises(ConfigurationError, match="upper are physically inconsistent"):
         patch_urdf(data, where, robot, unreal)
     allowed = patch_urdf(data, where, robot, unreal, allow_inconsistent=True)
     assert np.abs(Robot.from_urdf(allowed.data.decode(), locked={"wrist": 0.35}).nominal - unreal).max() < 1e-12
@@ -326,12 +326,12 @@ def test_mjcf_diagonal_gears_loops_and_refusals() -> None:
     assert float(joint.get("frictionloss")) == pytest.approx(0.02 * 101)
     unreal = links.copy()
     unreal[4] = -1.0
-    with pytest.raises(ConfigurationError, match="MuJoCo refuses"):
+    with pytest.raises(ConfigurationError, match="MuJoCo rejects"):
         mjcf_text(robot, unreal, drive)
     panda = load_robot("panda")
     text, notes = mjcf_text(panda, random_links(np.random.default_rng(0), panda.tree.nb), {})
     assert etree.fromstring(text).find("equality/joint") is not None
-    assert any("softly" in note for note in notes)
+    assert any("soft in MuJoCo" in note for note in notes)
     palletiser = load_robot("palletiser")
     with pytest.raises(UnsupportedError, match="at once"):
         mjcf_text(palletiser, random_links(np.random.default_rng(0), palletiser.tree.nb), {})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.signals import filters
 from ident.signals.filters import central_differences, zero_phase_lowpass
 
 Array = np.ndarray
@@ -14,9 +13,9 @@ pytest.importorskip("ident._native._filters", reason="the compiled filters were 
 
 def both(monkeypatch: pytest.MonkeyPatch, work) -> list:  # type: ignore[no-untyped-def]
     """What the compiled and the other way give."""
-    found = [work()]
-    with monkeypatch.context() as without:
-        without.setattr(filters, "_compiled", lambda: None)
+    found = []
+    for kernel in ("native", "numpy"):
+        monkeypatch.setenv("IDENT_KERNEL", kernel)
         found.append(work())
     return found
 

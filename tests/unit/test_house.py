@@ -17,13 +17,9 @@ ALONE = {"errors.py", "model.py", "cli.py", "__init__.py", "__main__.py"}
 
 #: Imports of our own modules inside functions, each with its reason.
 LAZY = {
-    ("robots/robot.py", "ident.effects.rigid_body"): "a documented convenience above its layer",
-    ("robots/robot.py", "ident.model"): "a documented convenience above its layer",
+    ("robots/robot.py", "ident.model"): "`robot.rigid_body()`, where everybody looks for it: a convenience above its layer",
     ("regressor/kernel_choice.py", "ident.regressor"): "the compiled kernel may not be built",
     ("commands/check.py", "ident.commands.diagnose"): "a check loads the diagnosis only when it is strict",
-    ("effects/flexing.py", "ident._native"): "the compiled recursions may not be built",
-    ("signals/filters.py", "ident._native"): "the compiled filters may not be built",
-    ("streaming/text.py", "ident._native"): "the compiled reader may not be built",
 }
 
 

@@ -11,14 +11,13 @@ import warnings
 
 import numpy as np
 import pytest
-from rigid_models import native
+from rigid_models import native, needs_native
 
 import ident
+from ident._native import choice
 from ident.errors import ConfigurationError
 from ident.regressor import kernel_choice
 from tests.fuzz import sanitized
-
-needs_native = pytest.mark.skipif(native() is None, reason="the compiled kernel is not built")
 
 
 def test_environment_chooses_the_kernel(monkeypatch):
@@ -27,6 +26,24 @@ def test_environment_chooses_the_kernel(monkeypatch):
     monkeypatch.setenv("IDENT_KERNEL", "fortran")
     with pytest.raises(ConfigurationError, match="IDENT_KERNEL='fortran'"):
         kernel_choice.kernel()
+
+
+@pytest.mark.parametrize("name", ["_recursions", "_filters", "_text"])
+def test_the_environment_switches_every_compiled_module_off(name, monkeypatch):
+    monkeypatch.setenv("IDENT_KERNEL", "numpy")
+    assert choice.compiled(name) is None
+    pytest.importorskip(f"ident._native.{name}", reason="the compiled modules were not built")
+    for asked in ("", "native"):
+        monkeypatch.setenv("IDENT_KERNEL", asked)
+        assert choice.compiled(name).__name__ == f"ident._native.{name}"
+
+
+def test_a_compiled_module_that_was_asked_for_and_is_not_there_is_an_error(monkeypatch):
+    monkeypatch.setenv("IDENT_KERNEL", "native")
+    with pytest.raises(ConfigurationError, match="compiled kernel is not there"):
+        choice.compiled("_nothing")
+    monkeypatch.delenv("IDENT_KERNEL")
+    assert choice.compiled("_nothing") is None
 
 
 @needs_native

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from ident._native.choice import compiled
 from ident.errors import ConfigurationError
 from ident.robots import robot_folder
 from ident.signals import filters
@@ -148,6 +149,7 @@ def test_the_filter_of_the_rows_is_the_kaiser_design_of_scipy(cutoff: float) -> 
     assert taps == pytest.approx(expected, rel=1e-12, abs=1e-15)
 
 
+@pytest.mark.skipif(compiled("_filters") is None, reason="without the compiled filters scipy.signal filters")
 def test_a_check_needs_no_part_of_scipy_that_takes_long_to_import() -> None:
     code = (
         "import sys; from ident.cli import main; main(['check', '--robot', 'puma560', '--log', sys.argv[1]]);"

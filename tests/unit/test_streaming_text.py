@@ -45,8 +45,7 @@ def reader(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
     monkeypatch.setattr("ident.streaming.ingest._BLOCK", 50)
     if request.param == "compiled":
         pytest.importorskip("ident._native._text", reason="the compiled reader was not built")
-    else:
-        monkeypatch.setattr("ident.streaming.text._compiled", lambda: None)
+    monkeypatch.setenv("IDENT_KERNEL", "native" if request.param == "compiled" else "numpy")
     if request.param == "arrow":
         pytest.importorskip("pyarrow")
     else:

@@ -30,8 +30,8 @@ def jumps(signals: Signals) -> tuple[Unexplained, ...]:
             here = [at for at in log.t[position_jumps(log.t, x)] if _rests_on(signals, float(at))]
             if here and joint not in found:
                 said = (
-                    f"{joint}: its position jumps at {here[0]:.12g} s (log {log.name}), as no motion does: a wrong sample, or, if it stays"
-                    " away after that, an encoder or a coupling that slipped. Cut it out; what is fitted around it is worth nothing"
+                    f"{joint}: its position jumps at {here[0]:.12g} s (log {log.name}), faster than any motion: a wrong sample, or, if the"
+                    " offset stays, an encoder or a coupling that slipped. Cut it out: a fit across it is meaningless"
                 )
                 found[joint] = Unexplained(joint, "a jump of its position", said, 0.0)
     return tuple(found.values())
@@ -54,8 +54,8 @@ def lost(signals: Signals) -> tuple[Unexplained, ...]:
         moving = float(np.mean(speed > 0.05 * np.quantile(speed, 0.95))) if len(speed) else 0.0
         if moving > _MOVING and float(np.ptp(signals.q[:, j])) > _SPAN * max(report.noise, 1e-12):
             said = (
-                f"{joint}: it moves, but {rows[j]} of {len(signals.valid)} rows can be used: so restlessly that the sense of its speed"
-                " is not known (it shakes, jumps or takes impacts). Nothing is said about this joint"
+                f"{joint}: it moves, but only {rows[j]} of {len(signals.valid)} rows can be used, because its direction of motion"
+                " is uncertain (it vibrates, jumps or takes impacts). This joint is not diagnosed"
             )
-            found.append(Unexplained(joint, "rows that had to be left out", said, 0.0))
+            found.append(Unexplained(joint, "excluded rows", said, 0.0))
     return tuple(found)

@@ -61,9 +61,9 @@ def shapes(motions: list[Motion], speeds: Array) -> Iterator[tuple[str, int, lis
         yield "position", j, split(hats(q[:, j], 8))
         yield "position and direction of motion", j, split(s * hats(q[:, j], 8))
         yield "speed", j, split(hats(np.tanh(w[:, j] / (0.5 * speeds[j])), 10))
-        yield "time since its speed turned", j, [since(m.motor.dq[:, j], m.clock) for m in motions]
+        yield "time since its velocity reversed", j, [since(m.motor.dq[:, j], m.clock) for m in motions]
         if load is not None:
-            yield "time since its load turned", j, [since(m.load[:, j], m.clock) for m in motions if m.load is not None]
+            yield "time since its load reversed", j, [since(m.load[:, j], m.clock) for m in motions if m.load is not None]
         yield "time", j, split(hats(time, 8))
         yield "time and direction of motion", j, split(s * hats(time, 6))
         if load is not None:
@@ -77,4 +77,4 @@ def shapes(motions: list[Motion], speeds: Array) -> Iterator[tuple[str, int, lis
                 yield f"speed of joint {i + 1} and direction of motion", j, split(s * both)
                 yield f"position of joint {i + 1} and direction of motion", j, split(s * hats(q[:, i], 5))
                 around = np.stack([np.sin(q[:, i]), np.cos(q[:, i])], axis=1)
-                yield f"position beside joint {i + 1}", j, split(np.concatenate([centred[:, None] * around, around], axis=1))
+                yield f"position with that of joint {i + 1}", j, split(np.concatenate([centred[:, None] * around, around], axis=1))

@@ -46,11 +46,11 @@ class DriveFinding:
         told = f"{self.effect} on {', '.join(self.joints)}: {numbers}"
         if self.declared is not None:
             told += f" (declared: {self.declared:.4g})"
-        told += f"; takes {self.gain:.0%} off the squared error of readings held out"
+        told += f"; lowers the squared error of held-out readings by {self.gain:.0%}"
         if self.no_size:
             told += "; " + "; ".join(self.no_size)
         if self.rivals:
-            told += "; as well explained by " + ", ".join(f"{r.effect} ({r.confidence:.0%})" for r in self.rivals)
+            told += "; equally well explained by " + ", ".join(f"{r.effect} ({r.confidence:.0%})" for r in self.rivals)
         return told
 
 
@@ -70,7 +70,9 @@ class DriveDiagnosis:
         lines += [wrapped(f"- {finding.text()}") for finding in self.findings]
         if self.verdict == Verdict.UNEXPLAINED:
             lines.append(
-                wrapped(f"left: {self.left:.0%} of the squared error follows from the samples before, and no candidate explains it")
+                wrapped(
+                    f"unexplained: {self.left:.0%} of the squared error is predictable from earlier samples, and no candidate explains it"
+                )
             )
         pairs = [("fit", self.before.fit_rms, self.after.fit_rms)]
         if self.before.heldout_rms is not None and self.after.heldout_rms is not None:
@@ -109,8 +111,8 @@ class DriveDiagnosis:
 _MEANS = {
     Verdict.CLEAN: "nothing beyond the declared model and law is supported",
     Verdict.EXPLAINED: "what is missing or not as declared accounts for the residual",
-    Verdict.AMBIGUOUS: "something is missing, and more than one thing accounts for it equally well",
-    Verdict.UNEXPLAINED: "something is left that no candidate accounts for",
+    Verdict.AMBIGUOUS: "something is missing, and several candidates account for it equally well",
+    Verdict.UNEXPLAINED: "a significant residual remains that no candidate accounts for",
 }
 
 

@@ -153,7 +153,7 @@ def _swap(state: EffectSearch, say: Callable[[str], None]) -> bool:
 def _withdraw(state: EffectSearch, say: Callable[[str], None]) -> None:
     """Take back what beside the others has values that it cannot have: it stood for something else."""
     while (i := state.impossible()) is not None:
-        say(f"retracted: {state.accepted[i][0].name}, whose values no such effect can have")
+        say(f"retracted: {state.accepted[i][0].name}, whose values are physically impossible")
         del state.accepted[i]
         state.solve()
 
@@ -179,7 +179,7 @@ def _with_one_stretch(state: EffectSearch, say: Callable[[str], None], most: int
     whole.solve()
     _forward(whole, lambda _: None, lambda _: None, most)
     if len(whole.accepted) > len(state.accepted) and whole.impossible() is None and not _left(whole):
-        say(f"accepted, seen in one stretch alone: {', '.join(e.name for e, _ in whole.accepted[len(state.accepted) :])}")
+        say(f"accepted, seen in one stretch only: {', '.join(e.name for e, _ in whole.accepted[len(state.accepted) :])}")
         return whole
     return state
 
@@ -195,7 +195,7 @@ def _left(state: EffectSearch) -> list[Left]:
     ]
     if not left and (seen := _of_one_stretch(state)) is not None:
         g = scores.group(seen[0])
-        left.append(Left(f"{g.name}, in one stretch of the log alone", g.joints, seen[1], False))
+        left.append(Left(f"{g.name}, in one stretch of the log only", g.joints, seen[1], False))
     if not left and (found := burst(state.fit, state.frame)) is not None:
         left.append(Left("bursts", (state.fit.robot.joint_names[found[0]],), state.critical, False))
     if not left and (sound := tone(state.fit, state.frame)) is not None:

@@ -39,9 +39,9 @@ class GenesisTarget(ExportTarget):
         notes = (*found.notes, *omissions(found, expresses, options))
         held = law.law is not None and any(a.offset or a.stiffness for a in law.actuators)
         if held:
-            notes += ("constant torque stands in the actuator's bias, and the force range is moved by it.",)
+            notes += ("constant torque is part of the actuator's bias, and the force range is shifted by it.",)
         if held and any(a.stiffness and a.limited for a in law.actuators):
-            notes += ("springs stand in the actuator's bias, too: the force range limits their sum with the drive's torque.",)
+            notes += ("springs are part of the actuator's bias, too: the force range limits the sum of spring and drive torque.",)
         rows = [(a.joint, law.law is None, a) for a in law.actuators]
         lines = [header(found, "Genesis degrees of freedom", notes), "import numpy as np", "", f"JOINTS = {[name for name, *_ in rows]!r}"]
         keys = [*_PASSIVE, *(() if law.law is None else (("kp", "kp"), ("kv", "kd")))]

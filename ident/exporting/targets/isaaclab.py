@@ -81,8 +81,8 @@ def _notes(law: Actuation, delays: Sequence[float]) -> list[str]:
     if delays[-1] > 0:
         notes.append(
             "the delay is a whole number of physics steps, counted at PHYSICS_DT: set it to that of your scene."
-            " The gains of delayed joints act outside the solver: take a step that is short against kd / (armature + inertia)."
+            " The gains of delayed joints act outside the solver: use a step that is short compared with kd / (armature + inertia)."
         )
     if any(np.isfinite(a.velocity) for a in law.actuators):
-        notes.append("limits of speed are those of the asset: no joint was identified to have one.")
+        notes.append("speed limits are those of the asset: none was identified.")
     return notes

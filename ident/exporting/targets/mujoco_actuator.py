@@ -47,7 +47,7 @@ class MujocoActuatorTarget(ExportTarget):
         more = []
         if constant:
             more.append(
-                "a constant offset stands in the actuator's bias; forcerange is moved by it, so that the drive keeps its own limit."
+                "a constant offset is part of the actuator's bias; forcerange is shifted by it, so that the drive keeps its own limit."
             )
         if summed:
             more.append("position and velocity actuators share a joint; actuatorfrcrange limits their sum.")

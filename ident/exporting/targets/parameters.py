@@ -27,5 +27,5 @@ class ParametersTarget(ExportTarget):
         unreal = np.flatnonzero(smallest_eigenvalues(found.inertial) <= 0)
         if len(unreal):
             names = ", ".join(str(body["links"][i]["link"]) for i in unreal)
-            notes += (f"links {names} are no real bodies: good for torque, not for simulation.",)
+            notes += (f"links {names} are physically inconsistent: use them for torque, not for simulation.",)
         return WrittenFile(json.dumps(jsonable(body), indent=1, allow_nan=False) + "\n", notes)

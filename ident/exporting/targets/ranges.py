@@ -42,7 +42,7 @@ class RangesTarget(ExportTarget):
 
     def written(self, found: Identified, options: ExportOptions) -> WrittenFile:
         if options.samples < 2:
-            raise ConfigurationError(f"{options.samples} samples are no range; ask for at least 2 (--samples).")
+            raise ConfigurationError(f"{options.samples} samples do not make a range; ask for at least 2 (--samples).")
         drawn = draws(found, options.units, options.samples, options.seed)
         names, units, nominal = _numbers(found)
         rows = np.array([_numbers(one)[2] for one in drawn.sets])
@@ -60,7 +60,7 @@ class RangesTarget(ExportTarget):
             if here
         ]
         same = {name: float(value) for name, value, here in zip(names, nominal, varies, strict=True) if not here and np.isfinite(value)}
-        notes = (*found.notes, *drawn.notes, "a set is one row of samples: entries of different rows do not belong together.")
+        notes = (*found.notes, *drawn.notes, "each row of samples is one set: do not combine entries of different rows.")
         body = {
             "schema": "ident.ranges/1",
             "ident_version": __version__,

@@ -42,7 +42,7 @@ def urdf_dynamics(found: Identified) -> tuple[dict[str, Mapping[str, float]], tu
     if not robot.transmission.is_diagonal:
         if not (np.any(drive["damping"] != 0) or np.any(drive["frictionloss"] != 0)):
             return {}, notes
-        return {}, (*notes, "friction acts on motors that share joints, which a URDF cannot say: its <dynamics> were left as they are.")
+        return {}, (*notes, "friction acts on motors that share joints, which a URDF cannot express: its <dynamics> are left unchanged.")
     k = np.abs(np.diagonal(robot.transmission.K))
     has = found.identified()
 

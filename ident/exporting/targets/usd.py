@@ -31,18 +31,18 @@ class UsdTarget(ExportTarget):
     def written(self, found: Identified, options: ExportOptions) -> WrittenFile:
         robot = found.robot
         if robot.tree.floating:
-            raise UnsupportedError("USD is written for robots on a fixed base, so far: export an MJCF or a URDF.")
+            raise UnsupportedError("USD export supports robots on a fixed base only; export an MJCF or a URDF.")
         if not robot.loop.is_trivial:
-            raise UnsupportedError("USD is written for open chains, so far: joints that follow others need an MJCF or a URDF.")
+            raise UnsupportedError("USD export supports open chains only; for joints that follow others, export an MJCF or a URDF.")
         real_bodies(robot, found.inertial, "USD")
         law = Actuation.of(found)
         names = {name: _identifier(name) for name in (*link_names(robot.model), *(j.name for j in robot.tree_joints))}
         prims = [_scene(robot.tree.gravity), *_bodies(found, names), *_joints(law, names)]
         root = _identifier(robot.name)
         changed = [f"{name} is {new}" for name, new in names.items() if name != new]
-        notes: tuple[str, ...] = ("the USD holds no geometry: add it to the bodies, which stand in the joint frames.",)
+        notes: tuple[str, ...] = ("the USD contains no geometry: add it to the bodies, whose frames are the joint frames.",)
         if changed:
-            notes += (f"names that USD does not allow are changed: {', '.join(changed)}.",)
+            notes += (f"names that USD does not allow were changed: {', '.join(changed)}.",)
         notes = (*found.notes, *notes, *omissions(found, self.expresses, options))
         text = "\n".join(prims).replace("<{root}/", f"</{root}/")
         return WrittenFile(_HEAD.format(root=root, notes="\n".join(f"# {note}" for note in notes), prims=text), notes)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..signals.signals import Signals
 
 Array = np.ndarray
-#: Share of a row's squares along what the fit could not determine, from which on the fit foretells nothing of it.
+#: Share of a row's squares along what the fit could not determine, from which on the fit predicts nothing of it.
 _OPEN = 1e-6
 
 

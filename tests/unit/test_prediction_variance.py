@@ -7,7 +7,7 @@ import pytest
 from effect_robots import ROBOTS, declared
 
 import ident
-from ident.diagnosis.foretold import prediction_variance, share_variance
+from ident.diagnosis.prediction_variance import prediction_variance, share_variance
 from ident.diagnosis.held_out import louder
 from ident.effects.motion import Motion
 from ident.estimators import WeightedLeastSquares
@@ -51,8 +51,8 @@ def test_the_variance_of_a_prediction_is_that_of_draws_of_the_parameters(rich: i
     assert share_variance(rich, other, weight) == pytest.approx(sums.var(), rel=0.12)
 
 
-def test_what_the_fitted_motion_did_not_determine_is_foretold_with_no_certainty() -> None:
-    """A joint that stood still has no friction that the fit could know: where it moves, nothing is foretold of it."""
+def test_what_the_fitted_motion_did_not_determine_is_predicted_with_no_certainty() -> None:
+    """A joint that stood still has no friction that the fit could know: where it moves, nothing is predicted of it."""
     still = (0.0,) + (0.6,) * (ROBOT.n - 1)
     poor = WeightedLeastSquares().solve(Problem(MODEL, prepared(3, still)))
     assert poor.base.count < MODEL.base.count
