@@ -7,8 +7,8 @@ import pytest
 from effect_robots import ROBOTS, declared
 
 import ident
-from ident.diagnosis.prediction_variance import prediction_variance, share_variance
 from ident.diagnosis.held_out import louder
+from ident.diagnosis.prediction_variance import prediction_variance, share_variance
 from ident.effects.motion import Motion
 from ident.estimators import WeightedLeastSquares
 from ident.logs.log import Log
