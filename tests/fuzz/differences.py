@@ -111,12 +111,12 @@ def streamed(path: Path, robot: ident.Robot) -> list[ident.Log]:
 
 def streamed_as_whole(path: Path, robot: ident.Robot, logs: ident.LogSet | None, is_text: bool = True) -> None:
     """The same file piece by piece, a text by the compiled and by the lenient reader: what whole reading made of it (None: a refusal)."""
-    for what, compiled in (("streamed, compiled", None), ("streamed, lenient", lambda: None))[: 2 if is_text else 1]:
+    for what, compiled in (("streamed, compiled", None), ("streamed, lenient", lambda name: None))[: 2 if is_text else 1]:
         try:
             if compiled is None:
                 runs = streamed(path, robot)
             else:
-                with patch.object(text, "_compiled", compiled):
+                with patch.object(text, "compiled", compiled):
                     runs = streamed(path, robot)
         except UnsupportedError:
             return  # said to be read as a whole only
