@@ -134,11 +134,11 @@ class Robot(ShortRepr):
         odd = (
             ()
             if not self.oddities
-            else (f"some inertials of the URDF are physically impossible: {some(self.oddities)}. Do not rely on its nominal values there.",)
+            else (f"no body has these inertials of the URDF: {some(self.oddities)}. Do not rely on its nominal values there.",)
         )
         if not self.faults:
             return odd
-        impossible = f"some inertials of the URDF are physically impossible: {some(self.faults)}."
+        impossible = f"no body has these inertials of the URDF: {some(self.faults)}."
         return (f"{impossible} A fit does not use them; do not compare with them.", *odd)
 
     @property
