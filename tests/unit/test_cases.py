@@ -37,7 +37,9 @@ KINDS = {
     "11-degrees-wrapped-to-0-360": Kind(f"{FAULTS}::test_angles_wrapped_to_a_full_turn_come_back_into_the_limits", ("ok    mx_j2",)),
     "12-unused-columns-of-one-name": Kind(f"{FAULTS}::test_unused_columns_of_one_name_stop_nothing_and_used_ones_do", (r"mx_j2 +1\.4 ",)),
     "13-macro-left-in-a-visual": Kind(NEEDED, ("15 base parameters of 30",)),
-    "14-triangle-inequality": Kind(f"{FAULTS}::test_moments_that_no_mass_has_are_said", ("no body has these inertials of the URDF: link 'l2'",)),
+    "14-triangle-inequality": Kind(
+        f"{FAULTS}::test_moments_that_no_mass_has_are_said", ("no body has these inertials of the URDF: link 'l2'",)
+    ),
     "d01-concave-friction-dropped": Kind(
         "unit/test_diagnosis_rule.py::test_of_concave_friction_the_power_that_resists_is_kept",
         ("verdict: explained", r"\d\. nonlinear_viscous on j1", r"\d\. load_dependent_friction on j2"),
