@@ -222,8 +222,8 @@ class SimulatedSearch:
         for _ in range(_LAST):
             r = (residual * self.weights).reshape(-1)
             to = self.moved(values, J, r, _HARDLY)
-            foretold = float(r @ r) - float(np.sum(np.square(r + J @ (to - values))))
-            if foretold < _WORTH * float(r @ r) / max(int(np.count_nonzero(self.weights)), 1):
+            predicted = float(r @ r) - float(np.sum(np.square(r + J @ (to - values))))
+            if predicted < _WORTH * float(r @ r) / max(int(np.count_nonzero(self.weights)), 1):
                 break
             there = self.residual(to)
             before, after = (float(self.costs_of(x[None], e[None])[0]) for x, e in ((values, residual), (to, there)))

@@ -39,7 +39,7 @@ def approached(
         costs = search.costs_of(sets, found)
         best = int(np.argmin(costs))
         gain, move = cost - float(costs[best]), sets[best] - values
-        foretold = float(r @ r) - float(np.sum(np.square(r + J @ move)))
+        predicted = float(r @ r) - float(np.sum(np.square(r + J @ move)))
         if gain > 0.0:
             surprise = found[best] - residual - slopes @ move
             share = move / np.square(scale)
@@ -47,7 +47,7 @@ def approached(
             values, residual, cost = sets[best], found[best], float(costs[best])
             damping = max(1e-9, float(damping * TRIED[best]))
             scale = np.maximum(np.abs(values), sizes)
-        if gain < _SHORT * foretold and foretold > enough and left:
+        if gain < _SHORT * predicted and predicted > enough and left:
             slopes, left = search.along(values, np.arange(len(values))), left - 1
         elif gain <= 0.0:
             damping *= 1e3

@@ -12,6 +12,9 @@ import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
 from ident.diagnosis.analysed import prepared
 from ident.diagnosis.data.instruments import speed_noise
+from ident.diagnosis.inference.described import describing
+from ident.diagnosis.scoring.fit import Fit
+from ident.effects.motion import Motion
 
 Array = np.ndarray
 RATE = 500.0
@@ -54,3 +57,17 @@ def test_no_row_counts_in_which_noise_may_turn_the_direction(case: Case) -> None
     for m in range(case.robot.n):
         used = np.abs(run.measured.motor.dq[run.use[:, m] > 0, m])
         assert len(used) == 0 or used.min() > least[m]
+
+
+def test_a_joint_at_rest_but_for_rounding_is_followed_by_nothing(case: Case) -> None:
+    """A position that changes in its last digits alone leaves no room for knots."""
+    fit, _, _ = prepared(case.model, ident.ZeroPhase()(case.log, case.robot))
+    runs = []
+    for run in fit.runs:
+        motion = run.instrument
+        q, dq, ddq = (x.copy() for x in (motion.joint.q, motion.joint.dq, motion.joint.ddq))
+        q[:, 2], dq[:, 2], ddq[:, 2] = 1.67 + np.spacing(1.67) * np.round(np.sin(motion.t)), 0.0, 0.0
+        runs.append(replace(run, instrument=Motion.of(case.robot, q, dq, ddq, motion.t, rate=motion.rate, cutoff_hz=motion.cutoff_hz)))
+    fit = Fit(runs, fit.declared, (), fit.values)
+    laws = describing(fit, fit.solved(1), (case.robot.joint_names[0],), lambda _: None)
+    assert all(law.by != case.robot.joint_names[2] for law in laws)
