@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..design.catalogue import Catalogue
 from ..thresholds import LEVEL, MOST
 from .bursts import at_moments, burst
 from .candidates import Kind, best
@@ -75,10 +74,8 @@ def decide(
             note(text)
 
     tell = progress or (lambda _: None)
-    fit.solved(1)
-    state = EffectSearch(fit, Catalogue.of(fit, speeds), level)
+    state = EffectSearch.begun(fit, speeds, level)
     tell(0.3)
-    state.solve()
     _forward(state, say, lambda share: tell(0.3 + 0.45 * share), most)
     tell(0.75)
     drop_unnecessary(state, say)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...effects.kinds import Need
+from ..design.catalogue import Catalogue
 from ..thresholds import LEVEL, STRETCH
 from .refinement import agreed, at_an_end, can_be, likeliest, refined, settled
 from .scores import Scores
@@ -16,12 +17,13 @@ from .significance import parametric
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
-    from ..design.catalogue import Catalogue
     from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
 #: Effects of which a joint may have several: one for each order.
 REPEATABLE = frozenset({"cogging", "torque_ripple", "gear_coupling", "position_dependent_friction"})
+#: Passes of the first fit, whose values the catalogue's columns are made at: one more than later ones, that begin near their end.
+_FIRST = 3
 #: An effect on its joints (() for the whole robot).
 Placed = tuple["Effect", tuple[str, ...]]
 
@@ -40,6 +42,14 @@ class EffectSearch:
     frame: Solved = field(init=False)
     scores: Scores = field(init=False)
     chance: float = field(init=False, default=0.0)
+
+    @classmethod
+    def begun(cls, fit: Fit, speeds: Array, level: float = LEVEL) -> EffectSearch:
+        """A search with nothing accepted yet. `speeds` (n,): usual speeds of the motors."""
+        frame = fit.solved(_FIRST)
+        begun = cls(fit, Catalogue.of(fit, speeds), level)
+        begun.frame, begun.scores = frame, begun.scored(fit, frame)
+        return begun
 
     def solve(self) -> None:
         """Refit with what is accepted, and score everything beside it."""
