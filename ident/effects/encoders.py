@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
+#: Part by which the scale of an encoder that runs out of true may swing: discs and magnets sit far better than a tenth of their radius.
+_SWING = 0.1
 #: The true position is sought in so many repetitions: each leaves a share of what is off that is the error's own relative size.
 _REPETITIONS = 6
 
@@ -169,6 +171,13 @@ class EncoderEccentricity(_EncoderError):
         sine, cosine = np.sin(n * q), np.cos(n * q)
         yield sine, n * cosine * dq, n * cosine * ddq - n**2 * sine * dq**2
         yield cosine, -n * sine * dq, -n * sine * ddq - n**2 * cosine * dq**2
+
+    def implausible(self, robot: Robot, values: Array, std: Array) -> str:
+        for sine, cosine, s in zip(values[::2], values[1::2], np.hypot(std[::2], std[1::2]), strict=True):
+            swing = self.order * np.hypot(sine, cosine)
+            if swing - 3.0 * self.order * s > _SWING:
+                return f"the encoder's scale would swing by {100 * swing:.0f} % along a turn: no disc runs out of true by that much"
+        return ""
 
     def applied(self, robot: Robot, values: Array) -> SignalCorrection:
         harmonic = Harmonic(self.order, self._spread(robot, values, 0), self._spread(robot, values, 1))

@@ -156,9 +156,13 @@ def _readings(state: EffectSearch, refused: set[Kind]) -> list[Group]:
 
 
 def _stands(state: EffectSearch, trial: Trial) -> bool:
-    """Whether an effect of the reading is what it says, beside itself: its shape lies where it can for a model that has it, and what would
-    deny it is not there: not beyond chance, or not beyond the share of it that its law is exact to."""
+    """Whether an effect of the reading is there and is what it says, beside itself: its value is beyond what chance and immaterial error
+    explain, its shape lies where it can for a model that has it, and what would deny it is not there: not beyond chance, or not beyond
+    the share of it that its law is exact to."""
     effect, fit = trial.effect, trial.fit
+    own = abs(float(trial.frame.theta[-1])) / float(trial.frame.std[-1])
+    if not own > state.critical:
+        return False
     ranges = search_range(effect, fit.declared, fit.motions(instrument=False))
     if not all(low <= getattr(effect, name) <= high for name, (low, high) in ranges.items()):
         return False
@@ -166,7 +170,6 @@ def _stands(state: EffectSearch, trial: Trial) -> bool:
     if denial is None:
         return True
     against = Scores.of(fit, trial.frame, Catalogue.of_effects(fit, [(denial, trial.joints)])).plain.max(initial=0.0)
-    own = abs(float(trial.frame.theta[-1])) / float(trial.frame.std[-1])
     return bool(against**2 <= max(state.critical, effect.tolerance**0.5 * own) ** 2)
 
 
