@@ -128,8 +128,10 @@ def requirements(records: Sequence[dict[str, Any]]) -> list[Requirement]:
             sum("failed" not in r and r["verdict"] != "unexplained" for r in seen), len(seen),
         ),
         Requirement(
-            "single, not to be seen: clean or ambiguous", "single faults that the same measure does not show; the verdict",
-            sum("failed" not in r and r["verdict"] in ("clean", "ambiguous") for r in hidden), len(hidden), 1.0,
+            "single, not to be seen: never another name", "single faults that the same measure does not show; the verdict is clean or"
+            " ambiguous, or the one finding is the true effect",
+            sum("failed" not in r and (r["verdict"] in ("clean", "ambiguous") or (_good(r, "top") and _good(r, "only"))) for r in hidden),
+            len(hidden), 1.0,
         ),
         Requirement(
             "clean: false alarms", "logs without a fault; the verdict is not clean",

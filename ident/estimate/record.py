@@ -32,7 +32,7 @@ class EstimateRecord(ShortRepr):
 
     `base`: the reduction whose b base parameters were estimated (grouped further than the model's own where the data
     could not tell them apart); `values` (b,), `covariance` (b, b). `noise`: the residual's noise per measured row.
-    `sticking`: joints whose rows near reversals are left out, because they stick there.
+    `sticking`: joints whose rows near reversals are left out, because friction there is not what the model says.
     `problem`: what was solved, for diagnosis in the same session (not saved).
     `weights` (n,): weight of each row (1/variance). `reference` (k,): all parameters, from which the predicted load was taken."""
 
@@ -114,7 +114,7 @@ class EstimateRecord(ShortRepr):
         return error_on(judged, self.residual(judged), raw=judged is not signals)
 
     def problem_on(self, signals: Signals) -> Problem:
-        """The estimate's model on prepared signals, as it was fitted: without rows near reversals of joints that stick."""
+        """The estimate's model on prepared signals, as it was fitted: without rows near reversals that do not fit."""
         return Problem(self.model, signals.without_turning(self.sticking), reference=self.all_values)
 
     @cached_property

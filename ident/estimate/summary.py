@@ -149,4 +149,4 @@ def _sticking(joints: tuple[str, ...]) -> list[str]:
     if not joints:
         return []
     names = ", ".join(joints)
-    return [f"rows near reversals of {names} are left out: they scatter at least twice as much as the others, which is a sign of stiction."]
+    return [f"rows near reversals of {names} are left out of the fit and its errors: they scatter more than the others, as with stiction."]

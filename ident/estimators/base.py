@@ -84,7 +84,7 @@ class Estimator(ABC):
             object.__setattr__(self, f.name, _frozen(getattr(self, f.name)))
 
     def solve(self, problem: Problem) -> Estimate:
-        """Estimate the base parameters of a problem, without the rows in which a joint sticks (`estimators.turning`).
+        """Estimate the base parameters of a problem, without rows near reversals that do not fit (`estimators.turning`).
 
         Where an effect needs the model's own prediction (load), the fit is repeated with that of the last one until it stands."""
         self.check(problem)

@@ -1,8 +1,9 @@
-"""Rows that a reversal reaches: kept where they fit like the others, left out where the joint sticks.
+"""Rows that a reversal reaches: kept where they fit like the others, left out where they do not.
 
-A joint that sticks at a reversal has any friction up to its breakaway for some milliseconds; no velocity tells it, and the rows
-around it carry errors of many times the noise (measured on simulated stiction: Coulomb friction off by 6 std). Where friction
-merely changes sign, the same rows tell low-speed friction and should stay. The residual decides, joint by joint."""
+Near a reversal friction takes any value up to its breakaway, and the direction of a speed is wrong by its own error in time; no velocity
+tells it, and the rows around it carry errors of several times the noise, which bias friction and inertia alike
+(`benchmarks/diagnosis/intervals.py` counts how often intervals cover the truth). Where friction merely changes sign, the same rows tell
+low-speed friction and stay. The residual decides, joint by joint: whether it scatters more there than chance lets it."""
 
 from __future__ import annotations
 
@@ -17,13 +18,18 @@ from ..problem.problem import Problem as Plain
 if TYPE_CHECKING:
     from ..problem.problem import Problem
 
-#: Variance of the residual in rows that a reversal reaches, over that of the others, beyond which the joint sticks there.
-_STICKS = 9.0
-_FEWEST = 10
+Array = np.ndarray
+
+#: Probability with which rows that fit like the others scatter as much more than they.
+_LEVEL = 0.01
+#: Share of a joint's rows, and rows at least, that must be left.
+_LEFT, _FEWEST = 0.3, 10
+#: Rows within which a residual may depend on itself.
+_LAGS = 30
 
 
 def without_sticking(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
-    """The problem without the rows in which a joint sticks, and these joints."""
+    """The problem without the rows that a reversal reaches of joints where these do not fit, and these joints."""
     turning = problem.signals.turning
     if type(problem) is not Plain or turning is None or not (turning & problem.valid).any():
         return problem, ()
@@ -32,14 +38,27 @@ def without_sticking(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
     solution = solve_triangle(*information.combined(weights)[:2], order_of(problem.base))
     values = np.zeros(problem.base.count)
     values[solution.columns] = solution.values
-    squares = problem.residual(values) ** 2
+    residual = problem.residual(values)
+    squares = residual**2
     joints = []
     for j, name in enumerate(problem.model.robot.joint_names):
         near, far = problem.valid[:, j] & turning[:, j], problem.valid[:, j] & ~turning[:, j]
-        if near.sum() < _FEWEST or far.sum() < max(_FEWEST, 0.3 * problem.valid[:, j].sum()):
+        if not near.any() or far.sum() < max(_FEWEST, _LEFT * problem.valid[:, j].sum()):
             continue
-        if squares[near, j].mean() > _STICKS * squares[far, j].mean():
+        if squares[near, j].mean() > _by_chance(residual[far, j], int(near.sum())) * squares[far, j].mean():
             joints.append(name)
     if not joints:
         return problem, ()
     return replace(problem, signals=problem.signals.without_turning(joints)), tuple(joints)
+
+
+def _by_chance(residual: Array, rows: int) -> float:
+    """Variance of so many rows over that of others with this `residual` (M,), which chance seldom exceeds: an F quantile, each side counted
+    as the independent rows that it is worth (Bartlett's sum of squared autocorrelations)."""
+    from scipy.stats import f
+
+    x = residual - residual.mean()
+    power = float(x @ x)
+    lags = range(1, min(_LAGS, len(x) - 1))
+    correlated = 1.0 + 2.0 * sum((float(x[k:] @ x[:-k]) / power) ** 2 for k in lags) if power > 0 else 1.0
+    return float(f.isf(_LEVEL, max(rows / correlated, 1.0), max(len(x) / correlated, 1.0)))

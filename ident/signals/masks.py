@@ -21,8 +21,8 @@ class Standstill:
     A sample counts as standstill below `fraction` of the joint's top speed on the measured side, or below `speed` (rad/s or
     m/s; one value, or one a joint) if that is given; never below three standard deviations of the speed's noise. A row is
     left out if more than `share` of the row filter's weight lies on such samples. A small share drops every row that a standstill
-    or a reversal reaches, and with them the low speeds by which friction that is not linear in speed is told; a joint that
-    sticks there is left to the estimators, who see it by the residual (`estimators.turning`). Where reversals follow each
+    or a reversal reaches, and with them the low speeds by which friction that is not linear in speed is told; where friction
+    is another there, the estimators see it by the residual and leave these rows out (`estimators.turning`). Where reversals follow each
     other so closely, for the length of the row filter, that less than `keep` of a joint's moving rows would be left, its
     share is raised until that many are."""
 

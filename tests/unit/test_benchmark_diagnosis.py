@@ -74,7 +74,7 @@ def test_single_faults():
     found = by_title([good, second, hidden, failed])
     assert (found["single: top finding right"].hits, found["single: top finding right"].count) == (1, 3)
     assert found["single: nothing spurious beside it"].hits == 1
-    assert (found["single, not to be seen: clean or ambiguous"].hits, found["single, not to be seen: clean or ambiguous"].count) == (0, 1)
+    assert (found["single, not to be seen: never another name"].hits, found["single, not to be seen: never another name"].count) == (0, 1)
     assert right(good) == {"top": True, "only": True, "all": True}
     assert right(second) == {"top": False, "only": False, "all": False}
     assert confusion([good, second, hidden, failed]) == {"stribeck": {"stribeck": 1, "offset": 1, "failed": 1}}
