@@ -84,8 +84,7 @@ def own_score(state: EffectSearch, i: int) -> float:
 def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
     """Effects that could stand in the place of the i-th accepted one, so that nothing is left beside them.
 
-    They are put in its place to first order. What this leaves of the effect itself, beside which nothing is left, is no fault of those
-    that are the same."""
+    They are put in its place to first order. Those that have its very columns stand or fall with it."""
     effect, joints = state.accepted[i]
     scores, own = state.without(i), (effect.name, joints)
     # A joint does not have one effect twice.
@@ -94,9 +93,6 @@ def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
     z = scores.plain
     nearest = mine[int(np.argmax(z[mine]))] if mine else None
     top = float(z[scores.named].max(initial=0.0))
-    own_limit = state.critical
-    if nearest is not None and state.scores.z.max(initial=0.0) <= own_limit:
-        own_limit = max(own_limit, float(scores.beside(scores.slice_of(nearest))[0].max(initial=0.0)))
     found: dict[tuple[str, tuple[str, ...]], Member] = {}
     for k in np.argsort(-z).tolist():
         if z[k] < state.critical or z[k] < COMPETES * top:
@@ -105,8 +101,9 @@ def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
         if scores.z[k] < state.critical or not g.named or g.kind in taken or not state.possible(scores, k):
             continue
         member = _member(state, scores, k, nearest)
-        limit = own_limit if member is not None and member.same else state.critical
-        if member is not None and member.left <= limit and (g.kind not in found or member.left < found[g.kind].left):
+        if member is None or not (member.same or member.left <= state.critical):
+            continue
+        if g.kind not in found or member.left < found[g.kind].left:
             found[g.kind] = member
     return tuple(sorted(found.values(), key=lambda m: m.left))
 
@@ -134,7 +131,8 @@ def _at_their_best(state: EffectSearch, i: int, members: tuple[Member, ...]) -> 
 
 
 def _member(state: EffectSearch, scores: Scores, k: int, nearest: int | None) -> Member | None:
-    """The k-th group in the place of an accepted effect (`nearest`: its own group); None for a more general or a simpler form of it."""
+    """The k-th group in the place of an accepted effect (`nearest`: its own group); None for a more general or a simpler form of it, and
+    for nearly its columns where it still adds something beside them."""
     g = scores.group(k)
     assert g.effect is not None
     beside, energy = scores.beside(scores.slice_of(k))
@@ -143,12 +141,12 @@ def _member(state: EffectSearch, scores: Scores, k: int, nearest: int | None) ->
         return Member(g.effect, g.joints, float(scores.plain[k]), left)
     other = scores.beside(scores.slice_of(nearest))[1]
     inside, around = energy[nearest] < CONTAINED, other[k] < CONTAINED
-    if inside and around and scores.degrees[k] == scores.degrees[nearest]:
+    after = float(beside[nearest])
+    if inside and around and scores.degrees[k] == scores.degrees[nearest] and after <= state.chance:
         return Member(g.effect, g.joints, float(scores.plain[k]), left, same=True, more=rank(g) > rank(scores.group(nearest)))
     if inside or around:
         return None
     # What the accepted effect still adds after it counts as left.
-    after = float(beside[nearest])
     if after > state.chance:
         left = max(left, state.critical + after - state.chance)
     return Member(g.effect, g.joints, float(scores.plain[k]), left)
