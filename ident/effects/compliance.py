@@ -75,7 +75,7 @@ class _Compliance(Effect):
         return tuple(Parameter(self.named(self.symbol, robot, j), "1", self.name, robot.joint_names[j], 0.0) for j in self.at(robot))
 
     def shape(self) -> tuple[ShapeParameter, ...]:
-        return (ShapeParameter("rotor", "kg m^2 (kg)", -1e6, 1e6, 0.0, points=4),)
+        return (ShapeParameter("rotor", "kg m^2 (kg)", -1e6, 1e6, 0.0, points=1),)
 
     @classmethod
     @abstractmethod
@@ -184,8 +184,13 @@ class JointElasticity(_Compliance):
         return (
             ShapeParameter("stiffness", "N m/rad (N/m)", 1e-4, 1e10, 1e4, log=True, points=8),
             *super().shape(),
-            ShapeParameter("damping", "1", 0.01, 1.0, 0.1, log=True, points=2),
+            ShapeParameter("damping", "1", 0.01, 1.0, 0.1, log=True, points=1),
         )
+
+    def told_by(self, values: Array) -> Self:
+        """A spring gives in proportion to its load: what it gives beside one of this stiffness says how stiff it is."""
+        value = float(np.mean(values))
+        return self.nearest_shape(stiffness=self.stiffness / value) if value > 0.0 else self
 
     @classmethod
     def moved(cls, effects: Sequence[Self], link: _Link) -> list[tuple[Array, Array, Array]]:

@@ -28,7 +28,7 @@ _APART, _MOST_ORDERS = 0.75, 100
 #: Samples that a period of an order needs, at a speed below which the joint is for this share of the time.
 _SAMPLES, _SLOW_SHARE = 10.0, 0.2
 #: Effects whose evidence lies above any band in which the reference drives the motion: they are said to be unseen, never named.
-ABOVE_THE_BAND = frozenset({"joint_elasticity", "backlash"})
+ABOVE_THE_BAND = frozenset({"backlash"})
 
 
 def places(kind: type[Effect], model: Model, motions: Sequence[Motion]) -> Iterator[tuple[Effect, tuple[str, ...]]]:
@@ -54,7 +54,7 @@ def grid(effect: Effect, model: Model, motions: Sequence[Motion], points: int = 
     if not parameters:
         yield effect
         return
-    if effect.response(model.robot) is not None and any(p.lower < 0 < p.upper for p in parameters):
+    if effect.response(model.robot) is not None and all(p.lower < 0 < p.upper for p in parameters):
         # A delay: its slope at zero shows every short one.
         yield effect.with_shape(**{p.name: 0.0 for p in parameters})
         return

@@ -113,10 +113,11 @@ def _inside(state: EffectSearch, trial: Trial) -> list[Group]:
 
 
 def rank(group: Group) -> tuple[int, int, bool]:
-    """How much an effect asks for: parameters, what it needs to know, friction (which acts only where something moves)."""
+    """How much an effect asks for: parameters and sought shapes, what it needs to know, friction (it acts only where something moves)."""
     effect = group.effect
     assert effect is not None
-    return len(group.columns) + len(effect.shape()), len(effect.needs), effect.nature == Nature.FRICTION
+    sought = sum(p.points != 1 for p in effect.shape())
+    return len(group.columns) + sought, len(effect.needs), effect.nature == Nature.FRICTION
 
 
 def _candidates(state: EffectSearch, refused: set[Kind]) -> list[Group]:

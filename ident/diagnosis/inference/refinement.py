@@ -171,6 +171,12 @@ def can_be(effect: Effect, fit: Fit, values: Array, std: Array) -> bool:
     return inside and not effect.implausible(robot, values, std)
 
 
+def within_range(effect: Effect, fit: Fit) -> bool:
+    """Whether an effect's shapes lie where such an effect can be."""
+    ranges = search_range(effect, fit.declared, fit.sought(effect))
+    return all(low < getattr(effect, name) < high for name, (low, high) in ranges.items())
+
+
 def _free(effect: Effect, fit: Fit) -> tuple[ShapeParameter, ...]:
     """Shapes that may be anything between their bounds: no delay taken as a slope."""
     if fit.known is not None and fit.known.holds(effect):
@@ -200,8 +206,8 @@ def agreed(effect: Effect, others: tuple[Effect, ...], fit: Fit) -> Effect:
 
     To first order a shape far from its own response may score best: a lag of twice the time constant at half its share."""
     found = effect
-    if effect.told_by(np.ones(len(effect.parameters(fit.robot)))) == effect:
-        return effect
+    if all(effect.told_by(np.full(len(effect.parameters(fit.robot)), value)) == effect for value in (1.0, 2.0)):
+        return effect  # its values tell nothing
     for _ in range(_AGREE):
         other = fit.with_effects((*others, found))
         values, std = last_values(other, other.solved(PASSES))

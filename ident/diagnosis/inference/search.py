@@ -11,7 +11,7 @@ import numpy as np
 from ...effects.kinds import Need
 from ..design.catalogue import Catalogue
 from ..thresholds import LEVEL, STRETCH
-from .refinement import agreed, at_an_end, can_be, likeliest, refined, settled
+from .refinement import agreed, at_an_end, can_be, likeliest, refined, settled, within_range
 from .scores import Scores
 from .significance import parametric
 
@@ -123,9 +123,13 @@ class EffectSearch:
         return effect
 
     def possible(self, scores: Scores, k: int) -> bool:
-        """Whether the values that a scored group would have can be those of such an effect."""
+        """Whether the values that a scored group would have can be those of such an effect, at its shape or at the one that they tell."""
         effect = scores.group(k).effect
-        return effect is not None and can_be(effect, self.fit, *scores.values(k))
+        if effect is None:
+            return False
+        values, std = scores.values(k)
+        told = effect.told_by(values)
+        return can_be(effect, self.fit, values, std) or (told != effect and within_range(told, self.fit))
 
     def impossible(self) -> int | None:
         """An accepted effect that beside the others has values which no such effect can have; None where there is none."""
