@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from typing import Generic, Protocol, TypeVar
+from typing import ClassVar, Generic, Protocol, TypeVar
 
 from ..errors import ConfigurationError
 from .plugins import load_installed
 
 
 class _Named(Protocol):
-    name: str
+    name: ClassVar[str]
 
 
 _T = TypeVar("_T", bound=_Named)
