@@ -18,7 +18,9 @@ import ident
 from ident import Log
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.robots import nominal_values
-from ident.simulation.simulate import Plant, Sensors, simulate_batch
+from ident.simulation.plant import Plant
+from ident.simulation.sensors import Sensors
+from ident.simulation.simulate import simulate_batch
 from ident.simulation.trajectory import FourierTrajectory
 
 RATE = 200.0

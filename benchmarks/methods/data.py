@@ -13,7 +13,7 @@ from ident.logs.log import Log
 from ident.planning import Separation, make_plan
 from ident.problem.problem import Problem
 from ident.signals.preparation import Recorded, ZeroPhase
-from ident.simulation.simulate import Feedback
+from ident.simulation.command import Feedback
 
 from .bound import filtered_bound
 from .methods import Case

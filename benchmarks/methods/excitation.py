@@ -13,8 +13,9 @@ from ident.planning import default_model
 from ident.problem.problem import Problem
 from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side
-from ident.simulation.sensors import TorqueWindow
-from ident.simulation.simulate import Plant, Sensors, simulate
+from ident.simulation.plant import Plant
+from ident.simulation.sensors import Sensors, TorqueWindow
+from ident.simulation.simulate import simulate
 
 from .data import recorded
 

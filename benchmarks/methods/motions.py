@@ -12,8 +12,11 @@ from ident.effects.motion import Coordinates
 from ident.logs.log import Log
 from ident.planning import Plan, PlannedTest
 from ident.robots.transmission import Side
+from ident.simulation.command import Feedback
 from ident.simulation.controller import PDFeedforward
-from ident.simulation.simulate import Feedback, Hold, Sensors, Simulation, simulate_batch
+from ident.simulation.result import Simulation
+from ident.simulation.sensors import Sensors
+from ident.simulation.simulate import Hold, simulate_batch
 from ident.simulation.trajectory import Chained, Dwell, Trajectory
 
 from .world import World

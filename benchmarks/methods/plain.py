@@ -15,8 +15,7 @@ from ident.estimators import InstrumentalVariable, LeastSquares
 from ident.problem.problem import Problem
 from ident.robots.transmission import Side
 from ident.signals.preparation import CentralDifference, Preparation
-from ident.simulation.sensors import Quantisation, TorqueWindow
-from ident.simulation.simulate import Sensors
+from ident.simulation.sensors import Quantisation, Sensors, TorqueWindow
 
 from .data import FAST, SLOW, recorded
 from .motions import read, torque_driven

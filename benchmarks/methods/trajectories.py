@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.simulation.simulate import Replay, replay
+from ident.simulation.replay import Replay, replay
 
 from .data import Data, exact_logs, recorded
 from .monte_carlo import Trials

@@ -12,8 +12,8 @@ from ident.planning import default_model
 from ident.problem.problem import Problem
 from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side
-from ident.simulation.sensors import Quantisation, TorqueNoise, TorqueWindow
-from ident.simulation.simulate import Plant, Sensors
+from ident.simulation.plant import Plant
+from ident.simulation.sensors import Quantisation, Sensors, TorqueNoise, TorqueWindow
 
 from .random_motion import fourier
 

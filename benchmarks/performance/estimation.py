@@ -15,9 +15,9 @@ from ident.estimators import InstrumentalVariable, RecursiveLeastSquares
 from ident.logs.log import Log, LogSet
 from ident.physical import judge
 from ident.regressor import rigid, row_information
+from ident.simulation.plant import Plant
 from ident.simulation.replay import replay
 from ident.simulation.script import Script
-from ident.simulation.simulate import Plant
 
 from .cases import noisy_subject, puma
 from .limits import Limit, profiled

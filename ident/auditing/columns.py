@@ -9,7 +9,8 @@ import numpy as np
 
 from .._utils.text import counted
 from ..errors import IdentError
-from ..logs.log import Log, measured
+from ..logs.log import Log
+from ..logs.torque import measured
 from ..logs.unwrap import unwrapped
 from ..robots.robot import Robot
 from .findings import AuditFinding, Severity

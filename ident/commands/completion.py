@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from ..effects.registry import effect_names
 from ..estimators import estimator_types
-from ..robots.library.load import built_in_names
+from ..robots.library.folders import built_in_names
 
 _BASH = """# ident: completion for bash and zsh.  eval "$(ident completion {shell})"
 {zsh}_ident() {{

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._utils.json import result
 from ..physical import PayloadEstimate, payload_of
-from ..robots.library.load import robot_folder
+from ..robots.library.folders import robot_folder
 from ..robots.library.nominal import nominal_values
 from ..study.session import Session
 from ..study.study import Study

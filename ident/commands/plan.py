@@ -17,7 +17,7 @@ from ..simulation.result import write_log_csv
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, study_from
 
 if TYPE_CHECKING:
-    from ..planning.plan import Plan
+    from ..planning.sequence import Plan
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

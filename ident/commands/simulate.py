@@ -21,15 +21,16 @@ from ..robots.reach import reach
 from ..robots.transmission import Side
 from ..robots.urdf import some
 from ..simulation.exceeded import exceeded_limits, exceeded_lines
+from ..simulation.plant import Plant
 from ..simulation.sensors import Quantisation, Sensors, TorqueNoise, TorqueWindow
-from ..simulation.simulate import Plant, simulate
+from ..simulation.simulate import simulate
 from ..simulation.trajectory import FourierTrajectory
 from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, study_from
 from .injected import HELP, injected
 
 if TYPE_CHECKING:
     from ..model import Model
-    from ..planning.plan import Plan
+    from ..planning.sequence import Plan
 
 Array = np.ndarray
 #: Encoder counts a motor turn, where nothing asks for more.

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from .._utils.text import counted
+from ..errors import ConfigurationError
 from ..robots.parameters import Parameter
 from ..robots.transmission import Side
 from .base import Effect, accelerated
@@ -40,20 +42,46 @@ class JointEffect(Effect):
         for j in self.at(robot):
             q, tau = robot.position_unit(j, self.side), robot.force_unit(j, self.side)
             units = {"q": q, "tau": tau, "inertia": "kg" if q == "m" else "kg m^2", **shape}
-            for symbol, unit, lower in self.symbols:
+            for symbol, unit, lower in self._declared_symbols():
                 least = -np.inf if lower is None else lower
-                found.append(Parameter(self.named(symbol, robot, j), unit.format(**units), self.name, robot.joint_names[j], least))
+                try:
+                    own_unit = unit.format(**units)
+                except KeyError as error:
+                    known = ", ".join(f"{{{name}}}" for name in units)
+                    raise ConfigurationError(f"effect {self.name!r}: the unit {unit!r} must hold no other name than {known}.") from error
+                found.append(Parameter(self.named(symbol, robot, j), own_unit, self.name, robot.joint_names[j], least))
         return tuple(found)
 
     @abstractmethod
     def basis(self, own: Coordinates, motion: Motion, at: list[int]) -> Iterable[Array]:
         """For each column its values (N, len(at)) on the joints `at`; `own` is the motion of those on the effect's side."""
 
+    def _declared_symbols(self) -> tuple[tuple[str, str, float | None], ...]:
+        """`symbols`; raises ConfigurationError where they are not what they must be."""
+        symbols = getattr(self, "symbols", None)
+        if not isinstance(symbols, tuple) or not symbols or not all(isinstance(one, tuple) and len(one) == 3 for one in symbols):
+            raise ConfigurationError(
+                f"effect {self.name!r}: `symbols` must hold (symbol, unit, lower bound) for each column, as in"
+                f' symbols = (("F", "{{tau}}", 0.0),), not {symbols!r}.'
+            )
+        return symbols
+
+    def column_values(self, motion: Motion, at: list[int]) -> list[Array]:
+        """For each column its values (N, len(at)) on the joints `at`. Raises ConfigurationError where `basis` gives something else."""
+        found = list(self.basis(motion.on(self.side).of(at), motion, at))
+        shape = len(motion), len(at)
+        if len(found) != len(self.symbols) or any(np.shape(values) not in ((), shape) for values in found):
+            raise ConfigurationError(
+                f"effect {self.name!r}: `basis` must yield {counted(len(self.symbols), 'array')} of shape {shape} (samples, joints), one"
+                " for each of its `symbols`; use yield, not return."
+            )
+        return found
+
     def columns(self, motion: Motion, robot: Robot) -> Array:
         at = self.at(robot)
         width = len(self.symbols)
         out, own = np.zeros((len(motion), robot.n, width * len(at))), width * np.arange(len(at))
-        for s, values in enumerate(self.basis(motion.on(self.side).of(at), motion, at)):
+        for s, values in enumerate(self.column_values(motion, at)):
             out[:, at, own + s] = values
         return out
 
@@ -61,7 +89,7 @@ class JointEffect(Effect):
         at = self.at(robot)
         out = np.zeros((len(motion), robot.n))
         each = np.asarray(values, float).reshape(len(at), len(self.symbols))
-        for s, basis in enumerate(self.basis(motion.on(self.side).of(at), motion, at)):
+        for s, basis in enumerate(self.column_values(motion, at)):
             out[:, at] += basis * each[:, s]
         return out
 

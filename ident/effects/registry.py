@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, TypeVar
 
-from .._utils.registered import load_registering
-from ..errors import ConfigurationError, unknown_name
+from .._utils.registered import Registry
+from ..errors import unknown_name
 from .base import Effect
 
 _E = TypeVar("_E", bound=Effect)
-_REGISTRY: dict[str, type[Effect]] = {}
+_REGISTRY: Registry[Effect] = Registry("effect", "ident.effects", "ident.friction")
 
 
 def register(effect: type[_E]) -> type[_E]:
@@ -38,10 +38,7 @@ def register(effect: type[_E]) -> type[_E]:
     >>> register(Viscous) is Viscous  # known already: nothing changes
     True
     """
-    known = _REGISTRY.get(effect.name)
-    if known is not None and (known.__module__, known.__qualname__) != (effect.__module__, effect.__qualname__):
-        raise ConfigurationError(f"two effects are named {effect.name!r}: {known.__module__} and {effect.__module__}.")
-    _REGISTRY[effect.name] = effect
+    _REGISTRY.add(effect)
     return effect
 
 
@@ -59,8 +56,7 @@ def effect_types() -> dict[str, type[Effect]]:
     >>> ident.effects.effect_types()["viscous"] is ident.friction.Viscous
     True
     """
-    load_registering("ident.effects", "ident.friction")
-    return dict(sorted(_REGISTRY.items()))
+    return _REGISTRY.types()
 
 
 def effect_names() -> tuple[str, ...]:

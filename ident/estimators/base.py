@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
-from .._utils.registered import load_registering
+from .._utils.registered import Registry
 from ..effects.kinds import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .own_prediction import standing
@@ -153,7 +153,7 @@ def _thawed(value: Any) -> Any:
     return [_thawed(v) for v in value] if isinstance(value, tuple) else value
 
 
-_REGISTRY: dict[str, type[Estimator]] = {}
+_REGISTRY: Registry[Estimator] = Registry("estimator", "ident.estimators")
 _S = TypeVar("_S", bound=Estimator)
 
 
@@ -181,10 +181,7 @@ def register(estimator: type[_S]) -> type[_S]:
     >>> register(LeastSquares) is LeastSquares  # known already: nothing changes
     True
     """
-    known = _REGISTRY.get(estimator.name)
-    if known is not None and known.__qualname__ != estimator.__qualname__:
-        raise ConfigurationError(f"two estimators are named {estimator.name!r}.")
-    _REGISTRY[estimator.name] = estimator
+    _REGISTRY.add(estimator)
     return estimator
 
 
@@ -202,8 +199,7 @@ def estimator_types() -> dict[str, type[Estimator]]:
     >>> ident.estimators.estimator_types()["wls"] is ident.estimators.WeightedLeastSquares
     True
     """
-    load_registering("ident.estimators")
-    return dict(sorted(_REGISTRY.items()))
+    return _REGISTRY.types()
 
 
 def _able(capability: Capability) -> str:

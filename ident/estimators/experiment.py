@@ -14,16 +14,18 @@ from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.transmission import Side
 from ..signals.filters import zero_phase_lowpass
 from ..signals.uniform import Recording
+from ..simulation.command import Feedback
 from ..simulation.controller import PDFeedforward
-from ..simulation.sensors import TorqueWindow
-from ..simulation.simulate import Feedback, Hold, Plant, Sensors, simulate_batch
+from ..simulation.plant import Plant
+from ..simulation.sensors import Sensors, TorqueWindow
+from ..simulation.simulate import Hold, simulate_batch
 
 if TYPE_CHECKING:
     from ..logs.log import Log
     from ..model import Model
     from ..signals.signals import Signals
     from ..simulation.controller import Controller
-    from ..simulation.simulate import Simulation
+    from ..simulation.result import Simulation
     from ..simulation.trajectory import Trajectory
 
 Array = np.ndarray

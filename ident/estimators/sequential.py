@@ -21,7 +21,7 @@ from .step_rows import StepRows, check_joints, check_plan, planned_rows, unplann
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
-    from ..planning.plan import Plan
+    from ..planning.sequence import Plan
     from ..problem.problem import Problem
     from ..robots.robot import Robot
 

@@ -18,7 +18,7 @@ from ..problem.integrated import smooth_window
 from ..robots.transmission import Side
 
 if TYPE_CHECKING:
-    from ..planning.plan import Plan
+    from ..planning.sequence import Plan
     from ..planning.trials import PlannedTest
     from ..problem.problem import Problem
     from ..robots.robot import Robot

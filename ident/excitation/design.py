@@ -16,12 +16,11 @@ from .approach import NoWay, approach, require_clear
 from .candidate import TrajectoryCandidate
 from .certificate import certify, nearest
 from .clearance import Clearance
-from .families import BSplineFamily, Family, FourierFamily
+from .families import Family, FourierFamily
 from .information import MotionInformation
 from .limits import Limits
 from .margins import margins_of
-from .noise import sample_noise
-from .objective import Both, ConditionNumber, DOptimality, Measure, condition_number
+from .objective import Both, DOptimality, Measure
 from .result import Excitation
 from .search import TrajectorySearch
 from .surroundings import Safety, Surroundings
@@ -33,23 +32,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 _LOG = logging.getLogger(__name__)
-
-__all__ = [
-    "BSplineFamily",
-    "Both",
-    "ConditionNumber",
-    "DOptimality",
-    "Excitation",
-    "Family",
-    "FourierFamily",
-    "Limits",
-    "Measure",
-    "condition_number",
-    "excite",
-    "random_excitation",
-    "sample_noise",
-    "tell_apart",
-]
 
 _FAMILY: Family = FourierFamily(10.0)
 _MEASURE: Measure = Both()

@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
-from .._utils.registered import load_registering
+from .._utils.registered import Registry
 from ..errors import unknown_name
 from .urdf import Attached, BodyExport
 
@@ -71,20 +71,19 @@ class ExportTarget(ABC):
         """The file of an identified robot."""
 
 
-_T = TypeVar("_T", bound=type[ExportTarget])
-_REGISTRY: dict[str, type[ExportTarget]] = {}
+_T = TypeVar("_T", bound=ExportTarget)
+_REGISTRY: Registry[ExportTarget] = Registry("export target", "ident.exporting.targets")
 
 
-def register_target(target: _T) -> _T:
-    """Class decorator: make a target known by its name."""
-    _REGISTRY[target.name] = target
+def register_target(target: type[_T]) -> type[_T]:
+    """Class decorator: make a target known by its name. Raises ConfigurationError where another has it."""
+    _REGISTRY.add(target)
     return target
 
 
 def target_types() -> dict[str, type[ExportTarget]]:
     """Every target by name."""
-    load_registering("ident.exporting.targets")
-    return dict(sorted(_REGISTRY.items()))
+    return _REGISTRY.types()
 
 
 def make_target(name: str | None, file: Path) -> ExportTarget:

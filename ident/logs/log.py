@@ -17,7 +17,6 @@ from ..errors import ConfigurationError, DataError, unknown_name
 from ..robots.transmission import Transmission
 from .pictures import TORQUE, log_figure, log_frame
 from .recognise import RecordedChannels
-from .torque import MeasuredTorque, measured
 from .unwrap import unwrapped
 
 if TYPE_CHECKING:
@@ -297,6 +296,3 @@ def spread(count: int, share: float) -> set[int]:
     """About `share` of `count` indices, evenly spread, never the first alone of several."""
     number = min(count - 1, max(1, round(share * count))) if count > 1 else 0
     return {int((i + 0.5) * count / number + 0.5 * (count / number > 2)) if number else 0 for i in range(number)} if number else set()
-
-
-__all__ = ["Log", "LogSet", "MeasuredTorque", "log_of", "measured", "spread"]

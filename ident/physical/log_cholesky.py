@@ -42,7 +42,8 @@ def fit_log_cholesky(
         )
     if prior is not None and prior.metric != Metric.QUADRATIC:
         raise UnsupportedError(
-            "the log-Cholesky fit takes the quadratic metric only; the others need the solver: pip install 'ident[sdp]'."
+            f"the nearest bodies by the {prior.metric} metric need the solver: pip install 'ident[sdp]'. Without it, only those by the"
+            f" {Metric.QUADRATIC} metric are found."
         )
     fit = _Factors(structure, target, prior)
 

@@ -14,6 +14,8 @@ import numpy as np
 from .structure import InertiaStructure
 
 Array = np.ndarray
+#: Eigenvalues nearer than this (relative) are those of positions that a symmetry of the robot makes equal.
+_EQUAL = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,15 +113,31 @@ def minimise_eigenvalue(
         order = _spread(q, found, max(len(q) // keep, 4), structure.relevant, 1e-2)
         q, found = q[order], found[order]
     # Of positions that a symmetry of the robot makes equal, the nearest to zero, whichever rounding made the lowest.
-    equal = int(np.count_nonzero(found <= found[0] + 1e-5 * abs(found[0])))
+    equal = int(np.count_nonzero(found <= found[0] + _EQUAL * abs(found[0])))
     order = np.append(np.argsort(np.abs(q[:equal]).sum(axis=1)), np.arange(equal, len(q)))
     q, found = q[order], found[order]
+    q[0], found[0] = _nearest_image(objective, q[0], found[0], lower, upper)
     best, value = _descend(objective, q[:1], lower, upper, 100, 1e-13, -np.inf, deadline)
     if value[0] <= found[0]:
         q[0], found[0] = best[0], value[0]
     _, v = objective.both(q[:1])
     vector = v[0] * weight
     return Minimum(float(found[0]), q[0].copy(), vector / np.linalg.norm(vector), q, found, objective.evaluations)
+
+
+def _nearest_image(objective: _Objective, q: Array, value: float, lower: Array, upper: Array) -> tuple[Array, float]:
+    """Of the positions that half turns of single joints make of q (n,), the nearest to zero whose eigenvalue is the same.
+
+    A few starts meet some of the images of a minimum only; which ones, rounding decides."""
+    structure = objective.structure
+    for i in np.flatnonzero(structure.relevant & ~structure.prismatic & (np.abs(q) > 0.5 * np.pi)):
+        image = q.copy()
+        image[i] -= np.copysign(np.pi, q[i])
+        if lower[i] <= image[i] <= upper[i]:
+            there = float(objective.both(image[None])[0][0])
+            if there <= value + _EQUAL * abs(value):
+                q, value = image, there
+    return q, value
 
 
 def nested_seeds(

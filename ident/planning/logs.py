@@ -13,7 +13,8 @@ from ..effects.motion import Coordinates, Motion
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..simulation.controller import PDFeedforward
 from ..simulation.result import Simulation
-from ..simulation.simulate import Sensors, simulate_batch
+from ..simulation.sensors import Sensors
+from ..simulation.simulate import simulate_batch
 from .manifest import write_manifest
 
 if TYPE_CHECKING:

@@ -17,29 +17,12 @@ from .choice import Chooser, Separation
 from .logs import TrackingMode, simulate_logs
 from .manifest import read_manifest, write_manifest
 from .sequence import Plan
-from .trials import MotionKind, PlannedTest, Segment, Sweep, Swing
 
 if TYPE_CHECKING:
     from ..model import Model
     from ..simulation.plant import Plant
 
 Array = np.ndarray
-
-__all__ = [
-    "MotionKind",
-    "Plan",
-    "PlannedTest",
-    "Segment",
-    "Separation",
-    "Sweep",
-    "Swing",
-    "TrackingMode",
-    "default_model",
-    "make_plan",
-    "read_plan",
-    "simulate_plan",
-    "write_plan",
-]
 
 
 def default_model(robot: Robot) -> Model:

@@ -201,8 +201,7 @@ class _Signals:
     def values(self, motion: Motion, robot: Robot) -> Array:
         """Values (L, c) along a motion."""
         effect, at = self.effect, self.effect.at(robot)
-        basis = effect.basis(motion.on(effect.side).of(at), motion, at)
-        found = [x if shown is None else x[:, shown] for x, shown in zip(basis, self.shown, strict=True)]
+        found = [x if shown is None else x[:, shown] for x, shown in zip(effect.column_values(motion, at), self.shown, strict=True)]
         return found[0] if self.order is None else np.concatenate(found, axis=1)[:, self.order]
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from .._utils.files import write_atomic
 from ..auditing import Audit
 from ..diagnosis import Diagnosis
-from ..drawing.document import Report, percent, read_report
+from ..drawing.document import Report, percent
 from ..drawing.figures import draw, require_matplotlib
 from ..drawing.html import to_html
 from ..drawing.shown import Shown
@@ -24,8 +24,6 @@ from .diagnosis import diagnosis_report
 from .estimate import estimate_report
 from .monitoring import monitoring_report
 from .robot import path_figure, robot_sections
-
-__all__ = ["Report", "read_report", "report"]
 
 
 def report(

@@ -8,7 +8,8 @@
 from __future__ import annotations
 
 from .joints import Joint, Loop
-from .library.load import built_in_names, declared_drive, load_robot, payloads, robot_folder, robot_names
+from .library.folders import built_in_names, robot_folder
+from .library.load import declared_drive, load_robot, payloads, robot_names
 from .library.nominal import DriveParameters, drive_parameters, nominal_values
 from .library.payloads import PayloadData
 from .library.published import PublishedTable, published_tables

@@ -9,8 +9,9 @@ import numpy as np
 
 from .._utils.text import counted
 from ..errors import ConfigurationError, DataError
-from ..logs.log import Log, measured
+from ..logs.log import Log
 from ..logs.repair import usable_numbers
+from ..logs.torque import measured
 from ..logs.unwrap import motor_turn_notes, unwrapped, wrapping
 from ..robots.robot import Robot
 from .resample import Clock, common_rate, extremes, flag_at, grid, interpolate, interpolate_torque, is_even, slow_clock, stretches, thin

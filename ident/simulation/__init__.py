@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from .exceeded import ExceededLimit, exceeded_limits
+from .plant import Plant
 from .result import Simulation
-from .simulate import Plant, simulate, simulate_batch
+from .simulate import simulate, simulate_batch
 
 __all__ = ["ExceededLimit", "Plant", "Simulation", "exceeded_limits", "simulate", "simulate_batch"]

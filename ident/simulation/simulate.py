@@ -10,17 +10,14 @@ from enum import StrEnum
 import numpy as np
 
 from .._utils.text import counted
-from ..effects.force import ForceModel
 from ..effects.motion import Coordinates
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
 from ..model import Model
-from .actuators import Actuator, CurrentLoop, Gain, TorqueLimit
+from .actuators import Actuator
 from .command import Command, Feedback, GivenTorque, Tracking
 from .controller import Controller, PDFeedforward
-from .flexible import FlexibleJoints
-from .plant import Plant, Schedule
-from .replay import Replay, replay
+from .plant import Plant
 from .result import Simulation
 from .runner import run
 from .sensors import Sensors
@@ -28,25 +25,6 @@ from .trajectory import Trajectory
 
 Array = np.ndarray
 _EXACT = Feedback()
-
-__all__ = [
-    "Actuator",
-    "CurrentLoop",
-    "Feedback",
-    "FlexibleJoints",
-    "ForceModel",
-    "Gain",
-    "Hold",
-    "Plant",
-    "Replay",
-    "Schedule",
-    "Sensors",
-    "Simulation",
-    "TorqueLimit",
-    "replay",
-    "simulate",
-    "simulate_batch",
-]  # fmt: skip
 
 
 class Hold(StrEnum):

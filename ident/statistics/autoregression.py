@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -62,18 +62,13 @@ def by_autocovariance(gamma: Array, count: int) -> Array:
 
     Akaike's would follow the hollows that the fitted parameters leave in the residual's spectrum, and these lie just where
     the regressor does (measured: intervals 12 % too short)."""
-    a = np.ones(1)
-    variance = float(gamma[0])
+    orders = _rising_orders(gamma)
+    best, variance = next(orders)
     if variance <= 0.0 or count < 2:
-        return a
-    best, best_score = a, count * np.log(variance)
-    for p in range(1, len(gamma)):
-        reflection = -(a @ gamma[p:0:-1]) / variance
-        if not np.isfinite(reflection) or abs(reflection) >= 1:
-            break
-        a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
-        variance *= 1 - reflection**2
-        if variance <= 1e-12 * gamma[0] or p + 2 >= count:
+        return best
+    best_score = count * np.log(variance)
+    for p, (a, variance) in enumerate(orders, 1):
+        if not abs(a[-1]) < 1 or variance <= 1e-12 * gamma[0] or p + 2 >= count:
             break
         score = count * np.log(variance) + p * np.log(count)
         if score < best_score:
@@ -81,14 +76,21 @@ def by_autocovariance(gamma: Array, count: int) -> Array:
     return best
 
 
-def levinson(gamma: Array, order: int) -> Array:
-    """Prediction-error polynomial of a given order."""
-    a, variance = np.ones(1), gamma[0]
-    for p in range(1, order + 1):
+def levinson(gamma: Array) -> Array:
+    """Prediction-error polynomial of the highest order that the autocovariances (p+1,) allow."""
+    *_, (a, _) = _rising_orders(gamma)
+    return a
+
+
+def _rising_orders(gamma: Array) -> Iterator[tuple[Array, float]]:
+    """Polynomials of order 0, 1, …, each with the variance of its error, by the Levinson-Durbin recursion."""
+    a, variance = np.ones(1), float(gamma[0])
+    yield a, variance
+    for p in range(1, len(gamma)):
         reflection = -(a @ gamma[p:0:-1]) / variance
         a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
         variance *= 1 - reflection**2
-    return a
+        yield a, variance
 
 
 def lower_orders(polynomial: Array, innovation: float) -> list[tuple[Array, float]]:
@@ -125,7 +127,7 @@ def rising(polynomial: Array, innovation: float, motion: Array, order: int = 40)
     if wanted[-1] <= wanted[0]:
         return Autoregression(np.ones(1), float(wanted[0]))
     gamma = np.fft.irfft(wanted)[: order + 1]
-    a = levinson(gamma, order)
+    a = levinson(gamma)
     return Autoregression(a, float(a @ gamma))
 
 

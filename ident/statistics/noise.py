@@ -56,7 +56,7 @@ def fit_noise(residual: Array, runs: Iterable[slice], shape: Array | None = None
     runs = list(runs)
     n = residual.shape[1]
     longest = max((r.stop - r.start for r in runs), default=1)
-    known = np.ones(1) if shape is None else levinson(shape, len(shape) - 1)
+    known = np.ones(1) if shape is None else levinson(shape)
     lags = max(1, min(max_order, longest // 8, int(1.3 * np.isfinite(residual).sum(axis=0).max(initial=1) ** (1 / 3))))
     polynomials, times, variance, level = [], [], np.empty(n), np.zeros(n)
     for j in range(n):

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._utils.text import counted
 from ..errors import DataError
-from ..logs.log import measured
+from ..logs.torque import measured
 from ..robots.robot import Robot
 from ..signals.resample import Clock, bridge, flag_at, interpolate, interpolate_torque, thin
 from ..signals.uniform import UniformRun, dead_torque, rate_for, resampling_text, torque_notes

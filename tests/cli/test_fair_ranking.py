@@ -14,8 +14,9 @@ from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side
 from ident.signals import CentralDifference, Recorded
 from ident.simulation.controller import PDFeedforward
-from ident.simulation.sensors import Quantisation
-from ident.simulation.simulate import Plant, Sensors, simulate_batch
+from ident.simulation.plant import Plant
+from ident.simulation.sensors import Quantisation, Sensors
+from ident.simulation.simulate import simulate_batch
 from ident.simulation.trajectory import FourierTrajectory
 from ident.statistics.torque_error import TorqueError
 

@@ -21,7 +21,8 @@ from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.model import Model
 from ident.signals import PreparationReport, Signals
 from ident.simulation.controller import ComputedTorque
-from ident.simulation.simulate import Plant, simulate
+from ident.simulation.plant import Plant
+from ident.simulation.simulate import simulate
 from ident.simulation.trajectory import FourierTrajectory
 
 RATE = 100.0

@@ -15,9 +15,11 @@ from ident.logs.log import LogSet
 from ident.planning import default_model
 from ident.robots import load_robot, nominal_values
 from ident.signals import Recorded
+from ident.simulation.command import Feedback
 from ident.simulation.controller import PDFeedforward
-from ident.simulation.sensors import TorqueWindow
-from ident.simulation.simulate import Feedback, Plant, Sensors, simulate_batch
+from ident.simulation.plant import Plant
+from ident.simulation.sensors import Sensors, TorqueWindow
+from ident.simulation.simulate import simulate_batch
 from ident.simulation.trajectory import FourierTrajectory
 
 RATE = 200.0

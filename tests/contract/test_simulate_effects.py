@@ -14,7 +14,8 @@ from ident.friction import RotorInertia, Viscous
 from ident.model import Model
 from ident.robots.robot import Robot
 from ident.simulation.forces import Simulated
-from ident.simulation.simulate import Plant, simulate
+from ident.simulation.plant import Plant
+from ident.simulation.simulate import simulate
 
 
 @pytest.mark.parametrize("name", sorted(set(effect_types()) - {"rigid_body", "rotor_inertia"}))

@@ -134,6 +134,26 @@ def test_an_error_in_a_plugin_is_told_as_the_plugins(folder: Path) -> None:
     assert "internal error" not in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "needle"),
+    [
+        ("yield np.tanh", "return np.tanh", "use yield"),
+        ("yield np.tanh(own.dq / self.v)", "yield own.dq[0]", "1 array of shape"),
+        ('(("Fsm", "{tau}", 0.0),)', '("Fsm", "{tau}", 0.0)', "lower bound"),
+        ('symbols = (("Fsm", "{tau}", 0.0),)', "", "not None"),
+        ("{tau}", "{torque}", "{tau}"),
+    ],
+)
+def test_a_wrong_declaration_of_a_law_is_told(folder: Path, right: str, wrong: str, needle: str) -> None:
+    text = (folder / "smooth_friction.py").read_text()
+    assert right in text
+    (folder / "wrong_law.py").write_text(text.replace(right, wrong))
+    done = run(folder, "fit", "--plugin", "wrong_law.py", "--robot", "puma560", "--log", "train.csv.gz", "--effects", "smooth_coulomb")
+    assert done.returncode == 2
+    assert "effect 'smooth_coulomb'" in done.stderr
+    assert needle in done.stderr
+
+
 def test_values_that_are_no_solution_are_refused() -> None:
     train, _ = ident.demo_logs()
     problem = ident.fit(train, "puma560", held=0).problem

@@ -211,7 +211,7 @@ def commands() -> dict[str, Any]:
         "report.fit.json": (("report", "{file}", "-o", "{out}/made.html"), _fit(), mutations.TEXT),
         "study.toml": (("fit", "{file}"), to_toml(seeds.PLAIN_STUDY).encode(), mutations.TEXT),
         "simulate.way.csv": (("simulate", "--urdf", "{right}/arm.urdf", "--trajectory", "{file}"), _way(), mutations.TABLE),
-        "plan.toml": (("simulate", "--urdf", "{right}/arm.urdf", "--plan", "{file}"), _plan(), mutations.TEXT),
+        "plan.toml": (("simulate", "--urdf", "{right}/arm.urdf", "--plan", "{file}", "--tracking", "exact"), _plan(), mutations.TEXT),
         "drive.toml": (("base", "--urdf", "{right}/arm.urdf", "--drive", "{file}"), _DRIVE, mutations.TEXT),
     }
 

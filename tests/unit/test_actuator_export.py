@@ -85,7 +85,7 @@ def test_every_target_is_found_and_says_what_it_is():
 
 def test_a_new_target_is_one_class(tmp_path, monkeypatch):
     target_types()
-    monkeypatch.setattr(target, "_REGISTRY", dict(target._REGISTRY))
+    monkeypatch.setattr(target._REGISTRY, "_types", target._REGISTRY.types())
 
     @register_target
     class Gains(ExportTarget):
@@ -378,7 +378,7 @@ def test_the_pages_target_of_ones_own_is_found_by_the_command_line(tmp_path, mon
     (tmp_path / name).write_text(text)
     fit = leg("offset", offset=0.1)
     target_types()
-    monkeypatch.setattr(target, "_REGISTRY", dict(target._REGISTRY))
+    monkeypatch.setattr(target._REGISTRY, "_types", target._REGISTRY.types())
     monkeypatch.setattr(DriveFit, "load", classmethod(lambda cls, path: fit))
     (tmp_path / "fit.json").write_text('{"drive_state": 0}')
     ran = ident("export", tmp_path / "fit.json", tmp_path / "leg.mysim", "--plugin", tmp_path / name, "--json")

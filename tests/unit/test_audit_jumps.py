@@ -11,8 +11,9 @@ from ident.auditing.torque import wild_samples
 from ident.commands.simulate import random_motion
 from ident.robots import nominal_values
 from ident.robots.transmission import Side
+from ident.simulation.plant import Plant
 from ident.simulation.sensors import Quantisation, Sensors, TorqueNoise
-from ident.simulation.simulate import Plant, simulate
+from ident.simulation.simulate import simulate
 
 Array = np.ndarray
 RATES = (50.0, 100.0, 200.0, 500.0, 1000.0)

@@ -9,7 +9,8 @@ from effect_robots import ROBOTS, declared
 from ident.effects.motion import Motion
 from ident.effects.reference import Reference
 from ident.effects.registry import make_effect
-from ident.simulation.simulate import Hold, Plant, simulate
+from ident.simulation.plant import Plant
+from ident.simulation.simulate import Hold, simulate
 
 
 @pytest.mark.parametrize(

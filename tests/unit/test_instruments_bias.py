@@ -15,8 +15,9 @@ from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side
 from ident.signals.preparation import CentralDifference, ZeroPhase
 from ident.simulation.controller import PDFeedforward
-from ident.simulation.sensors import Quantisation, TorqueNoise, TorqueWindow
-from ident.simulation.simulate import Plant, Sensors, simulate
+from ident.simulation.plant import Plant
+from ident.simulation.sensors import Quantisation, Sensors, TorqueNoise, TorqueWindow
+from ident.simulation.simulate import simulate
 from ident.simulation.trajectory import FourierTrajectory
 
 bound = pytest.importorskip("benchmarks.methods.bound")

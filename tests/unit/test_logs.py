@@ -12,10 +12,11 @@ from effect_robots import ROBOTS
 
 from ident.errors import ConfigurationError, DataError
 from ident.logs.columns import resolve_columns
-from ident.logs.log import Log, LogSet, measured
+from ident.logs.log import Log, LogSet
 from ident.logs.names import JointNames
 from ident.logs.readers.tables import read_header
 from ident.logs.reading import read_logs
+from ident.logs.torque import measured
 from ident.logs.units import split_unit
 from ident.logs.unwrap import unwrapped
 from ident.robots.robot import Robot

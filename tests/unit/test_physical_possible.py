@@ -265,3 +265,16 @@ def test_published_names_are_checked() -> None:
     table.pop("h6")
     with pytest.raises(ConfigurationError, match="Ia_joint6"):
         published_subject(robot, table)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_of_positions_half_a_turn_apart_the_nearest_to_zero_is_named(seed: int) -> None:
+    subject = puma_table("1")
+    structure = subject.structure
+    turn = np.full(structure.n, np.pi)
+    found = minimise_eigenvalue(structure, subject.values, -turn, turn, seed=seed)
+    for i in np.flatnonzero(structure.relevant & (np.abs(found.q) > np.pi / 2)):
+        image = found.q.copy()
+        image[i] -= np.copysign(np.pi, image[i])
+        there = np.linalg.eigvalsh(structure.inertia_matrix(subject.values, image[None])[0])[0]
+        assert there > found.eigenvalue + 1e-5 * abs(found.eigenvalue)

@@ -17,8 +17,10 @@ from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side
 from ident.signals import CentralDifference, Recorded
 from ident.simulation.controller import PDFeedforward
-from ident.simulation.sensors import Quantisation, TorqueNoise, TorqueWindow
-from ident.simulation.simulate import Plant, Sensors, Simulation, simulate
+from ident.simulation.plant import Plant
+from ident.simulation.result import Simulation
+from ident.simulation.sensors import Quantisation, Sensors, TorqueNoise, TorqueWindow
+from ident.simulation.simulate import simulate
 from ident.simulation.trajectory import FourierTrajectory
 
 RATE, SECONDS = 200.0, 15.0

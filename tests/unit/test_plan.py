@@ -16,7 +16,8 @@ from ident.planning import MotionKind, Plan, Separation, default_model, make_pla
 from ident.robots import load_robot, nominal_values
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side, Transmission
-from ident.simulation.simulate import Plant, Sensors
+from ident.simulation.plant import Plant
+from ident.simulation.sensors import Sensors
 
 
 @pytest.fixture(scope="module")

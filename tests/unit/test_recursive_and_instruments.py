@@ -16,9 +16,11 @@ from ident.planning import default_model
 from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side
 from ident.signals import CentralDifference, Recorded
+from ident.simulation.command import Feedback
 from ident.simulation.controller import PDFeedforward
-from ident.simulation.sensors import Quantisation
-from ident.simulation.simulate import Feedback, Plant, Sensors, simulate
+from ident.simulation.plant import Plant
+from ident.simulation.sensors import Quantisation, Sensors
+from ident.simulation.simulate import simulate
 from ident.simulation.trajectory import FourierTrajectory
 
 

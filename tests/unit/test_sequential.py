@@ -15,8 +15,8 @@ from ident.robots import load_robot, nominal_values
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side
 from ident.signals import Recorded
-from ident.simulation.sensors import TorqueNoise
-from ident.simulation.simulate import Plant, Sensors
+from ident.simulation.plant import Plant
+from ident.simulation.sensors import Sensors, TorqueNoise
 
 
 def planned_logs(robot: Robot, folder, values=None, noise: float = 0.0, seed: int = 0):

@@ -13,6 +13,7 @@ from rigid_models import kernels, using
 
 import ident
 from ident import friction as fr
+from ident.effects.force import ForceModel
 from ident.effects.kinds import Axis
 from ident.effects.motion import Coordinates, Motion
 from ident.effects.offset import Offset
@@ -23,8 +24,10 @@ from ident.regressor import rigid
 from ident.regressor.kernel_choice import kernel as kernel_here
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side
+from ident.simulation.command import Feedback
 from ident.simulation.controller import CascadedPPI, PDFeedforward
-from ident.simulation.simulate import Feedback, ForceModel, Hold, Plant, Schedule, simulate, simulate_batch
+from ident.simulation.plant import Plant, Schedule
+from ident.simulation.simulate import Hold, simulate, simulate_batch
 
 pytestmark = pytest.mark.skipif(not kernel_here().compiled, reason="the compiled kernel is not built, or not asked for")
 COMPILED = pytest.mark.parametrize("kernel", [k for k in kernels() if k != "numpy"])

@@ -14,8 +14,9 @@ from ident.robots import load_robot, nominal_values
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side, Transmission
 from ident.simulation.forces import ForceModel
+from ident.simulation.plant import Plant, Schedule
 from ident.simulation.rigid import PinocchioTerms, RigidDynamics
-from ident.simulation.simulate import Plant, Schedule, simulate
+from ident.simulation.simulate import simulate
 
 
 def _drive(robot: Robot) -> Model:

@@ -17,8 +17,10 @@ from ident.robots import load_robot, nominal_values
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side, Transmission
 from ident.simulation.contact import resolve
+from ident.simulation.flexible import FlexibleJoints
 from ident.simulation.forces import ForceModel
-from ident.simulation.simulate import FlexibleJoints, Plant, simulate
+from ident.simulation.plant import Plant
+from ident.simulation.simulate import simulate
 
 
 def _block(friction: float, gravity: tuple[float, float, float] = (0, 0, 0)) -> Plant:

@@ -15,7 +15,10 @@ from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.model import Model
 from ident.robots import load_robot, nominal_values
 from ident.signals import Recorded, Signals
-from ident.simulation.simulate import Plant, Simulation, replay, simulate
+from ident.simulation.plant import Plant
+from ident.simulation.replay import replay
+from ident.simulation.result import Simulation
+from ident.simulation.simulate import simulate
 from ident.simulation.trajectory import FourierTrajectory
 
 

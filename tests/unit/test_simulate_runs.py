@@ -10,7 +10,10 @@ from ident.errors import ConfigurationError
 from ident.friction import Coulomb, RotorInertia, Viscous
 from ident.robots import load_robot, nominal_values
 from ident.robots.transmission import Side
+from ident.simulation.actuators import CurrentLoop, Gain, TorqueLimit
+from ident.simulation.command import Feedback
 from ident.simulation.controller import CascadedPPI, ComputedTorque, PDFeedforward, typical_inertia
+from ident.simulation.plant import Plant
 from ident.simulation.sensors import (
     EncoderError,
     Jitter,
@@ -18,11 +21,12 @@ from ident.simulation.sensors import (
     MeasurementDelay,
     PositionNoise,
     Quantisation,
+    Sensors,
     TorqueNoise,
     TorqueScale,
     TorqueWindow,
 )
-from ident.simulation.simulate import CurrentLoop, Feedback, Gain, Plant, Sensors, TorqueLimit, simulate, simulate_batch
+from ident.simulation.simulate import simulate, simulate_batch
 from ident.simulation.trajectory import FourierTrajectory, PointToPoint
 
 

@@ -19,24 +19,7 @@ from ..tables import DriveTable, RobotTable, read_loop
 from ..transmission import Side, Transmission
 from .examples import example_names, find_example
 from .folders import built_in_names, robot_folder
-from .nominal import DriveParameters, drive_parameters, nominal_values
 from .payloads import PayloadData, read_payloads, with_payload
-from .published import PublishedTable, published_tables
-
-__all__ = [
-    "DriveParameters",
-    "PayloadData",
-    "PublishedTable",
-    "built_in_names",
-    "declared_drive",
-    "drive_parameters",
-    "load_robot",
-    "nominal_values",
-    "payloads",
-    "published_tables",
-    "robot_folder",
-    "robot_names",
-]
 
 Array = np.ndarray
 
