@@ -122,6 +122,40 @@ def concave(seed: int) -> ident.LogSet:
     return ident.LogSet((ident.Log(f"run {seed}", t, q=q[:, None], tau={"joint": tau[:, None]}),), ident.Robot.from_urdf(PENDULUM))
 
 
+def elastic(seed: int, stiffness: float) -> ident.LogSet:
+    """A pendulum behind an elastic gear, its encoder on the motor: from the link's motion follow the spring's torque and the motor's angle."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 60.0, 0.004)
+    w = 2 * np.pi * np.array([0.1, 0.23, 0.41, 0.67])
+    a, phase = np.array([0.8, 0.5, 0.25, 0.1]) * rng.uniform(0.8, 1.2, 4), rng.uniform(0.0, 6.0, 4)
+    angle = t[:, None] * w + phase
+    link, acceleration = np.sin(angle) @ a, -np.sin(angle) @ (a * w**2)
+    spring = 1.9 * acceleration + 29.43 * np.sin(link)
+    q = link + spring / stiffness
+    v = np.gradient(q, t)
+    tau = spring + 3.0 * np.tanh(v / 1e-3) + 2.0 * v + 0.1 * rng.normal(size=t.size)
+    q = q + 2e-6 * rng.normal(size=t.size)
+    return ident.LogSet((ident.Log(f"run {seed}", t, q=q[:, None], tau={"joint": tau[:, None]}),), ident.Robot.from_urdf(PENDULUM))
+
+
+def test_an_elastic_joint_is_named_with_its_stiffness_by_what_gives_under_load() -> None:
+    """Slow motion, far below the resonance of 4 Hz: its link sags under its weight, which an eccentric encoder would imitate."""
+    before = ident.fit(elastic(1, 1200.0), model=[ident.make_effect(e) for e in ("viscous", "coulomb")], held=0)
+    found = ident.diagnose(before, ident.ZeroPhase()(elastic(2, 1200.0)))
+    (finding,) = found.findings
+    assert (finding.name, finding.joints) == ("joint_elasticity", ("j1",)), str(found)
+    assert finding.effect.stiffness == pytest.approx(1200.0, rel=0.1)  # type: ignore[attr-defined]
+    assert found.comparison.error_after.relative_all < 0.5 * found.comparison.error_before.relative_all
+
+
+def test_an_encoder_out_of_true_swings_its_scale_by_little(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
+    effect = ident.make_effect("encoder_eccentricity", joints=[arm[0].joint_names[0]], order=4.0)
+    known = np.full(2, 1e-4)
+    assert effect.implausible(arm[0], np.array([0.1, 0.06]), known), "a scale that is off by half"
+    assert not effect.implausible(arm[0], np.array([0.01, 0.01]), known)
+    assert not effect.implausible(arm[0], np.array([0.1, 0.06]), np.full(2, 0.05)), "it may be small"
+
+
 def test_of_concave_friction_the_power_that_resists_is_kept() -> None:
     """Beside viscous friction, Fn |ω|^a with a < 1 has a mirror a > 1 with Fn < 0. The shape once went there, and was taken back."""
     train, held = concave(1), concave(2)
