@@ -123,7 +123,7 @@ def concave(seed: int) -> ident.LogSet:
 
 
 def elastic(seed: int, stiffness: float) -> ident.LogSet:
-    """A pendulum behind an elastic gear, its encoder on the motor: from the link's motion follow the spring's torque and the motor's angle."""
+    """A pendulum behind an elastic gear, its encoder on the motor: the link's motion gives the spring's torque and the motor's angle."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 60.0, 0.004)
     w = 2 * np.pi * np.array([0.1, 0.23, 0.41, 0.67])
