@@ -21,6 +21,7 @@ import ident
 from ident.drives import DriveFit, DriveLaw, fit_drives
 from ident.drives.determined import Standing
 from ident.logs.log import LogSet
+from ident.robots.library.nominal import nominal_values
 
 from .commanded import DRIVE_HZ, PENDULUM, commanded_log
 
@@ -107,12 +108,14 @@ MACHINES = (
     ),
 )  # fmt: skip
 GAINS = {"known": {}, "unknown": {"kp": "identify", "kd": "identify"}}
+#: What may be asked for besides: the links' own parameters under known gains, as of a load that nobody weighed.
+SETTINGS = {**GAINS, "links": {"links": "identify"}}
 
 
 @dataclass(frozen=True)
 class Counted:
     """One fit against its truth: (what, error in standard deviations, error as a share or in samples) of everything that has a value;
-    names that are undetermined by physics but have a value, and those that are not but are said to be confounded; unseen ones;
+    names that are undetermined by physics but have a value, and those that are not (nor zero) but are said to be confounded; unseen ones;
     warnings of stretches that are none (`told`)."""
 
     values: tuple[tuple[str, float, float], ...]
@@ -130,7 +133,7 @@ def one(machine: Machine, gains: str, rate: int, seed: int) -> Counted:
     model = robot.rigid_body()
     for effect in EFFECTS:
         model = model + ident.make_effect(effect)
-    given = {"kp": list(truth["kp"]), "kd": list(truth["kd"]), **GAINS[gains]}
+    given = {"kp": list(truth["kp"]), "kd": list(truth["kd"]), **SETTINGS[gains]}
     begin = time.process_time()
     fit = fit_drives(LogSet((log,)), model, DriveLaw.of(robot, **given))
     return counted(fit, truth, 1.0 / rate, time.process_time() - begin)
@@ -141,6 +144,7 @@ def counted(fit: DriveFit, truth: dict[str, Any], period: float, seconds: float)
     true = {f"{key}_{joint}": np.ones(fit.model.robot.n)[j] * np.broadcast_to(truth[key], fit.model.robot.n)[j]
             for key in ("kp", "kd", "Ia", "Fv", "Fc", "offset") for j, joint in enumerate(fit.model.robot.joint_names)}  # fmt: skip
     true["delay"] = truth["delay"]
+    true |= dict(zip(fit.model.names, nominal_values(fit.model), strict=True)) | true
     # The truth's drive holds its readings for 1/DRIVE_HZ: late by half of that, its kp damps less, and its kd takes inertia off.
     for joint in fit.model.robot.joint_names:
         true[f"Fv_{joint}"] -= true[f"kp_{joint}"] / (2 * DRIVE_HZ)
@@ -156,14 +160,15 @@ def counted(fit: DriveFit, truth: dict[str, Any], period: float, seconds: float)
         if verdict == Standing.DETERMINED:
             if name in together:
                 missed.append(name)
-            size = period if name == "delay" else abs(true[name])
-            values.append((name, float((value - true[name]) / std), float((value - true[name]) / size)))
-        elif verdict == Standing.CONFOUNDED and name not in together:
+            real = _worth(unknown.expression or name, true)
+            size = period if name == "delay" else abs(real)
+            values.append((name, float((value - real) / std), float((value - real) / size)))
+        elif verdict == Standing.CONFOUNDED and name not in together and _worth(unknown.expression or name, true):
             invented.append(name)
         elif verdict == Standing.UNSEEN:
             unseen.append(name)
     for c in decided.combinations:
-        real = eval(re.sub(r"(\d[\d.e+-]*) ([A-Za-z])", r"\1*\2", c.expression), {}, true)  # our own expression of numbers and names
+        real = _worth(c.expression, true)
         values.append((c.expression, float((c.value - real) / c.std), float((c.value - real) / abs(real))))
     if "delay" in fit.names and decided.verdicts[fit.names.index("delay")] == Standing.DETERMINED:
         value, low, high = fit.delay_interval()["delay"]
@@ -171,6 +176,11 @@ def counted(fit: DriveFit, truth: dict[str, Any], period: float, seconds: float)
         values.append((PROFILE, 0.0 if inside else np.inf, (value - truth["delay"]) / period))
     told = tuple(text for text in fit.warnings if "times the usual error" in text)
     return Counted(tuple(values), tuple(missed), tuple(invented), tuple(unseen), seconds, told)
+
+
+def _worth(expression: str, true: dict[str, float]) -> float:
+    """What an expression of ours, of numbers and names, is in truth."""
+    return float(eval(re.sub(r"(\d[\d.e+-]*) ([A-Za-z])", r"\1*\2", expression), {}, true))
 
 
 def cases(
@@ -237,7 +247,7 @@ if __name__ == "__main__":
     parser.add_argument("only", help="a part of the robot's name")
     parser.add_argument("count", type=int, nargs="?", default=20)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--gains", nargs="*", choices=GAINS, default=tuple(GAINS))
+    parser.add_argument("--gains", nargs="*", choices=SETTINGS, default=tuple(GAINS))
     parser.add_argument("--rates", nargs="*", type=int, default=RATES)
     parser.add_argument("--folder", type=Path, default=Path())
     given = parser.parse_args()

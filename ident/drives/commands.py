@@ -153,12 +153,22 @@ def _first_state(t: Array, q: Array) -> tuple[Array, Array]:
         count = few
         while 2 * count <= len(t):
             slope, doubt = _line(t[: 2 * count], values[: 2 * count])
-            near = abs(float(np.mean(values[count : 2 * count]) - np.mean(values[:count])))
-            if abs(slope) > _SURE * doubt or near > 2.0 * float(np.std(values[:few])) + 1e-12:
+            if abs(slope) > _SURE * doubt or _beyond(values[:count], values[count : 2 * count]):
                 break
             count *= 2
         origin[j] = float(np.mean(values[:count]))
     return origin, speed
+
+
+def _beyond(before: Array, behind: Array) -> bool:
+    """Whether readings are elsewhere than as many before them, at rest, whose spread is that of both. Few readings know their spread badly:
+    in units of it the limit is that of Student's distribution, as rarely exceeded by chance as the sure one of known spread."""
+    from scipy.special import ndtr, stdtrit
+
+    count = len(before)
+    sure = -float(stdtrit(count - 1, ndtr(-_SURE)))
+    doubt = float(np.std(before, ddof=1)) * np.sqrt(2.0 / count)
+    return abs(float(np.mean(behind) - np.mean(before))) > sure * doubt + 1e-12
 
 
 def _goes_on(t: Array, values: Array, few: int) -> bool:

@@ -182,7 +182,8 @@ def test_noise_on_a_joint_at_rest_is_no_speed():
 
     still = starts_of(np.zeros(100))
     assert sum(log.start[0] != 0.0 for log in still) <= 1
-    assert np.std([log.origin[0] for log in still]) < 1.3e-4
+    # Of 100 readings 96 say where it rests; one log in forty used to take the first six alone.
+    assert np.std([log.origin[0] for log in still]) < 6e-5
     moving = starts_of(0.5 * t)
     assert np.mean([log.start[0] != 0.0 for log in moving]) > 0.9
 
