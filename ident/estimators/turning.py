@@ -55,10 +55,10 @@ def without_sticking(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
 def _by_chance(residual: Array, rows: int) -> float:
     """Variance of so many rows over that of others with this `residual` (M,), which chance seldom exceeds: an F quantile, each side counted
     as the independent rows that it is worth (Bartlett's sum of squared autocorrelations)."""
-    from scipy.stats import f
+    from scipy.special import fdtri
 
     x = residual - residual.mean()
     power = float(x @ x)
     lags = range(1, min(_LAGS, len(x) - 1))
     correlated = 1.0 + 2.0 * sum((float(x[k:] @ x[:-k]) / power) ** 2 for k in lags) if power > 0 else 1.0
-    return float(f.isf(_LEVEL, max(rows / correlated, 1.0), max(len(x) / correlated, 1.0)))
+    return float(fdtri(max(rows / correlated, 1.0), max(len(x) / correlated, 1.0), 1.0 - _LEVEL))

@@ -103,4 +103,5 @@ def of_csv(tmp_path_factory: pytest.TempPathFactory) -> Array:
 @pytest.mark.parametrize("kind", [*CHUNKED, *WHOLE])
 def test_a_fit_from_each_format_is_that_of_the_csv(tmp_path: Path, of_csv: Array, kind: str) -> None:
     found = Session(study_of(written(tmp_path, kind), "motor" if kind in UNTOLD else None)).estimate
-    np.testing.assert_allclose(found.values, of_csv, rtol=1e-9, atol=1e-12)
+    # Stamps are rounded otherwise in each format: of a parameter that is next to nothing, a share of its deviation counts.
+    np.testing.assert_array_less(np.abs(found.values - of_csv), 1e-9 * (np.abs(of_csv) + found.std))
