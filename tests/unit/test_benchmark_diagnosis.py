@@ -71,6 +71,9 @@ def test_single_faults():
     hidden = record("single", "explained", [finding("offset", "joint2")], [{"how": "no", "finding": None, "as_good": None}])
     hidden["oracle"][0]["detectable"] = False
     failed = {**record("single", "", []), "failed": "ValueError()"}
+    named_rightly = {**good, "oracle": hidden["oracle"]}
+    unseen = by_title([named_rightly, hidden])["single, not to be seen: never another name"]
+    assert (unseen.hits, unseen.count) == (1, 2), "a right name is no other name"
     found = by_title([good, second, hidden, failed])
     assert (found["single: top finding right"].hits, found["single: top finding right"].count) == (1, 3)
     assert found["single: nothing spurious beside it"].hits == 1
@@ -232,7 +235,12 @@ def test_truth_and_rival_count_at_their_better_refit_alike(monkeypatch: pytest.M
     told = judge.as_good(Law("rival"), Law("truth"))
     assert told["as_good"]
     assert told["gain"] == 0.0
-    assert sorted(refits) == [("all", "rival"), ("all", "truth"), ("few", "rival"), ("few", "truth")]
+    # Over a floor that is too low by ten the residuals are ten times as large, and the gain is what it was.
+    far: Any = Oracle(found, every, held, np.full(1, 0.1))
+    left["few", "rival"] = 1.1
+    near, low = (x.gain([Law("rival")], [Law("truth")]).gain for x in (Oracle(found, every, held, np.ones(1)), far))
+    assert near == pytest.approx(low) == pytest.approx(120 * 0.21)
+    assert sorted(refits[:4]) == [("all", "rival"), ("all", "truth"), ("few", "rival"), ("few", "truth")]
 
 
 def test_the_truth_is_handed_over_with_the_response_that_its_shape_says() -> None:
