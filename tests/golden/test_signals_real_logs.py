@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,8 @@ def test_emps(data_folder: Path, cutoff: float | None) -> None:
     logs = read_logs(data_folder / "emps/emps_id.csv.gz", Robot.from_urdf(EMPS))
     robot = logs.robot
     assert robot is not None
-    signals = ZeroPhase(cutoff_hz=cutoff, standstill=PUBLISHED)(logs)
+    # The published fit holds the rows near reversals, which scatter more: on the same rows its values come out.
+    signals = replace(ZeroPhase(cutoff_hz=cutoff, standstill=PUBLISHED)(logs), turning=None)
     estimate = WeightedLeastSquares().solve(Problem(robot.rigid_body() + Viscous() + Coulomb() + Offset(), signals))
     found = {p.name.split("_")[0]: v for p, v in zip(estimate.parameters, estimate.values, strict=True)}
     assert found["m"] == pytest.approx(95.11, rel=0.003)
@@ -56,7 +58,8 @@ def test_tx40(data_folder: Path, cutoff: float | None) -> None:
     assert robot is not None
     prep = ZeroPhase(cutoff_hz=cutoff, standstill=PUBLISHED)
     model = robot.rigid_body() + RotorInertia() + Viscous() + Coulomb() + Offset()
-    estimate = WeightedLeastSquares().solve(Problem(model, prep(logs)))
+    # The published fit holds the rows near reversals.
+    estimate = WeightedLeastSquares().solve(Problem(model, replace(prep(logs), turning=None)))
     assert estimate.fit_error.relative_all <= 0.059
     # Joints 1 to 4 are not coupled: their friction compares directly, carried to the joint side.
     reference = json.loads((data_folder / "tx40/reference_drive_parameters.json").read_text())
