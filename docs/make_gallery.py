@@ -156,7 +156,7 @@ def entry(effect: Effect, robot: Robot, hidden: float, others: list[tuple[str, f
     shapes = ", ".join(f"`{s.name}` ({effect.shape_unit(s, robot)}, {s.lower:g} to {s.upper:g})" for s in effect.shape()) or "none"
     needs = ", ".join(sorted(n.value for n in effect.needs)) or "the motion at the same instant"
     lines += [
-        f"- parameters: {names}; searched shapes: {shapes}",
+        f"- parameters: {names}; shapes: {shapes}",
         f"- acts on the {effect.side.value} side; seen against {effect.axis.value}; needs {needs}",
         f"- to see it: {motion_for(effect, 'the joint')}",
         f"- the usual model takes up {100 * hidden:.0f} % of it on a random motion"

@@ -57,13 +57,25 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
             for i, p in enumerate(effect.parameters(robot))
         ]
         start += len(linear)
+        told = _told(effect, linear)
+        # A shape that was not sought is no finding, and one that is zero is told by its value alone.
         shapes = [
-            FoundParameter(p.name, float(getattr(effect, p.name)), shape_std.get((effect, p.name), np.nan), effect.shape_unit(p, robot))
+            FoundParameter(p.name, at, shape_std.get((effect, p.name), told.get(p.name, np.nan)), effect.shape_unit(p, robot))
             for p in effect.shape()
-            if not (effect.response(robot) is not None and getattr(effect, p.name) == 0.0)
+            if p.points != 1 and not ((at := float(getattr(effect, p.name))) == 0.0 and effect.response(robot) is not None)
         ]
         out[effect] = (*linear, *shapes)
     return out
+
+
+def _told(effect: Effect, linear: list[FoundParameter]) -> dict[str, float]:
+    """Standard deviations of the shapes that an effect's values tell, by these values' own."""
+    value, std = (np.array([getattr(p, name) for p in linear]) for name in ("value", "std"))
+    if not np.isfinite(std).all():
+        return {}
+    more, less = effect.told_by(value + std), effect.told_by(value - std)
+    apart = {p.name: abs(getattr(more, p.name) - getattr(less, p.name)) / 2.0 for p in effect.shape()}
+    return {name: x for name, x in apart.items() if x > 0.0}
 
 
 def _uneven(fit: Fit, frame: Solved, Z: Array, equations: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -62,7 +63,8 @@ def test_tx40_beside_its_published_friction():
             with pytest.raises(UnsupportedError, match="assumed_experiment"):
                 method.solve(p)
             continue
-        found = method.solve(p)
+        # The published fit holds the rows near reversals.
+        found = method.solve(replace(p, signals=replace(p.signals, turning=None)))
         # The drive's torque answers to the noise of its encoders, and makes no instruments.
         assert found.status.code == (StatusCode.INVALID_INSTRUMENTS if "measured torque" in label else StatusCode.OK), label
         assert found.fit_error.relative_all < 0.08
