@@ -122,7 +122,7 @@ def requirements(records: Sequence[dict[str, Any]]) -> list[Requirement]:
             "single: nothing spurious beside it", "the same cases; no more than one finding",
             sum(_good(r, "only") for r in seen), len(seen), 0.95, least=300,
         ),
-        Requirement("single: right, alone", "both of the above", sum(_good(r, "top") and _good(r, "only") for r in seen), len(seen)),
+        Requirement("single: right, alone", "both of the above", sum(_alone(r) for r in seen), len(seen)),
         Requirement(
             "single, seen: ends without a leftover", "the same cases; the verdict is not unexplained",
             sum("failed" not in r and r["verdict"] != "unexplained" for r in seen), len(seen),
@@ -130,7 +130,7 @@ def requirements(records: Sequence[dict[str, Any]]) -> list[Requirement]:
         Requirement(
             "single, not to be seen: never another name", "single faults that the same measure does not show; the verdict is clean or"
             " ambiguous, or the one finding is the true effect",
-            sum("failed" not in r and (r["verdict"] in ("clean", "ambiguous") or (_good(r, "top") and _good(r, "only"))) for r in hidden),
+            sum("failed" not in r and (r["verdict"] in ("clean", "ambiguous") or _alone(r)) for r in hidden),
             len(hidden), 1.0,
         ),
         Requirement(
@@ -204,6 +204,11 @@ def coverage(records: Iterable[dict[str, Any]], effect: str = "") -> np.ndarray:
 
 def _good(record: dict[str, Any], key: str) -> bool:
     return "failed" not in record and right(record)[key]
+
+
+def _alone(record: dict[str, Any]) -> bool:
+    """The true effect is named first, and nothing beside it."""
+    return _good(record, "top") and _good(record, "only")
 
 
 def _without_rival(record: dict[str, Any]) -> bool:

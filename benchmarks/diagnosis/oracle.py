@@ -166,9 +166,7 @@ class Oracle:
         """Fall of the held-out loss from one set of effects to another, joint by joint over what the other leaves: where the noise of
         positions is differentiated twice, that is many times what disturbs the torque, and a loss over less is no log-likelihood."""
         before, after = self.with_effects(fewer), self.with_effects(more)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            left = np.fmax(np.sqrt(np.nanmean(after**2, axis=0)), 1.0)
+        left = np.fmax(rms(after), 1.0)
         before, after = before / left, after / left
         blocks = [rows for run in self.held.row_runs for rows in np.array_split(np.arange(run.start, run.stop), _BLOCKS)]
         return Gain.of(np.array([np.nansum(before[rows] ** 2) - np.nansum(after[rows] ** 2) for rows in blocks]))
@@ -271,6 +269,13 @@ def residual(estimate: Any, held: Signals) -> Array:
     for rows in problem.rows():
         out[rows.place] = held.tau[rows.place] - rows.columns @ values
     return np.where(held.valid, out, np.nan)
+
+
+def rms(scaled: Array) -> Array:
+    """Root mean square (n,) over the rows (M, n) that are used; NaN where none is."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return np.asarray(np.sqrt(np.nanmean(scaled**2, axis=0)))
 
 
 def same_place(joints: Sequence[str], wanted: Sequence[str]) -> bool:

@@ -28,7 +28,7 @@ from ident.statistics.torque_error import number
 from ident.study.session import like
 
 from .arms import Arm, arm
-from .oracle import Oracle, residual, same_place
+from .oracle import Oracle, residual, rms, same_place
 from .wide_band import analysis_signals
 
 Array = np.ndarray
@@ -140,9 +140,7 @@ def _floor(signals: Signals, noise: Array) -> Array:
 def _ratio(estimate: Any, held: Signals, floor: Array) -> list[float | None]:
     """Held-out rms over a noise floor: over all joints together, then joint by joint."""
     scaled = residual(estimate, held) / floor
-    with np.errstate(invalid="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return [number(float(np.sqrt(np.nanmean(scaled**2)))), *(number(float(x)) for x in np.sqrt(np.nanmean(scaled**2, axis=0)))]
+    return [number(float(x)) for x in (*rms(scaled.reshape(-1, 1)), *rms(scaled))]
 
 
 def is_part(effect: str, joints: Sequence[str], motors: Sequence[str] | None, part: dict[str, Any], names: Sequence[str]) -> bool:
