@@ -144,7 +144,10 @@ def test_an_elastic_joint_is_named_with_its_stiffness_by_what_gives_under_load()
     found = ident.diagnose(before, ident.ZeroPhase()(elastic(2, 1200.0)))
     (finding,) = found.findings
     assert (finding.name, finding.joints) == ("joint_elasticity", ("j1",)), str(found)
-    assert finding.effect.stiffness == pytest.approx(1200.0, rel=0.1)  # type: ignore[attr-defined]
+    (share, stiffness) = finding.parameters
+    assert (share.name, stiffness.name) == ("elastic_j1", "stiffness"), "the rotor and the damping are taken, not found"
+    assert stiffness.value == pytest.approx(1200.0, rel=0.1)
+    assert stiffness.std / stiffness.value == pytest.approx(share.std, rel=0.05)
     assert found.comparison.error_after.relative_all < 0.5 * found.comparison.error_before.relative_all
 
 
