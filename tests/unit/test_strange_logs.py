@@ -130,6 +130,16 @@ def test_what_is_wrong_with_a_time_is_said(tmp_path: Path) -> None:
         ident.read_logs(path)
 
 
+def test_a_line_of_text_between_stamps_is_told_with_what_to_do(tmp_path: Path) -> None:
+    stamps = [f"09:00:{t:09.6f}" for t in T]
+    rows = [[stamp, *row] for stamp, row in zip(stamps, Q_TAU, strict=True)]
+    path = write(tmp_path / "a.csv", ["stamp", *each("position_{}"), *each("effort_{}")], rows)
+    lines = path.read_text().split("\n")
+    path.write_text("\n".join([*lines[:20], "--- recorder restarted ---", *lines[20:]]))
+    with pytest.raises(ident.DataError, match=r"data row 20: '--- recorder restarted ---'.*Correct or remove"):
+        ident.read_logs(path)
+
+
 DIALECTS: dict[str, Any] = {
     "separators at the end": lambda text: text.replace("\n", ",\n").replace(",\n", "\n", 1),
     "bars": lambda text: text.replace(",", "|"),
