@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -99,3 +100,25 @@ def test_code_that_fails_is_named_with_its_page(code: str, tmp_path: Path) -> No
 def test_a_command_that_fails_is_named(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="exit code 2"):
         runner.run_command("ident fit --robot nosuch --log no.csv")
+
+
+def test_the_readme_shows_what_the_demo_prints() -> None:
+    """Every line of its first block, in order; numbers to two per cent and the last digit shown."""
+    done = subprocess.run([sys.executable, "-m", "ident", "demo"], cwd=ROOT, capture_output=True, text=True, check=True)
+    told = (ROOT / "README.md").read_text(encoding="utf-8").split("Part of what `ident demo` prints")[1]
+    printed = [line.split() for line in done.stdout.splitlines()]
+    for line in told.split("```text\n")[1].split("\n```")[0].replace("…\n", "").splitlines():
+        assert any(_alike(words, line.split()) for words in printed), line
+
+
+def _alike(printed: list[str], shown: list[str]) -> bool:
+    if len(printed) != len(shown):
+        return False
+    for a, b in zip(printed, shown, strict=True):
+        try:
+            if abs(float(a) - float(b)) > 0.01 + 0.02 * abs(float(b)):
+                return False
+        except ValueError:
+            if a != b:
+                return False
+    return True
