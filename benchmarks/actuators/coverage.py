@@ -218,13 +218,9 @@ def count(every: list[tuple[Machine, str, int, int]], folder: Path) -> None:
             print(line(key, rows[key]), flush=True)
             name = "_".join(map(str, key)).replace(" ", "_")
             (folder / f"actuator_coverage_{name}.json").write_text(json.dumps([asdict(r) for r in rows[key]]))
-    print(
-        "in 95 %: values within 1.96 standard deviations of the truth; delay: its interval by profile likelihood; beyond: truths beyond their"
-    )
-    print(
-        "95 % bound; told: stretches said to be unlike the others, of which there are none; then median errors of what has a value: Ia, Fv"
-    )
-    print("(with kd where that is unknown), Fc, kp, and of the delay in samples; seconds of processor time a fit")
+    print("in 95 %: values within 1.96 standard deviations of the truth; delay: its interval by profile likelihood; beyond: truths beyond")
+    print("their 95 % bound; told: stretches said to be unlike the others, of which there are none; then median errors of values: Ia,")
+    print("Fv (with kd where that is unknown), Fc, kp, and of the delay in samples; seconds of processor time a fit")
 
 
 def line(key: tuple[str, str, int], found: list[Counted]) -> str:
