@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -91,7 +91,7 @@ def _asked(law: DriveLaw, key: str) -> Array:
 
 
 def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
-    robot, base = model.robot, model.base
+    robot = model.robot
     links = next((part for effect, part in zip(model.effects, model.slices, strict=True) if isinstance(effect, RigidBody)), slice(0, 0))
     place: dict[int, tuple[str, int]] = {}
     for effect, part in zip(model.effects, model.slices, strict=True):
@@ -114,11 +114,31 @@ def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
     if law.links_known:
         kept = [i for i in range(len(model.parameters)) if not links.start <= i < links.stop]
     else:
-        kept = [int(i) for i in base.independent]
-        expressions = dict(zip(kept, base.expressions, strict=True))
+        kept, expressions = _grouped(model, law)
     return [
         Unknown(p.name, p.unit, *place[i], -np.inf if place[i][0] == "link" else p.lower, i, expressions.get(i, p.name), p.effect)
         for i in kept
         if i not in doubled
         for p in (model.parameters[i],)
     ]
+
+
+def _grouped(model: Model, law: DriveLaw) -> tuple[list[int], dict[int, str]]:
+    """Columns of the parameters that stand for all, and what each stands for. A rotor behind a spring moves by itself: its inertia is no
+    part of the link's."""
+    tables = [law.constants, *(table["constants"] for table in law.by_log.values())]
+    sprung = np.any([~np.isinf(table["joint_stiffness"]) for table in tables if "joint_stiffness" in table], axis=0)
+    alone = [e for e in model.effects if isinstance(e, RotorInertia)]
+    names, rigid = model.robot.joint_names, model
+    for rotors in alone:
+        joints = tuple(names[j] for j in rotors.at(model.robot) if not sprung[j])
+        if len(joints) < len(rotors.at(model.robot)):
+            effects = (replace(e, joints=joints) if e is rotors else e for e in rigid.effects if e is not rotors or joints)
+            rigid = replace(rigid, effects=tuple(effects))
+    if rigid is model:
+        kept = [int(i) for i in model.base.independent]
+        return kept, dict(zip(kept, model.base.expressions, strict=True))
+    at = {p.name: i for i, p in enumerate(model.parameters)}
+    columns = [at[rigid.parameters[int(i)].name] for i in rigid.base.independent]
+    apart = [at[name] for name in at if name not in {p.name for p in rigid.parameters}]
+    return sorted([*columns, *apart]), dict(zip(columns, rigid.base.expressions, strict=True))

@@ -10,7 +10,7 @@ import pytest
 from rigid_models import needs_native
 
 import ident
-from benchmarks.actuators import coverage
+from benchmarks.actuators import coverage, servos
 from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from ident.drives import DriveFit, DriveLaw, DriveLog, fit_drives, simulate
 from ident.drives.descent import SimulatedSearch
@@ -117,6 +117,33 @@ def test_springs_of_several_joints_are_each_joints_own():
     assert places == {
         "ks_hip": ("spring", "hip"), "ks0_hip": ("offset", "hip"), "ks_knee": ("spring", "knee"), "ks0_knee": ("offset", "knee"),
     }  # fmt: skip
+
+
+def test_a_rotor_behind_a_spring_is_apart_from_a_link_that_nobody_weighed():
+    """As one sum of both inertias, the rotor has none, and every start of the search diverges."""
+    made = servos.servo("joint_elasticity", 1)
+    t, q, sent = servos.recorded([made], [1])
+    servo = ident.Robot.from_urdf(servos.URDF)
+    spring = {"joint_stiffness": "identify", "joint_damping": "identify"}
+    law = DriveLaw.of(servo, kp=made.kp, kd=made.kd, delay_s=made.delay, links="identify", **spring)
+    fit = fit_drives(LogSet((ident.Log("run", t=t, q=q, extra={"q_cmd1": sent[:, 0]}),)), model_of(servo), law)
+    assert fit.value("Ia_joint1") == pytest.approx(made.Ia, rel=0.02)
+    assert fit.value("Iyy_joint1") == pytest.approx(servos.MASS * servos.LENGTH**2 + servos.INERTIA, rel=0.02)
+    assert fit.value("k_joint1") == pytest.approx(made.stiffness, rel=0.02)
+    assert {"Ia_joint1", "Iyy_joint1"} <= {u.expression or u.name for u in fit.unknowns}
+    # Without a spring they are one.
+    rigid = unknowns(model_of(servo), DriveLaw.of(servo, kp=made.kp, links="identify"))
+    assert "Iyy_joint1 + Ia_joint1" in {u.expression for u in rigid}
+
+
+@pytest.mark.parametrize(("sprung", "inertia"), [("hip", "Iyy_hip + 0.04 m_knee"), ("knee", "Iyy_hip + Ia_hip + 0.04 m_knee")])
+def test_only_joints_with_a_spring_have_a_rotor_apart(sprung, inertia):
+    leg = ident.Robot.from_urdf(LEG)
+    stiffness = {joint: 100.0 if joint == sprung else np.inf for joint in leg.joint_names}
+    law = DriveLaw.of(leg, kp=25.0, links="identify", joint_stiffness=stiffness)
+    found = {u.expression or u.name: u.place for u in unknowns(model_of(leg), law)}
+    assert found[inertia] == "link"
+    assert ("Ia_hip" in found) == (sprung == "hip")
 
 
 def test_saturation_is_part_of_the_law(robot):
