@@ -35,6 +35,11 @@ CONSTANTS = {
 }  # fmt: skip
 
 
+#: What stays as it is when all torque of a joint is another by one factor; the scale of a duty is one of torque, its gains are not.
+_APART = ("delay_s", "load", "gear_loss", "gear_loss_square", "gear_loss_slow", "slow_speed", "torque_scale")
+_OF_DUTY = ("kp", "kd", "effort_limit")
+
+
 @dataclass(frozen=True)
 class Unknown:
     """One unknown number. `place`: what it is in the simulation ("link": a base parameter of the links); `joint`: index, -1 for all;
@@ -67,6 +72,13 @@ def unknowns(model: Model, law: DriveLaw) -> tuple[Unknown, ...]:
     if not found:
         raise ConfigurationError("nothing to identify: no effect is declared, and every constant of the drive law is known.")
     return tuple(found)
+
+
+def follows_torque(unknown: Unknown, scale: str = "kp") -> bool:
+    """Whether a number grows with all torque of its joint, of which `scale` ("kp", "torque_scale") is the measure."""
+    if scale == "torque_scale":
+        return unknown.place == scale or unknown.place not in (*_APART, *_OF_DUTY)
+    return unknown.place not in _APART
 
 
 def _asked(law: DriveLaw, key: str) -> Array:
