@@ -83,11 +83,11 @@ def _values(fit: Summarised) -> list[str]:
     width = max((len(u.expression or u.name) for u, *_ in rows), default=0)
     lines = ["", "determined (value ± standard deviation)"]
     known = [(u, v, s) for u, v, verdict, s, _ in rows if verdict == Standing.DETERMINED and u.place != "delay_s"]
-    lines += [f"  {u.expression or u.name:<{width}}  {v:.4g} ± {s:.2g} {u.unit}" for u, v, s in known] or ["  none on its own"]
+    lines += [f"  {u.expression or u.name:<{width}}  {v:.4g} ± {s:.2g}{_unit(u.unit)}" for u, v, s in known] or ["  none on its own"]
     if found.combinations:
         lines += ["", "determined only in combination"]
         for c in found.combinations:
-            lines += [f"  {c.expression:<{width}}  {c.value:.4g} ± {c.std:.2g} {c.unit}"]
+            lines += [f"  {c.expression:<{width}}  {c.value:.4g} ± {c.std:.2g}{_unit(c.unit)}"]
         lines += _advice(found.combinations)
     unseen = [(u, below) for u, _, verdict, _, below in rows if verdict == Standing.UNSEEN and u.place != "delay_s"]
     if unseen or found.bounded:
@@ -110,8 +110,13 @@ def _advice(combinations: Sequence[Combination]) -> list[str]:
     return lines
 
 
+def _unit(unit: str) -> str:
+    """As it stands behind a number: of a share, nothing."""
+    return "" if unit == "1" else f" {unit}"
+
+
 def _bound(below: float, unit: str) -> str:
-    return f"below {below:.2g} {unit}" if np.isfinite(below) else "no bound in these logs"
+    return f"below {below:.2g}{_unit(unit)}" if np.isfinite(below) else "no bound in these logs"
 
 
 def _in_some(name: str, fit: Summarised) -> bool:
