@@ -78,14 +78,14 @@ class Joined:
 
     def _terms(self, i: int, row: Array) -> dict[int, float]:
         """Position among the held → coefficient, of those that belong to a sum. One whose value happens to be next to nothing does as
-        well: it might be another."""
+        well: it might be another, and all of the sum where they are exchanged one for one."""
         near = [k for k, h in enumerate(self.held) if _alike(self.unknowns[i], self.unknowns[h])]
         whole = max([abs(self.values[i]), *(abs(row[k] * self.values[self.held[k]]) for k in near)])
         found = {}
         for k in near:
             h = self.held[k]
-            if abs(row[k]) * self.sizes[h] > _PART * whole:
-                plain = self.unknowns[h].unit == self.unknowns[i].unit and abs(row[k] - 1.0) < _ROUND
+            plain = self.unknowns[h].unit == self.unknowns[i].unit and abs(row[k] - 1.0) < _ROUND
+            if plain or abs(row[k]) * self.sizes[h] > _PART * whole:
                 found[k] = 1.0 if plain else float(row[k])
         return found
 

@@ -64,7 +64,10 @@ class Precision:
     def regrouped(self, free: Array, held: Array) -> Array:
         """(f, h): how much of each `held` unknown one of `free` takes over, in units of their scales."""
         F = self.information
-        return lstsq(F[np.ix_(free, free)], F[np.ix_(free, held)], rcond=_NONE)
+        # By correlations, whatever the units: of an unknown that a small number measures, nothing else would be left beside the others.
+        size = np.sqrt(np.maximum(np.diag(F)[free], 1e-300))
+        F, along = F[np.ix_(free, free)] / np.outer(size, size), F[np.ix_(free, held)] / size[:, None]
+        return np.asarray(lstsq(F, along, rcond=_NONE) / size[:, None])
 
 
 def memory(residual: Array) -> int:

@@ -20,7 +20,7 @@ FV, FC = Unknown("Fv_joint1", "N m s/rad", "viscous", 0), Unknown("Fc_joint1", "
 OFFSET, MX = Unknown("offset_joint1", "N m", "offset", 0, -np.inf), Unknown("mx_joint1", "kg m", "link", -1, -np.inf)
 DELAY = Unknown("delay", "s", "delay_s", -1)
 #: Sizes that are usual, by which a search measures.
-USUAL = {"kp": 20.0, "kd": 0.3, "viscous": 0.1, "dry": 0.1, "offset": 0.1, "link": 0.1, "delay_s": 0.005, "armature": 0.01}
+USUAL = {"kp": 20.0, "kd": 0.01, "viscous": 0.01, "dry": 0.1, "offset": 0.1, "link": 0.1, "delay_s": 0.005, "armature": 0.01}
 
 
 def decided(unknowns, values, seen) -> Determination:
@@ -68,6 +68,18 @@ def test_a_sum_is_the_same_wherever_the_search_ended_in_its_valley(viscous):
     assert one.std == pytest.approx(0.01, rel=0.01)
     shown = standing(found, unknowns)
     assert shown == {"Fv_joint1": Standing.CONFOUNDED, "kd_joint1": Standing.CONFOUNDED, "Fc_joint1": Standing.DETERMINED}
+
+
+def test_a_sum_does_not_depend_on_the_unit_of_its_members():
+    """Friction measured in a size far below that of the others: it takes over from kd all the same."""
+    large = Unknown("kp_joint2", "N m/rad", "kp", 1)
+    unknowns, values = [FV, KD, large], np.array([0.0, 31.0, 900.0])
+    rows = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) / np.array([[0.01], [0.01]])
+    scale = np.array([1e-3, 31.0, 900.0])
+    information = (rows * scale).T @ (rows * scale)
+    (one,) = determination(unknowns, values, Precision(information, information, scale), 0.005).combinations
+    assert one.expression == "Fv_joint1 + kd_joint1"
+    assert one.value == pytest.approx(31.0)
 
 
 def test_a_bound_counts_what_is_not_known_of_the_others():
