@@ -116,7 +116,7 @@ SETTINGS = {**GAINS, "links": {"links": "identify"}}
 class Counted:
     """One fit against its truth: (what, error in standard deviations, error as a share or in samples) of everything that has a value;
     names that are undetermined by physics but have a value, and those that are not (nor zero) but are said to be confounded; unseen ones;
-    warnings of stretches that are none (`told`)."""
+    warnings of stretches that are none (`told`); what has a bound (`bounded`), and what of it is beyond its bound in truth (`beyond`)."""
 
     values: tuple[tuple[str, float, float], ...]
     missed: tuple[str, ...]
@@ -124,6 +124,8 @@ class Counted:
     unseen: tuple[str, ...]
     seconds: float
     told: tuple[str, ...] = ()
+    bounded: tuple[str, ...] = ()
+    beyond: tuple[str, ...] = ()
 
 
 def one(machine: Machine, gains: str, rate: int, seed: int) -> Counted:
@@ -175,7 +177,12 @@ def counted(fit: DriveFit, truth: dict[str, Any], period: float, seconds: float)
         inside = low <= truth["delay"] <= high
         values.append((PROFILE, 0.0 if inside else np.inf, (value - truth["delay"]) / period))
     told = tuple(text for text in fit.warnings if "times the usual error" in text)
-    return Counted(tuple(values), tuple(missed), tuple(invented), tuple(unseen), seconds, told)
+    bounds = {c.expression: c.below for c in decided.bounded}
+    for unknown, below in zip(fit.unknowns, decided.below, strict=True):
+        if unknown.name in unseen and np.isfinite(below):
+            bounds[unknown.expression or unknown.name] = float(below)
+    beyond = tuple(text for text, below in bounds.items() if abs(_worth(text, true)) > below)
+    return Counted(tuple(values), tuple(missed), tuple(invented), tuple(unseen), seconds, told, tuple(bounds), beyond)
 
 
 def _worth(expression: str, true: dict[str, float]) -> float:
@@ -201,10 +208,8 @@ def main(short: bool, folder: Path) -> None:
 
 def count(every: list[tuple[Machine, str, int, int]], folder: Path) -> None:
     """Print one line for each machine, gains and rate."""
-    head = (
-        f"{'machine':<17}{'gains':<9}{'Hz':>4}{'fits':>6}{'values':>8}{'in 95 %':>9}{'delay':>8}{'missed':>8}{'invented':>10}{'unseen':>8}"
-    )
-    print(head + f"{'told':>6}{'Ia %':>7}{'Fv %':>7}{'Fc %':>7}{'kp %':>7}{'delay':>8}{'s':>7}")
+    head = f"{'machine':<17}{'gains':<9}{'Hz':>4}{'fits':>6}{'values':>8}{'in 95 %':>9}{'delay':>8}{'missed':>8}{'invented':>10}"
+    print(head + f"{'unseen':>8}{'beyond':>9}{'told':>6}{'Ia %':>7}{'Fv %':>7}{'Fc %':>7}{'kp %':>7}{'delay':>8}{'s':>7}")
     rows: dict[tuple[str, str, int], list[Counted]] = defaultdict(list)
     for i, (machine, gains, rate, seed) in enumerate(every):
         key = (machine.name, gains, rate)
@@ -213,13 +218,9 @@ def count(every: list[tuple[Machine, str, int, int]], folder: Path) -> None:
             print(line(key, rows[key]), flush=True)
             name = "_".join(map(str, key)).replace(" ", "_")
             (folder / f"actuator_coverage_{name}.json").write_text(json.dumps([asdict(r) for r in rows[key]]))
-    print(
-        "in 95 %: values within 1.96 standard deviations of the truth; delay: its interval by profile likelihood; told: stretches said to"
-    )
-    print(
-        "be unlike the others, of which there are none; then median errors of what has a value: Ia, Fv (with kd where that is unknown), Fc,"
-    )
-    print("kp, and of the delay in samples; seconds of processor time a fit")
+    print("in 95 %: values within 1.96 standard deviations of the truth; delay: its interval by profile likelihood; beyond: truths beyond")
+    print("their 95 % bound; told: stretches said to be unlike the others, of which there are none; then median errors of values: Ia,")
+    print("Fv (with kd where that is unknown), Fc, kp, and of the delay in samples; seconds of processor time a fit")
 
 
 def line(key: tuple[str, str, int], found: list[Counted]) -> str:
@@ -237,7 +238,8 @@ def line(key: tuple[str, str, int], found: list[Counted]) -> str:
     delay = f"{np.mean(held):>8.0%}" if held else f"{'':>8}"
     missed, invented, unseen, told = (sum(len(getattr(one, k)) for one in found) for k in ("missed", "invented", "unseen", "told"))
     spent = np.mean([one.seconds for one in found])
-    counts = f"{len(found):>6}{len(plain):>8}{inside:>9.1%}{delay}{missed:>8}{invented:>10}{unseen:>8}{told:>6}"
+    beyond = f"{sum(len(one.beyond) for one in found)} of {sum(len(one.bounded) for one in found)}"
+    counts = f"{len(found):>6}{len(plain):>8}{inside:>9.1%}{delay}{missed:>8}{invented:>10}{unseen:>8}{beyond:>9}{told:>6}"
     errors = "".join(error(symbol) for symbol in ("Ia", "Fv", "Fc", "kp"))
     return f"{key[0]:<17}{key[1]:<9}{key[2]:>4}{counts}{errors}{np.median(late) if late else np.nan:>8.3f}{spent:>7.1f}"
 

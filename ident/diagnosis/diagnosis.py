@@ -99,7 +99,7 @@ class Diagnosis(Shown):
     def every_row(self) -> tuple[float, float]:
         """Relative torque error over all joints, before and after, on rows near reversals as well, which the comparison may leave out."""
         data = self.signals if self.held is None else self.held
-        before, after = (replace(e, sticking=()).torque_error(data).relative_all for e in (self.before, self.after))
+        before, after = (replace(e, reversals_left_out=()).torque_error(data).relative_all for e in (self.before, self.after))
         return before, after
 
     @property

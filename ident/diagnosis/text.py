@@ -110,7 +110,7 @@ def diagnosis_text(d: Told) -> str:
     lines += [str(d.instrument)]
     data = "held-out" if d.held is not None else "fitted"
     lines += ["", f"error on {data} data, noise floor {_numbers(d.noise_floor)}:", str(d.comparison)]
-    if d.before.sticking or d.after.sticking:
+    if d.before.reversals_left_out or d.after.reversals_left_out:
         before, after = (100.0 * x for x in d.every_row)
         lines.append(f"with rows near velocity reversals, which the table excludes where they do not fit: {before:.2f} -> {after:.2f} %")
     lines += [wrapped(f"warning: {w}") for w in d.warnings if not w.startswith("audit: ")]  # the audit speaks for itself, and first

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._utils.singular_values import pinv
-from .plant import DrivePlant
+from .plant import DrivePlant, joined
 from .search import Fitted, followed
 from .uncertainty import Precision
 
@@ -57,7 +57,10 @@ class _Side:
         others = np.flatnonzero(self.others)
         taken = precision.regrouped(others, np.array([index]))[:, 0]
         self.along = -taken * precision.scale[others] / precision.scale[index]
-        self.lowest, _ = followed(self._held(self.value), found.values[self.others], sizes[self.others], found.weights, steps=_STEPS)
+        # The fit ended in steps of time finer than these: what they change is taken as it is there, or the valley would be another.
+        plain = joined(plant.positions(found.values))[0] - np.concatenate([log.q for log in plant.logs])
+        self.apart = found.residual - plain
+        self.lowest, _ = self._followed(self.value, found.values[self.others])
 
     @property
     def value(self) -> float:
@@ -92,11 +95,13 @@ class _Side:
     def _rise(self, away: float, before: float, moved: Array) -> tuple[float, Array]:
         """Rise of the cost, and how far the others (p - 1,) have moved, from where they were at `before`."""
         start = self.found.values[self.others] + (away - before) * self.along + moved
-        cost, values = followed(
-            self._held(self.value + away), start, self.sizes[self.others], self.found.weights, steps=_STEPS
-        )  # fmt: skip
+        cost, values = self._followed(self.value + away, start)
         self.lowest = min(self.lowest, cost)
         return cost - self.lowest, values - self.found.values[self.others]
+
+    def _followed(self, delay: float, start: Array) -> tuple[float, Array]:
+        weights, sizes = self.found.weights, self.sizes[self.others]
+        return followed(self._held(delay), start, sizes, weights, steps=_STEPS, apart=self.apart)
 
     def _held(self, delay: float) -> DrivePlant:
         law, joint = self.plant.law, self.plant.unknowns[self.index].joint

@@ -143,10 +143,11 @@ class DriveFit(ShortRepr):
             "drive": self.law.to_dict(),
         }
         if self.determination is not None:
+            decided = self.determination
             body["confounded"] = [
                 {"expression": c.expression, "value": c.value, "std": c.std, "unit": c.unit, "separated_by": c.separated_by}
-                for c in self.determination.combinations
-            ]
+                for c in decided.combinations
+            ] + [{"expression": c.expression, "below": c.below, "unit": c.unit, "separated_by": c.separated_by} for c in decided.bounded]
         return result("ident.fit/1", jsonable(body), inputs=self.inputs, warnings=self.warnings)
 
     def _delay(self, name: str, value: float, low: float, high: float) -> dict[str, Any]:

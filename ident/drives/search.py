@@ -151,9 +151,13 @@ def refitted(plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, 
     return Fitted(values, residual, slopes, weights, settled, used)
 
 
-def followed(plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, steps: int) -> tuple[float, Array]:
-    """Cost and values (p,) after a few steps from near values on."""
-    measured = np.concatenate([log.q for log in plant.logs])
+def followed(
+    plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, steps: int, apart: Array | float = 0.0
+) -> tuple[float, Array]:  # fmt: skip
+    """Cost and values (p,) after a few steps from near values on.
+
+    `apart` (N, n): what residuals of smaller steps of time are more, where the search is to go on from an end of theirs."""
+    measured = np.concatenate([log.q for log in plant.logs]) - apart
     values, cost, _, _ = SimulatedSearch(plant, measured, sizes, weights, *expected(plant)).run(values, steps, _NEAR)
     return cost, values
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from .._utils.text import counted, wrapped
+from .combinations import Combination
 from .determined import Determination, Standing
 
 if TYPE_CHECKING:
@@ -86,25 +88,34 @@ def _values(fit: Summarised) -> list[str]:
         lines += ["", "determined only in combination"]
         for c in found.combinations:
             lines += [f"  {c.expression:<{width}}  {c.value:.4g} ± {c.std:.2g} {c.unit}"]
-        for advice in dict.fromkeys(c.separated_by for c in found.combinations):
-            members = [c.expression for c in found.combinations if c.separated_by == advice]
-            lines.append(wrapped(f"  would separate {_few(members)}: {advice}"))
+        lines += _advice(found.combinations)
     unseen = [(u, below) for u, _, verdict, _, below in rows if verdict == Standing.UNSEEN and u.place != "delay_s"]
-    if unseen:
+    if unseen or found.bounded:
         lines += ["", "not determined (too little information in these logs; 95 % bound on the value)"]
         lines += [f"  {u.expression or u.name:<{width}}  {_bound(below, u.unit)}" for u, below in unseen]
+        lines += [f"  {c.expression:<{width}}  {_bound(c.below, c.unit)}" for c in found.bounded]
+        lines += _advice(found.bounded)
     rest = [u.name for u, _, verdict, _, _ in rows if verdict == Standing.CONFOUNDED and not _in_some(u.name, fit)]
     if rest:
         lines += ["", wrapped(f"not determined, not even in combination: {', '.join(rest)}")]
     return lines
 
 
+def _advice(combinations: Sequence[Combination]) -> list[str]:
+    """Which further logs would tell their members apart, those of like advice in one line."""
+    lines = []
+    for advice in dict.fromkeys(c.separated_by for c in combinations):
+        members = [c.expression for c in combinations if c.separated_by == advice]
+        lines.append(wrapped(f"  would separate {_few(members)}: {advice}"))
+    return lines
+
+
 def _bound(below: float, unit: str) -> str:
-    return f"below {below:.2g} {unit}" if np.isfinite(below) else "no effect in these logs"
+    return f"below {below:.2g} {unit}" if np.isfinite(below) else "no bound in these logs"
 
 
 def _in_some(name: str, fit: Summarised) -> bool:
-    return fit.determination is not None and any(name in c.members for c in fit.determination.combinations)
+    return fit.determination is not None and any(name in c.members for c in (*fit.determination.combinations, *fit.determination.bounded))
 
 
 def _few(texts: list[str]) -> str:

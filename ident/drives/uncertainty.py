@@ -11,8 +11,9 @@ from .._utils.singular_values import lstsq
 from .search import Fitted
 
 Array = np.ndarray
-#: Directions whose information is below this share of the largest are beyond the numbers' own precision.
+#: Directions whose information is below this share of the largest are beyond the numbers' own precision; standard deviations by its root.
 _NONE = 1e-8
+RESOLUTION = 1e-4
 #: Share of a log that its residual may remember at most.
 _MEMORY = 0.1
 

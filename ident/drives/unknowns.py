@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +33,11 @@ CONSTANTS = {
     "gear_loss_slow": ("Fms", "1"), "slow_speed": ("v_m", "rad/s"), "joint_stiffness": ("k", "N m/rad"),
     "joint_damping": ("d", "N m s/rad"), "feed_forward": ("f", "1"),
 }  # fmt: skip
+
+
+#: What stays as it is when all torque of a joint is another by one factor; the scale of a duty is one of torque, its gains are not.
+_APART = ("delay_s", "load", "gear_loss", "gear_loss_square", "gear_loss_slow", "slow_speed", "torque_scale")
+_OF_DUTY = ("kp", "kd", "effort_limit")
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,13 @@ def unknowns(model: Model, law: DriveLaw) -> tuple[Unknown, ...]:
     return tuple(found)
 
 
+def follows_torque(unknown: Unknown, scale: str = "kp") -> bool:
+    """Whether a number grows with all torque of its joint, of which `scale` ("kp", "torque_scale") is the measure."""
+    if scale == "torque_scale":
+        return unknown.place == scale or unknown.place not in (*_APART, *_OF_DUTY)
+    return unknown.place not in _APART
+
+
 def _asked(law: DriveLaw, key: str) -> Array:
     """Joints (n,) for which some log leaves the constant open."""
     n = len(law.joints)
@@ -79,7 +91,7 @@ def _asked(law: DriveLaw, key: str) -> Array:
 
 
 def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
-    robot, base = model.robot, model.base
+    robot = model.robot
     links = next((part for effect, part in zip(model.effects, model.slices, strict=True) if isinstance(effect, RigidBody)), slice(0, 0))
     place: dict[int, tuple[str, int]] = {}
     for effect, part in zip(model.effects, model.slices, strict=True):
@@ -102,11 +114,31 @@ def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
     if law.links_known:
         kept = [i for i in range(len(model.parameters)) if not links.start <= i < links.stop]
     else:
-        kept = [int(i) for i in base.independent]
-        expressions = dict(zip(kept, base.expressions, strict=True))
+        kept, expressions = _grouped(model, law)
     return [
         Unknown(p.name, p.unit, *place[i], -np.inf if place[i][0] == "link" else p.lower, i, expressions.get(i, p.name), p.effect)
         for i in kept
         if i not in doubled
         for p in (model.parameters[i],)
     ]
+
+
+def _grouped(model: Model, law: DriveLaw) -> tuple[list[int], dict[int, str]]:
+    """Columns of the parameters that stand for all, and what each stands for. A rotor behind a spring moves by itself: its inertia is no
+    part of the link's."""
+    tables = [law.constants, *(table["constants"] for table in law.by_log.values())]
+    sprung = np.any([~np.isinf(table["joint_stiffness"]) for table in tables if "joint_stiffness" in table], axis=0)
+    alone = [e for e in model.effects if isinstance(e, RotorInertia)]
+    names, rigid = model.robot.joint_names, model
+    for rotors in alone:
+        joints = tuple(names[j] for j in rotors.at(model.robot) if not sprung[j])
+        if len(joints) < len(rotors.at(model.robot)):
+            effects = (replace(e, joints=joints) if e is rotors else e for e in rigid.effects if e is not rotors or joints)
+            rigid = replace(rigid, effects=tuple(effects))
+    if rigid is model:
+        kept = [int(i) for i in model.base.independent]
+        return kept, dict(zip(kept, model.base.expressions, strict=True))
+    at = {p.name: i for i, p in enumerate(model.parameters)}
+    columns = [at[rigid.parameters[int(i)].name] for i in rigid.base.independent]
+    apart = [at[name] for name in at if name not in {p.name for p in rigid.parameters}]
+    return sorted([*columns, *apart]), dict(zip(columns, rigid.base.expressions, strict=True))

@@ -50,7 +50,7 @@ def to_dict(estimate: EstimateRecord) -> dict[str, Any]:
         "condition": number(estimate.condition),
         "samples": estimate.samples,
         "not_determined": list(estimate.dropped),
-        "sticking_joints": list(estimate.sticking),
+        "rows_near_reversals_left_out": [dataclasses.asdict(r) for r in estimate.reversals_left_out],
         "torque_error": {
             "fit": estimate.fit_error.to_dict(),
             "heldout": estimate.heldout_error.to_dict() if estimate.heldout_error else nothing,

@@ -26,13 +26,27 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
+@dataclass(frozen=True)
+class ReversalsLeftOut:
+    """Rows of a joint near its velocity reversals that a fit leaves out: `rows` of `usable` ones (None: an older file does not say)."""
+
+    joint: str
+    rows: int | None = None
+    usable: int | None = None
+
+    def __str__(self) -> str:
+        if not self.rows or not self.usable:
+            return self.joint
+        return f"{self.joint} {self.rows} ({100 * self.rows / self.usable:.0f} %)"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class EstimateRecord(ShortRepr):
     """Base parameters with covariance.
 
     `base`: the reduction whose b base parameters were estimated (grouped further than the model's own where the data
     could not tell them apart); `values` (b,), `covariance` (b, b). `noise`: the residual's noise per measured row.
-    `sticking`: joints whose rows near reversals are left out, because friction there is not what the model says.
+    `reversals_left_out`: rows near velocity reversals that are left out, because they scatter more than the others, by joint.
     `problem`: what was solved, for diagnosis in the same session (not saved).
     `weights` (n,): weight of each row (1/variance). `reference` (k,): all parameters, from which the predicted load was taken."""
 
@@ -50,7 +64,7 @@ class EstimateRecord(ShortRepr):
     information: Information | None = None
     reference: Array | None = None
     dropped: tuple[str, ...] = ()
-    sticking: tuple[str, ...] = ()
+    reversals_left_out: tuple[ReversalsLeftOut, ...] = ()
     warnings: tuple[str, ...] = ()
     heldout_error: TorqueError | None = None
     inputs: tuple[dict[str, Any], ...] = ()
@@ -114,8 +128,8 @@ class EstimateRecord(ShortRepr):
         return error_on(judged, self.residual(judged), raw=judged is not signals)
 
     def problem_on(self, signals: Signals) -> Problem:
-        """The estimate's model on prepared signals, as it was fitted: without rows near reversals that do not fit."""
-        return Problem(self.model, signals.without_turning(self.sticking), reference=self.all_values)
+        """The estimate's model on prepared signals, as it was fitted: without rows near reversals that were left out."""
+        return Problem(self.model, signals.without_reversals(r.joint for r in self.reversals_left_out), reference=self.all_values)
 
     @cached_property
     def _structural_values(self) -> Array:

@@ -23,7 +23,7 @@ from ..robots.transmission import Side, Transmission
 from ..statistics.noise import NoiseModel
 from ..statistics.torque_error import JudgedOn, TorqueError
 from .io import CHECKSUM, SCHEMA, checksum
-from .record import EstimateRecord
+from .record import EstimateRecord, ReversalsLeftOut
 from .status import Status, StatusCode
 
 Array = np.ndarray
@@ -89,7 +89,7 @@ def _restored(kind: type[_E], data: Field) -> _E:
         information=_information(state["information"], rows) if "information" in state else None,
         reference=None if reference.value is None else reference.numbers(k),
         dropped=data["not_determined"].texts(),
-        sticking=_joints(data["sticking_joints"], model),
+        reversals_left_out=_reversals(data, model),
         warnings=data["warnings"].texts(),
         heldout_error=_error(heldout, state["rows"]["heldout"], n) if heldout["rms"].value else None,
         inputs=tuple({key: i[key].text() for key in i.table()} for i in data["inputs"].items()),
@@ -131,11 +131,21 @@ def _information(data: Field, n: int) -> Information:
     return Information(factors, counts, names, Form(form))
 
 
-def _joints(field: Field, model: Model) -> tuple[str, ...]:
-    names = field.texts()
-    if not set(names) <= set(model.robot.joint_names):
+def _reversals(data: Field, model: Model) -> tuple[ReversalsLeftOut, ...]:
+    """Rows near reversals that were left out; files of version 0.2 name the joints only."""
+    if "sticking_joints" in data:
+        field = data["sticking_joints"]
+        found = tuple(ReversalsLeftOut(name) for name in field.texts())
+    else:
+        field = data["rows_near_reversals_left_out"]
+        found = tuple(ReversalsLeftOut(r["joint"].text(), _known(r["rows"]), _known(r["usable"])) for r in field.items())
+    if not {r.joint for r in found} <= set(model.robot.joint_names):
         raise field.fault(f"joints of the robot ({', '.join(model.robot.joint_names)})")
-    return names
+    return found
+
+
+def _known(field: Field) -> int | None:
+    return None if field.value is None else field.whole()
 
 
 def _error(data: Field, rows: Field, n: int) -> TorqueError:

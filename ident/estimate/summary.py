@@ -26,7 +26,7 @@ def estimate_summary(estimate: EstimateRecord, correlations: int = 5) -> str:
     lines = [
         f"{estimate.method}{_form(estimate)}: {count}; condition {estimate.condition:.3g}{_reduced(estimate)}",
         wrapped(estimate.status.text),
-        *_sticking(estimate.sticking),
+        *_near_reversals(estimate),
         "",
         f"{'parameter':<{width}}  {'value':>12} {'std':>10} {'std %':>7} {'|t|':>8}  {'unit':<{unit_width}}  base-parameter expression",
     ]
@@ -145,8 +145,7 @@ def _strongest(correlation: Array, names: tuple[str, ...], count: int) -> list[s
     return [f"{names[i]} and {names[j]} {correlation[i, j]:+.3f}" for i, j in pairs if upper[i, j] > 0.8]
 
 
-def _sticking(joints: tuple[str, ...]) -> list[str]:
-    if not joints:
-        return []
-    names = ", ".join(joints)
-    return [f"rows near reversals of {names} are left out of the fit and its errors: they scatter more than the others, as with stiction."]
+def _near_reversals(estimate: EstimateRecord) -> list[str]:
+    """Rows near velocity reversals that the fit leaves out: how many of each joint, and why."""
+    left = ", ".join(map(str, estimate.reversals_left_out))
+    return [wrapped(f"left out: rows near reversals of {left}; they scatter more than the others, as with stiction")] if left else []

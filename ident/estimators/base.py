@@ -16,7 +16,7 @@ from .._utils.registered import Registry
 from ..effects.kinds import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .own_prediction import standing
-from .turning import without_sticking
+from .reversals import without_inconsistent_reversals
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -84,16 +84,16 @@ class Estimator(ABC):
             object.__setattr__(self, f.name, _frozen(getattr(self, f.name)))
 
     def solve(self, problem: Problem) -> Estimate:
-        """Estimate the base parameters of a problem, without rows near reversals that do not fit (`estimators.turning`).
+        """Estimate the base parameters of a problem, without rows near reversals that do not fit (`estimators.reversals`).
 
         Where an effect needs the model's own prediction (load), the fit is repeated with that of the last one until it stands."""
         self.check(problem)
         asked = problem
-        problem, sticking = without_sticking(problem)
-        found = replace(self._solve(problem), sticking=sticking, problem=asked)
+        problem, left_out = without_inconsistent_reversals(problem)
+        found = replace(self._solve(problem), reversals_left_out=left_out, problem=asked)
         if problem.model.needs & {Need.LOAD, Need.REFERENCE}:
             by_rows = None if Capability.NOISY_REGRESSOR in self.capabilities else self._solve
-            found = replace(standing(problem, found, self._solve, by_rows), sticking=sticking, problem=asked)
+            found = replace(standing(problem, found, self._solve, by_rows), reversals_left_out=left_out, problem=asked)
         _LOG.info("%s: %d parameters from %d rows, status %s", self.name, len(found.values), found.samples, found.status.code.value)
         return found
 

@@ -14,7 +14,7 @@ from ..errors import ConfigurationError, DataError
 from ..estimate.pictures import error_frame, error_section, torque_figure
 from ..estimate.summary import error_table
 from ..problem.linear_solution import solve_triangle
-from ..problem.problem import Problem, error_on
+from ..problem.problem import error_on
 from ..signals.known_band import within_known_band
 from ..simulation.replay import replay
 from ..statistics.torque_error import TorqueError
@@ -198,7 +198,4 @@ def nominal_values(estimate: Estimate) -> Array | None:
 def nominal_error(estimate: Estimate, signals: Signals) -> TorqueError | None:
     """Torque error on `signals` with `nominal_values`."""
     values = nominal_values(estimate)
-    if values is None:
-        return None
-
-    return Problem(estimate.model, signals.without_turning(estimate.sticking), reference=estimate.all_values).torque_error(values)
+    return None if values is None else estimate.problem_on(signals).torque_error(values)

@@ -201,10 +201,9 @@ def _values(fit: DriveFit) -> Array:
 def _together(fit: DriveFit) -> tuple[str, ...]:
     if fit.determination is None:
         return ()
-    return tuple(
-        f"determined only in combination: {c.expression}; the file holds one of the sets of values that give the same motion."
-        for c in fit.determination.combinations
-    )
+    found = (*fit.determination.combinations, *fit.determination.bounded)
+    said = [f"{'determined only in combination' if c.determined else 'not determined'}: {c.expression}" for c in found]
+    return tuple(f"{text}; the file holds one of the sets of values that give the same motion." for text in said)
 
 
 def _without_undetermined(source: Estimate, values: Array, notes: tuple[str, ...]) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:

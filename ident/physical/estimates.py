@@ -9,7 +9,6 @@ import numpy as np
 
 from ..errors import ConfigurationError
 from ..estimate.status import StatusCode
-from ..problem.problem import Problem
 from ..statistics.torque_error import JudgedOn, TorqueError
 from .bounds import Bounds, Prior, reference_prior
 from .judgement import Subject, subject_of
@@ -65,7 +64,7 @@ def repair_estimate(
     unseen = None
     if held is not None:
         # Rows that the estimate leaves out count neither before nor after.
-        unseen = Problem(estimate.model, held.without_turning(estimate.sticking), reference=estimate.all_values)
+        unseen = estimate.problem_on(held)
         data["held out"] = unseen.information
     found = repair(
         subject.structure,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .cutoff import CutoffChoice, choose_cutoff
 from .filters import RowFilter, central_differences, zero_phase_lowpass
-from .masks import Standstill
+from .masks import NearReversals, Standstill
 from .preparation import CentralDifference, Preparation, Recorded, SavitzkyGolay, Velocity, ZeroPhase, make_preparation, preparation_names
 from .signals import Block, JointReport, PreparationReport, Signals
 
@@ -18,6 +18,7 @@ __all__ = [
     "CentralDifference",
     "CutoffChoice",
     "JointReport",
+    "NearReversals",
     "Preparation",
     "PreparationReport",
     "Recorded",

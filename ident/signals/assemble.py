@@ -64,7 +64,7 @@ def assemble(
     w = whole
     return Signals(
         robot, w.t, w.q, w.dq, w.ddq, w.torque, rows.tau, rows.valid, w.runs, names, uniform.rate, row_filter, report, inputs, origins,
-        turning=rows.turning,
+        near_reversal=rows.near_reversal,
     )  # fmt: skip
 
 

@@ -25,6 +25,14 @@ _PIECE = 8192
 ACCURACIES = tuple(_FIRST)
 
 
+def require_accuracy(accuracy: int) -> None:
+    """Raises ConfigurationError for an order of accuracy that is not known."""
+    if accuracy not in ACCURACIES:
+        raise ConfigurationError(
+            f"[signals] accuracy = {accuracy!r} is not known; differences may have accuracy {', '.join(map(str, ACCURACIES))}."
+        )
+
+
 def central_differences(q: Array, rate: float, accuracy: int = 6) -> tuple[Array, Array]:
     """First and second time derivative of uniform samples (N, n), each (N - accuracy, n).
 

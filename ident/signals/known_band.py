@@ -17,7 +17,7 @@ from .cutoff import choose_cutoff
 from .filters import RowFilter, butterworth_transient, central_differences, zero_phase_lowpass
 from .masks import Standstill
 from .resample import bridge
-from .sound import TURNING_SHARE, UNSOUND, filtered_share
+from .sound import REVERSAL_SHARE, UNSOUND, filtered_share
 
 if TYPE_CHECKING:
     from .signals import Signals
@@ -58,8 +58,8 @@ def within_known_band(signals: Signals, cutoff_hz: float | None = None) -> Signa
             return signals
         cutoff_hz = choose_cutoff(pieces, rate, robot.joint_names, [j.prismatic for j in robot.joints]).cutoff_hz
     row_filter = RowFilter.lowpass(_ROW_SHARE * cutoff_hz, rate, max(1, int(rate / cutoff_hz + 1e-9)))
-    sound, turning = _at_samples(signals, signals.valid), _at_samples(signals, signals.turning)
-    parts = [_run(signals, run, cutoff_hz, row_filter, sound, turning) for run in signals.runs]
+    sound, near = _at_samples(signals, signals.valid), _at_samples(signals, signals.near_reversal)
+    parts = [_run(signals, run, cutoff_hz, row_filter, sound, near) for run in signals.runs]
     kept = [(i, part) for i, part in enumerate(parts) if part is not None]
     if not kept:
         return signals
@@ -94,7 +94,7 @@ def _at_samples(signals: Signals, flag: Array | None) -> Array:
     return found
 
 
-def _run(signals: Signals, run: slice, cutoff: float, row_filter: RowFilter, sound: Array, turning: Array) -> dict[str, Array] | None:
+def _run(signals: Signals, run: slice, cutoff: float, row_filter: RowFilter, sound: Array, near: Array) -> dict[str, Array] | None:
     """One run: samples and rows; None where it is too short for the filters."""
     rate, p = signals.rate, _ACCURACY // 2
     margin = int(np.ceil(butterworth_transient(cutoff, _ORDER) * rate))
@@ -108,6 +108,6 @@ def _run(signals: Signals, run: slice, cutoff: float, row_filter: RowFilter, sou
     missing = ~np.isfinite(torque)
     shares = {"missing": missing, "resting": ~sound[run][inner] & ~missing}
     found |= {name: filtered_share(row_filter, flag) for name, flag in shares.items()}
-    if signals.turning is not None:
-        found["turning"] = filtered_share(row_filter, turning[run][inner]) > TURNING_SHARE
+    if signals.near_reversal is not None:
+        found["near_reversal"] = filtered_share(row_filter, near[run][inner]) > REVERSAL_SHARE
     return found

@@ -4,14 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
-from ..errors import ConfigurationError
+from ..errors import ConfigurationError, unknown_name
 
 Array = np.ndarray
 #: Samples that suffice to tell a torque's steps and how long it usually stays the same.
 SPEEDS_ENOUGH = 200_000
+
+
+class NearReversals(StrEnum):
+    """Whether a fit uses a joint's rows near its velocity reversals: if they are consistent with its other rows, or in any case.
+
+    They are not if their residual scatters more than chance allows (`ident.estimators.reversals`), as where dry friction is not the
+    function of velocity that the model says. Published values are often of fits that keep them."""
+
+    IF_CONSISTENT = "if_consistent"
+    KEEP = "keep"
+
+    @classmethod
+    def _missing_(cls, value: object) -> None:
+        raise unknown_name("use of rows near reversals", str(value), [v.value for v in cls])
 
 
 @dataclass(frozen=True)
@@ -22,7 +37,7 @@ class Standstill:
     m/s; one value, or one a joint) if that is given; never below three standard deviations of the speed's noise. A row is
     left out if more than `share` of the row filter's weight lies on such samples. A small share drops every row that a standstill
     or a reversal reaches, and with them the low speeds by which friction that is not linear in speed is told; where friction
-    is another there, the estimators see it by the residual and leave these rows out (`estimators.turning`). Where reversals follow each
+    is another there, the estimators see it by the residual and leave these rows out (`NearReversals`). Where reversals follow each
     other so closely, for the length of the row filter, that less than `keep` of a joint's moving rows would be left, its
     share is raised until that many are."""
 

@@ -18,8 +18,8 @@ from ..logs.log import Log, LogSet
 from ..robots.robot import Robot
 from .assemble import assemble, of_logs
 from .cutoff import HIGHEST, CutoffChoice, choose_cutoff
-from .filters import ACCURACIES, RowFilter, butterworth_transient, central_differences, savitzky_golay_window, zero_phase_lowpass
-from .masks import Standstill
+from .filters import RowFilter, butterworth_transient, central_differences, require_accuracy, savitzky_golay_window, zero_phase_lowpass
+from .masks import NearReversals, Standstill
 from .resample import bridge
 from .signals import Signals
 from .sound import Derived
@@ -45,7 +45,8 @@ class Preparation(ABC):
     `cutoff_hz`: of the derivatives; None: chosen from the data and reported. `decimate`: True filters both sides of the
     equation and keeps as many rows as the row cut-off leaves information; a number keeps every such sample; False keeps all
     samples as rows. `row_cutoff_hz`: of the rows; None: 0.4 of `cutoff_hz`. `resample_hz`: None keeps the logs' own rate.
-    `standstill`: when a joint's rows are left out because it stands still; None never. `saturated`: "mask" or "keep" rows
+    `standstill`: when a joint's rows are left out because it stands still; None never. `rows_near_reversals`: "if_consistent", a fit
+    leaves them out for joints where they scatter more than the other rows, or "keep". `saturated`: "mask" or "keep" rows
     whose torque stays at its extreme. `max_gap_s`: longer steps in time cut a run; None: as the cut-off allows.
     `edge_s`: left out at both ends of a run; None: the filter's transient."""
 
@@ -56,6 +57,7 @@ class Preparation(ABC):
     row_cutoff_hz: float | None = None
     resample_hz: float | None = None
     standstill: Standstill | None = field(default_factory=Standstill)
+    rows_near_reversals: NearReversals = NearReversals.IF_CONSISTENT
     saturated: str = "mask"
     max_gap_s: float | None = None
     edge_s: float | None = None
@@ -71,6 +73,7 @@ class Preparation(ABC):
             raise ConfigurationError(f"[signals] decimate must be true, false or a whole number of samples, not {self.decimate!r}.")
         if self.saturated not in ("mask", "keep"):
             raise unknown_name("treatment of saturated torque", str(self.saturated), ("mask", "keep"))
+        object.__setattr__(self, "rows_near_reversals", NearReversals(self.rows_near_reversals))
 
     def __call__(self, logs: LogSet | Log | Sequence[Log], robot: Robot | None = None) -> Signals:
         """Prepare logs. Raises DataError where they cannot be used, ConfigurationError for settings that do not fit them."""
@@ -105,6 +108,11 @@ class Preparation(ABC):
                 value = {k.name: getattr(value, k.name) for k in fields(value)}
             out[f.name] = value.value if isinstance(value, StrEnum) else value
         return out
+
+    @property
+    def judges_reversals(self) -> bool:
+        """Whether rows near reversals are marked, for the estimators to leave out those that are not consistent with the others."""
+        return self.standstill is not None and self.rows_near_reversals == NearReversals.IF_CONSISTENT
 
     @property
     def filters_positions(self) -> bool:
@@ -177,7 +185,7 @@ class ZeroPhase(Preparation):
         if self.velocity not in list(Velocity):
             raise unknown_name("source of velocity", str(self.velocity), [v.value for v in Velocity])
         object.__setattr__(self, "velocity", Velocity(self.velocity))
-        _check_accuracy(self.accuracy)
+        require_accuracy(self.accuracy)
         if self.order not in range(1, 11):
             raise ConfigurationError(f"[signals] order = {self.order!r} must be a whole number from 1 to 10.")
 
@@ -266,7 +274,7 @@ class CentralDifference(Preparation):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_accuracy(self.accuracy)
+        require_accuracy(self.accuracy)
 
     @property
     def filters_positions(self) -> bool:
@@ -308,13 +316,6 @@ class Recorded(Preparation):
         assert run.dq is not None
         assert run.ddq is not None
         return Derived(run, run.q, run.dq, run.ddq, run.torque, offset=0).trimmed(self._margin(0.0, rate))
-
-
-def _check_accuracy(accuracy: int) -> None:
-    if accuracy not in ACCURACIES:
-        raise ConfigurationError(
-            f"[signals] accuracy = {accuracy!r} is not known; differences may have accuracy {', '.join(map(str, ACCURACIES))}."
-        )
 
 
 _STRATEGIES: tuple[type[Preparation], ...] = (ZeroPhase, SavitzkyGolay, CentralDifference, Recorded)

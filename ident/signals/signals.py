@@ -115,7 +115,7 @@ class Signals(Shown, ShortRepr):
     missing); `tau` (M, n) on the measured side, filtered like the rows; `valid` (M, n): the row may be used; `runs`: the
     samples of each uniform run; `rate` in Hz; `row_filter` acts on both sides of the equation (None: rows are samples). `origins`: for each
     run the time at which its recording began (its first sample, if not given). `source`: the logs, while these are all of their rows.
-    `turning` (M, n), if known: a reversal or a standstill of the joint reaches into the row.
+    `near_reversal` (M, n), if known: a reversal or a standstill of the joint reaches into the row.
 
     Examples
     --------
@@ -142,7 +142,7 @@ class Signals(Shown, ShortRepr):
     inputs: tuple[dict[str, str], ...] = ()
     origins: tuple[float, ...] = ()
     source: LogSet | None = field(default=None, repr=False)
-    turning: Array | None = field(default=None, repr=False)
+    near_reversal: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not self.origins:
@@ -251,7 +251,7 @@ class Signals(Shown, ShortRepr):
             **{k: getattr(self, k)[at] for k in ("t", "q", "dq", "ddq", "torque")},
             tau=self.tau[rows_at],
             valid=self.valid[rows_at],
-            turning=None if self.turning is None else self.turning[rows_at],
+            near_reversal=None if self.near_reversal is None else self.near_reversal[rows_at],
             runs=tuple(slice(a, b) for a, b in itertools.pairwise(edges)),
             run_names=tuple(labels),
             origins=tuple(origins),
@@ -294,13 +294,13 @@ class Signals(Shown, ShortRepr):
             raise DataError("split: the runs are too short to hold out a part.")
         return self.select_rows(parts[0]), self.select_rows(parts[1])
 
-    def without_turning(self, joints: Iterable[str]) -> Signals:
+    def without_reversals(self, joints: Iterable[str]) -> Signals:
         """The same signals without the rows of some joints into which a reversal or standstill of theirs reaches."""
-        if self.turning is None:
+        if self.near_reversal is None:
             return self
         at = [self.robot.joint_index(j) for j in joints]
         valid = self.valid.copy()
-        valid[:, at] &= ~self.turning[:, at]
+        valid[:, at] &= ~self.near_reversal[:, at]
         return replace(self, valid=valid, source=None)
 
     def without(self, joints: Iterable[str]) -> Signals:

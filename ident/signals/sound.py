@@ -21,8 +21,8 @@ Array = np.ndarray
 #: A row is not used if more than this share of its filter's weight lies on samples whose torque is missing or cut off.
 UNSOUND = 0.02
 #: A row is reached by a reversal if more than this share of its weight lies on samples below this multiple of the standstill speed.
-TURNING_SHARE = 0.02
-TURNING_REACH = 2.0
+REVERSAL_SHARE = 0.02
+REVERSAL_REACH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +65,9 @@ class Settings(Protocol):
 
     @property
     def standstill(self) -> Standstill | None: ...
+
+    @property
+    def judges_reversals(self) -> bool: ...
 
     @property
     def filters_positions(self) -> bool: ...
@@ -127,14 +130,14 @@ class Pace:
 
 @dataclass(frozen=True, eq=False)
 class SoundRows:
-    """Rows: `tau` (M, n), which are `valid` and which are `turning` (M, n; None where that is not looked for), what each reason `lost`,
+    """Rows: `tau` (M, n), which are `valid` and which are `near_reversal` (M, n; None if not asked for), what each reason `lost`,
     and the share of standstill that is `allowed` (n,)."""
 
     tau: Array
     valid: Array
     lost: dict[str, Array]
     allowed: Array
-    turning: Array | None
+    near_reversal: Array | None
 
     @classmethod
     def of(
@@ -157,9 +160,9 @@ class SoundRows:
         shares = {k: share(flag) for k, flag in flags.items()}
         allowed = rule.allowed(shares["standstill"]) if rule is not None else np.ones(tau.shape[1])
         lost = {k: x > (allowed if k == "standstill" else UNSOUND) for k, x in shares.items()}
-        turning = share(pace.speed <= TURNING_REACH * pace.threshold) > TURNING_SHARE if rule is not None else None
+        near = share(pace.speed <= REVERSAL_REACH * pace.threshold) > REVERSAL_SHARE if prep.judges_reversals else None
         tau[lost["torque missing"]] = np.nan
-        return cls(tau, ~np.logical_or.reduce(list(lost.values())), lost, allowed, turning)
+        return cls(tau, ~np.logical_or.reduce(list(lost.values())), lost, allowed, near)
 
 
 def _joined(parts: list[Array]) -> Array:

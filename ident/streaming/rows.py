@@ -17,7 +17,7 @@ from ..robots.transmission import Side
 from ..signals.filters import RowFilter
 from ..signals.rows import Rows
 from ..signals.signals import Signals
-from ..signals.sound import TURNING_REACH, TURNING_SHARE, UNSOUND, filtered_share
+from ..signals.sound import REVERSAL_REACH, REVERSAL_SHARE, UNSOUND, filtered_share
 from .decisions import Decisions
 from .motion import DerivedRun
 
@@ -40,13 +40,13 @@ class RowPart:
 @dataclass(frozen=True, eq=False)
 class RowFacts:
     """What a part's rows are, without their columns. (m, n) each: `tau` filtered torque; `missing`, `limited`: too much of the row rests on
-    torque that is missing or cut off; `rest`: share of standstill; `turning`: a reversal reaches into the row."""
+    torque that is missing or cut off; `rest`: share of standstill; `near_reversal`: a reversal reaches into the row."""
 
     tau: Array
     missing: Array
     limited: Array
     rest: Array
-    turning: Array
+    near_reversal: Array
 
     def packed(self) -> Array:
         """All of them beside each other, (m, 5 n)."""
@@ -55,8 +55,8 @@ class RowFacts:
     @classmethod
     def unpacked(cls, numbers: Array, n: int) -> RowFacts:
         """From rows that begin with what `packed` gave."""
-        tau, missing, limited, rest, turning = (numbers[:, i * n : (i + 1) * n] for i in range(5))
-        return cls(tau, missing != 0.0, limited != 0.0, rest, turning != 0.0)
+        tau, missing, limited, rest, reversing = (numbers[:, i * n : (i + 1) * n] for i in range(5))
+        return cls(tau, missing != 0.0, limited != 0.0, rest, reversing != 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class MakeRows:
             share(found.missing) > UNSOUND,
             share(self.decisions.at_limit(found.torque) if self.saturated else none) > UNSOUND,
             share(pace <= threshold if self.standstill else none),
-            share(pace <= TURNING_REACH * threshold if self.standstill else none) > TURNING_SHARE,
+            share(pace <= REVERSAL_REACH * threshold if self.standstill else none) > REVERSAL_SHARE,
         )
         numbers = facts.packed()
         if self.model is not None and row_filter is not None:

@@ -191,11 +191,8 @@ class StreamedSession(Session):
 
     def _prepare_held(self) -> StreamedSignals:
         prep = like(self.fit_signals.report.to_dict())
-        try:
+        with self._naming_held_out():
             return self._streaming("rows-held").prepare(prep, self._stored_parts[1], self.robot, self.model)
-        except DataError as error:
-            what = f"the last {HELD_SHARE:.0%} of the logs" if self.held_by_split else ", ".join(map(str, self.study.validation_files()))
-            raise DataError(f"held-out data ({what}): {error}") from None
 
     @cached_property
     def problem(self) -> Problem:

@@ -191,9 +191,9 @@ class Streaming:
             joints=joints,
             warnings=tuple(dict.fromkeys(warnings)),
         )
-        turning = facts.turning if rule is not None else None
+        near = facts.near_reversal if prep.judges_reversals else None
         stored = work.model
-        return replace(signals, tau=tau, valid=valid, turning=turning, report=report, parts=parts if stored else (), stored_model=stored)
+        return replace(signals, tau=tau, valid=valid, near_reversal=near, report=report, parts=parts if stored else (), stored_model=stored)
 
     def _signals(
         self,

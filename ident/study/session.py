@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -105,8 +106,14 @@ class Session:
         if held is None:
             method = self.study.make_estimator().name
             raise DataError(f"method {method!r} needs whole logs; give logs to validate on with --validate, or in [logs] validate.")
-        try:
+        with self._naming_held_out():
             return like(self.fit_signals.report.to_dict())(held)
+
+    @contextmanager
+    def _naming_held_out(self) -> Iterator[None]:
+        """A DataError raised inside says which data are held out."""
+        try:
+            yield
         except DataError as error:
             what = f"the last {HELD_SHARE:.0%} of the logs" if self.held_by_split else ", ".join(map(str, self.study.validation_files()))
             raise DataError(f"held-out data ({what}): {error}") from None

@@ -28,7 +28,7 @@ def session(name: str) -> Session:
 
 def whole_fit(taken: Session):
     """Estimate from the whole log, none of it held out, on the rows of the published fits: those near reversals, too."""
-    signals = replace(taken.study.make_preparation()(taken.recorded), turning=None)
+    signals = replace(taken.study.make_preparation(), rows_near_reversals="keep")(taken.recorded)
     return taken.study.make_estimator().solve(Problem(taken.model, signals))
 
 

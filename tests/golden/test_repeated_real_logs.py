@@ -64,7 +64,7 @@ def test_tx40_beside_its_published_friction():
                 method.solve(p)
             continue
         # The published fit holds the rows near reversals.
-        found = method.solve(replace(p, signals=replace(p.signals, turning=None)))
+        found = method.solve(replace(p, signals=replace(p.signals, near_reversal=None)))
         # The drive's torque answers to the noise of its encoders, and makes no instruments.
         assert found.status.code == (StatusCode.INVALID_INSTRUMENTS if "measured torque" in label else StatusCode.OK), label
         assert found.fit_error.relative_all < 0.08

@@ -20,7 +20,7 @@ from ident.logs.unwrap import unwrapped
 from ident.problem.problem import Problem
 from ident.robots.robot import Robot
 from ident.robots.transmission import Side, Transmission
-from ident.signals import Standstill, ZeroPhase
+from ident.signals import NearReversals, Standstill, ZeroPhase
 
 #: The published values were fitted with the low speeds in: friction there is weaker than the line through higher speeds.
 PUBLISHED = Standstill(fraction=0.01, share=0.3)
@@ -40,7 +40,7 @@ def test_emps(data_folder: Path, cutoff: float | None) -> None:
     robot = logs.robot
     assert robot is not None
     # The published fit holds the rows near reversals, which scatter more: on the same rows its values come out.
-    signals = replace(ZeroPhase(cutoff_hz=cutoff, standstill=PUBLISHED)(logs), turning=None)
+    signals = ZeroPhase(cutoff_hz=cutoff, standstill=PUBLISHED, rows_near_reversals=NearReversals.KEEP)(logs)
     estimate = WeightedLeastSquares().solve(Problem(robot.rigid_body() + Viscous() + Coulomb() + Offset(), signals))
     found = {p.name.split("_")[0]: v for p, v in zip(estimate.parameters, estimate.values, strict=True)}
     assert found["m"] == pytest.approx(95.11, rel=0.003)
@@ -59,7 +59,7 @@ def test_tx40(data_folder: Path, cutoff: float | None) -> None:
     prep = ZeroPhase(cutoff_hz=cutoff, standstill=PUBLISHED)
     model = robot.rigid_body() + RotorInertia() + Viscous() + Coulomb() + Offset()
     # The published fit holds the rows near reversals.
-    estimate = WeightedLeastSquares().solve(Problem(model, replace(prep(logs), turning=None)))
+    estimate = WeightedLeastSquares().solve(Problem(model, replace(prep, rows_near_reversals=NearReversals.KEEP)(logs)))
     assert estimate.fit_error.relative_all <= 0.059
     # Joints 1 to 4 are not coupled: their friction compares directly, carried to the joint side.
     reference = json.loads((data_folder / "tx40/reference_drive_parameters.json").read_text())

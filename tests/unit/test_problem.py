@@ -151,6 +151,11 @@ def test_rows_of_a_sticking_joint_are_left_out_and_others_stay(case, size: float
     signals = ZeroPhase(cutoff_hz=10)(log(case, tau))
     estimate = WeightedLeastSquares().solve(ident.Problem(model, signals))
     quiet = WeightedLeastSquares().solve(ident.Problem(model, ZeroPhase(cutoff_hz=10)(log(case))))
-    assert estimate.sticking == ("joint3",)
-    assert quiet.sticking == ()
+    assert [r.joint for r in estimate.reversals_left_out] == ["joint3"]
+    assert quiet.reversals_left_out == ()
+    left = estimate.reversals_left_out[0]
+    assert f"rows near reversals of joint3 {left.rows} ({100 * left.rows / left.usable:.0f} %)" in estimate.summary()
+    kept = WeightedLeastSquares().solve(ident.Problem(model, ZeroPhase(cutoff_hz=10, rows_near_reversals="keep")(log(case, tau))))
+    assert kept.reversals_left_out == ()
+    assert kept.samples == estimate.samples + left.rows
     assert np.all(np.abs(estimate.values - model.base.base_values(values)) < 5 * estimate.std)

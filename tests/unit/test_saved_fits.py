@@ -74,7 +74,7 @@ MISSING = object()
         ("state.model.effects.0.name", 7),
         ("state.model.effects.0.name", "no_such"),
         ("not_determined", "j1"),
-        ("sticking_joints", ["j9"]),
+        ("rows_near_reversals_left_out", [{"joint": "j9", "rows": 1, "usable": 2}]),
         ("trace", []),
         ("inputs", [{"path": 3}]),
         ("torque_error.fit.rms", [1.0]),
@@ -119,6 +119,17 @@ def test_a_fit_without_a_checksum_is_read(saved: dict[str, Any], tmp_path: Path)
     found = Estimate.load(write(tmp_path, old))
     np.testing.assert_array_equal(found.values, [p["value"] for p in saved["parameters"]])
     assert not any("changed" in w for w in found.warnings)
+
+
+def test_rows_near_reversals_of_a_fit_of_version_0_2(saved: dict[str, Any], tmp_path: Path) -> None:
+    """It names the joints alone; a fit of today also counts their rows."""
+    left = {"joint": "j1", "rows": 12, "usable": 80}
+    new = changed(saved, "rows_near_reversals_left_out", [left])
+    assert str(Estimate.load(write(tmp_path, new)).reversals_left_out[0]) == "j1 12 (15 %)"
+    old = changed(changed(saved, "rows_near_reversals_left_out", MISSING) | {"checksum": 0}, "sticking_joints", ["j1"])
+    found = Estimate.load(write(tmp_path, old))
+    assert [(r.joint, r.rows) for r in found.reversals_left_out] == [("j1", None)]
+    assert "rows near reversals of j1; " in str(found)
 
 
 @pytest.mark.parametrize("limit", ['lower="4" upper="1e9"', 'lower="-1e300" upper="-4"', 'lower="4"', 'upper="-4"'])

@@ -551,6 +551,7 @@ class TestSettings:
             ({"cutoff_hz": -3.0}, "cutoff_hz must be a positive number"),
             ({"decimate": 2.5}, "decimate"),
             ({"saturated": "drop"}, "unknown treatment"),
+            ({"rows_near_reversals": "mask"}, "unknown use of rows near reversals"),
             ({"standstill": {"fractions": 0.1}}, "did you mean 'fraction'"),
             ({"standstill": {"fraction": 2.0}}, "fraction"),
             ({"velocity": "measured"}, "unknown source of velocity"),

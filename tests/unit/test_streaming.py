@@ -63,7 +63,8 @@ def agree(memory: Session, streamed: StreamedSession, tolerance: float = 1e-12) 
     """Rows and masks, values and covariance, errors and what is said."""
     a, b = memory.fit_signals, streamed.fit_signals
     assert np.array_equal(a.valid, b.valid)
-    assert a.turning is None or np.array_equal(a.turning, b.turning)
+    assert (a.near_reversal is None) == (b.near_reversal is None)
+    assert a.near_reversal is None or np.array_equal(a.near_reversal, b.near_reversal)
     assert np.nanmax(np.abs(a.tau - b.tau)) <= tolerance * np.nanmax(np.abs(a.tau))
     assert str(a.report) == str(b.report)
     x, y = memory.estimate, streamed.estimate
@@ -172,6 +173,19 @@ def test_what_is_wrong_with_a_log_is_treated_alike(kind: str, tmp_path: Path, ta
     scale = np.linalg.norm(x.factors, axis=(1, 2))[:, None, None]
     both_grams = [np.swapaxes(f.factors, 1, 2) @ f.factors / np.maximum(scale, 1e-100) ** 2 for f in (x, y)]
     assert np.abs(both_grams[0] - both_grams[1]).max() <= 1e-12
+
+
+def test_rows_near_reversals_are_kept_if_asked(tmp_path: Path, table: dict[str, Array]) -> None:
+    """Torque disturbed where joint 2 reverses: its rows there are left out of both fits, and kept in both where the study asks for it."""
+    slow = np.abs(np.gradient(table["q2"], table["t"])) < 0.05
+    rough = table | {"tau_m2": table["tau_m2"] + 5.0 * slow * np.sign(np.sin(np.arange(len(slow)) / 37.0))}
+    path = write_csv(tmp_path / "log.csv", rough)
+    for folder, signals, left_out in (("usual", {}, {"joint2"}), ("kept", {"rows_near_reversals": "keep"}, set())):
+        (tmp_path / folder).mkdir()
+        sessions = both(tmp_path / folder, path, **signals)
+        agree(*sessions, tolerance=1e-11)
+        assert all({r.joint for r in s.estimate.reversals_left_out} == left_out for s in sessions)
+        assert sessions[0].estimate.reversals_left_out == sessions[1].estimate.reversals_left_out
 
 
 def test_errors_name_file_column_and_row(tmp_path: Path, table: dict[str, Array]) -> None:

@@ -82,6 +82,9 @@ def test_preparation_follows_the_signals_table(folder):
     with pytest.raises(ConfigurationError, match=r"unknown key of \[signals\] 'cutof_hz'; did you mean 'cutoff_hz'"):
         study(folder, "[signals]\ncutof_hz = 3").make_preparation()
     assert study(folder, '[signals]\nmethod = "savitzky_golay"\nstandstill = { share = 0.3 }').make_preparation().standstill.share == 0.3
+    assert study(folder, '[signals]\nrows_near_reversals = "keep"').make_preparation().rows_near_reversals == "keep"
+    with pytest.raises(ConfigurationError, match=r"rows_near_reversals must be 'if_consistent' or 'keep', not 'kept'"):
+        study(folder, '[signals]\nrows_near_reversals = "kept"').make_preparation()
     with pytest.raises(ConfigurationError, match=r"\[signals\] cutoff_hz must be a number, not 'ten'"):
         study(folder, '[signals]\ncutoff_hz = "ten"').make_preparation()
 

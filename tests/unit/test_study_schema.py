@@ -60,7 +60,7 @@ HEAD = '[robot]\nname = "puma560"\n'
         HEAD + '[drive]\neffects = ["viscous", { name = "stribeck", joints = ["joint1"], v_s = 0.2 }]\n',
         HEAD + '[drive]\neffects = "viscous"\n',
         HEAD + '[estimator]\nmethod = "irls"\n[signals]\nmethod = "savitzky_golay"\ndegree = 3\n',
-        HEAD + "[signals]\ncutoff_hz = 10\n",
+        HEAD + '[signals]\ncutoff_hz = 10\nrows_near_reversals = "keep"\n',
         HEAD + '[plugins]\nmodules = []\n[columns]\nq1 = "a"\n[logs]\nfit = "a.csv"\nmissing = "gap"\n',
     ],
 )
@@ -82,6 +82,7 @@ def test_what_the_reader_takes_fits(text: str, tmp_path: Path) -> None:
         HEAD + '[estimator]\nmethod = "none of these"\n',
         HEAD + "[estimator]\nforget = 1\n",
         HEAD + '[signals]\nmethod = "savitzky_golay"\ndegree = "high"\n',
+        HEAD + '[signals]\nrows_near_reversals = "no"\n',
         HEAD + "[logs]\nrate_hz = true\n",
         HEAD + "[columns]\nq1 = 3\n",
         HEAD + "[motors]\nx = 1\n",

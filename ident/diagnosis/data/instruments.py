@@ -68,7 +68,7 @@ def reduced(signals: Signals) -> Signals:
         **{key: getattr(signals, key)[at] for key in ("t", "q", "dq", "ddq", "torque", "tau", "valid")},
         runs=tuple(slice(a, b) for a, b in pairwise(edges)),
         rate=signals.rate / d,
-        turning=None,
+        near_reversal=None,
     )
 
 

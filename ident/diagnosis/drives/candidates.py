@@ -82,8 +82,8 @@ def candidates(plant: DrivePlant) -> Iterator[DriveCandidate]:
     moved = any(np.any(log.dq_cmd) for log in plant.logs)
     for place, name in _CONSTANTS.items():
         if place == "joint_stiffness":
-            # A spring on one joint leaves the others in doubt.
-            if place not in by_log and np.isinf(law.constants[place]).any() and "rotor_inertia" in declared:
+            # A spring on one joint leaves the others in doubt. Of links that are not known either, it would have to part rotor and link.
+            if plant.law.links_known and place not in by_log and np.isinf(law.constants[place]).any() and "rotor_inertia" in declared:
                 yield from (DriveCandidate(name, place, {"hz": hz}) for hz in _SPRINGS_HZ)
             continue
         if place in by_log or np.isnan(law.constants[place]).any():

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..._utils.json import jsonable, result
 from ..._utils.text import wrapped
-from ...drives.determined import SHARE
+from ...drives.combinations import SHARE
 from ...drives.result import DriveFit
 from ..verdict import Verdict
 

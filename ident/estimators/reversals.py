@@ -1,4 +1,4 @@
-"""Rows that a reversal reaches: kept where they fit like the others, left out where they do not.
+"""Rows near velocity reversals: kept where they are consistent with the others, left out where they are not.
 
 Near a reversal friction takes any value up to its breakaway, and the direction of a speed is wrong by its own error in time; no velocity
 tells it, and the rows around it carry errors of several times the noise, which bias friction and inertia alike
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..estimate.record import ReversalsLeftOut
 from ..problem.linear_solution import order_of, solve_triangle
 from ..problem.problem import Problem as Plain
 
@@ -28,10 +29,10 @@ _LEFT, _FEWEST = 0.3, 10
 _LAGS = 30
 
 
-def without_sticking(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
-    """The problem without the rows that a reversal reaches of joints where these do not fit, and these joints."""
-    turning = problem.signals.turning
-    if type(problem) is not Plain or turning is None or not (turning & problem.valid).any():
+def without_inconsistent_reversals(problem: Problem) -> tuple[Problem, tuple[ReversalsLeftOut, ...]]:
+    """The problem without the rows near reversals of joints where they are not consistent with the others, and what is left out."""
+    near_reversal = problem.signals.near_reversal
+    if type(problem) is not Plain or near_reversal is None or not (near_reversal & problem.valid).any():
         return problem, ()
     information = problem.information
     weights = np.where(information.counts > 0, information.counts / np.maximum(information.torque_squares(), 1e-300), 0.0)
@@ -40,16 +41,16 @@ def without_sticking(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
     values[solution.columns] = solution.values
     residual = problem.residual(values)
     squares = residual**2
-    joints = []
+    left_out = []
     for j, name in enumerate(problem.model.robot.joint_names):
-        near, far = problem.valid[:, j] & turning[:, j], problem.valid[:, j] & ~turning[:, j]
+        near, far = problem.valid[:, j] & near_reversal[:, j], problem.valid[:, j] & ~near_reversal[:, j]
         if not near.any() or far.sum() < max(_FEWEST, _LEFT * problem.valid[:, j].sum()):
             continue
         if squares[near, j].mean() > _by_chance(residual[far, j], int(near.sum())) * squares[far, j].mean():
-            joints.append(name)
-    if not joints:
+            left_out.append(ReversalsLeftOut(name, int(near.sum()), int(problem.valid[:, j].sum())))
+    if not left_out:
         return problem, ()
-    return replace(problem, signals=problem.signals.without_turning(joints)), tuple(joints)
+    return replace(problem, signals=problem.signals.without_reversals(r.joint for r in left_out)), tuple(left_out)
 
 
 def _by_chance(residual: Array, rows: int) -> float:
