@@ -61,3 +61,16 @@ def test_nothing_turns_more_slowly_than_the_joint(case: Case) -> None:
     for effect in (ident.make_effect(name, joints=[joint], order=1.0, label="+") for name in ("cogging", "position_dependent_friction")):
         low = min(effect.search_range(motion, case.robot)["order"][0] for motion in state.fit.motions(instrument=True))
         assert refined(effect, (joint,), state.fit, state.frame).order >= min(low, 1.0)  # type: ignore[attr-defined]
+
+
+def test_a_drive_gives_way_by_a_small_part_of_its_travel(case: Case) -> None:
+    """A spring so soft that the link hangs far from its motor is a shape of the load, and none of a gear."""
+    fit = searched(case).fit
+    for joint in case.robot.joint_names[:2]:
+        effect = ident.make_effect("joint_elasticity", joints=[joint], label="+")
+        j = case.robot.joint_names.index(joint)
+        for motion in fit.motions(instrument=True):
+            low, high = effect.search_range(motion, case.robot)["stiffness"]
+            sag = np.abs(motion.load[:, j]).max() / low  # type: ignore[index]
+            assert 0.0 < sag <= 0.1 * np.ptp(motion.joint.q[:, j]) * (1.0 + 1e-9)
+            assert high > low
