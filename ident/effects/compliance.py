@@ -40,6 +40,9 @@ _LEAST = 0.1
 #: Rotors that are worth a search, as shares of what the model gives the link; below zero: it gives the link too little.
 _ROTORS = (-1.0, 0.95)
 _NO_INERTIA = 1e-6
+#: Share of its travel by which a link leaves its motor at most, under load or within a play; and how wide a range of stiffness is
+#: sought at least.
+_SAG, _WIDTH = 0.1, 10.0
 #: Impacts that are worth a search, s.
 _KNOCKS = (0.001, 0.03)
 #: A joint that is slower than this share of its usual speed when a run starts is taken to start from rest.
@@ -203,13 +206,22 @@ class JointElasticity(_Compliance):
         return found
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
-        """Stiffness that puts the resonance between what the run lasts and what its samples resolve."""
+        """Stiffness under which the link sags by no more than a tenth of its travel (a drive's play is sought as far), and that puts the
+        resonance between what the run lasts and what its samples resolve."""
         ranges = {"damping": (0.05, 0.5), "rotor": self._rotors(motion, robot)}
         most = ranges["rotor"][1]
         if motion.reference is None or motion.rate <= 0.0:
             return self.bounded(**ranges)
         slow, fast = 2.0 * np.pi * 2.0, 2.0 * np.pi * min(motion.rate / 3.0, 300.0)
-        return self.bounded(stiffness=((1.0 - _ROTORS[1]) * most * slow**2, most * fast**2), **ranges)
+        low = max((1.0 - _ROTORS[1]) * most * slow**2, self._softest(motion, robot))
+        return self.bounded(stiffness=(low, max(most * fast**2, _WIDTH * low)), **ranges)
+
+    def _softest(self, motion: Motion, robot: Robot) -> float:
+        """Stiffness that lets the link sag by the largest share of its travel that is sought, under its largest load."""
+        if motion.load is None or not len(motion):
+            return 0.0
+        travel, at = np.ptp(motion.on(self.side).q, axis=0), self.at(robot)
+        return min(float(np.abs(motion.load @ self.moves(robot, j)).max() / max(_SAG * travel[j], 1e-9)) for j in at)
 
 
 @register
@@ -252,7 +264,7 @@ class Backlash(_Compliance):
         """A gap up to a tenth of the range that is moved through; one of a hundred-thousandth of it no encoder shows."""
         q = motion.on(self.side).q[:, self.at(robot)]
         span = float(np.ptp(q, axis=0).max()) if q.size else 0.0
-        return self.bounded(gap=(1e-5 * span, 0.1 * span), rotor=self._rotors(motion, robot), knock=_KNOCKS)
+        return self.bounded(gap=(1e-5 * span, _SAG * span), rotor=self._rotors(motion, robot), knock=_KNOCKS)
 
 
 def _usual(inertia: Array) -> float:

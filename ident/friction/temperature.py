@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-#: Thermal time constants of drives, s.
-_FASTEST, _SLOWEST = 30.0, 3600.0
+#: Thermal time constants of drives, s: from the winding of a small motor to the housing of a large gear.
+_FASTEST, _SLOWEST = 5.0, 3600.0
 
 
 def _span(motion: Motion) -> float:
@@ -43,7 +43,7 @@ class _TemperatureDrift(JointEffect):
         return (ShapeParameter("T", "s", 0.1, 1e5, 100.0, log=True),)
 
     def search_range(self, motion: Motion, robot: Robot) -> dict[str, tuple[float, float]]:
-        """Drives warm up in half a minute to an hour; what takes more than twice the run is a drift in it."""
+        """Drives warm up in seconds to an hour; what takes more than twice the run is a drift in it."""
         return self.bounded(T=(_FASTEST, min(_SLOWEST, max(2.0 * _span(motion), 1.5 * _FASTEST))))
 
     def could_show(self, motion: Motion, robot: Robot) -> bool:

@@ -11,18 +11,16 @@ from scipy.stats import chi2, norm
 import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
 from ident.diagnosis import Verdict
-from ident.diagnosis.analysed import prepared
 from ident.diagnosis.data.band import Band
-from ident.diagnosis.design.catalogue import Catalogue
 from ident.diagnosis.held_out import contradicted, contradicted_heap, heaps, presence
 from ident.diagnosis.inference import candidates
 from ident.diagnosis.inference.bursts import burst
 from ident.diagnosis.inference.confidence_set import AcceptedEffect
 from ident.diagnosis.inference.described import outdone
 from ident.diagnosis.inference.scores import z_of
-from ident.diagnosis.inference.search import EffectSearch
 from ident.diagnosis.scoring.whitening import density
 from ident.effects.motion import Motion
+from tests.searches import searched, with_torque
 
 Array = np.ndarray
 PENDULUM = """<robot name="one"><link name="a"/><link name="b"><inertial><origin xyz="0 0 -.3"/><mass value="10"/>
@@ -223,18 +221,10 @@ def test_what_is_named_on_one_joint_together_is_judged_together() -> None:
     assert not contradicted_heap([named[0], named[2]], (0.8, 0.2))
 
 
-def _with_torque(case: Case, joint: int, extra: Array) -> Case:
-    """The case with torque added to one reading of the log that is fitted."""
-    ((side, tau),) = case.log.tau.items()
-    added = np.array(tau)
-    added[:, joint] += extra
-    return replace(case, log=ident.Log(case.log.name, t=case.log.t, q=case.log.q, tau={side: added}))
-
-
 def test_a_tone_is_said_with_its_frequency(arm: tuple[ident.Robot, dict[str, Array]], nothing_missing: list[Case]) -> None:
     case = nothing_missing[0]
     size = 0.3 * float(arm[1]["Fc"][1]) * 50.0
-    found = diagnosed(_with_torque(case, 1, size * np.sin(2 * np.pi * 3.3 * case.log.t)))
+    found = diagnosed(with_torque(case, 1, size * np.sin(2 * np.pi * 3.3 * case.log.t)))
     assert found.verdict is Verdict.UNEXPLAINED, str(found)
     (said,) = [u for u in found.unexplained if "tone" in u.signature]
     assert said.joint == case.robot.joint_names[1]
@@ -246,20 +236,9 @@ def test_slow_knocks_are_seen_beneath_fast_noise(arm: tuple[ident.Robot, dict[st
     rng, t = np.random.default_rng(5), case.log.t
     level = 1.2 * float(arm[1]["Fc"][1]) * 50.0 * rng.choice([-1.0, 1.0], 9)
     at = t[-1] * (np.arange(9) + 0.5 + rng.uniform(-0.3, 0.3, 9)) / 9.0
-    found = diagnosed(_with_torque(case, 1, (level * np.exp(-0.5 * ((t[:, None] - at) / 0.1) ** 2)).sum(axis=1)))
+    found = diagnosed(with_torque(case, 1, (level * np.exp(-0.5 * ((t[:, None] - at) / 0.1) ** 2)).sum(axis=1)))
     assert found.verdict is Verdict.UNEXPLAINED, str(found)
     assert case.robot.joint_names[1] in {u.joint for u in found.unexplained}
-
-
-def _search(case: Case, *effects: ident.Effect) -> EffectSearch:
-    """The search's state with effects accepted."""
-    signals = ident.fit(case.log, case.robot, model=case.model, held=0).problem.signals  # type: ignore[union-attr]
-    fit, _, speeds = prepared(case.model, signals)
-    fit.solved(1)
-    state = EffectSearch(fit, Catalogue.of(fit, speeds), accepted=[(e, e.joints or ()) for e in effects])
-    state.solve()
-    state.calibrate()
-    return state
 
 
 def test_a_name_gives_way_to_a_law_of_another_quantity_and_not_where_it_is_right(nothing_missing: list[Case]) -> None:
@@ -267,18 +246,18 @@ def test_a_name_gives_way_to_a_law_of_another_quantity_and_not_where_it_is_right
     joint, names = case.robot.joint_names[1], ("offset", "asymmetric_viscous")
     size = 0.5 * float(np.std(next(iter(case.log.tau.values()))[:, 1]))
     other = np.gradient(case.log.q[:, 0], case.log.t)  # type: ignore[index]
-    crosstalk = _with_torque(case, 1, 4.0 * size * other / np.abs(other).max())
-    drift = _with_torque(case, 1, size * case.log.t / case.log.t[-1])
+    crosstalk = with_torque(case, 1, 4.0 * size * other / np.abs(other).max())
+    drift = with_torque(case, 1, size * case.log.t / case.log.t[-1])
     for name in names:
         effect = ident.make_effect(name, joints=[joint], label="+")
-        assert outdone(_search(crosstalk, effect), joint)
-    assert not outdone(_search(drift, ident.make_effect("offset_drift", joints=[joint], label="+")), joint)
+        assert outdone(searched(crosstalk, effect), joint)
+    assert not outdone(searched(drift, ident.make_effect("offset_drift", joints=[joint], label="+")), joint)
 
 
 def test_of_a_constant_torque_the_constant_is_named_and_nothing_that_holds_one(nothing_missing: list[Case]) -> None:
     case = nothing_missing[1]
     size = 0.5 * float(np.std(next(iter(case.log.tau.values()))[:, 1]))
-    state = _search(_with_torque(case, 1, np.full(len(case.log.t), size)))
+    state = searched(with_torque(case, 1, np.full(len(case.log.t), size)))
     found = candidates.best(state, set())
     assert found is not None
     assert (found[0].name, found[1]) == ("offset", (case.robot.joint_names[1],))
@@ -298,7 +277,7 @@ def test_bursts_stand_out_against_what_the_rest_of_the_time_has(nothing_missing:
     std = float(np.std(next(iter(case.log.tau.values()))[:, 1]))
     for size, places in ((0.0, ()), (3.0, (0.4,)), (100.0, (0.2, 0.45, 0.8))):
         level = sum((np.exp(-0.5 * ((t - place * t[-1]) / 0.3) ** 2) for place in places), np.zeros(len(t)))
-        state = _search(_with_torque(case, 1, size * std * level * np.sin(2 * np.pi * 5.0 * t)))
+        state = searched(with_torque(case, 1, size * std * level * np.sin(2 * np.pi * 5.0 * t)))
         assert (burst(state.fit, state.frame) is not None) is bool(places), places
 
 

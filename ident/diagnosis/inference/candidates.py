@@ -61,11 +61,25 @@ def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
 def _simplest(state: EffectSearch, chosen: Trial, trials: list[Trial], refused: set[Kind]) -> Placed:
     """The chosen effect, or a simpler one inside it beside which nothing is left: by scores along the instrument, because what a refit
     leaves falls by feedback, too."""
-    inner = _inside(state, chosen)
+    inner = _inside(state, chosen.effect, chosen.joints)
     known = {(t.effect.name, t.joints): t for t in trials}
     pool = [known[g.kind] if g.kind in known else tried(state, g) for g in inner if g.kind not in refused]
     enough = [t for t in pool if left_beside(state, t, chosen.frame.gains) <= state.critical]
     found = min(enough, key=lambda t: t.rank) if enough else chosen
+    return found.effect, found.joints
+
+
+def simpler(state: EffectSearch, i: int) -> Placed | None:
+    """A simpler effect inside the i-th accepted one that does in its place, beside the others that were accepted after it; None where there
+    is none. While those were missing, more parameters took a part of what they account for."""
+    effect, joints = state.accepted[i]
+    others = state.apart_from(i)
+    taken = {(e.name, at) for e, at in others.accepted}
+    trials = [tried(others, g) for g in _inside(others, effect, joints) if g.kind not in taken]
+    enough = [t for t in trials if left_beside(others, t, state.frame.gains) <= state.critical]
+    if not enough:
+        return None
+    found = min(enough, key=lambda t: t.rank)
     return found.effect, found.joints
 
 
@@ -94,20 +108,22 @@ def _chosen(state: EffectSearch, trials: list[Trial]) -> Trial:
     return min(level, key=lambda t: (*t.rank, t.cost))
 
 
-def _inside(state: EffectSearch, trial: Trial) -> list[Group]:
-    """Simpler effects that a candidate contains, the largest scores first: of a spring that a constant torque explains, the constant."""
+def _inside(state: EffectSearch, effect: Effect, joints: tuple[str, ...]) -> list[Group]:
+    """Simpler effects that a candidate contains, the largest scores first: of a spring that a constant torque explains, the constant; of a
+    delay on all joints that on one."""
     scores = state.scores
-    own = [k for k in range(len(scores.kept)) if scores.group(k).kind == (trial.effect.name, trial.joints)]
+    own = [k for k in range(len(scores.kept)) if scores.group(k).kind == (effect.name, joints)]
     if not own:
         return []
     k = max(own, key=lambda i: float(scores.z[i]))
-    energy = scores.beside(scores.slice_of(k))[1]
+    energy, whole = scores.beside(scores.slice_of(k))[1], rank(scores.group(k))
     found: dict[Kind, Group] = {}
     for i in np.argsort(-scores.z).tolist():
         g = scores.group(i)
         if scores.z[i] <= state.critical or len(found) >= _SIMPLER:
             break
-        if g.named and g.joints == trial.joints and rank(g) < trial.rank and energy[i] < CONTAINED and state.possible(scores, i):
+        here = g.joints == joints or set(joints) > set(g.joints) > set()
+        if g.named and here and rank(g) < whole and energy[i] < CONTAINED and state.possible(scores, i):
             found.setdefault(g.kind, g)
     return list(found.values())
 

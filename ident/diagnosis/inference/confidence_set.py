@@ -55,7 +55,7 @@ class AcceptedEffect:
 def drop_unnecessary(state: EffectSearch, say: Callable[[str], None], spared: int = 0) -> None:
     """Drop what the others make unnecessary, at the noise of the whole model: one that lacks an effect would hide it in its own. The last
     `spared` ones stay. Where something is left in any case, what goes leaves no more than that."""
-    while len(state.accepted) > max(spared, 1):
+    while len(state.accepted) > spared:
         limit = max(state.critical, float(state.scores.z.max(initial=0.0)))
         unseen = [i for i in range(len(state.accepted) - spared) if own_score(state, i) <= state.critical]
         tops = {i: float(state.without(i).z.max(initial=0.0)) for i in unseen}

@@ -3,7 +3,7 @@ models that nothing is left beside."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..thresholds import LEVEL, MOST
 from .bursts import at_moments, burst
-from .candidates import Kind, best
+from .candidates import Kind, best, simpler
 from .confidence_set import AcceptedEffect, accepted_effect, competing, drop_unnecessary
 from .described import describing, outdone
 from .scores import z_of
@@ -82,7 +82,8 @@ def decide(
     tell(0.85)
     if _swap(state, say):
         drop_unnecessary(state, say)
-    _withdraw(state, say)
+    _simplify(state, say)
+    _withdraw(state, say, most)
     tell(0.87)
     _give_way(state, say)
     if most:
@@ -113,9 +114,11 @@ def _described(state: EffectSearch, say: Callable[[str], None]) -> tuple[Describ
     return laws
 
 
-def _forward(state: EffectSearch, say: Callable[[str], None], tell: Callable[[float], None], most: int) -> None:
-    """Accept effects while a named score is beyond the critical value."""
-    refused: set[Kind] = set()
+def _forward(
+    state: EffectSearch, say: Callable[[str], None], tell: Callable[[float], None], most: int, without: Collection[Kind] = ()
+) -> None:
+    """Accept effects while a named score is beyond the critical value; `without`: those that cannot be."""
+    refused = {*without, *((e.name, joints) for e, joints in state.accepted if e.name not in REPEATABLE)}
     for step in range(2 * MOST):
         state.calibrate()
         tell(1.0 - 0.6**step)
@@ -147,12 +150,29 @@ def _swap(state: EffectSearch, say: Callable[[str], None]) -> bool:
     return True
 
 
-def _withdraw(state: EffectSearch, say: Callable[[str], None]) -> None:
-    """Take back what beside the others has values that it cannot have: it stood for something else."""
+def _simplify(state: EffectSearch, say: Callable[[str], None]) -> None:
+    """Take a simpler effect inside an accepted one that does in its place, now that the others are there: the last one had its choice."""
+    for i in range(len(state.accepted) - 1):
+        if (found := simpler(state, i)) is None:
+            continue
+        say(f"simpler: {found[0].name} for {state.accepted[i][0].name}")
+        state.accepted[i] = (state.labelled(found[0]), found[1])
+        state.solve()
+        state.reprofile()
+
+
+def _withdraw(state: EffectSearch, say: Callable[[str], None], most: int) -> None:
+    """Take back what beside the others has values that it cannot have: it stood for something else, which is looked for without it."""
+    refused: set[Kind] = set()
     while (i := state.impossible()) is not None:
-        say(f"retracted: {state.accepted[i][0].name}, whose values are physically impossible")
+        effect, joints = state.accepted[i]
+        say(f"retracted: {effect.name}, whose values are physically impossible")
+        refused.add((effect.name, joints))
         del state.accepted[i]
         state.solve()
+        if state.impossible() is None and len(refused) <= MOST:
+            _forward(state, say, lambda _: None, most, refused)
+            drop_unnecessary(state, say)
 
 
 def _give_way(state: EffectSearch, say: Callable[[str], None]) -> None:

@@ -121,9 +121,10 @@ def _order(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved) -> 
     apart = order_spacing(effect, fit.declared, fit.motions(instrument=True))
     if apart is None:
         return effect
+    low, high = search_range(effect, fit.declared, fit.sought(effect))[p.name]
     best, reach = float(getattr(effect, p.name)), 0.6 * apart
     for _ in range(_ORDER_ROUNDS):
-        values = np.clip(np.linspace(best - reach, best + reach, _FINE), p.lower, p.upper).tolist()
+        values = np.clip(np.linspace(best - reach, best + reach, _FINE), max(low, p.lower), min(high, p.upper)).tolist()
         z = scored([effect.with_shape(**{p.name: v}) for v in values], joints, fit, frame)
         best, reach = values[int(np.argmax(z))], 0.3 * reach
     whole = float(max(round(best), 1))

@@ -1,0 +1,76 @@
+"""What was accepted while another effect was missing, once that one is there: it is dropped, or gives way to a simpler effect inside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ident
+from benchmarks.diagnosis.feedback.world import Case, geared, simulated
+from ident.diagnosis.inference.candidates import simpler
+from ident.diagnosis.inference.confidence_set import drop_unnecessary
+from ident.diagnosis.inference.refinement import refined
+from tests.searches import searched, with_torque
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    robot, drive = geared("scara", 50.0)
+    (case,) = simulated(robot, drive, [], [105], seconds=24.0, rate=250.0)
+    return case
+
+
+def size_of(case: Case) -> float:
+    return 0.5 * float(np.std(next(iter(case.log.tau.values()))[:, 1]))
+
+
+def test_a_spring_gives_way_to_the_constant_that_it_stands_for_and_not_to_less_than_there_is(case: Case) -> None:
+    joint = case.robot.joint_names[1]
+    spring = ident.make_effect("nonlinear_spring", joints=[joint], label="+")
+    q = case.log.q[:, 1]  # type: ignore[index]
+    told = {}
+    for name, extra in (("offset", np.ones(len(q))), ("linear_spring", (q - q.mean()) / np.abs(q - q.mean()).max())):
+        found = simpler(searched(with_torque(case, 1, size_of(case) * extra), spring), 0)
+        told[name] = found and (found[0].name, found[1])
+    assert told == {name: (name, (joint,)) for name in told}
+
+
+def test_a_delay_of_all_joints_gives_way_to_that_of_the_one_that_has_it(case: Case) -> None:
+    joint = case.robot.joint_names[1]
+    tau = next(iter(case.log.tau.values()))[:, 1]
+    late = np.interp(case.log.t - 0.05, case.log.t, tau) - tau
+    every = ident.make_effect("delay", joints=list(case.robot.joint_names), label="+")
+    found = simpler(searched(with_torque(case, 1, late), every.with_shape(**{every.shape()[0].name: 0.025})), 0)
+    assert found is not None
+    assert found[1] == (joint,)
+
+
+def test_a_lone_effect_stands_only_where_it_is_seen(case: Case) -> None:
+    offset = ident.make_effect("offset", joints=[case.robot.joint_names[1]], label="+")
+    there, absent = searched(with_torque(case, 1, np.full(len(case.log.t), size_of(case))), offset), searched(case, offset)
+    for state in (there, absent):
+        drop_unnecessary(state, lambda _: None)
+    assert [e for e, _ in there.accepted] == [offset]
+    assert not absent.accepted
+
+
+def test_nothing_turns_more_slowly_than_the_joint(case: Case) -> None:
+    """A travel of a sixth of a turn tells orders apart by several only: the search around one does not leave where orders can be."""
+    joint = case.robot.joint_names[0]
+    state = searched(with_torque(case, 0, np.full(len(case.log.t), size_of(case))))
+    for effect in (ident.make_effect(name, joints=[joint], order=1.0, label="+") for name in ("cogging", "position_dependent_friction")):
+        low = min(effect.search_range(motion, case.robot)["order"][0] for motion in state.fit.motions(instrument=True))
+        assert refined(effect, (joint,), state.fit, state.frame).order >= min(low, 1.0)  # type: ignore[attr-defined]
+
+
+def test_a_drive_gives_way_by_a_small_part_of_its_travel(case: Case) -> None:
+    """A spring so soft that the link hangs far from its motor is a shape of the load, and none of a gear."""
+    fit = searched(case).fit
+    for joint in case.robot.joint_names[:2]:
+        effect = ident.make_effect("joint_elasticity", joints=[joint], label="+")
+        j = case.robot.joint_names.index(joint)
+        for motion in fit.motions(instrument=True):
+            low, high = effect.search_range(motion, case.robot)["stiffness"]
+            sag = np.abs(motion.load[:, j]).max() / low  # type: ignore[index]
+            assert 0.0 < sag <= 0.1 * np.ptp(motion.joint.q[:, j]) * (1.0 + 1e-9)
+            assert high > low
