@@ -162,17 +162,23 @@ def _simplify(state: EffectSearch, say: Callable[[str], None]) -> None:
 
 
 def _withdraw(state: EffectSearch, say: Callable[[str], None], most: int) -> None:
-    """Take back what beside the others has values that it cannot have: it stood for something else, which is looked for without it."""
-    refused: set[Kind] = set()
+    """Take back what beside the others has values that it cannot have: it stood for something else, which is looked for without it once."""
+    if refused := _retracted(state, say):
+        _forward(state, say, lambda _: None, most, refused)
+        drop_unnecessary(state, say)
+        _retracted(state, say)
+
+
+def _retracted(state: EffectSearch, say: Callable[[str], None]) -> set[Kind]:
+    """What was taken back."""
+    found: set[Kind] = set()
     while (i := state.impossible()) is not None:
         effect, joints = state.accepted[i]
         say(f"retracted: {effect.name}, whose values are physically impossible")
-        refused.add((effect.name, joints))
+        found.add((effect.name, joints))
         del state.accepted[i]
         state.solve()
-        if state.impossible() is None and len(refused) <= MOST:
-            _forward(state, say, lambda _: None, most, refused)
-            drop_unnecessary(state, say)
+    return found
 
 
 def _give_way(state: EffectSearch, say: Callable[[str], None]) -> None:
