@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from ._utils.fault_report import fault_report
 from ._utils.plugins import from_plugin, load_modules
@@ -25,6 +26,18 @@ from .errors import IdentError
 
 #: Commands that know no effect, estimator or reader.
 _WITHOUT_PLUGINS = ("demo", "completion")
+
+
+class _Given(argparse.Action):
+    """What an option stores: of a value that is given again the last, as is usual; names that are given again add to those before."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: str | None = None
+    ) -> None:
+        seen: frozenset[str] = getattr(namespace, "options_seen", frozenset())
+        again = self.dest in seen and self.nargs == "+" and self.type is None
+        namespace.options_seen = seen | {self.dest}
+        setattr(namespace, self.dest, [*getattr(namespace, self.dest), *values] if again else values)
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
@@ -39,6 +52,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, what in COMMANDS.items():
         sub = commands.add_parser(name, help=what, description=what)
+        sub.register("action", None, _Given)
         if only in (None, name):
             module = importlib.import_module(f"ident.commands.{name.replace('-', '_')}")
             module.add_arguments(sub)

@@ -103,7 +103,7 @@ def joint_count(found: Mapping[tuple[str, int], Column], joints: JointNames | No
         raise DataError(
             f"{where}: no time column (t or time, in s, or with a unit as in time_ms{_unread_time(unknown)})."
             f" Columns not understood: {listed(unknown) or 'none'}."
-            ' Map it under [columns] of a study file: t = "...", or give the sample rate: [logs] rate_hz = 500 (--rate-hz 500).'
+            ' Map it under [columns] of a study file: t = "...", or give the sample rate, for example [logs] rate_hz = 500 (--rate-hz 500).'
         )
     return count
 

@@ -192,7 +192,8 @@ def _on_its_clock(plan: ColumnPlan, source: TableSource) -> ColumnPlan:
 def _remedy(found: RecordedChannels) -> str:
     """What is wrong with the time of a file, and what to do."""
     usual = "500" if found.rate_hz is None else f"{found.rate_hz:g}"
-    rate = f"give its sample rate: [logs] rate_hz = {usual} (--rate-hz {usual})"
+    such = ", for example" if found.rate_hz is None else ":"
+    rate = f"give its sample rate{such} [logs] rate_hz = {usual} (--rate-hz {usual})"
     if found.untimed:
         return f" that can be read ({found.untimed.rstrip('.')}). Correct or remove what is wrong there; or, if samples are even, {rate}."
     return f": {rate}" + (f"; {usual} is usual for it." if found.rate_hz is not None else ".")

@@ -418,3 +418,14 @@ def test_failed_fit_leaves_no_half_written_files(fit, tmp_path):
     folder = tmp_path / "out"
     assert fit(tmp_path / "none.csv", "--out", folder).code == DATA
     assert not folder.exists() or not any(Path(folder).iterdir())
+
+
+# --- options that are given again ------------------------------------------------------------------------------------------------
+
+
+def test_names_given_again_add_up(ident, arm):
+    once, twice = (
+        ident("fit", "--urdf", arm.urdf, "--log", arm.train, "--quiet", "--json", *effects)
+        for effects in (("--effects", "viscous", "coulomb"), ("--effects", "viscous", "--effects", "coulomb"))
+    )
+    assert json.loads(once.out)["parameters"] == json.loads(twice.out)["parameters"]

@@ -459,3 +459,13 @@ def test_logs_in_a_list_are_fitted_like_a_set_of_them() -> None:
     train, test = ident.demo_logs()
     logs = [train[0], test[0]]
     assert np.array_equal(ident.fit(logs, "puma560", held=0).values, ident.fit(ident.LogSet(tuple(logs)), "puma560", held=0).values)
+
+
+def test_a_header_that_stands_again_has_no_date(tmp_path: Path) -> None:
+    names = ["stamp", *each("q{}"), *each("tau{}")]
+    start = datetime.fromtimestamp(EPOCH, UTC)
+    rows = [[(start + timedelta(seconds=t)).isoformat(), *q, *tau] for t, q, tau in zip(T, Q, TAU, strict=True)]
+    plain, again = (write(tmp_path / f"{k}.csv", names, [*rows[:100], *more, *rows[100:]]) for k, more in enumerate(([], [names])))
+    one, two = (ident.read_logs(path)[0] for path in (plain, again))
+    np.testing.assert_array_equal(one.t, two.t)
+    np.testing.assert_array_equal(one.q, two.q)

@@ -9,7 +9,8 @@ from typing import IO
 
 from .header import MISSING, Header, is_number
 
-_MARKS = ("#", "//", "% ")
+#: What begins a comment.
+MARKS = ("#", "//", "% ")
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def without_strangers(stream: IO[bytes], header: Header) -> tuple[bytes, Strange
         kept.append(b"\n")
         text = line.decode(header.encoding, "replace").strip()
         last = k == len(lines) - 1 and not line.endswith((b"\n", b"\r"))
-        if text.startswith(_MARKS):
+        if text.startswith(MARKS):
             comments += 1
         elif text and not text[0].isdigit() and is_stranger(_fields(text, header), header):
             again += 1
@@ -57,7 +58,7 @@ def without_strangers(stream: IO[bytes], header: Header) -> tuple[bytes, Strange
 def is_stranger(fields: Sequence[str], header: Header) -> bool:
     """Whether a row is a comment, or the header (or its row of units) again."""
     told = tuple(x.strip() for x in fields)
-    return bool(told) and (told[0].startswith(_MARKS) or told in (header.names, header.units))
+    return bool(told) and (told[0].startswith(MARKS) or told in (header.names, header.units))
 
 
 def _fields(text: str, header: Header) -> tuple[str, ...]:

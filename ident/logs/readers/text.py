@@ -15,7 +15,7 @@ from .damage import DAMAGED, damage_told, reason
 from .header import MISSING, Header
 from .packed import open_whole
 from .parquet import arrow_values
-from .strangers import Strangers, without_strangers
+from .strangers import MARKS, Strangers, without_strangers
 from .text_rows import (
     RowFault,
     columns_by_rows,
@@ -35,14 +35,22 @@ _NONE = [text for lower in MISSING if lower for text in {lower, lower.upper(), l
 
 
 def read_text_columns(path: Path, header: Header, names: Sequence[str], rows: int | None = None) -> dict[str, Array]:
-    """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists). `rows`: how many the numbers
-    of the file have; where lines that are no rows were left out there, they are here. Raises DataError."""
+    """The named columns of a text file as they stand, as arrays of str (for columns that hold names or lists). Raises DataError.
+
+    `rows`: how many the numbers of the file have; where lines that are no rows were left out there, they are here. Without it they are
+    where these columns show them."""
     columns = _texts(path, header, names, lambda stream: stream)
-    if rows is not None and any(len(x) != rows for x in columns.values()):
+    stranger = _seen_strangers(columns) if rows is None else any(len(x) != rows for x in columns.values())
+    if stranger:
         columns = _texts(path, header, names, lambda stream: io.BytesIO(without_strangers(stream, header)[0]))
-        if (count := len(next(iter(columns.values())))) != rows:
+        if rows is not None and (count := len(next(iter(columns.values())))) != rows:
             raise DataError(f"log {path}: {rows} rows hold numbers, but {count} texts; a row is damaged, or ends in the middle. Remove it.")
     return columns
+
+
+def _seen_strangers(columns: dict[str, Array]) -> bool:
+    """Whether columns of text hold their own names again, or a comment."""
+    return any(bool((x == name).any()) or any(str(text).startswith(MARKS) for text in x.tolist()) for name, x in columns.items())
 
 
 def _texts(path: Path, header: Header, names: Sequence[str], of: Callable[[IO[bytes]], IO[bytes]]) -> dict[str, Array]:
