@@ -192,15 +192,16 @@ def _give_way(state: EffectSearch, say: Callable[[str], None]) -> None:
 
 
 def _with_one_stretch(state: EffectSearch, say: Callable[[str], None], most: int) -> EffectSearch:
-    """The search with what one stretch of the log alone shows, if names account for it so well that the whole log, that stretch included,
-    shows nothing else; the search as it was where they do not.
+    """The search with what one stretch of the log alone shows, if one name accounts for it so well that the whole log, that stretch
+    included, shows nothing else; the search as it was where none does.
 
-    What happens once is like many effects for a moment, and is not like any of them to within the noise."""
+    What happens once is like many effects for a moment, and is not like any of them to within the noise; several together are like
+    anything."""
     if state.scores.z.max(initial=0.0) > state.critical or _of_one_stretch(state) is None:
         return state
     whole = EffectSearch(state.fit, state.catalogue, state.level, list(state.accepted), stretch=0.0)
     whole.solve()
-    _forward(whole, lambda _: None, lambda _: None, most)
+    _forward(whole, lambda _: None, lambda _: None, min(most, len(state.accepted) + 1))
     if len(whole.accepted) > len(state.accepted) and whole.impossible() is None and not _left(whole):
         say(f"accepted, seen in one stretch only: {', '.join(e.name for e, _ in whole.accepted[len(state.accepted) :])}")
         return whole
