@@ -162,11 +162,18 @@ def _simplify(state: EffectSearch, say: Callable[[str], None]) -> None:
 
 
 def _withdraw(state: EffectSearch, say: Callable[[str], None], most: int) -> None:
-    """Take back what beside the others has values that it cannot have: it stood for something else, which is looked for without it once."""
-    if refused := _retracted(state, say):
-        _forward(state, say, lambda _: None, most, refused)
-        drop_unnecessary(state, say)
-        _retracted(state, say)
+    """Take back what beside the others has values that it cannot have: it stood for something else, which is looked for without it, once,
+    and taken where nothing is left beside it."""
+    if not (refused := _retracted(state, say)):
+        return
+    kept = list(state.accepted)
+    _forward(state, say, lambda _: None, most, refused)
+    drop_unnecessary(state, say)
+    _retracted(state, say)
+    if state.accepted != kept and state.scores.z.max(initial=0.0) > state.critical:
+        say("nothing suffices in its place")
+        state.accepted = kept
+        state.solve()
 
 
 def _retracted(state: EffectSearch, say: Callable[[str], None]) -> set[Kind]:
