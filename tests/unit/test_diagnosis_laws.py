@@ -212,6 +212,17 @@ def test_a_payload_is_picked_up_when_it_is(at: float, mass: float) -> None:
     assert abs(moment.value - at) < 0.02, str(found)
 
 
+def test_a_winding_that_warms_in_seconds_is_no_spring() -> None:
+    def warming(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        return np.asarray(1.5 * np.exp(-t / 12.0) * np.sign(v))
+
+    found = diagnosed(recorded(27, warming), recorded(28, warming))
+    (finding,) = found.findings
+    (constant,) = [p.value for p in finding.parameters if p.name == "T"]
+    assert finding.name == "temperature_drift_coulomb", str(found)
+    assert constant == pytest.approx(12.0, rel=0.1)
+
+
 def test_what_one_stretch_alone_shows_is_told_and_names_nothing() -> None:
     """A brake that drags for two and a half seconds of forty: the whole log speaks of it, and without those seconds nothing does."""
 
