@@ -123,18 +123,25 @@ def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
     ]
 
 
+def _without_sprung_rotors(model: Model, law: DriveLaw) -> Model:
+    """The model without the inertias of rotors that a spring parts from their links; itself where there are none."""
+    tables = [law.constants, *(table["constants"] for table in law.by_log.values())]
+    sprung = np.any([~np.isinf(table["joint_stiffness"]) for table in tables if "joint_stiffness" in table], axis=0)
+    kept: list[Effect] = []
+    names = model.robot.joint_names
+    for effect in model.effects:
+        at = effect.at(model.robot) if isinstance(effect, RotorInertia) else []
+        if not any(sprung[j] for j in at):
+            kept.append(effect)
+        elif joints := tuple(names[j] for j in at if not sprung[j]):
+            kept.append(replace(effect, joints=joints))
+    return model if tuple(kept) == model.effects else replace(model, effects=tuple(kept))
+
+
 def _grouped(model: Model, law: DriveLaw) -> tuple[list[int], dict[int, str]]:
     """Columns of the parameters that stand for all, and what each stands for. A rotor behind a spring moves by itself: its inertia is no
     part of the link's."""
-    tables = [law.constants, *(table["constants"] for table in law.by_log.values())]
-    sprung = np.any([~np.isinf(table["joint_stiffness"]) for table in tables if "joint_stiffness" in table], axis=0)
-    alone = [e for e in model.effects if isinstance(e, RotorInertia)]
-    names, rigid = model.robot.joint_names, model
-    for rotors in alone:
-        joints = tuple(names[j] for j in rotors.at(model.robot) if not sprung[j])
-        if len(joints) < len(rotors.at(model.robot)):
-            effects = (replace(e, joints=joints) if e is rotors else e for e in rigid.effects if e is not rotors or joints)
-            rigid = replace(rigid, effects=tuple(effects))
+    rigid = _without_sprung_rotors(model, law)
     if rigid is model:
         kept = [int(i) for i in model.base.independent]
         return kept, dict(zip(kept, model.base.expressions, strict=True))

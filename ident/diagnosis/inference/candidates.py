@@ -64,8 +64,7 @@ def _simplest(state: EffectSearch, chosen: Trial, trials: list[Trial], refused: 
     inner = _inside(state, chosen.effect, chosen.joints)
     known = {(t.effect.name, t.joints): t for t in trials}
     pool = [known[g.kind] if g.kind in known else tried(state, g) for g in inner if g.kind not in refused]
-    enough = [t for t in pool if left_beside(state, t, chosen.frame.gains) <= state.critical]
-    found = min(enough, key=lambda t: t.rank) if enough else chosen
+    found = _sufficient(state, pool, chosen.frame.gains) or chosen
     return found.effect, found.joints
 
 
@@ -76,11 +75,13 @@ def simpler(state: EffectSearch, i: int) -> Placed | None:
     others = state.apart_from(i)
     taken = {(e.name, at) for e, at in others.accepted}
     trials = [tried(others, g) for g in _inside(others, effect, joints) if g.kind not in taken]
-    enough = [t for t in trials if left_beside(others, t, state.frame.gains) <= state.critical]
-    if not enough:
-        return None
-    found = min(enough, key=lambda t: t.rank)
-    return found.effect, found.joints
+    found = _sufficient(others, trials, state.frame.gains)
+    return None if found is None else (found.effect, found.joints)
+
+
+def _sufficient(state: EffectSearch, trials: list[Trial], gains: Sequence[Array]) -> Trial | None:
+    """Of the trials beside which nothing is left at a given noise, the one that asks for least."""
+    return min((t for t in trials if left_beside(state, t, gains) <= state.critical), key=lambda t: t.rank, default=None)
 
 
 def _chosen(state: EffectSearch, trials: list[Trial]) -> Trial:

@@ -83,7 +83,7 @@ def decide(
     if _swap(state, say):
         drop_unnecessary(state, say)
     _simplify(state, say)
-    _withdraw(state, say, most)
+    _replace_impossible(state, say, most)
     tell(0.87)
     _give_way(state, say)
     if most:
@@ -117,7 +117,7 @@ def _described(state: EffectSearch, say: Callable[[str], None]) -> tuple[Describ
 def _forward(
     state: EffectSearch, say: Callable[[str], None], tell: Callable[[float], None], most: int, without: Collection[Kind] = ()
 ) -> None:
-    """Accept effects while a named score is beyond the critical value; `without`: those that cannot be."""
+    """Accept effects while a named score is beyond the critical value; `without`: effects that are not tried."""
     refused = {*without, *((e.name, joints) for e, joints in state.accepted if e.name not in REPEATABLE)}
     for step in range(2 * MOST):
         state.calibrate()
@@ -161,23 +161,24 @@ def _simplify(state: EffectSearch, say: Callable[[str], None]) -> None:
         state.reprofile()
 
 
-def _withdraw(state: EffectSearch, say: Callable[[str], None], most: int) -> None:
-    """Take back what beside the others has values that it cannot have: it stood for something else, which is looked for without it, once,
-    and taken where nothing is left beside it."""
-    if not (refused := _retracted(state, say)):
+def _replace_impossible(state: EffectSearch, say: Callable[[str], None], most: int) -> None:
+    """Retract effects whose values are physically impossible, and search once without them; what that finds is accepted only if nothing is
+    left beside it."""
+    refused = _retract_impossible(state, say)
+    if not refused:
         return
     kept = list(state.accepted)
     _forward(state, say, lambda _: None, most, refused)
     drop_unnecessary(state, say)
-    _retracted(state, say)
+    _retract_impossible(state, say)
     if state.accepted != kept and state.scores.z.max(initial=0.0) > state.critical:
         say("nothing suffices in its place")
         state.accepted = kept
         state.solve()
 
 
-def _retracted(state: EffectSearch, say: Callable[[str], None]) -> set[Kind]:
-    """What was taken back."""
+def _retract_impossible(state: EffectSearch, say: Callable[[str], None]) -> set[Kind]:
+    """Retract effects whose values, beside the others, are physically impossible: they stood for something else. Which were retracted."""
     found: set[Kind] = set()
     while (i := state.impossible()) is not None:
         effect, joints = state.accepted[i]
@@ -189,7 +190,7 @@ def _retracted(state: EffectSearch, say: Callable[[str], None]) -> set[Kind]:
 
 
 def _give_way(state: EffectSearch, say: Callable[[str], None]) -> None:
-    """Take back what is named on a joint where one smooth law accounts for more with less: it stood for that law."""
+    """Retract what is named on a joint where one smooth law accounts for more with less: it stood for that law."""
     for joints in dict.fromkeys(j for _, j in state.accepted if len(j) == 1):
         named = [x for x in state.accepted if x[1] == joints]
         if outdone(state, joints[0]):
