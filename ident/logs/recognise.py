@@ -106,7 +106,7 @@ def recognised(
         mapping,
         wanted,
         said,
-        tuple(x for x in names if x not in used),
+        tuple(x for x in names if x and x not in used),
         "" if recorder is None else recorder.name,
         told,
         effort,

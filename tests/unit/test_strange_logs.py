@@ -469,3 +469,12 @@ def test_a_header_that_stands_again_has_no_date(tmp_path: Path) -> None:
     one, two = (ident.read_logs(path)[0] for path in (plain, again))
     np.testing.assert_array_equal(one.t, two.t)
     np.testing.assert_array_equal(one.q, two.q)
+
+
+def test_a_mark_at_the_end_of_each_line_is_no_column(tmp_path: Path) -> None:
+    names = ["time [us]", *each("pos j{} (deg)"), *each("eff j{} (Nm)"), ""]
+    rows = [[1e6 * t, *np.rad2deg(q), *tau, ""] for t, q, tau in zip(T, Q, TAU, strict=True)]
+    log = ident.read_logs(write(tmp_path / "a.csv", names, rows, ";"))[0]
+    is_the_motion(log)
+    assert log.recording is not None
+    assert log.recording.ignored == ()
