@@ -72,6 +72,8 @@ _WHERE: dict[str, tuple[str, str]] = {
     "Comparison": ("evaluation", "Comparison"),
     "essential": ("evaluation", "essential"),
     "Essential": ("evaluation", "Essential"),
+    "feedback_bias": ("evaluation", "feedback_bias"),
+    "FeedbackBias": ("evaluation", "FeedbackBias"),
     "diagnose": ("diagnosis", "diagnose"),
     "Diagnosis": ("diagnosis", "Diagnosis"),
     "next_motion": ("diagnosis", "next_motion"),
@@ -103,6 +105,7 @@ __all__ = [
     "EnergyProblem",
     "Essential",
     "Estimate",
+    "FeedbackBias",
     "IdentError",
     "Information",
     "Log",
@@ -135,6 +138,7 @@ __all__ = [
     "estimators",
     "excite",
     "export",
+    "feedback_bias",
     "fit",
     "friction",
     "judge",
@@ -183,7 +187,7 @@ if TYPE_CHECKING:
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
     from .estimate import Estimate, Status, StatusCode
     from .estimators import make_estimator
-    from .evaluation import Comparison, Essential, Validation, compare, essential, validate
+    from .evaluation import Comparison, Essential, FeedbackBias, Validation, compare, essential, feedback_bias, validate
     from .excitation import excite
     from .exporting import export
     from .logs import Log, LogSet, demo_logs, read_logs
