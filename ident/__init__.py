@@ -12,7 +12,8 @@ Logs (read, check and prepare recordings): `read_logs`, `demo_logs`, `audit`, `L
 Models (the terms that make up the torque): `Model`, `Effect`, `Motion`, `effect_names`, `make_effect`, `base`.
 Identification (parameters with covariance): `fit`, `Problem`, `MomentumProblem`, `EnergyProblem`, `Information`,
     `make_estimator`, `Estimate`, `Status`, `StatusCode`.
-Evaluation (on held-out data): `validate`, `Validation`, `compare`, `Comparison`, `essential`, `Essential`.
+Evaluation (on held-out data; against feedback): `validate`, `Validation`, `compare`, `Comparison`, `essential`, `Essential`,
+    `feedback_bias`, `FeedbackBias`.
 Diagnosis (what the model is missing, and what has changed): `diagnose`, `Diagnosis`, `next_motion`, `monitor`.
 Physics (physical consistency, payloads): `judge`, `repair`, `payload`.
 Experiments (motions to run, and simulated runs): `excite`, `plan`, `simulate`.

@@ -13,7 +13,7 @@ from .._utils.text import wrapped
 from ..drawing.document import uncertain
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError, UnsupportedError
-from ..estimators import BandInstruments, Capability, estimator_types
+from ..estimators import BandInstruments
 from ..estimators.band_instruments import BandFit
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
 
 Array = np.ndarray
+#: Methods whose estimate is a sum over rows with one weight for each joint.
+_PLAIN = ("ls", "wls")
 #: Probability that anything is said to be moved where nothing is, over all parameters.
 _LEVEL = 0.01
 #: Share of a value to which derivatives by filters are exact (a log without noise: `tests/contract/test_estimator_contract.py`).
@@ -162,9 +164,8 @@ def feedback_bias(estimate: Estimate) -> FeedbackBias:
         raise ConfigurationError(
             "a saved estimate does not contain the signals it was fitted to: fit again, and compare within that session."
         )
-    kind = estimator_types().get(estimate.method)
-    if kind is not None and Capability.NOISY_REGRESSOR in kind.capabilities:
-        raise UnsupportedError(f"method {estimate.method!r} is no least squares; compare an estimate by 'wls' with instruments.")
+    if estimate.method not in _PLAIN:
+        raise UnsupportedError(f"method {estimate.method!r} is not plain least squares; compare an estimate by 'wls' with instruments.")
     BandInstruments().check(estimate.problem)
     found = BandFit.of(estimate.problem)
     instrumental = found.estimate(BandInstruments.name)
