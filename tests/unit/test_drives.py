@@ -298,16 +298,17 @@ def test_a_method_that_needs_torque_gets_that_of_the_law(tmp_path, robot, ident)
 
 
 @pytest.mark.parametrize("loaded", [False, True])
-def test_the_compiled_step_does_what_the_plain_one_does(monkeypatch, loaded):
-    """Branches of three joints, clipped and switched-off drives, friction of each kind."""
+@pytest.mark.parametrize(("branches", "joints"), [(2, 3), (3, 1), (1, 2), (2, 4), (1, 5), (1, 6), (1, 7), (1, 8)])
+def test_the_compiled_step_does_what_the_plain_one_does(monkeypatch, branches, joints, loaded):
+    """Branches of some joints (of up to seven by loops of their own), clipped and switched-off drives, friction of each kind."""
     pytest.importorskip("ident._native._recursions", reason="the compiled recursions were not built")
     rng = np.random.default_rng(5)
-    lanes, n, steps = 3, 6, 400
-    root = rng.normal(size=(lanes, 2, 3, 3))
+    lanes, n, steps = 3, branches * joints, 400
+    root = rng.normal(size=(lanes, branches, joints, joints))
     H = np.zeros((lanes, n, n))
-    for branch in range(2):
-        at = slice(3 * branch, 3 * branch + 3)
-        H[:, at, at] = 0.1 * root[:, branch] @ np.swapaxes(root[:, branch], 1, 2) + 0.05 * np.eye(3)
+    for branch in range(branches):
+        at = slice(joints * branch, joints * branch + joints)
+        H[:, at, at] = 0.3 / joints * root[:, branch] @ np.swapaxes(root[:, branch], 1, 2) + 0.05 * np.eye(joints)
 
     class Links:
         def terms(self, q, dq):
@@ -324,12 +325,12 @@ def test_the_compiled_step_does_what_the_plain_one_does(monkeypatch, loaded):
     time = 0.002 * np.arange(steps)[:, None, None]
     target = drives.kp * np.sin(6.0 * time + rng.uniform(0.0, 6.0, (lanes, n)))
     strength = np.where((time > 0.5) & (time < 0.6), 0.0, 1.0) * np.ones_like(target)
-    groups = [slice(k, None, 3) for k in range(3)]
+    groups = [slice(k, None, joints) for k in range(joints)]
     run = lambda: simulate.simulated(Links(), drives, target, strength, nothing, nothing, 0.002, groups)  # noqa: E731
     monkeypatch.setenv("IDENT_KERNEL", "native")
     compiled = run()
     monkeypatch.setenv("IDENT_KERNEL", "numpy")
-    assert np.ptp(compiled, axis=0).min() > 0.1
+    assert np.ptp(compiled, axis=0).max(axis=0).min() > 0.1  # every joint moves in some lane
     np.testing.assert_allclose(compiled, run(), atol=1e-9)
 
 
