@@ -12,7 +12,7 @@ from ..auditing import Audit, audit
 from ..drives.torque import with_torque
 from ..errors import DataError
 from ..estimators import make_estimator
-from ..evaluation.doubts import all_turned, counted_twice, doubts, fitted_as_well, require_rows, settled_first
+from ..evaluation.doubts import HELD_OUT, all_turned, counted_twice, doubts, fitted_as_well, require_rows, settled_first
 from ..evaluation.validation import validate
 from ..logs.reading import read_logs
 from ..problem.integrated import TORQUE, formulate
@@ -181,9 +181,9 @@ class Session:
 
     @property
     def inputs(self) -> tuple[dict[str, Any], ...]:
-        """Paths and SHA-256 of every log used, each once."""
+        """Paths and SHA-256 of every log used, each once; `use` tells which were held out."""
         fit, held = self.inputs_apart
-        return (*fit, *(one for one in held if one not in fit))
+        return (*fit, *({**one, "use": HELD_OUT} for one in held if one not in fit))
 
     def validation(self, *, simulate: bool) -> Validation:
         """The estimate on held-out data."""
