@@ -9,6 +9,7 @@ from typing import Any
 from .._utils.json import result
 from .._utils.text import counted
 from ..errors import ConfigurationError, DataError
+from ..problem.opposite_signs import opposite_sign
 from ..streaming.session import StreamedSession
 from ..study.session import Session
 from .commanded import asks_for_simulation, check_under_law
@@ -65,7 +66,7 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
     for doubt in robot.doubts:
         out.say_wrapped(f"warning: {doubt}")
     out.say()
-    turned = "" if isinstance(session, StreamedSession) else session.turned
+    turned = _misread(session)
     if turned:
         out.say_wrapped(f"warning: {turned}")
         out.say()
@@ -101,6 +102,15 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
     for gate in gates:
         out.note(f"gate: {gate}")
     return 1 if gates else 0
+
+
+def _misread(session: Session) -> str:
+    """What to settle first: torques with the opposite sign, columns of another joint, gravity in another direction; "" for none."""
+    if not isinstance(session, StreamedSession):
+        return session.turned or session.misassigned
+    problem = session.problem
+    found = opposite_sign(problem.information, problem.base, session.robot.joint_names)
+    return "" if found is None else str(found)
 
 
 def _undeclared(session: Session, out: Output) -> tuple[dict[str, Any] | None, str]:

@@ -53,6 +53,8 @@ def run(args: argparse.Namespace) -> int:
     session = Session(study, out.progress("fitting"))
     for finding in session.audit.warnings:
         out.say(wrapped(f"audit: {finding}"))
+    if session.misassigned:
+        out.say(wrapped(f"warning: {session.misassigned} Settle this first: what is found below stands in for it."))
     diagnosis = diagnosis_of(session, out, verbose=args.verbose)
     out.say(diagnosis)
     if session.held_by_split and diagnosis.held is not None:

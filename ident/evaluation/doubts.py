@@ -11,7 +11,7 @@ from .._utils.text import counted
 from ..errors import DataError
 from ..problem.opposite_signs import negative_share, opposite_sign
 from .against_nominal import factor_doubt, size_doubt, zero_doubt
-from .misreadings import misreading
+from .misreadings import misassigned, misreading
 from .negative_inertia import negative_inertia
 
 if TYPE_CHECKING:
@@ -81,6 +81,12 @@ def all_turned(estimate: Estimate) -> str:
     )
 
 
+def settled_first(estimate: Estimate) -> str:
+    """A sentence on what has to be settled before anything else is looked for in a log: columns that were reversed or exchanged, gravity in
+    another direction; "" where there is none."""
+    return misassigned(estimate) or _turned(estimate)
+
+
 def _impossible(estimate: Estimate) -> str:
     """Parameters, and sums of them, that lie beyond their bounds by more than scatter."""
     margin = np.where(np.isfinite(estimate.std), _SURELY * estimate.std, np.inf)
@@ -106,7 +112,7 @@ def _turned(estimate: Estimate) -> str:
 
 def _cause(estimate: Estimate) -> str:
     """What the log has wrong, the surest first: what follows from one cause is not blamed on the next."""
-    return _turned(estimate) or misreading(estimate) or zero_doubt(estimate) or factor_doubt(estimate) or size_doubt(estimate)
+    return misreading(estimate) or _turned(estimate) or zero_doubt(estimate) or factor_doubt(estimate) or size_doubt(estimate)
 
 
 def _bounds(estimate: Estimate) -> tuple[Array, Array]:

@@ -1,5 +1,5 @@
-"""What a log has misread: a joint's zero that is off, a joint's torque in another unit, a clock that runs wrong; told by the fit's own
-residual.
+"""What a log has misread: a joint's zero that is off, a joint's torque in another unit, a clock that runs wrong, columns in the opposite
+direction or of another joint; told by the fit's own residual.
 
 A mistake of one number θ moves the residual along its derivative by θ. What base parameters cannot follow of that column must not be in the
 residual: a score test finds the mistake, Gauss-Newton steps take it out, and it is named only where the fit is then of another kind. So no
@@ -7,12 +7,14 @@ cause is named that does not account for what is wrong, and of several that migh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..effects.kinds import Need
+from ..effects.motion import Motion
 from ..effects.reference import Reference
 from ..effects.registry import make_effect
 from ..model import Model
@@ -20,10 +22,12 @@ from ..problem.information import Information
 from ..problem.linear_solution import full_values, order_of
 from ..problem.problem import Problem
 from ..problem.reweighting import reweighted
+from .interchanged import Interchange, as_read, interchanges
 from .log_mistakes import Misreading, misreadings
+from .mounting import mounting
 
 if TYPE_CHECKING:
-    from ..effects.motion import Coordinates, Motion
+    from ..effects.motion import Coordinates
     from ..estimate.estimate import Estimate
     from ..signals.signals import Block, Signals
 
@@ -38,29 +42,31 @@ _SURELY, _PART, _SEEN = 5.0, 0.05, 1e-3
 _FALL, _RISE = 1.3, 1.25
 #: What drives usually do stands beside the declared model: what that explains is no mistake of the log.
 _USUAL = ("rotor_inertia", "viscous", "coulomb", "offset")
-#: Others that do nearly as well (share of the logarithm of that fall) are named too; no more than so many are tried.
-_NEARLY, _TRIED = 0.8, 4
+#: Others whose errors are no further from the best one's are named too; no more than so many are tried.
+_TRIED = 4
 #: Gauss-Newton steps, the change at which they end, how many may gain nothing, passes of weighting, and the step of differences.
 _STEPS, _SETTLED, _VAIN, _PASSES, _STEP = 8, 3e-3, 3, 5, 1e-5
 
 
+#: Columns of other joints, or in the opposite direction, are looked for where a joint's relative error lies above this. Corrected, they
+#: must lower the product of all errors so many times, and the worst of them to half: no right column does that.
+_POOR, _FAR, _HALF = 0.05, 4.0, 0.5
+
+
 @dataclass(frozen=True)
 class _Found:
-    """A mistake of a size, the logarithm of the `fall` of all joints' errors without it, and these (n,) with and without it."""
+    """A mistake (`told`), the logarithm of the `fall` of all joints' errors without it, and these (n,) with and without it."""
 
-    misreading: Misreading
-    value: float
+    told: str
+    remedy: str
     fall: float
     before: Array
     after: Array
 
-    @property
-    def told(self) -> str:
-        return self.misreading.told(self.value)
-
 
 def misreading(estimate: Estimate) -> str:
-    """A sentence on what makes the fit as bad as it is: the zero or the torque's unit of a joint, or the clock; "" where none does.
+    """A sentence on what makes the fit as bad as it is: the zero or the torque's unit of a joint, the clock, columns that were reversed or
+    exchanged, or gravity in another direction; "" where none does.
 
     What base parameters follow whole (the zero of the last joint) is not seen here (`against_nominal`)."""
     rows = _Sampled.of(estimate)
@@ -68,16 +74,28 @@ def misreading(estimate: Estimate) -> str:
         return ""
     robot = rows.problem.model.robot
     found = [one for suspect in rows.suspected(misreadings(robot, rows.problem.signals.rate)) if (one := rows.without(suspect)) is not None]
+    return _sentence([*found, *rows.interchanged()], robot.joint_names)
+
+
+def misassigned(estimate: Estimate) -> str:
+    """A sentence on columns in the opposite direction or of another joint, and on gravity in another direction, where one of these is all
+    that is wrong with a poor fit; "" otherwise. What a diagnosis finds in such a log is not the robot's."""
+    rows = _Sampled.of(estimate)
+    return "" if rows is None else _sentence(rows.interchanged(), estimate.model.robot.joint_names)
+
+
+def _sentence(found: list[_Found], names: Sequence[str]) -> str:
+    """What the mistakes that were found are, the one that accounts for most first; "" without any."""
     if not found:
         return ""
     best = max(found, key=lambda one: one.fall)
-    others = [one.told for one in found if one is not best and one.fall > _NEARLY * best.fall]
+    others = [one.told for one in found if one is not best and one.fall > best.fall - np.log(_FALL)]
     worst = int(np.nanargmax(best.before / best.after))
     more = f"; or {'; or '.join(others)} (these data cannot distinguish them)" if others else ""
     return (
-        f"{best.told}{more}. With that corrected, the torque error of {robot.joint_names[worst]} falls from"
+        f"{best.told}{more}. With that corrected, the torque error of {names[worst]} falls from"
         f" {100 * best.before[worst]:.2g} to"
-        f" {100 * best.after[worst]:.2g} % of its torque; the parameters of this fit are biased by it. {best.misreading.remedy}"
+        f" {100 * best.after[worst]:.2g} % of its torque; the parameters of this fit are biased by it. {best.remedy}"
     )
 
 
@@ -138,29 +156,75 @@ class _Sampled:
         mistake = len(names) - 1
         value, values = 0.0, self.values
         before: Array | None = None
-        best: _Found | None = None
+        best: tuple[_Found, float] | None = None
         for number in range(_STEPS):
             whole = Information.empty(len(self.weights), names)
             for block in self.blocks:
                 columns, slopes, tau = self._rows(block, values, [suspect], value)
                 whole = whole.with_rows(np.concatenate([columns, slopes], axis=2), tau, self.problem.valid[block.rows])
-            own = whole.selected(np.arange(mistake))
-            fit = full_values(self.problem, reweighted(own, order, iterations=_PASSES)[0])
-            torque = own.torque_squares()
-            errors = np.sqrt(np.maximum(np.where(torque > 0, own.residual_squares(fit) / np.where(torque > 0, torque, 1.0), 1.0), 1e-24))
+            fit, errors = self._fitted(whole.selected(np.arange(mistake)))
             before = errors if before is None else before
             fall = float(np.sum(np.log(before / errors)))
-            if best is None or fall > best.fall:
-                best = _Found(suspect, value, fall, before, errors)
+            if best is None or fall > best[0].fall:
+                best = _Found(suspect.told(value), suspect.remedy, fall, before, errors), value
             solution, _ = reweighted(whole, [*order, mistake], iterations=_PASSES)
             step = float(np.clip(solution.values[solution.columns == mistake].sum(), -suspect.reach, suspect.reach))
-            if abs(step) < _SETTLED or (number == _VAIN and best.fall < np.log(_FALL)):
+            if abs(step) < _SETTLED or (number == _VAIN and best[0].fall < np.log(_FALL)):
                 break
             values = self.problem.base.expand(fit)
             value += step
         assert best is not None
-        found = best.fall > np.log(_FALL) and bool(np.all(best.after < _RISE * best.before)) and suspect.noteworthy(best.value)
-        return best if found else None
+        found, value = best
+        sure = found.fall > np.log(_FALL) and bool(np.all(found.after < _RISE * found.before)) and suspect.noteworthy(value)
+        return found if sure else None
+
+    def interchanged(self) -> list[_Found]:
+        """Columns of another joint or in the opposite direction, and gravity in another one, without which the fit is of another kind."""
+        names = self.problem.model.robot.joint_names
+        used = np.array([self.problem.valid[block.rows].sum(axis=0) for block in self.blocks]).sum(axis=0) > 0
+        before = self._errors_with([as_read(len(names))])[0]
+        if len(names) < 2 or not np.any(before[used] > _POOR):
+            return []
+        tried = [(one.told, one.remedy, after) for group in interchanges(names, before) for one, after in self._paired(group)]
+        if (turned := mounting(self.problem, self.blocks)) is not None:
+            tried.append((turned.told, turned.remedy, turned.errors))
+        falls = [float(np.sum(np.log(before[used] / after[used]))) for _, _, after in tried]
+        return [
+            _Found(told, remedy, fall, before, after)
+            for (told, remedy, after), fall in zip(tried, falls, strict=True)
+            if fall > np.log(_FAR) and after[used].max() < _HALF * before[used].max()
+        ]
+
+    def _paired(self, group: list[Interchange]) -> list[tuple[Interchange, Array]]:
+        return list(zip(group, self._errors_with(group), strict=True))
+
+    def _errors_with(self, group: list[Interchange]) -> list[Array]:
+        """Relative error (n,) of each joint for interchanges of the same motion."""
+        problem, first = self.problem, group[0]
+        robot = problem.model.robot
+        parts = [Information.empty(robot.n, problem.base.names) for _ in group]
+        for block in self.blocks:
+            recorded, valid, tau = problem.motion(block.samples), problem.valid[block.rows], problem.tau[block.rows]
+            q, dq, ddq = (first.motion(x) for x in (recorded.joint.q, recorded.joint.dq, recorded.joint.ddq))
+            motion = Motion.of(
+                robot, q, dq, ddq, recorded.t,
+                rate=recorded.rate, torque=recorded.torque, start=recorded.start, cutoff_hz=recorded.cutoff_hz,
+            )  # fmt: skip
+            if problem.model.needs & {Need.LOAD, Need.REFERENCE}:
+                motion = motion.with_reference(Reference(problem.model, self.values))
+            columns = block.reduce(problem.model.columns(motion)[:, :, problem.base.independent])
+            for k, one in enumerate(group):
+                used = valid & valid[:, one.torque_of]
+                torque = np.where(used, one.torque(np.where(valid, tau, 0.0)), 0.0)
+                parts[k] = parts[k].with_rows(np.where(used[:, :, None], columns, 0.0), torque, used)
+        return [self._fitted(part)[1] for part in parts]
+
+    def _fitted(self, information: Information) -> tuple[Array, Array]:
+        """Base values (b,) that fit rows best, and the relative error (n,) of each joint then."""
+        fit = full_values(self.problem, reweighted(information, order_of(self.problem.base), iterations=_PASSES)[0])
+        torque = information.torque_squares()
+        share = np.where(torque > 0, information.residual_squares(fit) / np.where(torque > 0, torque, 1.0), 1.0)
+        return fit, np.sqrt(np.maximum(share, 1e-24))
 
     def _rows(self, block: Block, values: Array, suspects: list[Misreading], value: float = 0.0) -> tuple[Array, Array, Array]:
         """Columns (m, n, b) of a block without a mistake of size `value` (of the first suspect), for parameters' values (k,) the slopes

@@ -14,7 +14,6 @@ from ..statistics.torque_error import number
 from .advice import advice
 from .agreement import agreement
 from .linear_solution import order_of, row_variances, solve_triangle
-from .opposite_signs import opposite_sign
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -96,8 +95,6 @@ def check_problem(robot: Robot, base: BaseReduction, information: Information) -
     relative[solution.columns] = std / np.maximum(np.abs(solution.values), 1e-300)
     poor = tuple(n for n, r, i in zip(base.names, relative, inflation, strict=True) if not np.isfinite(r) or (r > _POOR and i > 10))
     notes = list(base.notes)
-    turned = opposite_sign(information, base, robot.joint_names)
-    notes += [] if turned is None else [str(turned)]
     for j, joint in enumerate(robot.joints):
         if information.counts[j] == 0:
             notes.append(f"joint {joint.name}: no usable torque row; what only this row shows cannot be estimated.")

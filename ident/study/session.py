@@ -12,7 +12,7 @@ from ..auditing import Audit, audit
 from ..drives.torque import with_torque
 from ..errors import DataError
 from ..estimators import make_estimator
-from ..evaluation.doubts import all_turned, counted_twice, doubts, fitted_as_well, require_rows
+from ..evaluation.doubts import all_turned, counted_twice, doubts, fitted_as_well, require_rows, settled_first
 from ..evaluation.validation import validate
 from ..logs.reading import read_logs
 from ..problem.integrated import TORQUE, formulate
@@ -152,11 +152,22 @@ class Session:
     @cached_property
     def turned(self) -> str:
         """What to say first of all where every torque has the opposite sign; "" where they have not, or where it cannot be told."""
+        return "" if self._plain is None else all_turned(self._plain)
+
+    @cached_property
+    def misassigned(self) -> str:
+        """What to say first where columns were reversed or exchanged, or gravity acts in another direction; "" where not, or where it
+        cannot be told."""
+        return "" if self._plain is None or self.turned else settled_first(self._plain)
+
+    @cached_property
+    def _plain(self) -> Estimate | None:
+        """The torque equation fitted by the usual method, on whose errors log mistakes show; None where the data do not allow it."""
         try:
             torque = self.problem if self.study.form == TORQUE else Problem(self.model, self.fit_signals)
-            return all_turned(make_estimator(DEFAULT_METHOD).solve(torque))
+            return make_estimator(DEFAULT_METHOD).solve(torque)
         except DataError:
-            return ""
+            return None
 
     @property
     def repeated(self) -> list[str]:

@@ -228,12 +228,10 @@ def test_a_torque_of_the_opposite_sign_is_named(ident, fit, arm, tmp_path, joint
     turned = write_csv(tmp_path / "turned.csv", arm.table | {f"tau{joint + 1}": -arm.table[f"tau{joint + 1}"]})
     ran = fit(turned, "--json")
     assert ran.code == 0
-    shared = [
-        w
-        for w in ran.json["warnings"]
-        if f"torque of {JOINTS[joint]} seems to have the opposite sign: with the sign flipped, its error falls" in w
-    ]
+    # Of the last joint, whose link can be mirrored, the position may be what is reversed.
+    shared = [w for w in ran.json["warnings"] if f"torque of {JOINTS[joint]} seems to have the opposite sign" in w]
     assert len(shared) == 1, ran.json["warnings"]
+    assert ("these data cannot distinguish them" in shared[0]) == (joint == 3)
     checked = ident("check", "--urdf", arm.urdf, "--log", turned, *FRICTION, "--json")
     assert any(f"torque of {JOINTS[joint]} seems to have the opposite sign" in w for w in checked.json["warnings"])
 

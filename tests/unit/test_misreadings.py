@@ -13,7 +13,7 @@ from benchmarks.robustness.mistakes import MISTAKES, World, ended
 from ident.estimators import WeightedLeastSquares
 from ident.evaluation.against_nominal import factor_doubt, size_doubt, zero_doubt
 from ident.evaluation.doubts import doubts
-from ident.evaluation.misreadings import misreading
+from ident.evaluation.misreadings import misassigned, misreading
 from ident.problem.problem import Problem
 from ident.signals import ZeroPhase
 from ident.simulation.trajectory import FourierTrajectory
@@ -93,6 +93,70 @@ def test_another_clock(clock: float) -> None:
     told = float(said.split("about ")[1].split()[0])
     assert told == pytest.approx(max(clock, 1.0 / clock), rel=0.1)
     assert ("too slowly" in said) == (clock > 1.0)
+
+
+@pytest.mark.parametrize(("name", "j"), [("puma560", 2), ("z1", 1)])
+@pytest.mark.parametrize(
+    ("position", "torque", "named"),
+    [
+        (-1.0, 1.0, "the position of {} seems to count in the opposite direction"),
+        (1.0, -1.0, "torque of {} seems to have the opposite sign"),
+        (-1.0, -1.0, "position and torque of {} seem to count in the direction opposite to the axis in the URDF"),
+    ],
+)
+def test_a_joint_that_counts_the_other_way_round(name: str, j: int, position: float, torque: float, named: str) -> None:
+    """An encoder in the wrong direction was blamed on a torque's sign, or on another joint's zero."""
+    t, q, tau = recorded(name)
+    turned = np.eye(q.shape[1])[j]
+    said = misreading(fitted(name, t, q * (1.0 + (position - 1.0) * turned), tau * (1.0 + (torque - 1.0) * turned)))
+    joint = ident.load_robot(name).joint_names[j]
+    assert said.startswith(named.format(joint)), said
+
+
+@pytest.mark.parametrize(
+    ("positions", "torques", "named"), [(True, False, "the positions of"), (False, True, "the torques of"), (True, True, "positions and")]
+)
+def test_columns_of_two_joints_that_were_exchanged(positions: bool, torques: bool, named: str) -> None:
+    """They were blamed on the clock."""
+    t, q, tau = recorded("ur5")
+    order = np.arange(q.shape[1])
+    order[[0, 1]] = 1, 0
+    estimate = fitted("ur5", t, q[:, order] if positions else q, tau[:, order] if torques else tau)
+    said = misreading(estimate)
+    assert said.startswith(named), said
+    assert "{} and {} seem to be exchanged".format(*estimate.model.robot.joint_names[:2]) in said
+    assert misassigned(estimate) == said
+
+
+@pytest.mark.parametrize("gravity", [(9.81, 0.0, 0.0), (0.0, 0.0, 9.81), (4.0, -5.0, -7.43)])
+def test_a_robot_that_hangs_where_it_was_said_to_stand(gravity: tuple[float, float, float]) -> None:
+    """A wall-mounted robot was blamed on the unit of its torque."""
+    estimate = mounted(gravity)
+    said = misreading(estimate)
+    direction = np.array(gravity) / np.linalg.norm(gravity)
+    told = [float(x) for x in said.split("act along (")[1].split(")")[0].split(",")]
+    assert told == pytest.approx(direction, abs=0.05)
+    assert "[robot] gravity = [" in said
+    assert said in doubts(estimate)
+
+
+def test_a_torque_without_gravity() -> None:
+    assert "the torque seems to hold no gravity" in misreading(mounted((0.0, 0.0, 0.0)))
+
+
+def mounted(gravity: tuple[float, float, float]) -> ident.Estimate:
+    """A fit of a UR5 in some gravity, with what is usually declared."""
+    t, q, tau = recorded("ur5")
+    robot = ident.load_robot("ur5")
+    signals = ZeroPhase(cutoff_hz=10.0)(ident.Log("run", t, q=q, tau={"joint": tau}), robot)
+    assert robot.nominal is not None
+    change = [
+        there.rigid_body().inverse_dynamics(signals.q, signals.dq, signals.ddq, robot.nominal)
+        for there in (robot, robot.with_gravity(gravity))
+    ]
+    # Gravity's torque where the samples are, laid over the recorded one at the times of the log.
+    other = np.stack([np.interp(t, signals.t, x) for x in (change[1] - change[0]).T], axis=1)
+    return fitted("ur5", t, q, tau + other)
 
 
 def test_friction_that_the_model_lacks_is_blamed_on_nothing() -> None:
