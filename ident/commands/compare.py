@@ -13,7 +13,7 @@ from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..evaluation.comparison import compare
 from ..logs.reading import read_logs
-from ..study.session import like
+from ..signals.likewise import like
 from ..study.study import Study, read_study
 from .common import Output, add_log_argument, add_output_arguments, add_reading_arguments, read_as_asked
 

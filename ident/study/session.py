@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,7 +18,7 @@ from ..logs.reading import read_logs
 from ..problem.integrated import TORQUE, formulate
 from ..problem.problem import Problem
 from ..signals.known_band import unjudged
-from ..signals.preparation import make_preparation
+from ..signals.likewise import like
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from ..logs.log import LogSet
     from ..model import Model
     from ..robots.robot import Robot
-    from ..signals.preparation import Preparation
     from ..signals.signals import Signals
     from .study import Study
 
@@ -189,11 +188,3 @@ class Session:
     def validation(self, *, simulate: bool) -> Validation:
         """The estimate on held-out data."""
         return validate(self.estimate, self.held_signals, simulate=simulate)
-
-
-def like(report: Mapping[str, Any]) -> Preparation:
-    """The preparation that a report (`PreparationReport.to_dict`) tells of, with the cut-offs that it chose."""
-    chosen = {"cutoff_hz": report["cutoff_hz"]}
-    if report["cutoff_hz"] is None:  # nothing that the row filter's would follow from
-        chosen["row_cutoff_hz"] = report["row_cutoff_hz"]
-    return make_preparation(**{**report["config"], **chosen})
