@@ -58,9 +58,8 @@ def _check_stretches(add: Add, name: str, x: Array, q: Array, present: Array) ->
     off = longest(present == 0) / len(present)
     if off > 0.05:
         text = (
-            f"Torque is exactly zero for {off:.0%} of the run in one stretch: the drive was off, or the channel dropped"
-            f" out. If it dropped out, cut"
-            " the log there; if it was off, the robot swung freely, which reveals little but friction."
+            f"Torque is exactly zero for {off:.0%} of the run in one stretch: the drive was off, or the channel dropped out. If it"
+            " dropped out, or brakes held the robot, cut the log there; if the robot swung freely, that reveals little but friction."
         )
         add("torque_zero", Severity.WARNING, text, name, off)
     elif (stuck := _frozen(x, q)) is not None:

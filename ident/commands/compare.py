@@ -12,8 +12,9 @@ from .._utils.json import result
 from ..errors import ConfigurationError
 from ..estimate.estimate import Estimate
 from ..evaluation.comparison import compare
+from ..evaluation.doubts import seen_by
 from ..logs.reading import read_logs
-from ..study.session import like
+from ..signals.likewise import like
 from ..study.study import Study, read_study
 from .common import Output, add_log_argument, add_output_arguments, add_reading_arguments, read_as_asked
 
@@ -57,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
     warnings = (
         [] if same else ["the fits have different transmissions: each is compared with the torque mapped through its own transmission."]
     )
+    warnings += [text for text in dict.fromkeys(seen_by(fit, signals.inputs) for fit in (before, after)) if text]
     out.say(found)
     for warning in warnings:
         out.say(f"warning: {warning}")

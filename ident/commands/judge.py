@@ -27,7 +27,7 @@ from ..physical import (
 from ..reporting import report_of
 from ..robots.library.load import load_robot
 from ..robots.library.published import published_tables
-from ..study.session import like
+from ..signals.likewise import like
 from .common import Output, add_log_argument, add_output_arguments
 from .compare import logs_for
 from .kept_report import keep_report

@@ -14,7 +14,7 @@ from ..estimate.estimate import Estimate
 from ..logs.reading import read_logs
 from ..monitoring import monitor
 from ..reporting import report_of
-from ..study.session import like
+from ..signals.likewise import like
 from ..study.study import Study, read_study
 from .common import Output, add_log_argument, add_output_arguments, add_reading_arguments, read_as_asked
 from .kept_report import keep_report

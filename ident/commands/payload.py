@@ -12,7 +12,7 @@ from ..estimate.estimate import Estimate
 from ..logs.reading import read_logs
 from ..physical import payload_of
 from ..problem.problem import Problem
-from ..study.session import like
+from ..signals.likewise import like
 from ..study.study import Study, read_study
 from .common import Output, add_log_argument, add_output_arguments, add_reading_arguments, add_study_arguments, read_as_asked, study_from
 

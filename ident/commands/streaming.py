@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 from ..errors import ConfigurationError, IdentError
 from ..logs.reading import read_logs
+from ..signals.likewise import like
 from ..streaming.checkpoint import Checkpoint
 from ..streaming.session import THRESHOLD, StreamedSession, size_of, stored_signals, why_not
-from ..study.session import Session, like
+from ..study.session import Session
 from .common import Output
 
 if TYPE_CHECKING:

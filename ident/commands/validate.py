@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._utils.json import result
+from .._utils.text import wrapped
 from ..errors import ConfigurationError, UnsupportedError
 from ..estimate.estimate import Estimate
+from ..evaluation.doubts import seen_by
 from ..evaluation.validation import validate
 from ..reporting import report_of
 from ..study.study import Study, read_study
@@ -40,13 +42,17 @@ def run(args: argparse.Namespace) -> int:
     if args.fit:
         return _of_saved(args, out)
     with session_from(args, study_from(args), out, "fitting") as session:
-        return _told(session.validation(simulate=not args.no_replay), session.inputs, args, out)
+        return _told(session.validation(simulate=not args.no_replay), session.inputs, args, out, "")
 
 
-def _told(validation: Validation, inputs: Iterable[Mapping[str, Any]], args: argparse.Namespace, out: Output) -> int:
+def _told(validation: Validation, inputs: Iterable[Mapping[str, Any]], args: argparse.Namespace, out: Output, seen: str) -> int:
+    """`seen`: what to say of logs that the fit has seen."""
+    if seen:
+        out.say(wrapped(f"warning: {seen}"))
     out.say(validation)
+    warnings = (*validation.estimate.warnings, *([seen] if seen else ()))
     with out.together() as folder:
-        out.result(result("ident.validation/1", validation.to_dict(), inputs=inputs, warnings=validation.estimate.warnings), "validation")
+        out.result(result("ident.validation/1", validation.to_dict(), inputs=inputs, warnings=warnings), "validation")
         if folder is not None:
             try:
                 keep_report(folder, out, report_of(validation))
@@ -69,4 +75,4 @@ def _of_saved(args: argparse.Namespace, out: Output) -> int:
     study = replace(study, logs=replace(study.logs, fit=tuple(files), validate=()))
     with signals_from(args, study, out, estimate) as signals:
         validation = validate(estimate, signals, simulate=not args.no_replay)
-        return _told(validation, (*estimate.inputs, *signals.inputs), args, out)
+        return _told(validation, (*estimate.inputs, *signals.inputs), args, out, seen_by(estimate, signals.inputs))

@@ -155,9 +155,9 @@ class Diagnosis(Shown):
 
 def diagnose(
     before: Estimate,
-    held: Signals | None = None,
+    held: Any | None = None,
     *,
-    fit: Signals | None = None,
+    fit: Any | None = None,
     estimator: Estimator | None = None,
     progress: Callable[[float], None] | None = None,
     note: Callable[[str], None] | None = None,
@@ -168,9 +168,10 @@ def diagnose(
     ----------
     before : Estimate
         The declared model's fit.
-    held : Signals, optional
-        Data that the fit did not see; nothing is decided on them, and the errors before and after are reported on them.
-    fit : Signals, optional
+    held : Signals or logs, optional
+        Data that the fit did not see; logs (also a path) are prepared as the fit's were.
+        Nothing is decided on them, and the errors before and after are reported on them.
+    fit : Signals or logs, optional
         What the model was fitted to; taken from the estimate within a session.
     estimator : Estimator, optional
         For the refit; by default the one that made the estimate, with its usual settings.
@@ -199,11 +200,12 @@ def diagnose(
     >>> import ident
     >>> train, test = ident.demo_logs()
     >>> estimate = ident.fit(train, "puma560", held=0)
-    >>> diagnosis = ident.diagnose(estimate, ident.ZeroPhase()(test, ident.load_robot("puma560")))
+    >>> diagnosis = ident.diagnose(estimate, test)
     >>> print(diagnosis.verdict)
     clean
     """
-    signals = fit if fit is not None else before.problem.signals if before.problem is not None else None
+    held = None if held is None else before.prepared(held)
+    signals = before.prepared(fit) if fit is not None else before.problem.signals if before.problem is not None else None
     if signals is None:
         raise ConfigurationError(
             "a saved estimate does not contain the signals it was fitted to; give them: diagnose(estimate, held, fit=signals)."

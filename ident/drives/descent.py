@@ -97,12 +97,15 @@ class SimulatedSearch:
         ahead = np.tile(values, (len(slots), 1))
         for row, members in zip(ahead, slots, strict=True):
             row[members] += nudge[members]
-        behind = 2.0 * values - ahead if central else ahead[:0]
+        behind, sides = ahead[:0], np.ones(len(slots))
+        if central:
+            behind, sides = self._within(values, ahead, 2.0 * values - ahead)
         exchanges = self._exchanges(values) if central else ()
         along = [values + sign * share * d for d in exchanges for sign in (1.0, -1.0)]
         found = joined(self.plant.positions(np.concatenate([values[None], ahead, behind, *(x[None] for x in along)])))
         plain, moved = found[0], found[1 : len(slots) + 1]
-        change = 0.5 * (moved - found[len(slots) + 1 : 2 * len(slots) + 1]) if central else moved - plain
+        other = found[len(slots) + 1 : 2 * len(slots) + 1] if central else plain
+        change = (moved - other) / sides[:, None, None]
         slopes = np.zeros((*plain.shape, len(values)))
         self._spread(slopes, change, slots, nudge)
         if len(exchanges):
@@ -110,6 +113,14 @@ class SimulatedSearch:
             slopes = _exact_along(slopes, np.asarray(exchanges), (ends[::2] - ends[1::2]) / (2.0 * share), nudge / share)
         residual = plain - self.measured if self.exact is None else self.residual(values)
         return residual, np.nan_to_num(slopes)
+
+    def _within(self, values: Array, ahead: Array, behind: Array) -> tuple[Array, Array]:
+        """Sets behind (S, p), and how many of both sides count (S,). A side on which a joint has no mass moves beyond every bound, and is
+        no part of a derivative: `ahead` and `behind` (S, p) are put to the values (p,) there."""
+        lost = [~self.plant.possible(side) for side in (ahead, behind)]
+        for side, gone in zip((ahead, behind), lost, strict=True):
+            side[gone] = values
+        return behind, np.maximum(2.0 - np.sum(lost, axis=0), 1.0)
 
     def along(self, values: Array, own: Array) -> Array:
         """Derivatives (N, n, m) along some of the unknowns (m,), one-sided."""

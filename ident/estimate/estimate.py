@@ -13,6 +13,8 @@ from ..drawing.document import Figure, Section
 from ..drawing.figures import draw_on
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError
+from ..signals.likewise import likewise
+from ..signals.signals import Signals
 from ..statistics.torque_error import TorqueError
 from .feedforward import FixedModel
 from .io import save, to_dict
@@ -27,7 +29,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-    from ..signals.signals import Signals
 
 Array = np.ndarray
 
@@ -70,13 +71,13 @@ class Estimate(Shown, EstimateRecord):
         """Status, torque errors and parameters."""
         return estimate_sections(self)
 
-    def plot_torque(self, signals: Signals | None = None, ax: Axes | Sequence[Axes] | None = None) -> Any:
+    def plot_torque(self, signals: Any | None = None, ax: Axes | Sequence[Axes] | None = None) -> Any:
         """Draw for each joint measured against predicted torque, and beside them the residual.
 
         Parameters
         ----------
-        signals : Signals, optional
-            Prepared signals; by default those that were fitted, which a saved estimate does not hold.
+        signals : Signals or logs, optional
+            Signals, or logs to be `prepared`; by default what was fitted, which a saved estimate does not hold.
         ax : Axes or sequence of Axes, optional
             See `plot`.
 
@@ -86,8 +87,8 @@ class Estimate(Shown, EstimateRecord):
         """
         if signals is None and self.problem is None:
             raise ConfigurationError("a saved estimate does not hold the signals it was fitted to; give some: plot_torque(signals).")
-        shown = signals if signals is not None or self.problem is None else self.problem.signals
-        assert shown is not None
+        assert signals is not None or self.problem is not None
+        shown = self.prepared(signals) if signals is not None or self.problem is None else self.problem.signals
         return draw_on(torque_figure(self, shown), ax)
 
     def feedforward(self, q: Array, dq: Array, ddq: Array) -> Array:
@@ -118,6 +119,35 @@ class Estimate(Shown, EstimateRecord):
         (6,)
         """
         return self._fixed.torque(q, dq, ddq)
+
+    def prepared(self, logs: Any) -> Signals:
+        """Logs, prepared as those of the fit were: the same derivatives, cut-offs and rows.
+
+        Parameters
+        ----------
+        logs : str, Path, DataFrame, Log, LogSet, sequence or Signals
+            Anything that `ident.read_logs` reads, or logs that it has read; signals are returned as they are.
+
+        Returns
+        -------
+        Signals
+
+        Examples
+        --------
+        >>> import ident
+        >>> train, test = ident.demo_logs()
+        >>> estimate = ident.fit(train, "puma560", held=0)
+        >>> estimate.prepared(test).report.cutoff_hz == estimate.problem.signals.report.cutoff_hz
+        True
+        """
+        report = self.signals_config or (None if self.problem is None else self.problem.signals.report.to_dict())
+        if isinstance(logs, Signals):
+            return logs
+        if not report:
+            raise ConfigurationError(
+                "this estimate does not hold how its logs were prepared; prepare these with ident.ZeroPhase()(logs, robot)."
+            )
+        return likewise(logs, self.model.robot, report)
 
     def forward_dynamics(self, q: Array, dq: Array, tau: Array) -> Array:
         """Joint acceleration at a torque on the measured side by the fitted model; states and shapes as for `feedforward`.

@@ -131,15 +131,16 @@ class Comparison(Shown, ShortRepr):
         return "\n".join(lines)
 
 
-def compare(before: Estimate, after: Estimate, signals: Signals, *, before_signals: Signals | None = None) -> Comparison:
-    """Compare two estimates on prepared signals that neither was fitted to.
+def compare(before: Estimate, after: Estimate, signals: Any, *, before_signals: Signals | None = None) -> Comparison:
+    """Compare two estimates on data that neither was fitted to.
 
     Parameters
     ----------
     before, after : Estimate
         Two estimates of the same robot.
-    signals : Signals
-        Data held out from both; the errors are over the rows that both use. Raw differences of positions are judged within the band
+    signals : Signals or logs
+        Data held out from both; logs (also a path) are prepared as those of `after` were.
+        The errors are over the rows that both use. Raw differences of positions are judged within the band
         where the motion is known, so that the better model has the smaller error.
     before_signals : Signals, optional
         The same logs as the earlier estimate's robot sees them, where its transmission is another one.
@@ -156,7 +157,7 @@ def compare(before: Estimate, after: Estimate, signals: Signals, *, before_signa
     >>> robot = ident.load_robot("puma560")
     >>> before = ident.fit(train, robot, model=ident.friction.Viscous(), held=0)
     >>> after = ident.fit(train, robot, held=0)
-    >>> comparison = ident.compare(before, after, ident.ZeroPhase()(test, robot))
+    >>> comparison = ident.compare(before, after, test)
     >>> bool(comparison.error_after.relative_all < comparison.error_before.relative_all)
     True
     """
@@ -169,6 +170,7 @@ def compare(before: Estimate, after: Estimate, signals: Signals, *, before_signa
         if p.name in old
     ]
     shifts.sort(key=lambda s: -abs(s.sigmas) if np.isfinite(s.sigmas) else 0.0)
+    signals = after.prepared(signals)
     own = signals if before_signals is None else before_signals
     if own.tau.shape != signals.tau.shape:
         raise ConfigurationError("the two estimates' signals have different rows; prepare both from the same logs in the same way.")

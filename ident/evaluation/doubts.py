@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 
+#: `use` of a log, beside its path, that was held out from a fit.
+HELD_OUT = "held_out"
 #: A value is beyond its bound by more than scatter where it is so by so many of its standard deviations.
 _SURELY = 5.0
 #: A joint's error on data held out that is so many times that on the fitted ones, and this share of its torque, is no scatter.
@@ -51,6 +53,16 @@ def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[s
     if not again:
         return ""
     return f"{', '.join(again)} is used for the fit and for validation: the held-out error is computed on data that the fit has seen."
+
+
+def seen_by(estimate: Estimate, logs: Iterable[Mapping[str, Any]]) -> str:
+    """A sentence on whole logs (path and SHA-256) that an estimate was fitted to, and that are to judge it; "" where there are none."""
+    fitted = [one for one in estimate.inputs if one.get("use") != HELD_OUT]
+    known = {one["sha256"] for one in fitted if one.get("sha256")}
+    again = dict.fromkeys(str(one["path"]) for one in logs if one.get("sha256") in known)
+    if not again:
+        return ""
+    return f"the fit has seen {', '.join(again)}: the error on it is not that of held-out data. Judge the fit by another log."
 
 
 def counted_twice(fitted: Iterable[Mapping[str, Any]]) -> str:

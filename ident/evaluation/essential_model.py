@@ -22,7 +22,6 @@ from .comparison import Comparison, compare
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: A torque error of so small a share is rounding.
@@ -152,7 +151,7 @@ class Essential(Shown, ShortRepr):
         return "\n".join([*lines, "", *map(wrapped, self._held)])
 
 
-def essential(estimate: Estimate, held: Signals | None = None, level: float = 0.05) -> Essential:
+def essential(estimate: Estimate, held: Any | None = None, level: float = 0.05) -> Essential:
     """Leave out, one after the other, the parameters that are zero within what the data tell, and fit the others again.
 
     The parameter of the largest relative standard deviation goes, the others are fitted again, as long as neither the parameter alone nor
@@ -163,8 +162,8 @@ def essential(estimate: Estimate, held: Signals | None = None, level: float = 0.
     ----------
     estimate : Estimate
         A fit, of this session or loaded.
-    held : Signals, optional
-        Prepared data that the fit did not see. Without them the tests alone decide.
+    held : Signals or logs, optional
+        Data that the fit did not see; logs (also a path) are prepared as the fit's were. Without them the tests alone decide.
     level : float
         Level of the tests, between 0 and 1: how probable it is that a parameter that is zero is kept.
 
@@ -191,7 +190,7 @@ def essential(estimate: Estimate, held: Signals | None = None, level: float = 0.
     >>> import ident
     >>> train, test = ident.demo_logs()
     >>> robot = ident.load_robot("puma560")
-    >>> essential = ident.essential(ident.fit(train, robot, held=0), ident.ZeroPhase()(test, robot))
+    >>> essential = ident.essential(ident.fit(train, robot, held=0), test)
     >>> essential.reduced.heldout_error.relative_all < 0.01
     True
     """
@@ -203,6 +202,7 @@ def essential(estimate: Estimate, held: Signals | None = None, level: float = 0.
     count, reduced = len(steps), _without(estimate, steps)
     if held is None:
         return Essential(estimate, reduced, steps, (), level)
+    held = estimate.prepared(held)
     comparison = compare(estimate, reduced, held)
     while count and _grows(comparison, level):
         count -= 1

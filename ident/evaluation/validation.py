@@ -45,7 +45,7 @@ class Validation(Shown, ShortRepr):
     >>> import ident
     >>> train, test = ident.demo_logs()
     >>> robot = ident.load_robot("puma560")
-    >>> validation = ident.validate(ident.fit(train, robot, held=0), ident.ZeroPhase()(test, robot))
+    >>> validation = ident.validate(ident.fit(train, robot, held=0), test)
     >>> list(validation.by_run)
     ['validate']
     """
@@ -105,15 +105,16 @@ class Validation(Shown, ShortRepr):
         return "\n".join(lines)
 
 
-def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) -> Validation:
+def validate(estimate: Estimate, signals: Any, *, simulate: bool = False) -> Validation:
     """Predict the torque of data held out, and with `simulate` replay them by forward simulation.
 
     Parameters
     ----------
     estimate : Estimate
         What predicts.
-    signals : Signals
-        Data that the fit did not see. Raw differences of positions are judged within the band where the motion is known.
+    signals : Signals or logs
+        Data that the fit did not see; logs (also a path) are prepared as the fit's were.
+        Raw differences of positions are judged within the band where the motion is known.
     simulate : bool
         Simulate windows from the measured state under the measured torque. Where that cannot be done (a joint without torque), a note
         says so.
@@ -132,7 +133,8 @@ def validate(estimate: Estimate, signals: Signals, *, simulate: bool = False) ->
     >>> bool(validation.error.relative_all < 0.01)
     True
     """
-    raw, signals = signals, within_known_band(signals)
+    raw = estimate.prepared(signals)
+    signals = within_known_band(raw)
     residual = estimate.residual(signals)
     error = error_on(signals, residual, raw=raw is not signals)
     by_run = {

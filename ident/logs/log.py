@@ -65,6 +65,7 @@ class Log(Shown, ShortRepr):
     recording: RecordedChannels | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        self._take_arrays()
         positions = self.q if self.q is not None else self.q_motor
         if positions is None:
             raise DataError(f"log {self.name}: holds no positions.")
@@ -76,6 +77,20 @@ class Log(Shown, ShortRepr):
         unknown = set(self.tau) - {"joint", "motor", "current"}
         if unknown:
             raise unknown_name("side of torque", min(unknown), ("joint", "motor", "current"))
+
+    def _take_arrays(self) -> None:
+        """Lists are taken as arrays."""
+        if not isinstance(self.tau, Mapping):
+            raise ConfigurationError(f"log {self.name}: tau tells its side: {{'joint': array}}, 'motor' or 'current', not an array alone.")
+        try:
+            given = {name: getattr(self, name) for name in ("t", "q", "q_motor", "dq", "ddq", "dq_motor")}
+            for name, values in given.items():
+                if values is not None and not isinstance(values, np.ndarray):
+                    object.__setattr__(self, name, np.asarray(values, float))
+            if any(not isinstance(values, np.ndarray) for values in self.tau.values()):
+                object.__setattr__(self, "tau", {side: np.asarray(values, float) for side, values in self.tau.items()})
+        except (TypeError, ValueError) as error:
+            raise DataError(f"log {self.name}: holds what is no table of numbers ({error}).") from None
 
     def __len__(self) -> int:
         return len(self.t)

@@ -137,6 +137,17 @@ def read_logs(
     return LogSet(tuple(logs), robot, tuple(left_out))
 
 
+def logs_of(data: Any, robot: Robot | None) -> LogSet:
+    """Logs as they are, one or several; else what `read_logs` reads."""
+    if isinstance(data, LogSet):
+        return data
+    if isinstance(data, Log):
+        return LogSet((data,), robot)
+    if isinstance(data, list | tuple) and data and all(isinstance(x, Log) for x in data):
+        return LogSet(tuple(data), robot)
+    return read_logs(data, robot)
+
+
 def _joined(log: Log, robot: Robot) -> Log:
     """A log of which only motor positions were recorded, with joint positions beside them."""
     assert log.q_motor is not None

@@ -102,6 +102,7 @@ _WORDS = {
     "sec2": "s2", "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
     "minute": "min", "minutes": "min", "hour": "h", "hours": "h", "revolution": "rev", "revolutions": "rev",
     "turn": "turn", "turns": "turn", "rot": "turn", "rotations": "turn", "rev": "rev", "revs": "rev",
+    "ftlb": "lbfft", "ftlbs": "lbfft", "lbft": "lbfft", "inlb": "lbfin", "inlbs": "lbfin", "lbin": "lbfin",
     "lb": "lbf", "lbs": "lbf", "oz": "ozf", "kg": "kgf", "inch": "in",
     "newton": "N", "newtons": "N", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "volt": "V", "volts": "V",
     "grader": "deg", "stopnie": "deg", "stopni": "deg", "fok": "deg", "grados": "deg", "degrés": "deg", "degres": "deg", "gradi": "deg",
@@ -170,4 +171,10 @@ def split_unit(name: str) -> tuple[str, str | None]:
     for suffix in _BY_LENGTH:
         if lower.endswith("_" + suffix.lower()) and len(name) > len(suffix) + 1 and not _is_mega(name[-len(suffix) :]):
             return name[: -len(suffix) - 1], suffix
+    # Torques of the workshop, in one word or two, are no words of anything else: tau1_Ncm, torque_1_in_lb.
+    for count in (1, 2):
+        stem, *words = name.rsplit("_", count)
+        unit = as_suffix(" ".join(words))
+        if stem and len(words) == count and is_unit(unit) and unit_of(unit).dimension == "torque":
+            return stem, unit_of(unit).name
     return name, None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,9 +32,9 @@ Array = np.ndarray
 
 def monitor(
     estimate: Estimate,
-    signals: Signals,
+    signals: Any,
     *,
-    reference: Signals | None = None,
+    reference: Any | None = None,
     look: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Monitoring:
@@ -44,10 +44,10 @@ def monitor(
     ----------
     estimate : Estimate
         The fit.
-    signals : Signals
-        The new logs, prepared like those of the fit (`ident.study.session.like(estimate.signals_config)`), the oldest first.
-    reference : Signals, optional
-        The logs of the fit itself, prepared likewise; with them an effect that the model never had is distinguished from a new one.
+    signals : Signals or logs
+        The new logs, the oldest first; logs (also paths) are prepared as the fit's were (`Estimate.prepared`).
+    reference : Signals or logs, optional
+        The logs of the fit itself; with them an effect that the model never had is distinguished from a new one.
     look : int
         Number of this look at the robot, counted from the fit (1, 2, …): each has a smaller share of the false alarms, so that all looks
         together, however many, raise one with a probability of 1 % at most.
@@ -69,13 +69,14 @@ def monitor(
     Examples
     --------
     >>> import ident
-    >>> from ident.study.session import like
     >>> train, test = ident.demo_logs()
     >>> estimate = ident.fit(train, "puma560", held=0)
-    >>> found = ident.monitor(estimate, like(estimate.signals_config)(test, ident.load_robot("puma560")))
+    >>> found = ident.monitor(estimate, test)
     >>> found.changes
     ()
     """
+    signals = estimate.prepared(signals)
+    reference = None if reference is None else estimate.prepared(reference)
     _check(estimate, signals, look)
     tell = progress or (lambda _: None)
     tell(0.0)

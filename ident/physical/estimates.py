@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..estimate.record import EstimateRecord
 from ..estimate.status import StatusCode
 from ..statistics.torque_error import JudgedOn, TorqueError
 from .bounds import Bounds, Prior, reference_prior
@@ -163,6 +164,11 @@ def payload_of(without: Estimate, with_load: Estimate, *, link: str | None = Non
     >>> ident.payload(first, second).significant
     False
     """
+    for name, given in (("without", without), ("with_load", with_load)):
+        if not isinstance(given, EstimateRecord):
+            raise ConfigurationError(
+                f"payload: {name} must be an estimate (ident.fit of the logs, or Estimate.load), not {type(given).__name__}."
+            )
     here, there = without.model, with_load.model
     if here.names != there.names or not np.array_equal(here.robot.transmission.K, there.robot.transmission.K):
         raise ConfigurationError("the two fits are of different models; fit the log with the load with the same robot and effects.")

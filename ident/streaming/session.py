@@ -17,7 +17,8 @@ from ..estimators.base import Capability, estimator_types
 from ..logs.files import content_file
 from ..problem.integrated import TORQUE
 from ..problem.problem import Problem
-from ..study.session import HELD_SHARE, Session, like
+from ..signals.likewise import like
+from ..study.session import HELD_SHARE, Session
 from .audit import audit_stored
 from .checkpoint import Checkpoint, key_of
 from .clock import first_at_or_after

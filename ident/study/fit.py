@@ -11,14 +11,15 @@ from ..errors import ConfigurationError, DataError
 from ..estimators import Estimator, make_estimator
 from ..evaluation.doubts import counted_twice, doubts, fitted_as_well, require_rows
 from ..logs.log import Log, LogSet
-from ..logs.reading import read_logs
+from ..logs.reading import logs_of
 from ..model import Model
 from ..problem.problem import Problem
 from ..robots.description import Description
 from ..robots.robot import Robot
 from ..robots.tables import RobotTable
+from ..signals.likewise import like
 from ..signals.preparation import ZeroPhase
-from .session import HELD_SHARE, Session, like
+from .session import HELD_SHARE, Session
 from .study import Study, read_study
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def fit(
             )
         return Session(study).estimate
     where = _robot(robot)
-    whole = _read(logs, where)
+    whole = logs_of(logs, where)
     where = where or whole.robot
     if where is None:
         raise ConfigurationError("which robot are the logs of? Give fit() a robot, a name (ident.robot_names()) or a URDF.")
@@ -133,20 +134,10 @@ def _robot(given: Robot | str | Path | None) -> Robot | None:
     return Description(RobotTable(name=str(given))).build()
 
 
-def _read(logs: Any, robot: Robot | None) -> LogSet:
-    if isinstance(logs, LogSet):
-        return logs
-    if isinstance(logs, Log):
-        return LogSet((logs,), robot)
-    if isinstance(logs, list | tuple) and logs and all(isinstance(x, Log) for x in logs):
-        return LogSet(tuple(logs), robot)
-    return read_logs(logs, robot)
-
-
 def _parts(logs: LogSet, held: Any, robot: Robot) -> tuple[LogSet, LogSet | None]:
     """What is fitted and what is held out."""
     if not isinstance(held, float | int):
-        return logs, _read(held, robot)
+        return logs, logs_of(held, robot)
     if not 0 <= held < 1:
         raise ConfigurationError(f"held must be a share from 0 to less than 1, or logs, not {held!r}.")
     return (logs, None) if held == 0 else logs.split(by="fraction", held=float(held))

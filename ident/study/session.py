@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,13 +12,13 @@ from ..auditing import Audit, audit
 from ..drives.torque import with_torque
 from ..errors import DataError
 from ..estimators import make_estimator
-from ..evaluation.doubts import all_turned, counted_twice, doubts, fitted_as_well, require_rows, settled_first
+from ..evaluation.doubts import HELD_OUT, all_turned, counted_twice, doubts, fitted_as_well, require_rows, settled_first
 from ..evaluation.validation import validate
 from ..logs.reading import read_logs
 from ..problem.integrated import TORQUE, formulate
 from ..problem.problem import Problem
 from ..signals.known_band import unjudged
-from ..signals.preparation import make_preparation
+from ..signals.likewise import like
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from ..logs.log import LogSet
     from ..model import Model
     from ..robots.robot import Robot
-    from ..signals.preparation import Preparation
     from ..signals.signals import Signals
     from .study import Study
 
@@ -182,18 +181,10 @@ class Session:
 
     @property
     def inputs(self) -> tuple[dict[str, Any], ...]:
-        """Paths and SHA-256 of every log used, each once."""
+        """Paths and SHA-256 of every log used, each once; `use` tells which were held out."""
         fit, held = self.inputs_apart
-        return (*fit, *(one for one in held if one not in fit))
+        return (*fit, *({**one, "use": HELD_OUT} for one in held if one not in fit))
 
     def validation(self, *, simulate: bool) -> Validation:
         """The estimate on held-out data."""
         return validate(self.estimate, self.held_signals, simulate=simulate)
-
-
-def like(report: Mapping[str, Any]) -> Preparation:
-    """The preparation that a report (`PreparationReport.to_dict`) tells of, with the cut-offs that it chose."""
-    chosen = {"cutoff_hz": report["cutoff_hz"]}
-    if report["cutoff_hz"] is None:  # nothing that the row filter's would follow from
-        chosen["row_cutoff_hz"] = report["row_cutoff_hz"]
-    return make_preparation(**{**report["config"], **chosen})

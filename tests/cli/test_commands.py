@@ -78,6 +78,17 @@ def test_base_json(ident, arm):
     assert "14 base parameters of 40" in ran.err
 
 
+def test_a_saved_fit_judged_by_what_it_was_fitted_to_says_so(ident, arm, saved_fit):
+    """The error on fitted data was printed as that of held-out data."""
+    assert [i.get("use") for i in json.loads(saved_fit.read_text())["inputs"]] == [None, "held_out"]
+    for command in (("validate", "--fit", saved_fit, "--no-replay", "--validate"), ("compare", saved_fit, saved_fit, "--log")):
+        seen = ident(*command, arm.train, "--json", "--quiet")
+        assert any("the fit has seen" in w and "not that of held-out data" in w for w in seen.json["warnings"]), seen.json["warnings"]
+        held = ident(*command, arm.test, "--json", "--quiet")
+        assert not any("the fit has seen" in w for w in held.json["warnings"])
+    assert "warning: the fit has seen" in ident("validate", "--fit", saved_fit, "--no-replay", "--validate", arm.train, "--quiet").out
+
+
 @pytest.mark.parametrize("subject", ["fit", "table"])
 def test_judge_json(ident, saved_fit, subject):
     ran = ident("judge", saved_fit, "--json") if subject == "fit" else ident("judge", "--robot", "puma560", "--table", "1", "--json")

@@ -11,7 +11,8 @@ import pytest
 from conftest import shared_data
 
 from ident import Problem
-from ident.study.session import Session, like
+from ident.signals.likewise import like
+from ident.study.session import Session
 from ident.study.study import read_study
 
 STUDIES = Path(__file__).resolve().parents[2] / "benchmarks" / "real"

@@ -342,3 +342,21 @@ def test_a_constant_is_asked_where_single_logs_only_have_it(robot):
     assert "kp_joint1" not in names
     back = DriveLaw.of(robot, kd=0.8, by_log={"other*": {"kp": 20.0}}).to_dict()
     assert "kp" not in back
+
+
+def test_derivatives_keep_to_joints_that_have_mass(robot):
+    """Beside next to no inertia (gains and load unknown) a step back is one to negative mass: it moves beyond every bound, and all
+    derivatives, which agree along directions, went with it. Then nothing was said to be determined, not even ratios to kp."""
+    log = commanded_log(robot, TRUTH, seed=2)
+    law = DriveLaw.of(robot, kp="identify", kd="identify", links="identify")
+    plant = DrivePlant(model_of(robot), law, (DriveLog.of(log, robot, law),))
+    at, sizes = starts(plant)
+    values = at[0].copy()
+    inertia = next(i for i, u in enumerate(plant.unknowns) if u.name.startswith("Iyy"))
+    values[inertia] = 1e-3 * sizes[inertia]
+    assert not plant.possible(values[None] - 0.06 * sizes * (np.arange(len(values)) == inertia)).any()
+    search = SimulatedSearch(plant, plant.logs[0].q, sizes, np.ones_like(log.q))
+    central, ahead = search.linear(values, central=True)[1], search.along(values, np.arange(len(values)))
+    for i, unknown in enumerate(plant.unknowns):
+        one, other = central[..., i].ravel(), ahead[..., i].ravel()
+        assert np.linalg.norm(one - other) < 0.5 * np.linalg.norm(other), unknown.name

@@ -108,7 +108,7 @@ def test_every_result_has_a_full_report_with_its_answer_first(estimate, tmp_path
     judged = ident.judge(estimate)
     assert report_of(judged).headline == "Physically possible and consistent"
     assert report_of(judged).kind == "ok"
-    from ident.study.session import like
+    from ident.signals.likewise import like
 
     found = ident.monitor(estimate, like(estimate.signals_config)(test, robot))
     assert {"residual_over_time", "torque", "residual_axes", "spectrum"} <= set(figures(found))

@@ -10,8 +10,8 @@ from effect_robots import ROBOTS
 
 from ident.logs.log import Log, LogSet
 from ident.signals import make_preparation
+from ident.signals.likewise import like
 from ident.simulation.trajectory import FourierTrajectory
-from ident.study.session import like
 
 
 @pytest.mark.parametrize("asked", [{}, {"cutoff_hz": 7.3}, {"row_cutoff_hz": 1.7}, {"decimate": 5}, {"method": "savitzky_golay"}])

@@ -46,6 +46,7 @@ def test_what_people_write_for_nothing_is_nothing(text: str, german: bool, tmp_p
         ("1.000.000,5", ";", ",", "thousands separators"),
         ("1.000", ";", ",", "has a point, where other numbers have a decimal comma"),
         ('"1,000.50"', ",", ".", "thousands separators"),
+        ('"1,000"', ",", ".", "thousands separators"),
         ("1'000.5", ",", ".", "thousands separators"),
         ("1\u202f000,5", ";", ",", "thousands separators"),
         ("1,5", ";", ".", "decimal comma: write the file with decimal points"),

@@ -133,6 +133,22 @@ def test_units_of_angles_however_written(unit: str, size: float, tmp_path: Path)
     np.testing.assert_allclose(log.tau["joint"], TAU, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [
+        ("tau{}_Ncm", 0.01),
+        ("tau{}_kgfcm", 0.0980665),
+        ("tau{}_in_lb", 0.112984829),
+        ("tau{}_ftlb", 1.355817948),
+        ("tau{}_ozin", 0.007061552),
+    ],
+)
+def test_torques_of_the_workshop_as_suffixes(name: str, size: float, tmp_path: Path) -> None:
+    """They were left out, and no note said so."""
+    log = ident.read_logs(written(tmp_path / "a.csv", table({"q{}": Q, name: TAU / size})))[0]
+    np.testing.assert_allclose(log.tau["joint"], TAU, rtol=1e-6)
+
+
 @pytest.mark.parametrize("name", ["rate_{}", "rate{}", "joint_rate_{}", "angle rate {}", "velo{}", "spd_{}", "thetadot_{}"])
 def test_rates_are_velocities(name: str, tmp_path: Path) -> None:
     own = len(name) % 2 == 0

@@ -78,7 +78,13 @@ def _value(field: str, header: Header, where: str) -> float:
     # A quote that is not closed takes in the rest of the file.
     shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
     remedy = "Correct or remove the row; write a missing value as an empty field."
-    if _THOUSANDS.fullmatch(text) and (len(re.findall(r"\D", text.lstrip("+-"))) > 1 or not is_number(text.replace(",", ".", 1))):
+    thousands = _THOUSANDS.fullmatch(text)
+    # Between commas, a comma in quotes is no decimal one.
+    if thousands and (
+        thousands["mark"] == header.delimiter == ","
+        or len(re.findall(r"\D", text.lstrip("+-"))) > 1
+        or not is_number(text.replace(",", ".", 1))
+    ):
         remedy = "It has thousands separators: write numbers without them."
     elif header.decimal == "," and is_number(text):
         remedy = "It has a point, where other numbers have a decimal comma: write all numbers alike, without thousands separators."
