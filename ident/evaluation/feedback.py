@@ -181,12 +181,13 @@ def _by_chance(estimate: Estimate, found: BandFit) -> tuple[Array, int]:
     sums over the same time, and what a block adds to one goes with what it adds to the other."""
     t, own = _influences(estimate)
     other_t, other = found.influences()
-    length = (t[-1] - t[0] if len(t) else 0.0) / _BLOCKS
-    length = max(float(length), _SHORTEST_S)
-    edges = np.arange(min(t.min(), other_t.min()), max(t.max(), other_t.max()) + length, length)
-    sums = np.zeros((len(edges), own.shape[1]))
-    np.add.at(sums, np.searchsorted(edges, t, side="right") - 1, own)
-    np.subtract.at(sums, np.searchsorted(edges, other_t, side="right") - 1, other)
+    problem = found.problem
+    seconds = sum(float(problem.row_time[run.stop - 1] - problem.row_time[run.start]) for run in problem.row_runs)
+    # As many rows in each, so that days between two logs are no empty blocks.
+    edges = np.quantile(t, np.linspace(0.0, 1.0, int(np.clip(seconds / _SHORTEST_S, 2, _BLOCKS)) + 1)[1:-1])
+    sums = np.zeros((len(edges) + 1, own.shape[1]))
+    np.add.at(sums, np.searchsorted(edges, t, side="right"), own)
+    np.subtract.at(sums, np.searchsorted(edges, other_t, side="right"), other)
     kept = sums[np.any(sums != 0.0, axis=1)]
     count = len(kept)
     return np.sqrt(np.sum((kept - kept.mean(axis=0)) ** 2, axis=0) * count / max(1, count - 1)), count

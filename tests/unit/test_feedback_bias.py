@@ -48,7 +48,7 @@ def logs(count: int, *, restless: float, seconds: float = 40.0, stiffness: float
     ]
 
 
-def fitted(made: ident.Log, method: object = "wls") -> ident.Estimate:
+def fitted(made: ident.Log | ident.LogSet, method: object = "wls") -> ident.Estimate:
     own = robot()
     return ident.fit(made, own, model=own.rigid_body() + Viscous() + Coulomb(), method=method, held=0)
 
@@ -109,6 +109,15 @@ def test_chance_is_told_by_its_standard_deviation() -> None:
         bias = ident.feedback_bias(fitted(ident.Log("loop", made.t, q=made.q, tau={"joint": made.tau["joint"] + noise})))
         z.append(bias.moved / bias.moved_std)
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.4
+
+
+def test_days_between_two_logs_count_for_nothing(restless: list[ident.Log]) -> None:
+    first, second = restless[0], restless[1]
+    later = ident.Log("later", second.t + 3 * 86400.0, q=second.q, tau=dict(second.tau), extra=dict(second.extra))
+    together = ident.feedback_bias(fitted(ident.LogSet((first, later))))
+    alone = ident.feedback_bias(fitted(first))
+    assert together.blocks == alone.blocks
+    assert np.all(together.moved_std < alone.moved_std)
 
 
 def test_what_cannot_be_compared_is_refused() -> None:
