@@ -12,8 +12,8 @@ Logs (read, check and prepare recordings): `read_logs`, `demo_logs`, `audit`, `L
 Models (the terms that make up the torque): `Model`, `Effect`, `Motion`, `effect_names`, `make_effect`, `base`.
 Identification (parameters with covariance): `fit`, `Problem`, `MomentumProblem`, `EnergyProblem`, `Information`,
     `make_estimator`, `Estimate`, `Status`, `StatusCode`.
-Evaluation (on held-out data; against feedback): `validate`, `Validation`, `compare`, `Comparison`, `essential`, `Essential`,
-    `feedback_bias`, `FeedbackBias`.
+Evaluation (on held-out data; against instruments): `validate`, `Validation`, `compare`, `Comparison`, `essential`, `Essential`,
+    `against_instruments`, `AgainstInstruments`.
 Diagnosis (what the model is missing, and what has changed): `diagnose`, `Diagnosis`, `next_motion`, `monitor`.
 Physics (physical consistency, payloads): `judge`, `repair`, `payload`.
 Experiments (motions to run, and simulated runs): `excite`, `plan`, `simulate`.
@@ -73,8 +73,8 @@ _WHERE: dict[str, tuple[str, str]] = {
     "Comparison": ("evaluation", "Comparison"),
     "essential": ("evaluation", "essential"),
     "Essential": ("evaluation", "Essential"),
-    "feedback_bias": ("evaluation", "feedback_bias"),
-    "FeedbackBias": ("evaluation", "FeedbackBias"),
+    "against_instruments": ("evaluation", "against_instruments"),
+    "AgainstInstruments": ("evaluation", "AgainstInstruments"),
     "diagnose": ("diagnosis", "diagnose"),
     "Diagnosis": ("diagnosis", "Diagnosis"),
     "next_motion": ("diagnosis", "next_motion"),
@@ -97,6 +97,7 @@ _WHERE: dict[str, tuple[str, str]] = {
 _PACKAGES = ("drives", "effects", "estimators", "friction", "logs", "physical", "regressor", "robots")
 
 __all__ = [
+    "AgainstInstruments",
     "CentralDifference",
     "Comparison",
     "ConfigurationError",
@@ -106,7 +107,6 @@ __all__ = [
     "EnergyProblem",
     "Essential",
     "Estimate",
-    "FeedbackBias",
     "IdentError",
     "Information",
     "Log",
@@ -127,6 +127,7 @@ __all__ = [
     "Validation",
     "ZeroPhase",
     "__version__",
+    "against_instruments",
     "audit",
     "base",
     "compare",
@@ -139,7 +140,6 @@ __all__ = [
     "estimators",
     "excite",
     "export",
-    "feedback_bias",
     "fit",
     "friction",
     "judge",
@@ -188,7 +188,7 @@ if TYPE_CHECKING:
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
     from .estimate import Estimate, Status, StatusCode
     from .estimators import make_estimator
-    from .evaluation import Comparison, Essential, FeedbackBias, Validation, compare, essential, feedback_bias, validate
+    from .evaluation import AgainstInstruments, Comparison, Essential, Validation, against_instruments, compare, essential, validate
     from .excitation import excite
     from .exporting import export
     from .logs import Log, LogSet, demo_logs, read_logs

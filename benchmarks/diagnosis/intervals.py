@@ -25,8 +25,8 @@ GROUPS = {"Ia": "rotor inertia", "Fv": "viscous", "Fc": "Coulomb"}
 _Z95 = 1.959963985
 
 
-#: What is counted: a plain fit, the same with values by instruments where `ident fit` says that feedback moves them, and instruments.
-KINDS = ("wls", "wls, iv_band where moved", "iv_band")
+#: What is counted: a plain fit, the same with values by instruments where `ident fit` says that they differ, and instruments.
+KINDS = ("wls", "wls, iv_band where they differ", "iv_band")
 
 
 def errors(folder: Path) -> dict[tuple[str, str], list[float]]:
@@ -41,7 +41,7 @@ def errors(folder: Path) -> dict[tuple[str, str], list[float]]:
         if len(true) != len(case.model.names):
             print(f"{record['id']}: left out: its true parameters are not the usual ones")
             continue
-        bias = ident.feedback_bias(es.WeightedLeastSquares().solve(Problem(case.model, case.fit)))
+        bias = ident.against_instruments(es.WeightedLeastSquares().solve(Problem(case.model, case.fit)))
         both = bias.estimate, bias.instrumental
         plain, other = ((e.values - e.base.base_values(true)) / e.std for e in both)
         moved = np.array([name in bias.significant for name in bias.estimate.names])

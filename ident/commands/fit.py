@@ -13,7 +13,7 @@ from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..estimate.estimate import Estimate
 from ..estimate.status import StatusCode
 from ..estimators import estimator_types
-from ..evaluation import Essential, FeedbackBias, essential, feedback_bias
+from ..evaluation import AgainstInstruments, Essential, against_instruments, essential
 from ..evaluation.doubts import all_turned
 from ..streaming.session import StreamedSession
 from ..study.session import HELD_SHARE, Session
@@ -74,7 +74,7 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
         estimate = replace(estimate, warnings=(*estimate.warnings, moved))
     smaller = _essential(session, estimate, out) if args.essential else None
     if out.json:
-        parts = {"essential": smaller, "feedback": bias}
+        parts = {"essential": smaller, "instruments": bias}
         out.result(estimate.to_dict() | {k: jsonable(x.to_dict()) for k, x in parts.items() if x is not None})
     with out.together() as folder:
         if folder is not None:
@@ -96,14 +96,14 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
     return 1 if estimate.status.code == StatusCode.NOT_CONVERGED else 0
 
 
-def _against_instruments(estimate: Estimate, out: Output) -> FeedbackBias | None:
+def _against_instruments(estimate: Estimate, out: Output) -> AgainstInstruments | None:
     """Least squares against instruments, printed; None where that cannot be, or would take longer than the fit is worth."""
     rows = 0 if estimate.problem is None else len(estimate.problem.signals.t)
     if rows > _LONG:
-        out.note(f"feedback: not asked of {rows} samples; --method iv_band estimates by instruments")
+        out.note(f"least squares were not compared with instruments: {rows} samples; --method iv_band does")
         return None
     try:
-        bias = feedback_bias(estimate)
+        bias = against_instruments(estimate)
     except (ConfigurationError, DataError, UnsupportedError):
         return None
     out.say(f"\n{bias}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .comparison import Comparison, compare
 from .essential_model import Essential, essential
-from .feedback import FeedbackBias, feedback_bias
+from .instrument_comparison import AgainstInstruments, against_instruments
 from .validation import Validation, validate
 
-__all__ = ["Comparison", "Essential", "FeedbackBias", "Validation", "compare", "essential", "feedback_bias", "validate"]
+__all__ = ["AgainstInstruments", "Comparison", "Essential", "Validation", "against_instruments", "compare", "essential", "validate"]

@@ -1,4 +1,4 @@
-"""Least squares against instruments: which parameters the controller's response to disturbances moves."""
+"""Least squares against instruments: which parameters differ by more than chance, as feedback makes them do."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ _LISTED = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FeedbackBias(Shown, ShortRepr):
+class AgainstInstruments(Shown, ShortRepr):
     """What least squares and instruments differ by.
 
     `estimate`: by least squares; `instrumental`: the same model by instruments (method `iv_band`), an estimate like any other;
     `moved` (b,): least squares less instruments, with its standard deviation `moved_std` (b,) by chance, from `blocks` of time.
 
-    See `ident.feedback_bias`.
+    See `ident.against_instruments`.
 
     Examples
     --------
     >>> import ident
-    >>> ident.FeedbackBias.__name__
-    'FeedbackBias'
+    >>> ident.AgainstInstruments.__name__
+    'AgainstInstruments'
     """
 
     estimate: Estimate
@@ -59,7 +59,7 @@ class FeedbackBias(Shown, ShortRepr):
 
     @property
     def significant(self) -> tuple[str, ...]:
-        """Parameters moved by more than chance, and by more than a standard deviation of the estimate; the most moved first."""
+        """Parameters that differ by more than chance, and by more than a standard deviation of the estimate; the most moved first."""
         from scipy.special import stdtrit
 
         critical = float(-stdtrit(self.blocks - 1, _LEVEL / (2 * max(1, len(self.moved)))))
@@ -81,14 +81,14 @@ class FeedbackBias(Shown, ShortRepr):
         share = dict(zip(self.estimate.names, (self.moved / self.estimate.std).tolist(), strict=True))
         listed = ", ".join(f"{n} by {share[n]:+.1f} std" for n in names[:_LISTED]) + (" …" if len(names) > _LISTED else "")
         return (
-            f"feedback or noise of the positions moves {listed}: motion that responds to disturbances is correlated with them,"
-            " and least squares are biased; method iv_band estimates by instruments."
+            f"instruments give other values than least squares ({listed}): feedback, noise of the positions, or an effect"
+            " that the model lacks, which both weigh differently (ident diagnose; where it finds nothing, use method iv_band)."
         )
 
     def __str__(self) -> str:
         names = self.significant
         if not names:
-            return wrapped(f"feedback: by instruments ({self.instrument}) no parameter differs by more than chance and its std")
+            return wrapped(f"by instruments ({self.instrument}) no parameter differs by more than chance and its std")
         frame = self.to_frame().set_index("name").loc[list(names[:_LISTED])]
         width = max(map(len, frame.index))
         lines = [
@@ -97,7 +97,10 @@ class FeedbackBias(Shown, ShortRepr):
             for name, row in frame.iterrows()
         ]
         more = [f"  … and {len(names) - _LISTED} more"] if len(names) > _LISTED else []
-        head = wrapped(f"feedback: instruments ({self.instrument}) give other values than least squares; all: --method iv_band")
+        head = wrapped(
+            f"instruments ({self.instrument}) give other values than least squares: feedback, noise of the positions, or an effect that the"
+            " model lacks, which both weigh differently (ident diagnose); where it finds nothing, use --method iv_band:"
+        )
         return "\n".join([head, *lines, *more])
 
     def to_frame(self) -> pd.DataFrame:
@@ -125,8 +128,11 @@ class FeedbackBias(Shown, ShortRepr):
         return {"instrument": trace["instrument"], "band_hz": trace["band_hz"], "parameters": self.to_frame().to_dict("records")}
 
 
-def feedback_bias(estimate: Estimate) -> FeedbackBias:
+def against_instruments(estimate: Estimate) -> AgainstInstruments:
     """Compare a least-squares estimate with one by instruments, which feedback cannot bias.
+
+    Where the model is complete, both differ by chance alone unless feedback or noise of the positions biases least squares. Where it lacks
+    something, they weigh that differently, and neither is right: `ident.diagnose` finds it.
 
     Parameters
     ----------
@@ -135,7 +141,7 @@ def feedback_bias(estimate: Estimate) -> FeedbackBias:
 
     Returns
     -------
-    FeedbackBias
+    AgainstInstruments
         What each parameter is moved by, and the estimate by instruments.
 
     Raises
@@ -156,7 +162,7 @@ def feedback_bias(estimate: Estimate) -> FeedbackBias:
     --------
     >>> import ident
     >>> train, _ = ident.demo_logs()
-    >>> bias = ident.feedback_bias(ident.fit(train, "puma560", held=0))
+    >>> bias = ident.against_instruments(ident.fit(train, "puma560", held=0))
     >>> len(bias.moved) == len(bias.estimate.values)
     True
     """
@@ -173,7 +179,7 @@ def feedback_bias(estimate: Estimate) -> FeedbackBias:
         raise UnsupportedError(f"method {estimate.method!r} estimates other parameters than instruments do; compare an estimate by 'wls'.")
     moved = estimate.values - instrumental.values
     std, blocks = _by_chance(estimate, found)
-    return FeedbackBias(estimate, instrumental, moved, np.hypot(std, _EXACT * np.abs(instrumental.values)), blocks)
+    return AgainstInstruments(estimate, instrumental, moved, np.hypot(std, _EXACT * np.abs(instrumental.values)), blocks)
 
 
 def _by_chance(estimate: Estimate, found: BandFit) -> tuple[Array, int]:

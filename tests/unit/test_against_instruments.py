@@ -78,8 +78,8 @@ def test_desired_motion_is_the_instrument_where_the_joints_follow_it() -> None:
     assert np.sqrt(np.mean([errors(e) ** 2 for e in found])) < 1.5
 
 
-def test_what_feedback_moves_is_named_with_both_values(restless: list[ident.Log]) -> None:
-    biases = [ident.feedback_bias(fitted(x)) for x in restless]
+def test_what_instruments_tell_otherwise_is_named_with_both_values(restless: list[ident.Log]) -> None:
+    biases = [ident.against_instruments(fitted(x)) for x in restless]
     assert sum("Izz_j1" in bias.significant for bias in biases) >= 4
     named = next(bias for bias in biases if bias.significant)
     assert named.significant[0] in named.warning()
@@ -95,7 +95,7 @@ def test_nothing_is_named_where_nothing_disturbs_the_motion() -> None:
     for made in logs(4, restless=0.0):
         noisy = ident.Log("loop", made.t, q=made.q, tau={"joint": made.tau["joint"] + 0.3 * rng.normal(size=(len(made.t), 1))})
         for one in (made, noisy):
-            bias = ident.feedback_bias(fitted(one))
+            bias = ident.against_instruments(fitted(one))
             assert bias.significant == ()
             assert bias.warning() == ""
 
@@ -106,7 +106,7 @@ def test_chance_is_told_by_its_standard_deviation() -> None:
     z = []
     for _ in range(30):
         noise = 0.3 * rng.normal(size=(len(made.t), 1))
-        bias = ident.feedback_bias(fitted(ident.Log("loop", made.t, q=made.q, tau={"joint": made.tau["joint"] + noise})))
+        bias = ident.against_instruments(fitted(ident.Log("loop", made.t, q=made.q, tau={"joint": made.tau["joint"] + noise})))
         z.append(bias.moved / bias.moved_std)
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.4
 
@@ -114,8 +114,8 @@ def test_chance_is_told_by_its_standard_deviation() -> None:
 def test_days_between_two_logs_count_for_nothing(restless: list[ident.Log]) -> None:
     first, second = restless[0], restless[1]
     later = ident.Log("later", second.t + 3 * 86400.0, q=second.q, tau=dict(second.tau), extra=dict(second.extra))
-    together = ident.feedback_bias(fitted(ident.LogSet((first, later))))
-    alone = ident.feedback_bias(fitted(first))
+    together = ident.against_instruments(fitted(ident.LogSet((first, later))))
+    alone = ident.against_instruments(fitted(first))
     assert together.blocks == alone.blocks
     assert np.all(together.moved_std < alone.moved_std)
 
@@ -123,6 +123,6 @@ def test_days_between_two_logs_count_for_nothing(restless: list[ident.Log]) -> N
 def test_what_cannot_be_compared_is_refused() -> None:
     (made,) = logs(1, restless=0.1, seconds=20.0, first=1)
     with pytest.raises(ConfigurationError):
-        ident.feedback_bias(replace(fitted(made), problem=None))
+        ident.against_instruments(replace(fitted(made), problem=None))
     with pytest.raises(UnsupportedError):
-        ident.feedback_bias(fitted(made, "iv_band"))
+        ident.against_instruments(fitted(made, "iv_band"))
