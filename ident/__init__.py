@@ -12,7 +12,8 @@ Logs (read, check and prepare recordings): `read_logs`, `demo_logs`, `audit`, `L
 Models (the terms that make up the torque): `Model`, `Effect`, `Motion`, `effect_names`, `make_effect`, `base`.
 Identification (parameters with covariance): `fit`, `Problem`, `MomentumProblem`, `EnergyProblem`, `Information`,
     `make_estimator`, `Estimate`, `Status`, `StatusCode`.
-Evaluation (on held-out data): `validate`, `Validation`, `compare`, `Comparison`, `essential`, `Essential`.
+Evaluation (on held-out data; against feedback): `validate`, `Validation`, `compare`, `Comparison`, `essential`, `Essential`,
+    `feedback_bias`, `FeedbackBias`.
 Diagnosis (what the model is missing, and what has changed): `diagnose`, `Diagnosis`, `next_motion`, `monitor`.
 Physics (physical consistency, payloads): `judge`, `repair`, `payload`.
 Experiments (motions to run, and simulated runs): `excite`, `plan`, `simulate`.
@@ -72,6 +73,8 @@ _WHERE: dict[str, tuple[str, str]] = {
     "Comparison": ("evaluation", "Comparison"),
     "essential": ("evaluation", "essential"),
     "Essential": ("evaluation", "Essential"),
+    "feedback_bias": ("evaluation", "feedback_bias"),
+    "FeedbackBias": ("evaluation", "FeedbackBias"),
     "diagnose": ("diagnosis", "diagnose"),
     "Diagnosis": ("diagnosis", "Diagnosis"),
     "next_motion": ("diagnosis", "next_motion"),
@@ -103,6 +106,7 @@ __all__ = [
     "EnergyProblem",
     "Essential",
     "Estimate",
+    "FeedbackBias",
     "IdentError",
     "Information",
     "Log",
@@ -135,6 +139,7 @@ __all__ = [
     "estimators",
     "excite",
     "export",
+    "feedback_bias",
     "fit",
     "friction",
     "judge",
@@ -183,7 +188,7 @@ if TYPE_CHECKING:
     from .errors import ConfigurationError, DataError, IdentError, UnsupportedError
     from .estimate import Estimate, Status, StatusCode
     from .estimators import make_estimator
-    from .evaluation import Comparison, Essential, Validation, compare, essential, validate
+    from .evaluation import Comparison, Essential, FeedbackBias, Validation, compare, essential, feedback_bias, validate
     from .excitation import excite
     from .exporting import export
     from .logs import Log, LogSet, demo_logs, read_logs

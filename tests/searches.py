@@ -8,9 +8,9 @@ import numpy as np
 
 import ident
 from benchmarks.diagnosis.feedback.world import Case
-from ident.diagnosis.analysed import prepared
 from ident.diagnosis.design.catalogue import Catalogue
 from ident.diagnosis.inference.search import EffectSearch
+from ident.instruments.prepared import prepared
 
 Array = np.ndarray
 

@@ -1,4 +1,5 @@
-"""`python -m benchmarks.diagnosis.intervals FOLDER ...`: how often intervals of a plain fit cover the truth, by group of parameters.
+"""`python -m benchmarks.diagnosis.intervals FOLDER ...`: how often intervals of a plain fit, and of instruments, cover the truth, by group
+of parameters.
 
 Logs with nothing missing of `benchmarks.diagnosis.generate` or `benchmarks.diagnosis.feedback.suite`; each is fitted as `ident.fit` does,
 on the part that is not held out."""
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+import ident
 from ident import estimators as es
 from ident.problem.problem import Problem
 from ident.robots import nominal_values
@@ -23,9 +25,13 @@ GROUPS = {"Ia": "rotor inertia", "Fv": "viscous", "Fc": "Coulomb"}
 _Z95 = 1.959963985
 
 
-def errors(folder: Path) -> dict[str, list[float]]:
-    """Errors over standard deviations, by group, of all clean logs of a folder whose model is the usual one."""
-    found: dict[str, list[float]] = {}
+#: What is counted: a plain fit, the same with values by instruments where `ident fit` says that feedback moves them, and instruments.
+KINDS = ("wls", "wls, iv_band where moved", "iv_band")
+
+
+def errors(folder: Path) -> dict[tuple[str, str], list[float]]:
+    """Errors over standard deviations, by kind and group, of all clean logs of a folder whose model is the usual one."""
+    found: dict[tuple[str, str], list[float]] = {}
     for record in read_cases(folder):
         if record["kind"] != "clean":
             continue
@@ -35,28 +41,31 @@ def errors(folder: Path) -> dict[str, list[float]]:
         if len(true) != len(case.model.names):
             print(f"{record['id']}: left out: its true parameters are not the usual ones")
             continue
-        estimate = es.WeightedLeastSquares().solve(Problem(case.model, case.fit))
-        off = (estimate.values - estimate.base.base_values(true)) / estimate.std
-        for name, z in zip(estimate.base.names, off.tolist(), strict=True):
-            found.setdefault(GROUPS.get(name.split("_")[0], "inertial"), []).append(z)
+        bias = ident.feedback_bias(es.WeightedLeastSquares().solve(Problem(case.model, case.fit)))
+        both = bias.estimate, bias.instrumental
+        plain, other = ((e.values - e.base.base_values(true)) / e.std for e in both)
+        moved = np.array([name in bias.significant for name in bias.estimate.names])
+        for kind, off in zip(KINDS, (plain, np.where(moved, other, plain), other), strict=True):
+            for name, z in zip(bias.estimate.names, off.tolist(), strict=True):
+                found.setdefault((kind, GROUPS.get(name.split("_")[0], "inertial")), []).append(z)
     return found
 
 
-def told(found: dict[str, list[float]]) -> str:
+def told(found: dict[tuple[str, str], list[float]]) -> str:
     """A table of the groups."""
     rows = []
-    for group, z in found.items():
+    for (kind, group), z in sorted(found.items(), key=lambda x: KINDS.index(x[0][0])):
         size = np.abs(np.array(z))
         rows.append(
-            [group, f"{len(z)}", f"{100 * np.mean(size <= _Z95):.1f}", f"{np.sqrt(np.mean(size**2)):.2f}", f"{np.median(size):.2f}"]
+            [kind, group, f"{len(z)}", f"{100 * np.mean(size <= _Z95):.1f}", f"{np.sqrt(np.mean(size**2)):.2f}", f"{np.median(size):.2f}"]
         )
-    return table(["group", "intervals", "covered %", "rms error / std", "median"], rows)
+    return table(["method", "group", "intervals", "covered %", "rms error / std", "median"], rows)
 
 
 def main() -> None:
     """Command line."""
     warnings.simplefilter("ignore")
-    together: dict[str, list[float]] = {}
+    together: dict[tuple[str, str], list[float]] = {}
     for folder in sys.argv[1:]:
         for group, z in errors(Path(folder)).items():
             together.setdefault(group, []).extend(z)

@@ -17,11 +17,11 @@ import numpy as np
 
 import ident
 from ident import estimators as es
-from ident.diagnosis.analysed import prepared
 from ident.diagnosis.design.places import choices, covers, grid, joints_of, placements
 from ident.diagnosis.inference.refinement import refined
 from ident.effects.base import Effect
 from ident.effects.registry import effect_types
+from ident.instruments.prepared import prepared
 from ident.model import Model
 from ident.problem.problem import Problem
 from ident.signals import Signals
@@ -29,7 +29,8 @@ from ident.signals.reversing import without_reversals
 from ident.statistics.torque_error import number
 
 if TYPE_CHECKING:
-    from ident.diagnosis.scoring.fit import Fit, Solved
+    from ident.instruments.fit import Fit
+    from ident.instruments.solved import Solved
 
 Array = np.ndarray
 #: A gain counts if it lowers the held-out loss by this much (twice a log-likelihood; chance reaches it once in a thousand), and if

@@ -24,12 +24,12 @@ import numpy as np
 
 import ident
 from ident import estimators as es
-from ident.diagnosis.analysed import full_rate
-from ident.diagnosis.data.instruments import kept_hz, run_rows, usual_speed
 from ident.diagnosis.design.catalogue import Catalogue
 from ident.diagnosis.inference.scores import Scores
-from ident.diagnosis.scoring.fit import Fit
 from ident.errors import IdentError
+from ident.instruments.fit import Fit
+from ident.instruments.prepared import full_rate
+from ident.instruments.rows import kept_hz, run_rows, usual_speed
 from ident.problem.problem import Problem
 from ident.signals import Signals, ZeroPhase
 

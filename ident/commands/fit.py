@@ -9,11 +9,11 @@ from dataclasses import replace
 from .._utils.json import jsonable
 from .._utils.text import wrapped
 from ..effects.registry import effect_names
-from ..errors import DataError, UnsupportedError
+from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..estimate.estimate import Estimate
 from ..estimate.status import StatusCode
 from ..estimators import estimator_types
-from ..evaluation import Essential, essential
+from ..evaluation import Essential, FeedbackBias, essential, feedback_bias
 from ..evaluation.doubts import all_turned
 from ..streaming.session import StreamedSession
 from ..study.session import HELD_SHARE, Session
@@ -21,6 +21,9 @@ from .commanded import asks_for_simulation
 from .commanded_fit import fit_under_law
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
 from .streaming import add_streaming_arguments, session_from
+
+#: Samples beyond which least squares are not compared with instruments unasked.
+_LONG = 100_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,13 +69,17 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
     findings = [str(finding) for finding in session.audit.warnings]
     news = [f"audit: {finding}" for finding in findings if not any(warning in finding for warning in estimate.warnings)]
     estimate = replace(estimate, warnings=(*news, *estimate.warnings))
+    bias = None if isinstance(session, StreamedSession) else _against_instruments(estimate, out)
+    if bias is not None and (moved := bias.warning()):
+        estimate = replace(estimate, warnings=(*estimate.warnings, moved))
     smaller = _essential(session, estimate, out) if args.essential else None
     if out.json:
-        out.result(estimate.to_dict() | ({} if smaller is None else {"essential": jsonable(smaller.to_dict())}))
+        parts = {"essential": smaller, "feedback": bias}
+        out.result(estimate.to_dict() | {k: jsonable(x.to_dict()) for k, x in parts.items() if x is not None})
     with out.together() as folder:
         if folder is not None:
             estimate.save(folder / "fit.json")
-            out.keep("fit.txt", estimate.summary() + "\n")
+            out.keep("fit.txt", "\n".join([estimate.summary(), *([] if bias is None else ["", str(bias)])]) + "\n")
             if smaller is not None:
                 smaller.reduced.save(folder / "essential.fit.json")
                 out.keep("essential.txt", f"{smaller}\n")
@@ -87,6 +94,20 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
             out.note(f"gate: relative held-out error {heldout:.4g} exceeds {args.max_error:g}")
             return 1
     return 1 if estimate.status.code == StatusCode.NOT_CONVERGED else 0
+
+
+def _against_instruments(estimate: Estimate, out: Output) -> FeedbackBias | None:
+    """Least squares against instruments, printed; None where that cannot be, or would take longer than the fit is worth."""
+    rows = 0 if estimate.problem is None else len(estimate.problem.signals.t)
+    if rows > _LONG:
+        out.note(f"feedback: not asked of {rows} samples; --method iv_band estimates by instruments")
+        return None
+    try:
+        bias = feedback_bias(estimate)
+    except (ConfigurationError, DataError, UnsupportedError):
+        return None
+    out.say(f"\n{bias}")
+    return bias
 
 
 def _essential(session: Session, estimate: Estimate, out: Output) -> Essential:

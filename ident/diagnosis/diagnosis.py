@@ -15,15 +15,16 @@ from ..drawing.document import Figure, Section, Text
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError
 from ..evaluation.comparison import Comparison, compare
+from ..instruments.prepared import Instrument
 from ..statistics.torque_error import number
 from .advice import advice_for
-from .analysed import Instrument, analysed
+from .analysed import analysed
 from .confidence import confidence
-from .data.quality import jumps, lost
 from .described import LeftoverDescription, told
 from .detectability import undetectable
 from .held_out import contradicted, contradicted_heap, heaps, louder, presence
 from .pictures import diagnosis_figure, diagnosis_frame, findings_section
+from .quality import jumps, lost
 from .refits import estimator_of, fitted, fitted_without, plainly_named
 from .result import Finding, Hidden, Unexplained
 from .text import diagnosis_text

@@ -14,7 +14,7 @@ from .result import by_effect
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
     from ..evaluation.comparison import Comparison
-    from .analysed import Instrument
+    from ..instruments.prepared import Instrument
     from .described import LeftoverDescription
     from .result import Finding, Hidden, Unexplained
     from .verdict import Verdict

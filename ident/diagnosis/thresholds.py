@@ -8,20 +8,8 @@ LEVEL = 0.01
 MATERIAL = 0.05
 #: Share of the log that may not decide alone: a score counts as what is left without the stretch that speaks for it most.
 STRETCH = 0.1
-#: Share of a motor's usual top speed below which its friction is no function of the motion (three widths of the smoothed sign).
-SLOW = 0.012
-#: Seconds around such samples that a closed loop needs to settle.
-SETTLE = 0.04
-#: Seconds at both ends of a run that filters reach into.
-ENDS = 0.1
-#: Share of the acceleration's power that disturbances may drive where the motion still serves as instrument.
-DISTURBED = 0.03
 #: Energy of a column that is left beside the model's, below which the model absorbs it.
 ABSORBED = 1e-4
-#: Share of the rows that a motor needs unmasked to be looked at.
-FEW = 0.03
-#: Standard deviations by which a value may miss a physical bound, and beyond which the direction of a speed is known.
-BOUND = 3.0
 #: Share of the best score that a competing model needs to be considered.
 COMPETES = 0.4
 #: Energy of an effect that is left beside another, below which the other contains it.

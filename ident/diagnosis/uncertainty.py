@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._utils.singular_values import pinv
+from ..instruments.columns import effect_columns, rows_of
+from ..instruments.fit import Fit
+from ..instruments.solved import SINGULAR, deviations
 from .design.places import is_order
 from .inference.scores import blocks
 from .result import FoundParameter
-from .scoring.columns import effect_columns, rows_of
-from .scoring.fit import SINGULAR, Fit, deviations
 
 if TYPE_CHECKING:
     from ..effects.base import Effect
-    from .scoring.fit import Solved
+    from ..instruments.solved import Solved
 
 Array = np.ndarray
 _STEP = 1e-3

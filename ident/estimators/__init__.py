@@ -6,6 +6,7 @@ True
 """
 
 from ..problem.linear_solution import LinearSolution, solve_triangle
+from .band_instruments import BandInstruments
 from .base import Capability, Estimator, estimator_types, make_estimator, register
 from .bounded import BoundedLeastSquares
 from .drifting import DriftingParameters
@@ -25,6 +26,7 @@ from .sequential import StepByStep
 from .total import TotalLeastSquares
 
 __all__ = [
+    "BandInstruments",
     "BoundedLeastSquares",
     "Capability",
     "Desired",

@@ -77,6 +77,8 @@ class Estimator(ABC):
     files: ClassVar[frozenset[str]] = frozenset()
     #: Whether a log must be whole: then no part of it can be held out.
     whole_logs: ClassVar[bool] = False
+    #: Whether it prepares rows of its own from the logs, and masks them.
+    own_rows: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         # Lists come from study files; a configuration is hashable and cannot change under its owner.
@@ -89,7 +91,7 @@ class Estimator(ABC):
         Where an effect needs the model's own prediction (load), the fit is repeated with that of the last one until it stands."""
         self.check(problem)
         asked = problem
-        problem, left_out = without_inconsistent_reversals(problem)
+        problem, left_out = (problem, ()) if self.own_rows else without_inconsistent_reversals(problem)
         found = replace(self._solve(problem), reversals_left_out=left_out, problem=asked)
         if problem.model.needs & {Need.LOAD, Need.REFERENCE}:
             by_rows = None if Capability.NOISY_REGRESSOR in self.capabilities else self._solve

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnosis.analysed import prepared
 from ..diagnosis.design.catalogue import Catalogue
 from ..diagnosis.design.places import places
 from ..diagnosis.inference.decide import decide
 from ..diagnosis.inference.scores import Scores
-from ..diagnosis.scoring.fit import Fit
-from ..diagnosis.scoring.known import Known
-from ..diagnosis.scoring.prior import prior_rows
 from ..effects.registry import effect_types
 from ..effects.rigid_body import RigidBody
+from ..instruments.fit import Fit
+from ..instruments.known import Known
+from ..instruments.prepared import prepared
+from ..instruments.prior import prior_rows
 
 if TYPE_CHECKING:
     from ..effects.base import Effect

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from ..diagnosis.inference.confidence_set import AcceptedEffect
     from ..diagnosis.inference.decide import Decision
     from ..diagnosis.result import FoundParameter
-    from ..diagnosis.scoring.known import Known
     from ..effects.base import Effect
     from ..estimate.estimate import Estimate
+    from ..instruments.known import Known
     from ..robots.robot import Robot
     from ..signals.signals import Signals
     from .before import Before

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnosis.data.quality import jumps
+from ..diagnosis.quality import jumps
 from ..diagnosis.thresholds import LOUDER
 from .result import Drift
 

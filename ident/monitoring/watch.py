@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.text import counted
-from ..diagnosis.analysed import prepared
 from ..diagnosis.inference.decide import Decision, decide
-from ..diagnosis.scoring.fit import Fit
 from ..diagnosis.thresholds import LEVEL, MOST, ROWS_EACH
 from ..effects.places import on, place_of
 from ..errors import ConfigurationError, DataError
+from ..instruments.fit import Fit
+from ..instruments.prepared import prepared
 from ..problem.problem import error_on
 from ..signals.reversing import without_reversals
 from .before import Before

@@ -94,7 +94,8 @@ def test_recovers_the_truth_without_noise(name: str, truth) -> None:
     scale = np.maximum(np.abs(values), 1e-3 * np.abs(values).max())
     assert estimate.names == clean.base.names
     assert np.abs(estimate.values - values).max() < 1e-3 * scale.max()
-    assert estimate.fit_error.relative_all < 1e-4
+    # One that prepares rows of its own takes derivatives of positions, where the log's own are exact.
+    assert estimate.fit_error.relative_all < (1e-3 if estimator_types()[name].own_rows else 1e-4)
 
 
 @pytest.mark.parametrize("name", TYPES)

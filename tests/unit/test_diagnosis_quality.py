@@ -9,7 +9,7 @@ from effect_robots import ROBOTS, declared
 from recorded import RATE, recorded
 
 from ident.auditing.columns import position_jumps
-from ident.diagnosis.data.quality import jumps, lost
+from ident.diagnosis.quality import jumps, lost
 from ident.logs.log import LogSet
 from ident.signals import ZeroPhase
 

@@ -10,11 +10,11 @@ from scipy.signal import butter, sosfiltfilt
 
 import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
-from ident.diagnosis.analysed import prepared
-from ident.diagnosis.data.instruments import speed_noise
 from ident.diagnosis.inference.described import describing
-from ident.diagnosis.scoring.fit import Fit
 from ident.effects.motion import Motion
+from ident.instruments.fit import Fit
+from ident.instruments.prepared import prepared
+from ident.instruments.rows import speed_noise
 
 Array = np.ndarray
 RATE = 500.0

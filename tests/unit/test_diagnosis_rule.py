@@ -11,15 +11,15 @@ from scipy.stats import chi2, norm
 import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
 from ident.diagnosis import Verdict
-from ident.diagnosis.data.band import Band
 from ident.diagnosis.held_out import contradicted, contradicted_heap, heaps, presence
 from ident.diagnosis.inference import candidates
 from ident.diagnosis.inference.bursts import burst
 from ident.diagnosis.inference.confidence_set import AcceptedEffect
 from ident.diagnosis.inference.described import outdone
 from ident.diagnosis.inference.scores import z_of
-from ident.diagnosis.scoring.whitening import density
 from ident.effects.motion import Motion
+from ident.instruments.band import Band
+from ident.instruments.whitening import density
 from tests.searches import searched, with_torque
 
 Array = np.ndarray

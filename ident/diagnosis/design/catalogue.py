@@ -13,8 +13,8 @@ from ...effects.base import Effect
 from ...effects.kinds import Need
 from ...effects.registry import effect_types
 from ...errors import IdentError
-from ..scoring.columns import effect_columns
-from ..scoring.fit import Fit, depends
+from ...instruments.columns import effect_columns
+from ...instruments.fit import Fit, depends
 from .places import is_order, places
 from .shapes import shapes
 

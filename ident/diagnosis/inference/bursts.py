@@ -13,8 +13,9 @@ from ..thresholds import LEVEL, LOUD, MATERIAL
 from .scores import blocks
 
 if TYPE_CHECKING:
+    from ...instruments.fit import Fit
+    from ...instruments.solved import Solved
     from ...robots.parameters import ShapeParameter
-    from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
 _WINDOW = 0.5

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...effects.kinds import Nature
+from ...instruments.fit import depends
 from ..design.catalogue import Catalogue
 from ..design.places import search_range
-from ..scoring.fit import depends
 from ..thresholds import COMPETES, CONTAINED
 from .refinement import PASSES, agreed, refined, settled, sharpened
 from .scores import Scores
@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ...effects.base import Effect
+    from ...instruments.fit import Fit
+    from ...instruments.solved import Solved
     from ..design.catalogue import Group
-    from ..scoring.fit import Fit, Solved
     from .search import EffectSearch, Placed
 
 #: Candidates that are compared by a refit, at most.

@@ -21,7 +21,8 @@ from .tones import tone
 
 if TYPE_CHECKING:
     from ...effects.described import Described
-    from ..scoring.fit import Fit, Solved
+    from ...instruments.fit import Fit
+    from ...instruments.solved import Solved
     from .scores import Scores
 
 Array = np.ndarray

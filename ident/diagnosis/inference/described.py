@@ -16,7 +16,8 @@ from .scores import Scores
 from .significance import parametric
 
 if TYPE_CHECKING:
-    from ..scoring.fit import Fit, Solved
+    from ...instruments.fit import Fit
+    from ...instruments.solved import Solved
     from .search import EffectSearch
 
 Array = np.ndarray

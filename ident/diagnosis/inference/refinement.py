@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...instruments.thresholds import BOUND
 from ..design.catalogue import Catalogue
 from ..design.places import is_order, order_spacing, search_range
-from ..thresholds import BOUND, SEEN
+from ..thresholds import SEEN
 from .scores import Scores
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
+    from ...instruments.fit import Fit
+    from ...instruments.solved import Solved
     from ...robots.parameters import ShapeParameter
-    from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
 Score = Callable[[list["Effect"], tuple[str, ...], "Fit", "Solved"], Array]

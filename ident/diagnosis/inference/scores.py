@@ -12,8 +12,9 @@ from ..._utils.singular_values import pinv
 from ..thresholds import ABSORBED, LEVEL, MATERIAL, STRETCH
 
 if TYPE_CHECKING:
+    from ...instruments.fit import Fit
+    from ...instruments.solved import Solved
     from ..design.catalogue import Catalogue, Group
-    from ..scoring.fit import Fit, Solved
 
 Array = np.ndarray
 #: Seconds of a block, within which scores may depend on each other.

@@ -17,7 +17,8 @@ from .significance import parametric
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
-    from ..scoring.fit import Fit, Solved
+    from ...instruments.fit import Fit
+    from ...instruments.solved import Solved
 
 Array = np.ndarray
 #: Effects of which a joint may have several: one for each order.

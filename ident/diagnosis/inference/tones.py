@@ -11,7 +11,8 @@ import numpy as np
 from ..thresholds import LEVEL
 
 if TYPE_CHECKING:
-    from ..scoring.fit import Fit, Solved
+    from ...instruments.fit import Fit
+    from ...instruments.solved import Solved
 
 Array = np.ndarray
 #: Half width (share of the frequency, Hz and bins at least) of the band whose median says what noise a line stands in.

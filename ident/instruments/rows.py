@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.motion import Motion
-from ...robots.transmission import Side
-from ..thresholds import BOUND, ENDS, SETTLE, SLOW
+from ..effects.motion import Motion
+from ..robots.transmission import Side
 from .band import Band
+from .thresholds import BOUND, ENDS, SETTLE, SLOW
 
 if TYPE_CHECKING:
-    from ...robots.robot import Robot
-    from ...signals.signals import Signals
+    from ..robots.robot import Robot
+    from ..signals.signals import Signals
 
 Array = np.ndarray
 #: Rate (Hz) at which columns are made at least, share of its half that the motion keeps, and rate of the rows.

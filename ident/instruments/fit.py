@@ -9,28 +9,25 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..._utils.singular_values import lstsq, pinv, svd
-from ...effects.base import Effect
-from ...effects.kinds import Need
-from ...effects.motion import Motion
-from ...effects.reference import Reference
-from ...model import Model
-from ...robots.transmission import Side
-from ..thresholds import FEW
+from .._utils.singular_values import lstsq, pinv
+from ..effects.base import Effect
+from ..effects.kinds import Need
+from ..effects.motion import Motion
+from ..effects.reference import Reference
+from ..model import Model
+from ..robots.transmission import Side
 from .columns import effect_columns, on_motors, rows_of, turns_fast
 from .prior import prior_rows
+from .solved import SINGULAR, Solved
+from .thresholds import FEW
 from .whitening import density
 
 if TYPE_CHECKING:
-    from ..data.instruments import RunRows
     from .known import Known
+    from .rows import RunRows
 
 Array = np.ndarray
 _DEPENDENT = frozenset({Need.LOAD, Need.REFERENCE, Need.TORQUE})
-#: Singular values of the instrumental equations that are as good as zero.
-SINGULAR = 1e-9
-#: Part that a coefficient has in directions which the equations leave open, from which on it is open itself.
-_OPEN = 1e-3
 #: By what the log of a residual's power may grow from pass to pass.
 _WORSE = 0.02
 
@@ -38,48 +35,6 @@ _WORSE = 0.02
 def depends(effect: Effect) -> bool:
     """The effect's columns depend on what the model predicts."""
     return bool(effect.needs & _DEPENDENT)
-
-
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """A solved stage. R rows, n motors, p columns (base parameters, then effects).
-
-    `X`, `Z` (R, n, p): columns of measured motion and instrument, whitened; `residual` (R, n); `theta` (p,); `scale` (p,): of Z's columns;
-    `solution` (p, p): (X'Z)⁻¹ of scaled columns; `prior` (p,): what the prior's rows add to Z'e; `equations` (p, p): Z'X of scaled
-    columns, `gram` (p, p): Z'Z, both with the prior's rows; `gains`: whitening filters."""
-
-    X: Array
-    Z: Array
-    residual: Array
-    theta: Array
-    scale: Array
-    solution: Array
-    prior: Array
-    equations: Array
-    gram: Array
-    gains: tuple[Array, ...]
-    edges: tuple[int, ...]
-
-    @property
-    def rows(self) -> int:
-        return len(self.residual)
-
-    @cached_property
-    def row_scores(self) -> Array:
-        """What each row (R, p) adds to the scores of the model's own scaled columns."""
-        return np.matmul(self.residual[:, None], self.Z)[:, 0] / self.scale
-
-    @cached_property
-    def std(self) -> Array:
-        """Standard deviations (p,) of the coefficients; infinite where the rows leave one open."""
-        return deviations(self.equations, self.gram) / self.scale
-
-    def knowledge(self) -> tuple[Array, Array]:
-        """What the frame tells of its coefficients, as rows (k, p) of unit variance and their values (k,)."""
-        w, U = np.linalg.eigh(self.gram)
-        good = w > SINGULAR * w[-1]
-        rows = (U[:, good] / np.sqrt(w[good])).T @ self.equations * self.scale
-        return rows, rows @ self.theta
 
 
 @dataclass(eq=False)
@@ -337,13 +292,3 @@ class Fit:
     def _expanded(self, theta: Array) -> Array:
         b = self.declared.base.count
         return np.concatenate([self.declared.base.expand(theta[:b]), theta[b:]])
-
-
-def deviations(equations: Array, gram: Array) -> Array:
-    """Standard deviations (p,) of the solution of instrumental equations (p, p) whose right side has the covariance `gram` (p, p): infinite
-    for coefficients that have a part in a direction which the equations leave open."""
-    U, s, Vt = svd(equations)
-    good = s > SINGULAR * max(float(s[0]), 1e-300)
-    inverse = (Vt[good].T / s[good]) @ U[:, good].T
-    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", inverse, gram, inverse), 0.0))
-    return np.where(np.sum(Vt[~good] ** 2, axis=0) > _OPEN, np.inf, std)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...robots.transmission import Side
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
-    from ...effects.base import Effect
-    from ...effects.motion import Motion
-    from ..data.instruments import RunRows
+    from ..effects.base import Effect
+    from ..effects.motion import Motion
+    from .rows import RunRows
 
 Array = np.ndarray
 #: Periods of an angle after which what a disturbance adds to it averages out.

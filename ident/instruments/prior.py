@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from ...model import Model
+    from ..model import Model
 
 Array = np.ndarray
 #: Sizes of a link that are one standard deviation of the prior.

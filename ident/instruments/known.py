@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...effects.kinds import Nature
-from ..thresholds import BOUND
+from ..effects.kinds import Nature
+from .thresholds import BOUND
 
 if TYPE_CHECKING:
-    from ...effects.base import Effect
-    from ...robots.robot import Robot
+    from ..effects.base import Effect
+    from ..robots.robot import Robot
 
 Array = np.ndarray
 Kind = tuple[str, tuple[str, ...]]

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...auditing.columns import position_jumps, positions
-from ...logs.unwrap import unwrapped
-from ..result import Unexplained
+from ..auditing.columns import position_jumps, positions
+from ..logs.unwrap import unwrapped
+from .result import Unexplained
 
 if TYPE_CHECKING:
-    from ...signals.signals import Signals
+    from ..signals.signals import Signals
 
 #: A joint of fewer usable rows than this share is lost, if it moved for so much of the time, by more than so many deviations of its
 #: position's noise.

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...model import Model
-from ...robots.transmission import Side
-from ..thresholds import DISTURBED, FEW
+from ..model import Model
+from ..robots.transmission import Side
+from .thresholds import DISTURBED, FEW
 
 if TYPE_CHECKING:
-    from .fit import Fit, Solved
+    from .fit import Fit
+    from .solved import Solved
 
 Array = np.ndarray
 #: Where the search for the band starts, and its limits, Hz.

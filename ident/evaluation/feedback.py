@@ -1,0 +1,209 @@
+"""Least squares against instruments: which parameters the controller's response to disturbances moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._utils.short_repr import ShortRepr
+from .._utils.singular_values import pinv
+from .._utils.text import wrapped
+from ..drawing.document import uncertain
+from ..drawing.shown import Shown
+from ..errors import ConfigurationError, UnsupportedError
+from ..estimators import BandInstruments
+from ..estimators.band_instruments import BandFit
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..estimate.estimate import Estimate
+
+Array = np.ndarray
+#: Methods whose estimate is a sum over rows with one weight for each joint.
+_PLAIN = ("ls", "wls")
+#: Probability that anything is said to be moved where nothing is, over all parameters.
+_LEVEL = 0.01
+#: Share of a value to which derivatives by filters are exact (a log without noise: `tests/contract/test_estimator_contract.py`).
+_EXACT = 3e-3
+#: Blocks of time in which both estimates' errors are compared, and seconds that each has at least: longer than errors remember.
+_BLOCKS, _SHORTEST_S = 40, 0.5
+#: So many parameters are printed, the most moved first.
+_LISTED = 8
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FeedbackBias(Shown, ShortRepr):
+    """What least squares and instruments differ by.
+
+    `estimate`: by least squares; `instrumental`: the same model by instruments (method `iv_band`), an estimate like any other;
+    `moved` (b,): least squares less instruments, with its standard deviation `moved_std` (b,) by chance, from `blocks` of time.
+
+    See `ident.feedback_bias`.
+
+    Examples
+    --------
+    >>> import ident
+    >>> ident.FeedbackBias.__name__
+    'FeedbackBias'
+    """
+
+    estimate: Estimate
+    instrumental: Estimate
+
+    moved: Array
+    moved_std: Array
+    blocks: int
+
+    @property
+    def significant(self) -> tuple[str, ...]:
+        """Parameters moved by more than chance, and by more than a standard deviation of the estimate; the most moved first."""
+        from scipy.special import stdtrit
+
+        critical = float(-stdtrit(self.blocks - 1, _LEVEL / (2 * max(1, len(self.moved)))))
+        share = np.abs(self.moved) / self.estimate.std
+        found = np.flatnonzero((np.abs(self.moved) > critical * self.moved_std) & (share > 1.0))
+        return tuple(self.estimate.names[i] for i in found[np.argsort(-share[found])])
+
+    @property
+    def instrument(self) -> str:
+        """What the instrument is, in words."""
+        kind, band = self.instrumental.trace["instrument"], self.instrumental.trace["band_hz"]
+        return f"the {'desired' if kind == 'q_ref' else 'measured'} motion below {band:.2g} Hz"
+
+    def warning(self) -> str:
+        """A sentence for an estimate's warnings; "" where nothing is moved."""
+        names = self.significant
+        if not names:
+            return ""
+        share = dict(zip(self.estimate.names, (self.moved / self.estimate.std).tolist(), strict=True))
+        listed = ", ".join(f"{n} by {share[n]:+.1f} std" for n in names[:_LISTED]) + (" …" if len(names) > _LISTED else "")
+        return (
+            f"feedback or noise of the positions moves {listed}: motion that responds to disturbances is correlated with them,"
+            " and least squares are biased; method iv_band estimates by instruments."
+        )
+
+    def __str__(self) -> str:
+        names = self.significant
+        if not names:
+            return wrapped(f"feedback: by instruments ({self.instrument}) no parameter differs by more than chance and its std")
+        frame = self.to_frame().set_index("name").loc[list(names[:_LISTED])]
+        width = max(map(len, frame.index))
+        lines = [
+            f"  {name:<{width}}  {uncertain(row.value, row['std'])} → {uncertain(row.by_instruments, row.by_instruments_std)}"
+            f"  ({row.moved / row['std']:+.1f} std)"
+            for name, row in frame.iterrows()
+        ]
+        more = [f"  … and {len(names) - _LISTED} more"] if len(names) > _LISTED else []
+        head = wrapped(f"feedback: instruments ({self.instrument}) give other values than least squares; all: --method iv_band")
+        return "\n".join([head, *lines, *more])
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each parameter: by least squares, by instruments, and what it is moved by."""
+        import pandas as pd
+
+        names, other = self.estimate.names, self.instrumental
+        place = [other.names.index(name) for name in names]
+        return pd.DataFrame(
+            {
+                "name": names,
+                "value": self.estimate.values,
+                "std": self.estimate.std,
+                "by_instruments": other.values[place],
+                "by_instruments_std": other.std[place],
+                "moved": self.moved,
+                "moved_std": self.moved_std,
+                "significant": [n in self.significant for n in names],
+            }
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        trace = self.instrumental.trace
+        return {"instrument": trace["instrument"], "band_hz": trace["band_hz"], "parameters": self.to_frame().to_dict("records")}
+
+
+def feedback_bias(estimate: Estimate) -> FeedbackBias:
+    """Compare a least-squares estimate with one by instruments, which feedback cannot bias.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        From `ident.fit`, within the session that made it (a saved one has no signals).
+
+    Returns
+    -------
+    FeedbackBias
+        What each parameter is moved by, and the estimate by instruments.
+
+    Raises
+    ------
+    ConfigurationError
+        A saved estimate without signals.
+    UnsupportedError
+        A method that is not least squares, or signals whose logs are not at hand.
+    DataError
+        Logs too short, or instruments that do not determine the parameters.
+
+    References
+    ----------
+    J. Hausman, "Specification tests in econometrics", Econometrica 46(6), 1978. A. Janot, P.-O. Vandanjon and M. Gautier, "A generic
+    instrumental variable approach for industrial robot identification", IEEE Transactions on Control Systems Technology 22(1), 2014.
+
+    Examples
+    --------
+    >>> import ident
+    >>> train, _ = ident.demo_logs()
+    >>> bias = ident.feedback_bias(ident.fit(train, "puma560", held=0))
+    >>> len(bias.moved) == len(bias.estimate.values)
+    True
+    """
+    if estimate.problem is None:
+        raise ConfigurationError(
+            "a saved estimate does not contain the signals it was fitted to: fit again, and compare within that session."
+        )
+    if estimate.method not in _PLAIN:
+        raise UnsupportedError(f"method {estimate.method!r} is not plain least squares; compare an estimate by 'wls' with instruments.")
+    BandInstruments().check(estimate.problem)
+    found = BandFit.of(estimate.problem)
+    instrumental = found.estimate(BandInstruments.name)
+    if estimate.names != instrumental.names:
+        raise UnsupportedError(f"method {estimate.method!r} estimates other parameters than instruments do; compare an estimate by 'wls'.")
+    moved = estimate.values - instrumental.values
+    std, blocks = _by_chance(estimate, found)
+    return FeedbackBias(estimate, instrumental, moved, np.hypot(std, _EXACT * np.abs(instrumental.values)), blocks)
+
+
+def _by_chance(estimate: Estimate, found: BandFit) -> tuple[Array, int]:
+    """Standard deviation (b,) of the difference of both estimates if neither is biased, and the blocks of time that it comes from: both are
+    sums over the same time, and what a block adds to one goes with what it adds to the other."""
+    t, own = _influences(estimate)
+    other_t, other = found.influences()
+    length = (t[-1] - t[0] if len(t) else 0.0) / _BLOCKS
+    length = max(float(length), _SHORTEST_S)
+    edges = np.arange(min(t.min(), other_t.min()), max(t.max(), other_t.max()) + length, length)
+    sums = np.zeros((len(edges), own.shape[1]))
+    np.add.at(sums, np.searchsorted(edges, t, side="right") - 1, own)
+    np.subtract.at(sums, np.searchsorted(edges, other_t, side="right") - 1, other)
+    kept = sums[np.any(sums != 0.0, axis=1)]
+    count = len(kept)
+    return np.sqrt(np.sum((kept - kept.mean(axis=0)) ** 2, axis=0) * count / max(1, count - 1)), count
+
+
+def _influences(estimate: Estimate) -> tuple[Array, Array]:
+    """Time (M,) of each row of a least-squares estimate, and what its error adds to the estimate (M, b)."""
+    problem = estimate.problem
+    assert problem is not None
+    if estimate.reversals_left_out:
+        problem = replace(problem, signals=problem.signals.without_reversals(x.joint for x in estimate.reversals_left_out))
+    columns = np.concatenate([np.where(rows.valid[:, :, None], rows.columns, 0.0) for rows in problem.rows()])
+    chosen = [problem.base.names.index(name) for name in estimate.names]
+    columns = columns[:, :, chosen]
+    full = np.zeros(problem.base.count)
+    full[chosen] = estimate.values
+    error = np.nan_to_num(problem.residual(full)) * estimate.weights
+    scores = np.matmul(error[:, None], columns)[:, 0]
+    gram = np.einsum("mnb,n,mnc->bc", columns, estimate.weights, columns, optimize=True)
+    return problem.row_time, scores @ pinv(gram, hermitian=True)
