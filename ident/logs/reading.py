@@ -17,6 +17,7 @@ from .channel_group import joint_of
 from .columns import resolve_columns
 from .files import LogFile, content_file, log_files
 from .joint_files import JointFiles, by_joints, together
+from .locked import locked_notes
 from .log import Log, LogSet, log_of
 from .names import JointNames
 from .planning import COUNTED, PlannedLog, planned
@@ -134,6 +135,7 @@ def read_logs(
             logs[i] = replace(log, name=f"{log.name} ({names[log.name]})")
     if robot is not None:
         logs = [_turned(log, robot) if log.q is not None else _joined(log, robot) for log in logs]
+        logs = [replace(log, notes=(*log.notes, *locked_notes(log, robot))) for log in logs]
     return LogSet(tuple(logs), robot, tuple(left_out))
 
 
