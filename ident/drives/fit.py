@@ -89,7 +89,18 @@ def finished(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[
     precision = Precision.of(found, np.maximum(np.abs(found.values), sizes))
     told = tuple(one.text(plant.robot.joint_names[one.joint]) for one in unexplained(plant, found))
     fit = result_of(plant, found, sizes, inputs)
-    return replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision), warnings=(*fit.warnings, *told))
+    return replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision), warnings=(*fit.warnings, *_scale(plant), *told))
+
+
+def _scale(plant: DrivePlant) -> tuple[str, ...]:
+    """That the scale of everything is that of the URDF's links, where no gain of a joint is known."""
+    if not plant.law.links_known or not any(u.place in ("kp", "torque_scale") for u in plant.unknowns):
+        return ()
+    text = (
+        "gains are identified against the inertial parameters of the URDF's links: where these are wrong by a factor, gains, rotor inertia"
+        " and friction are, too; a known gain, or a log with an added mass, gives the scale."
+    )
+    return (text,)
 
 
 def result_of(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[str, str], ...] = ()) -> DriveFit:

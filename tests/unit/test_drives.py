@@ -86,6 +86,13 @@ def test_a_moving_velocity_command_separates_them(robot):
     assert fit.value("kp_joint1") == pytest.approx(25.0, rel=0.03)
 
 
+def test_gains_that_have_the_scale_of_the_urdf_say_so(robot):
+    logs = LogSet((commanded_log(robot, TRUTH, seed=2),))
+    for kp, links, told in (("identify", "known", True), (25.0, "known", False), ("identify", "identify", False)):
+        fit = fit_drives(logs, model_of(robot), DriveLaw.of(robot, kp=kp, kd=0.8, links=links))
+        assert any("URDF" in text for text in fit.warnings) == told
+
+
 def test_without_any_known_scale_only_ratios_are_determined(robot):
     logs = LogSet((commanded_log(robot, TRUTH, seed=3),))
     fit = fit_drives(logs, model_of(robot), DriveLaw.of(robot, kp="identify", kd=0.0, links="identify"))
