@@ -340,7 +340,8 @@ def _delay(add: Add, lags: Array, pooled: Array, found: list[tuple[float, bool, 
             "delay",
             Severity.WARNING,
             f"Torque fits the motion best {abs(lag) * 1e3:.3g} ms {which} than it was logged against it ({gain:.0%}"
-            " less residual). Such a delay biases inertia and viscous friction. Shift the torque, or let the effect 'delay' estimate it.",
+            " less residual): a delay, which biases inertia and viscous friction, or a controller's response to disturbances, which looks"
+            " like one; ident diagnose distinguishes them. If it is a delay, shift the torque, or let the effect 'delay' estimate it.",
             "",
             lag,
         )
