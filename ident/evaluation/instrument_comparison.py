@@ -52,7 +52,6 @@ class AgainstInstruments(Shown, ShortRepr):
 
     estimate: Estimate
     instrumental: Estimate
-
     moved: Array
     moved_std: Array
     blocks: int

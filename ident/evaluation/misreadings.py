@@ -222,9 +222,7 @@ class _Sampled:
     def _fitted(self, information: Information) -> tuple[Array, Array]:
         """Base values (b,) that fit rows best, and the relative error (n,) of each joint then."""
         fit = full_values(self.problem, reweighted(information, order_of(self.problem.base), iterations=_PASSES)[0])
-        torque = information.torque_squares()
-        share = np.where(torque > 0, information.residual_squares(fit) / np.where(torque > 0, torque, 1.0), 1.0)
-        return fit, np.sqrt(np.maximum(share, 1e-24))
+        return fit, information.relative_errors(fit)
 
     def _rows(self, block: Block, values: Array, suspects: list[Misreading], value: float = 0.0) -> tuple[Array, Array, Array]:
         """Columns (m, n, b) of a block without a mistake of size `value` (of the first suspect), for parameters' values (k,) the slopes

@@ -102,9 +102,7 @@ class _Rows:
         solution, _ = reweighted(information, list(range(information.k)), iterations=_PASSES)
         values = np.zeros(information.k)
         values[solution.columns] = solution.values
-        torque = information.torque_squares()
-        share = np.where(torque > 0, information.residual_squares(values) / np.where(torque > 0, torque, 1.0), 1.0)
-        return values, np.sqrt(np.maximum(share, 1e-24))
+        return values, information.relative_errors(values)
 
     def _with(self, gravity: Array) -> Array:
         return np.asarray(self.columns[0] + np.einsum("a,amnk->mnk", gravity, self.columns[1:]))

@@ -20,6 +20,8 @@ from ..errors import ConfigurationError
 from ..regressor.row_information import stacked_information
 
 Array = np.ndarray
+#: Square of a relative error below which it is round-off.
+_ROUND_OFF = 1e-24
 #: Largest condition of [Φ τ], columns of equal length, at which products may stand for rows. Rounding then moves an estimate by about
 #: κ² ε = 2e-10 standard deviations: κ holds the residual too, whose share of the torque is at least 1/κ.
 GRAM_CONDITION = 1e3
@@ -112,6 +114,12 @@ class Information(ShortRepr):
     def torque_squares(self) -> Array:
         """Sum of squared torque of each row, (n,)."""
         return np.sum(self.factors[:, :, -1] ** 2, axis=1)
+
+    def relative_errors(self, values: Array) -> Array:
+        """Relative error of each row, (n,), for parameter values (k,): 1 where there is no torque, never below round-off."""
+        torque = self.torque_squares()
+        share = np.where(torque > 0, self.residual_squares(values) / np.where(torque > 0, torque, 1.0), 1.0)
+        return np.sqrt(np.maximum(share, _ROUND_OFF))
 
     @property
     def condition(self) -> float:
