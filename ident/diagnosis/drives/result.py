@@ -56,13 +56,15 @@ class DriveFinding:
 
 @dataclass(frozen=True, eq=False)
 class DriveDiagnosis:
-    """Verdict, findings, the fit as declared and with the findings; `left`: share of the last residual that its own past predicts."""
+    """Verdict, findings, the fit as declared and with the findings; `left`: share of the last residual that its own past predicts.
+    `warnings`: stretches of the logs that count the less, because something else happened there."""
 
     verdict: Verdict
     findings: tuple[DriveFinding, ...]
     left: float
     before: DriveFit
     after: DriveFit
+    warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """Verdict, findings, error before and after."""
@@ -72,11 +74,13 @@ class DriveDiagnosis:
             lines.append(
                 wrapped(
                     f"unexplained: {self.left:.0%} of the squared error is predictable from earlier samples, and no candidate explains it"
+                    + ("; a cause that is none of the candidates can look like what is found" if self.findings else "")
                 )
             )
         pairs = [("fit", self.before.fit_rms, self.after.fit_rms)]
         if self.before.heldout_rms is not None and self.after.heldout_rms is not None:
             pairs.append(("held out", self.before.heldout_rms, self.after.heldout_rms))
+        lines += [wrapped(f"warning: {text}") for text in self.warnings]
         lines += [f"error of simulated position, {what}: {_rms(a):.3g} before, {_rms(b):.3g} after (rms, rad or m)" for what, a, b in pairs]
         return "\n".join(lines)
 
@@ -104,6 +108,7 @@ class DriveDiagnosis:
             "unexplained": [] if self.verdict != Verdict.UNEXPLAINED else [{"signature": "follows from the past", "share": self.left}],
             "before": _errors(self.before),
             "after": _errors(self.after),
+            "warnings": list(self.warnings),
         }
         return result("ident.drive_diagnosis/1", jsonable(body), inputs=self.before.inputs)
 
