@@ -126,6 +126,16 @@ def test_a_gain_is_doubted_on_the_joint_that_has_another_one(wrong_knee):
     assert name == "kp_knee"
     assert abs(value - 20.0) < min(3.0 * std, 0.2)
     assert finding.gain > 0.5
+    assert finding.declared == (26.0,)
+    assert any("inertial parameters of the URDF's links" in text for text in found.warnings)
+
+
+def test_numbers_that_differ_by_joint_are_all_told(wrong_knee):
+    found = diagnose_drives(*wrong_knee)
+    finding = replace(found.findings[0], joints=("hip", "knee"), declared=(25.0, 26.0))
+    assert "(declared: 25, 26)" in finding.text()
+    assert replace(found, findings=(finding,)).to_dict()["findings"][0]["declared"] == [25.0, 26.0]
+    assert found.to_dict()["findings"][0]["declared"] == 26.0
 
 
 @pytest.fixture(scope="module")

@@ -177,7 +177,7 @@ def test_a_feed_forward_that_was_not_sent_as_logged_is_named(partly_sent):
     robot, log = partly_sent
     found = diagnose_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, kp=25.0, kd=0.8, delay_s=TRUTH["delay"]))
     assert [f.effect for f in found.findings] == ["feed_forward"]
-    assert found.findings[0].declared == 1.0
+    assert found.findings[0].declared == (1.0,)
     assert found.findings[0].values[0][1] == pytest.approx(SHARE, abs=0.03)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...drives.fit import result_of
+from ...drives.fit import result_of, scale_of_gains
 from ...drives.plant import DrivePlant
 from ...drives.search import fitted
 from ...drives.sizes import doubtful_sizes
@@ -72,7 +72,8 @@ def diagnose_drives(
     if held is not None:
         before, after = before.with_heldout(held), after.with_heldout(held)
     told = tuple(one.text(model.robot.joint_names[one.joint]) for one in unexplained(now.plant, now.fit))
-    return DriveDiagnosis(_verdict(findings, left), tuple(findings), left, before, after, told)
+    warnings = (*scale_of_gains(now.plant), *told)
+    return DriveDiagnosis(_verdict(findings, left), tuple(findings), left, before, after, warnings)
 
 
 def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[DriveFinding, Stage]:
@@ -97,7 +98,7 @@ def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[DriveFind
     values = tuple((plant.unknowns[i].name, float(fit.values[i]), s, plant.unknowns[i].unit) for i, s in zip(new, std, strict=True))
     declared = None
     if one.candidate.place in now.plant.law.constants and one.candidate.either_way:
-        declared = one.candidate.declared(now.plant.law, one.joints[0])
+        declared = tuple(one.candidate.declared(now.plant.law, j) for j in one.joints)
     joints = tuple(plant.robot.joint_names) if one.candidate.place == "delay_s" else _names(plant, one)
     no_size = tuple(text for i, text in doubts.items() if i in new)
     finding = DriveFinding(one.candidate.name, joints, values, declared, one.gain, confidence, rivals, no_size)

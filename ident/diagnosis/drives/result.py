@@ -27,14 +27,16 @@ class DriveRival:
 
 @dataclass(frozen=True)
 class DriveFinding:
-    """One thing that is missing, or not as declared. `values`: (name, value, standard deviation, unit), of which an infinite one says that
-    there is no size to tell, and `no_size` why; `declared`: the number that the law gave, None for what it did not have; `gain`: share of
-    the squared error that it takes off readings for which it was not adjusted."""
+    """One thing that is missing, or not as declared.
+
+    `values`: (name, value, standard deviation, unit), of which an infinite one says that there is no size to tell, and `no_size` why;
+    `declared`: the numbers that the law gave on these joints, None for what it did not have; `gain`: share of the squared error that it
+    takes off readings for which it was not adjusted."""
 
     effect: str
     joints: tuple[str, ...]
     values: tuple[tuple[str, float, float, str], ...]
-    declared: float | None
+    declared: tuple[float, ...] | None
     gain: float
     confidence: float
     rivals: tuple[DriveRival, ...]
@@ -45,7 +47,7 @@ class DriveFinding:
         numbers = ", ".join(_told(*value) for value in self.values)
         told = f"{self.effect} on {', '.join(self.joints)}: {numbers}"
         if self.declared is not None:
-            told += f" (declared: {self.declared:.4g})"
+            told += f" (declared: {', '.join(f'{number:.4g}' for number in _different(self.declared))})"
         told += f"; lowers the squared error of held-out readings by {self.gain:.0%}"
         if self.no_size:
             told += "; " + "; ".join(self.no_size)
@@ -57,7 +59,7 @@ class DriveFinding:
 @dataclass(frozen=True, eq=False)
 class DriveDiagnosis:
     """Verdict, findings, the fit as declared and with the findings; `left`: share of the last residual that its own past predicts.
-    `warnings`: stretches of the logs that count the less, because something else happened there."""
+    `warnings`: whose scale unknown gains have, and stretches of the logs that count the less, because something else happened there."""
 
     verdict: Verdict
     findings: tuple[DriveFinding, ...]
@@ -94,7 +96,7 @@ class DriveDiagnosis:
                 "effect": f.effect,
                 "joints": list(f.joints),
                 "parameters": [_parameter(*value) for value in f.values],
-                "declared": f.declared,
+                "declared": _plain(f.declared),
                 "heldout_gain": f.gain,
                 "confidence": f.confidence,
                 "no_size": list(f.no_size),
@@ -134,6 +136,18 @@ def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]
     if np.isfinite(std):
         entry["interval"] = [value - 1.96 * std, value + 1.96 * std]
     return {**entry, "value": value, "std": std} if std <= SHARE * abs(value) else entry
+
+
+def _different(numbers: tuple[float, ...]) -> tuple[float, ...]:
+    """All of them, or one where all are the same."""
+    return numbers if len(set(numbers)) > 1 else numbers[:1]
+
+
+def _plain(numbers: tuple[float, ...] | None) -> float | list[float] | None:
+    if numbers is None:
+        return None
+    different = _different(numbers)
+    return list(different) if len(different) > 1 else different[0]
 
 
 def _rms(by_joint: Array) -> float:
