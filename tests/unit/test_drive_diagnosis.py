@@ -138,6 +138,14 @@ def test_numbers_that_differ_by_joint_are_all_told(wrong_knee):
     assert found.to_dict()["findings"][0]["declared"] == 26.0
 
 
+def test_an_interval_keeps_to_what_is_possible(wrong_knee):
+    found = diagnose_drives(*wrong_knee)
+    doubtful = replace(found.findings[0], values=(("kp_knee", 20.0, 30.0, "N m/rad"),))
+    assert "kp_knee not determined (0 to 79 N m/rad)" in doubtful.text()
+    (told,) = replace(found, findings=(doubtful,)).to_dict()["findings"][0]["parameters"]
+    assert told["interval"] == [0.0, pytest.approx(78.8)]
+
+
 @pytest.fixture(scope="module")
 def moving_command():
     """A drive that is sent the derivative of its position command, too, and has another kd than declared."""

@@ -31,7 +31,7 @@ class DriveFinding:
 
     `values`: (name, value, standard deviation, unit), of which an infinite one says that there is no size to tell, and `no_size` why;
     `declared`: the numbers that the law gave on these joints, None for what it did not have; `gain`: share of the squared error that it
-    takes off readings for which it was not adjusted."""
+    takes off readings for which it was not adjusted; `least`: the smallest possible number of each value."""
 
     effect: str
     joints: tuple[str, ...]
@@ -41,10 +41,17 @@ class DriveFinding:
     confidence: float
     rivals: tuple[DriveRival, ...]
     no_size: tuple[str, ...] = ()
+    least: tuple[float, ...] = ()
+
+    @property
+    def intervals(self) -> tuple[tuple[float, float], ...]:
+        """Ends of each value's 95 % interval, within what is physically possible."""
+        least = self.least or (-np.inf,) * len(self.values)
+        return tuple((max(v - 1.96 * s, low), v + 1.96 * s) for (_, v, s, _), low in zip(self.values, least, strict=True))
 
     def text(self) -> str:
         """One paragraph for people."""
-        numbers = ", ".join(_told(*value) for value in self.values)
+        numbers = ", ".join(_told(*value, ends) for value, ends in zip(self.values, self.intervals, strict=True))
         told = f"{self.effect} on {', '.join(self.joints)}: {numbers}"
         if self.declared is not None:
             told += f" (declared: {', '.join(f'{number:.4g}' for number in _different(self.declared))})"
@@ -95,7 +102,7 @@ class DriveDiagnosis:
             {
                 "effect": f.effect,
                 "joints": list(f.joints),
-                "parameters": [_parameter(*value) for value in f.values],
+                "parameters": [_parameter(*value, ends) for value, ends in zip(f.values, f.intervals, strict=True)],
                 "declared": _plain(f.declared),
                 "heldout_gain": f.gain,
                 "confidence": f.confidence,
@@ -123,18 +130,18 @@ _MEANS = {
 }
 
 
-def _told(name: str, value: float, std: float, unit: str) -> str:
+def _told(name: str, value: float, std: float, unit: str, ends: tuple[float, float]) -> str:
     if std <= SHARE * abs(value):
         return f"{name} {value:.4g} ± {std:.2g} {unit}"
     if not np.isfinite(std):
         return f"{name} not determined"
-    return f"{name} not determined ({value - 1.96 * std:.2g} to {value + 1.96 * std:.2g} {unit})"
+    return f"{name} not determined ({ends[0]:.2g} to {ends[1]:.2g} {unit})"
 
 
-def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]:
+def _parameter(name: str, value: float, std: float, unit: str, ends: tuple[float, float]) -> dict[str, Any]:
     entry: dict[str, Any] = {"name": name, "unit": unit}
     if np.isfinite(std):
-        entry["interval"] = [value - 1.96 * std, value + 1.96 * std]
+        entry["interval"] = list(ends)
     return {**entry, "value": value, "std": std} if std <= SHARE * abs(value) else entry
 
 
