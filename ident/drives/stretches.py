@@ -70,6 +70,13 @@ def unexplained(plant: DrivePlant, fit: Fitted) -> tuple[LogStretch, ...]:
     return tuple(found)
 
 
+def shares(plant: DrivePlant, weights: Array) -> Array:
+    """Weights (N, n) as shares of the largest of their joint in their log: less than 1 in stretches that count the less."""
+    ends = np.cumsum([len(log.t) for log in plant.logs])
+    largest = [np.broadcast_to(own.max(axis=0), own.shape) for own in np.split(weights, ends[:-1])]
+    return np.asarray(weights / np.maximum(np.concatenate(largest), 1e-300))
+
+
 def steadied(plant: DrivePlant, fit: Fitted, sizes: Array) -> Fitted:
     """The same fit, where stretches are unexplained with these weighed by their own error, as logs are among each other.
 
