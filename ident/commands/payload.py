@@ -7,8 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from .._utils.json import result
+from .._utils.text import wrapped
+from ..auditing import audit
 from ..errors import ConfigurationError, DataError
 from ..estimate.estimate import Estimate
+from ..evaluation.doubts import log_doubt
 from ..logs.reading import read_logs
 from ..physical import payload_of
 from ..problem.problem import Problem
@@ -42,6 +45,9 @@ def run(args: argparse.Namespace) -> int:
     if not args.log:
         raise ConfigurationError("no log with the load is given; pass one with --log FILE.")
     before, after = _of_saved(args) if args.fit else _of_logs(args)
+    said = [*_said(before, "without"), *_said(after, "with")]
+    for warning in said:  # first: what is wrong with a log may leave no load at all
+        out.say(wrapped(f"warning: {warning}"))
     found = payload_of(before, after, link=args.link)
     out.say(found.text())
     body: dict[str, Any] = {
@@ -49,8 +55,17 @@ def run(args: argparse.Namespace) -> int:
         "torque_error": {"without": before.fit_error.to_dict(), "with": after.fit_error.to_dict()},
     }
     inputs = (*before.inputs, *after.inputs)
-    out.result(result("ident.payload/1", body, inputs=inputs, warnings=found.notes), "payload")
+    out.result(result("ident.payload/1", body, inputs=inputs, warnings=(*said, *found.notes)), "payload")
     return 1 if args.strict and not found.significant else 0
+
+
+def _said(estimate: Estimate, which: str) -> list[str]:
+    """What is wrong with the logs of a fit, unless it was saved and has said so before."""
+    if estimate.problem is None or estimate.problem.signals.source is None:
+        return []
+    found = audit(estimate.problem.signals.source, estimate.model.robot).warnings
+    wrong = log_doubt(estimate)
+    return [*(f"audit of the logs {which} the load: {one}" for one in found), *([f"of the fit {which} the load: {wrong}"] if wrong else [])]
 
 
 def _of_logs(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
