@@ -17,7 +17,16 @@ from ..physical import payload_of
 from ..problem.problem import Problem
 from ..signals.likewise import like
 from ..study.study import Study, read_study
-from .common import Output, add_log_argument, add_output_arguments, add_reading_arguments, add_study_arguments, read_as_asked, study_from
+from .common import (
+    Output,
+    add_log_argument,
+    add_output_arguments,
+    add_reading_arguments,
+    add_study_arguments,
+    read_as_asked,
+    refuse_beside_fit,
+    study_from,
+)
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -83,11 +92,7 @@ def _of_logs(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
 
 def _of_saved(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
     """A saved fit, and the fit of the same model to the logs with the load."""
-    if args.without or args.robot or args.urdf or args.gravity or args.drive or args.effects or args.cutoff:
-        raise ConfigurationError(
-            "--fit brings its own robot, model and cut-off; leave out --without, --robot, --urdf, --gravity, --drive, --effects and"
-            " --cutoff."
-        )
+    refuse_beside_fit(args, "without")
     before = Estimate.load(args.fit)
     study = (read_study(args.study) if args.study else Study()).with_flags(logs=args.log, method=args.method)
     study = read_as_asked(study, args)

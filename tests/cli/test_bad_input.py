@@ -389,6 +389,14 @@ def test_a_hand_without_inertial_cannot_be_simulated(ident, tmp_path):
     refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"motion of joint 'wrist'.*<inertial> of link 'hand'")
 
 
+@pytest.mark.parametrize("command", ["validate", "payload", "excite", "simulate"])
+def test_flags_beside_a_saved_fit_that_would_not_be_used(ident, arm, saved_fit, tmp_path, command):
+    """A robot's gravity or drive was passed over without a word."""
+    for flag in (("--gravity", 0, 9.81, 0), ("--urdf", arm.urdf), ("--drive", tmp_path / "drive.toml")):
+        log = () if command == "excite" else ("--log", arm.test if command != "simulate" else tmp_path / "new.csv")
+        refused(ident(command, "--fit", saved_fit, *log, *flag), USAGE, rf"--fit brings its own robot.*leave out {flag[0]}")
+
+
 def test_fit_that_is_damaged(ident, arm, saved_fit, tmp_path):
     kept = json.loads(saved_fit.read_text())
     for name, content in (
