@@ -373,10 +373,37 @@ def test_inertials_of_no_body_stop_a_simulation_and_no_fit(ident, arm, tmp_path,
         assert sum(bool(re.search(message, w)) for w in ran.json["warnings"]) == 1
 
 
+def test_what_rounding_leaves_of_no_inertia_is_no_fault(ident, arm, tmp_path):
+    """Massless frames of a humanoid's URDF were said to be no bodies."""
+    path = tmp_path / "frame.urdf"
+    inertia = '<inertia ixx="0" iyy="4e-18" izz="-1e-20" ixy="2e-20" ixz="0" iyz="0"/>'
+    frame = f'<link name="tip"><inertial><mass value="0"/>{inertia}</inertial></link>'
+    frame += '<joint name="weld" type="fixed"><parent link="hand"/><child link="tip"/></joint>'
+    path.write_text(ARM.replace("</robot>", frame + "</robot>"))
+    assert ident("fit", "--urdf", path, "--log", arm.train, *FRICTION, "--json", "--quiet").json["warnings"] == []
+
+
 def test_a_hand_without_inertial_cannot_be_simulated(ident, tmp_path):
     path = tmp_path / "light.urdf"
     path.write_text(re.sub(r'(<link name="hand">).*?</inertial>', r"\1", ARM, flags=re.DOTALL))
     refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"motion of joint 'wrist'.*<inertial> of link 'hand'")
+
+
+@pytest.mark.parametrize("command", ["validate", "payload", "excite", "simulate"])
+def test_flags_beside_a_saved_fit_that_would_not_be_used(ident, arm, saved_fit, tmp_path, command):
+    """A robot's gravity or drive was passed over without a word."""
+    for flag in (("--gravity", 0, 9.81, 0), ("--urdf", arm.urdf), ("--drive", tmp_path / "drive.toml")):
+        new = tmp_path / "new.csv"
+        log = ("--trajectory", new) if command == "excite" else ("--log", new if command == "simulate" else arm.test)
+        refused(ident(command, "--fit", saved_fit, *log, *flag), USAGE, rf"--fit brings its own robot.*leave out {flag[0]}")
+
+
+def test_a_floating_base_in_a_fit_says_what_to_do(ident, arm, tmp_path):
+    """It was said that positions have another shape."""
+    study = tmp_path / "free.toml"
+    study.write_text(f'[robot]\nurdf = "{arm.urdf}"\nfloating_base = true\n[logs]\nfit = ["{arm.train}"]\n')
+    for command in ("fit", "diagnose"):
+        refused(ident(command, study), USAGE, r"floating base, whose motion.*with the base fixed: leave out \[robot\] floating_base")
 
 
 def test_fit_that_is_damaged(ident, arm, saved_fit, tmp_path):
