@@ -160,7 +160,12 @@ def separated_by(members: Sequence[Unknown]) -> str:
     advice = []
     if {"kd", "viscous"} <= places or ("kd" in places and not places & {"viscous"}):
         advice.append("kd from the drive's settings, a log with another kd, or a log in which the velocity command dq_cmd varies")
-    if places & set(_SCALES):
+    if any(u.place == "torque_scale" and u.unit == "N m/V" for u in members) and "kp" not in places:
+        advice.append(
+            "torque_scale (torque constant over winding resistance) from the data sheet, a log with a known mass added, or one with current"
+            " or torque"
+        )
+    elif places & set(_SCALES):
         advice.append("kp from the drive's settings, a log with a known mass added, or one with current or torque")
     if {"back_emf", "viscous"} <= places:
         advice.append("free swings with the torque switched off (torque_enable 0)")

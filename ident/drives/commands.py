@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
-_COLUMN = re.compile(r"^(?P<what>q_cmd|dq_cmd|tau_ff|torque_enable|supply)_?(?P<joint>[0-9]+)$", re.IGNORECASE)
+_COLUMN = re.compile(r"^(?P<what>q_cmd|dq_cmd|tau_ff|torque_enable|supply|voltage)_?(?P<joint>[0-9]+)$", re.IGNORECASE)
 #: Samples at the start of a log from which its initial speed is taken where none was logged.
 _FIRST = 6
 #: Standard deviations from which on a first speed is one.
@@ -33,8 +33,8 @@ _FEW = 4
 class DriveLog:
     """One log as a drive law sees it. N samples, n joints, SI, joint side.
 
-    `t` (N,) s from the first sample; `q` (N, n); `q_cmd`, `dq_cmd`, `tau_ff` (N, n): commands; `enabled` (N, n): share of the torque
-    that is switched on; `supply` (N, n) V, None where the law needs none; `origin`, `start` (n,): first position and speed."""
+    `t` (N,) s from the first sample; `q` (N, n); `q_cmd`, `dq_cmd`, `tau_ff` (N, n): commands; under law "voltage" `tau_ff` is the
+    voltage, V, and the others are 0; `enabled` (N, n): share of the torque that is switched on; `supply` (N, n) V, None where the law needs none; `origin`, `start` (n,): first position and speed."""
 
     name: str
     t: Array
@@ -66,18 +66,25 @@ class DriveLog:
         q = log.position(robot.transmission)
         good = np.isfinite(q).all(axis=1)
         columns = commanded(log.extra, robot)
-        if law.kind != "pd_velocity" and "q_cmd" not in columns:
+        if law.sends_positions and "q_cmd" not in columns:
             raise DataError(
                 f"log {log.name}: [drive] law {law.kind!r} needs the position commands q_cmd1 … q_cmd{robot.n}, and the log has none."
                 " Rename the columns that hold them."
             )
         for what, array in columns.items():
             missing = np.flatnonzero(np.isnan(array[good]).all(axis=0))
-            if len(missing) and what in ("q_cmd", "dq_cmd", "supply"):
+            if len(missing) and what in ("q_cmd", "dq_cmd", "supply", "voltage"):
                 joint = int(missing[0])
                 raise DataError(f"log {log.name}: column {what}{joint + 1} (joint {robot.joint_names[joint]}) is missing or empty.")
         if law.kind == "pwm" and "supply" not in columns:
             raise DataError(f"log {log.name}: [drive] law 'pwm' needs the supply voltage, columns supply1_V … supply{robot.n}_V.")
+        if law.kind == "voltage":
+            if "voltage" not in columns:
+                raise DataError(
+                    f"log {log.name}: [drive] law 'voltage' needs the voltages that the drives were sent, columns voltage1_V …"
+                    f" voltage{robot.n}_V, and the log has none. Rename the columns that hold them."
+                )
+            columns = {"tau_ff": columns["voltage"], **{k: x for k, x in columns.items() if k == "torque_enable"}}
         t = log.t[good] - log.t[good][0]
         got = {what: _held(array[good]) for what, array in columns.items()}
         none = np.zeros_like(q[good])
@@ -107,14 +114,16 @@ class DriveLog:
 
 
 def commanded(extra: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
-    """Commands among a log's further columns: "q_cmd", "dq_cmd", "tau_ff", "torque_enable", "supply" → (N, n), SI, NaN where missing."""
+    """Commands among a log's further columns: "q_cmd", "dq_cmd", "tau_ff", "torque_enable", "supply", "voltage" → (N, n), SI.
+
+    NaN where one is missing."""
     found: dict[str, dict[int, Array]] = {}
     for column, values in extra.items():
         stem, suffix = split_unit(column.strip())
         match = _COLUMN.match(stem) or _COLUMN.match(column.strip())
         if match is None:
             continue
-        scale = 1.0 if suffix is None or match["what"].lower() == "supply" else unit_of(suffix).scale
+        scale = 1.0 if suffix is None else unit_of(suffix).scale
         found.setdefault(match["what"].lower(), {})[int(match["joint"]) - 1] = np.asarray(values, float) * scale
     out = {}
     for what, by_number in found.items():

@@ -166,7 +166,7 @@ class SimulatedSearch:
                 direction = np.zeros(len(values))
                 direction[[i, viscous]] = 1.0, -1.0
                 out.append(direction * max(values[i], self.sizes[i]))
-        scale = "torque_scale" if self.plant.law.kind == "pwm" else "kp"
+        scale = "torque_scale" if self.plant.law.in_volts else "kp"
         apart = {"delay_s", "load", "gear_loss", "gear_loss_slow", "slow_speed"}
         apart |= {"kp", "kd", "effort_limit"} if scale == "torque_scale" else {"torque_scale"}
         torque = [i for i, u in enumerate(unknown) if u.place not in apart]

@@ -21,23 +21,26 @@ Array = np.ndarray
 #: What stands for a constant that is to be identified.
 IDENTIFY = "identify"
 #: The constants of a law, with what they are where nothing is said: a number, or to be identified.
-_GEAR: dict[str, float | str | None] = {
+_GEARED: dict[str, float | str | None] = {
     "gear_loss": 0.0,
     "gear_loss_square": 0.0,
     "gear_loss_slow": 0.0,
     "slow_speed": 1.0,
     "joint_stiffness": np.inf,
     "joint_damping": 0.0,
-    "feed_forward": 1.0,
 }
+_GEAR: dict[str, float | str | None] = {**_GEARED, "feed_forward": 1.0}
 _DEFAULTS: dict[str, dict[str, float | str | None]] = {
     "pd_position": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0, **_GEAR},
     "pd_velocity": {"kp": 0.0, "kd": None, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0, **_GEAR},
     "pwm": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": 1.0, "torque_scale": IDENTIFY, "back_emf": IDENTIFY, **_GEAR},
+    "voltage": {"delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": IDENTIFY, "back_emf": IDENTIFY, **_GEARED},
 }  # fmt: skip
+#: What a law has no place for, and with which it is the general one.
+_FIXED: dict[str, dict[str, float]] = {"voltage": {"kp": 0.0, "kd": 0.0, "feed_forward": 1.0}}
 #: Laws whose logs hold a torque or a current.
 MEASURED = ("torque", "current")
-_LATER = ("pid_position", "voltage")
+_LATER = ("pid_position",)
 
 
 class CommandForm(StrEnum):
@@ -75,11 +78,12 @@ class DriveLaw:
     Parameters
     ----------
     kind : str
-        "pd_position" (s is `torque_scale`, 1 by default), "pd_velocity" (kp = 0), or "pwm": the bracket is a share of full voltage, s is
-        the supply voltage times `torque_scale` (torque constant over resistance), kp in 1/rad.
+        "pd_position" (s is `torque_scale`, 1 by default), "pd_velocity" (kp = 0), "pwm": the bracket is a share of full voltage, s is
+        the supply voltage times `torque_scale` (torque constant over resistance), kp in 1/rad; or "voltage": the bracket is the voltage
+        u(t − d) that the drive was sent, within ±effort_limit (V), s is `torque_scale`.
     constants : mapping
-        "kp" (N m/rad), "kd" (N m s/rad), "delay_s" (s), "effort_limit" (N m), "torque_scale" (1; pwm: N m/V), "back_emf" (N m s/rad) →
-        (n,), NaN where the constant is to be identified. What a gear loses of the drive's torque τ, as dry friction: `gear_loss` |τ|,
+        "kp" (N m/rad), "kd" (N m s/rad), "delay_s" (s), "effort_limit" (N m), "torque_scale" (1; pwm, voltage: N m/V), "back_emf"
+        (N m s/rad) → (n,), NaN where the constant is to be identified. What a gear loses of the drive's torque τ, as dry friction: `gear_loss` |τ|,
         `gear_loss_square` τ², `gear_loss_slow` |τ| exp(−(dq/`slow_speed`)²); 0 by default. `joint_stiffness` (N m/rad),
         `joint_damping`: a spring between motor and link, the encoder on the motor; none by default. `feed_forward` f: the share
         of the logged tau_ff that reaches the drive, 1 by default; 0 in a log whose tau_ff was planned and not sent.
@@ -142,6 +146,10 @@ class DriveLaw:
                 shared.add(key)
         if given:
             raise unknown_name(f"constant of [drive] law {kind!r}", min(given), _DEFAULTS[kind])
+        for table in per_log:
+            if foreign := set(table) & set(_FIXED.get(kind, ())):
+                raise unknown_name(f"constant of [drive] law {kind!r}", min(foreign), _DEFAULTS[kind])
+        constants |= {key: np.full(robot.n, value) for key, value in _FIXED.get(kind, {}).items()}
         checked = {name: _of_a_log(name, table, robot) for name, table in (by_log or {}).items()}
         law = cls(
             kind,
@@ -162,6 +170,21 @@ class DriveLaw:
         keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", *_GEAR, *_FORMS)
         given = {key: getattr(table, key) for key in keys}
         return cls.of(robot, table.law, links=table.links or "known", by_log=table.by_log, **given)
+
+    @property
+    def in_volts(self) -> bool:
+        """Whether the bracket is a voltage, or a share of one: the torque then grows with `torque_scale`, and with no gain."""
+        return self.kind in ("pwm", "voltage")
+
+    @property
+    def fixed(self) -> frozenset[str]:
+        """Constants of the general law that this kind has no place for."""
+        return frozenset(_FIXED.get(self.kind, ()))
+
+    @property
+    def sends_positions(self) -> bool:
+        """Whether the drive is sent positions."""
+        return self.kind not in ("pd_velocity", "voltage")
 
     def unknown(self, key: str) -> bool:
         """Whether some joint's constant is to be identified."""
@@ -188,7 +211,7 @@ class DriveLaw:
 
         logs = {name: {**plain(t["constants"]), **{k: str(v) for k, v in t["forms"].items()}} for name, t in self.by_log.items()}
         forms = {key: str(getattr(self, key)) for key in _FORMS}
-        own = {key: values for key, values in self.constants.items() if key not in self.only_by_log}
+        own = {key: values for key, values in self.constants.items() if key not in self.only_by_log | self.fixed}
         return {"law": self.kind, **plain(own), **forms, "links": "known" if self.links_known else IDENTIFY, "by_log": logs}
 
 

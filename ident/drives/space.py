@@ -49,7 +49,7 @@ def foreign_commands(log: DriveLog, robot: Robot) -> tuple[int, ...]:
 def drive_logs(logs: Iterable[Log], robot: Robot, law: DriveLaw) -> tuple[DriveLog, ...]:
     """Recorded logs as a drive law sees them. Raises DataError where they lack what it needs, or hold commands that it is not about."""
     found = tuple(DriveLog.of(log, robot, law) for log in logs)
-    if law.kind != "pd_velocity":
+    if law.sends_positions:
         require_joint_commands(found, robot)
     return found
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
 
 from ..simulation.rigid import RigidDynamics
+from .commands import DriveLog
 from .plant import DrivePlant
 
 Array = np.ndarray
 #: Natural frequencies (Hz) from which unknown gains are guessed, shares of the drive's torque that friction takes, and delays in samples.
 _LOOPS_HZ = (2.0, 5.0, 12.0)
 _FRICTION = (0.02, 0.2)
+#: Torques of drives that are sent voltages, in those that the links take along the measured motion: the rest is friction's.
+_LOADS = (1.0, 2.0, 5.0)
 _DELAYS = (0.3, 1.5)
 #: An expected value may be off by so many times its size.
 _DOUBT = 3.0
@@ -28,7 +32,8 @@ def starts(plant: DrivePlant) -> tuple[Array, Array]:
     """Starts (S, p) and usual sizes (p,) of the unknowns."""
     inertia = moved_inertia(plant)
     unknown_gain = any(plant.law.unknown(key) for key in ("kp", "torque_scale"))
-    loops = _LOOPS_HZ if unknown_gain else (5.0,)
+    loops: tuple[float, ...] = _LOADS if plant.law.kind == "voltage" else _LOOPS_HZ
+    loops = loops if unknown_gain else (5.0,)
     delayed = plant.law.unknown("delay_s")
     found = [_start(plant, inertia, hz, share, late) for hz, share, late in product(loops, _FRICTION, _DELAYS if delayed else (0.0,))]
     sizes = np.maximum(np.min(np.abs(found), axis=0), 1e-3 * np.max(np.abs(found), axis=0))
@@ -70,16 +75,23 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
     gains = np.array([plant.law.for_log(log.name).constants["kp"] for log in logs])
     known = np.where(np.isnan(gains).all(axis=0), np.nan, np.nan_to_num(gains).sum(axis=0) / np.maximum(1, np.isfinite(gains).sum(axis=0)))
     stiff = inertia * (2 * np.pi * hz) ** 2
-    stiff = np.where(np.isnan(known) | (plant.law.kind == "pwm"), stiff, known)
-    torque = np.where(driven, stiff * error, inertia * rate * 2 * np.pi * _FREE_HZ)
+    stiff = np.where(np.isnan(known) | plant.law.in_volts, stiff, known)
+    torque, scale = stiff * error, stiff / np.where(np.isnan(known), 1.0, known) / volts
+    sent = plant.law.kind == "voltage"
+    if sent:
+        # Here `hz` is the drive's torque in those that the links take.
+        scale = plant.law.constants["torque_scale"]
+        scale = np.where(np.isnan(scale), hz * _taken(plant, inertia, rate, spread) / _voltage(logs), scale)
+        torque = scale * _voltage(logs)
+    torque = np.where(driven, torque, inertia * rate * 2 * np.pi * _FREE_HZ)
     guess = {
         "armature": 0.3 * inertia, "viscous": friction * torque / rate, "dry": friction * torque, "offset": 1e-3 * torque,
         "load": np.full(plant.robot.n, 0.05), "spring": 0.05 * torque / np.maximum(spread, 1e-3), "gear_loss": np.full(plant.robot.n, 0.1),
         "gear_loss_square": 0.05 / np.maximum(torque, 1e-3), "gear_loss_slow": np.full(plant.robot.n, 0.03), "slow_speed": 0.3 * rate,
         "joint_stiffness": inertia * (2 * np.pi * _SPRING_HZ) ** 2, "joint_damping": 0.02 * inertia * 2 * np.pi * _SPRING_HZ,
         "feed_forward": np.ones(plant.robot.n), "excess": 0.3 * friction * torque, "kp": stiff, "kd": 0.3 * 2 * inertia * 2 * np.pi * hz,
-        "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)), "effort_limit": 0.9 * np.maximum(torque, 1e-3) * 3,
-        "torque_scale": stiff / np.where(np.isnan(known), 1.0, known) / volts, "back_emf": friction * torque / rate,
+        "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)), "effort_limit": 0.9 * np.maximum(torque / scale if sent else torque, 1e-3) * 3,
+        "torque_scale": scale, "back_emf": friction * torque / rate,
     }  # fmt: skip
     if plant.law.kind == "pwm" and np.isnan(known).any():
         guess["kp"] = np.full(plant.robot.n, 5.0)
@@ -92,6 +104,21 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
             of = guess[unknown.place]
             values.append(float(of.mean() if unknown.joint < 0 else of[unknown.joint]))
     return np.array(values)
+
+
+def _taken(plant: DrivePlant, inertia: Array, rate: Array, spread: Array) -> Array:
+    """Torques (n,) that links take along the measured motion, rms: of their weight, and of their inertia at the speeds `rate` and about
+    the `spread` (n,) of their positions."""
+    weight = np.zeros(plant.robot.n)
+    if plant.robot.nominal is not None:
+        q = np.concatenate([log.q[:: max(1, len(log.q) // 20)] for log in plant.logs])
+        weight = np.sqrt(np.mean(RigidDynamics(plant.robot, plant.nominal).terms(q, np.zeros_like(q))[1] ** 2, axis=0))
+    return np.asarray(np.hypot(weight, inertia * rate**2 / np.maximum(spread, 1e-6)))
+
+
+def _voltage(logs: Sequence[DriveLog]) -> Array:
+    """Voltages (n,) that drives were sent, rms, V."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate([log.enabled * log.tau_ff for log in logs]) ** 2, axis=0)) + 1e-6)
 
 
 def _link(plant: DrivePlant, column: int, nominal: Array | None, inertia: Array) -> float:

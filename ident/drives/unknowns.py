@@ -34,6 +34,8 @@ CONSTANTS = {
     "joint_damping": ("d", "N m s/rad"), "feed_forward": ("f", "1"),
 }  # fmt: skip
 
+#: The same of laws whose torque grows with a voltage, where they have other units.
+_UNITS = {"pwm": {"kp": "1/rad", "torque_scale": "N m/V"}, "voltage": {"effort_limit": "V", "torque_scale": "N m/V"}}
 
 #: What stays as it is when all torque of a joint is another by one factor; the scale of a duty is one of torque, its gains are not.
 _APART = ("delay_s", "load", "gear_loss", "gear_loss_square", "gear_loss_slow", "slow_speed", "torque_scale")
@@ -61,10 +63,7 @@ def unknowns(model: Model, law: DriveLaw) -> tuple[Unknown, ...]:
     robot = model.robot
     for key, (symbol, unit) in CONSTANTS.items():
         at = np.flatnonzero(np.isnan(law.constants[key]) & _asked(law, key))
-        if law.kind == "pwm" and key == "kp":
-            unit = "1/rad"
-        if law.kind == "pwm" and key == "torque_scale":
-            unit = "N m/V"
+        unit = _UNITS.get(law.kind, {}).get(key, unit)
         if key in law.shared and len(at):
             found.append(Unknown(symbol, unit, key, -1, effect="drive"))
             continue

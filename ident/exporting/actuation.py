@@ -56,7 +56,8 @@ class JointActuator:
 
 @dataclass(frozen=True, eq=False)
 class Actuation:
-    """Every joint's actuator, in the robot's order of joints, and the law they follow (None: torque is commanded).
+    """Every joint's actuator, in the robot's order of joints, and the law they follow (None: torque is commanded, in the place of a voltage
+    as well).
 
     `inertia`, `drag`, `spring` (n, n), `offset` (n,): rotors, damping and springs of the joints together where the transmission couples
     them; the actuators hold the diagonals, and the dry friction of each joint moving alone."""
@@ -78,6 +79,7 @@ class Actuation:
         inertia, drag = (back.T @ np.diag(motor[key]) @ back + np.diag(own[key]) for key in ("armature", "damping"))
         dry = np.abs(back).T @ motor["frictionloss"] + own["frictionloss"]
         spring, offset = _held(found)
+        gains = None if law is None or law.per_volt is not None else law
         breakaway = _breakaway(found)
         actuators = tuple(
             JointActuator(
@@ -89,8 +91,8 @@ class Actuation:
                 float(breakaway[j]),
                 float(offset[j]),
                 float(spring[j, j]),
-                None if law is None else float(law.kp[j]),
-                None if law is None else float(law.kd[j]),
+                None if gains is None else float(gains.kp[j]),
+                None if gains is None else float(gains.kd[j]),
                 _limit(robot, j) if law is None else float(law.effort_limit[j]),
                 0.0 if law is None else float(law.delay_s[j]),
                 robot.joints[j].lower,
@@ -100,7 +102,7 @@ class Actuation:
             for j, name in enumerate(robot.joint_names)
         )
         rates = law is not None and law.velocity_command
-        return cls(robot, actuators, None if law is None else law.kind, rates, inertia, drag, spring, offset)
+        return cls(robot, actuators, None if gains is None else gains.kind, rates, inertia, drag, spring, offset)
 
     @property
     def coupled(self) -> bool:

@@ -21,7 +21,8 @@ class ClosedLoop:
     """τ = kp (q_cmd(t − delay_s) − q) + kd (dq_cmd(t − delay_s) − dq) within ±effort_limit, less back_emf dq; (n,) each, N m and rad.
 
     `gear_loss`, `gear_loss_square`, `gear_loss_slow`, `slow_speed`: dry friction that follows τ; `joint_stiffness`, `joint_damping`: of
-    the spring between motor and link (infinite: none). `velocity_command`: whether the drive is sent a velocity too."""
+    the spring between motor and link (infinite: none). `velocity_command`: whether the drive is sent a velocity too. `per_volt`: N m/V of a
+    drive that is sent a voltage, kp and kd 0; None: it is not."""
 
     kp: Array
     kd: Array
@@ -36,6 +37,7 @@ class ClosedLoop:
     joint_damping: Array
     kind: str = "pd_position"
     velocity_command: bool = False
+    per_volt: Array | None = None
 
     @classmethod
     def of(cls, fit: DriveFit, supply: float | None = None) -> ClosedLoop:
@@ -56,6 +58,8 @@ class ClosedLoop:
                     raise ConfigurationError(
                         f"{key} of joint {joint!r} is given for single logs only ([drive.by_log]); give the value to export in [drive]."
                     )
+        if fit.law.kind == "voltage":
+            own["per_volt"] = strength
         rates = fit.law.kind == "pd_velocity" or fit.law.velocity_command == VelocityCommand.DERIVATIVE
         return cls(**own, kind=fit.law.kind, velocity_command=rates)
 
@@ -67,6 +71,7 @@ class ClosedLoop:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data; infinite values are None."""
-        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("kind", "velocity_command")}
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("kind", "velocity_command", "per_volt")}
+        arrays |= {} if self.per_volt is None else {"per_volt": self.per_volt}
         plain = {key: [float(x) if np.isfinite(x) else None for x in values] for key, values in arrays.items()}
         return {"kind": self.kind, "velocity_command": self.velocity_command, **plain}

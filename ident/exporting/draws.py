@@ -133,6 +133,7 @@ def _of_drives(found: Identified, fit: DriveFit, row: Array) -> Identified:
     assert found.law is not None
     values, constants = found.values.copy(), fit.constants()
     law = {key: getattr(found.law, key).copy() for key in constants if hasattr(found.law, key)}
+    law |= {} if found.law.per_volt is None else {"per_volt": found.law.per_volt.copy()}
     scale = constants["torque_scale"]
     for unknown, old, new in zip(fit.unknowns, fit.values, row, strict=True):
         if unknown.column >= 0:
@@ -142,6 +143,8 @@ def _of_drives(found: Identified, fit: DriveFit, row: Array) -> Identified:
         if unknown.place == "torque_scale":
             for key in ("kp", "kd", "effort_limit"):
                 law[key][at] *= new / old
+            if found.law.per_volt is not None:
+                law["per_volt"][at] = new
         else:
             # Gains and limits are told times the scale of the torque.
             ratio = law[unknown.place][at] / constants[unknown.place][at] if unknown.place in ("kp", "kd", "effort_limit") else 1.0

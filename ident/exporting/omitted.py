@@ -106,6 +106,10 @@ def _found(found: Identified, expresses: frozenset[Expressed], seen: list[Motion
         )
     if law.velocity_command and Expressed.VELOCITY_COMMAND not in expresses:
         yield Omission("velocity commands", np.full(robot.n, np.nan), np.full(robot.n, np.nan), "gains act on the position command alone")
+    if law.per_volt is not None and Expressed.VOLTAGE_COMMAND not in expresses:
+        told = ", ".join(f"{name} {x:.4g}" for name, x in zip(robot.joint_names, law.per_volt, strict=True))
+        hint = f"command voltages times torque_scale ({told} N m/V); the back-EMF is part of the damping"
+        yield Omission("voltage commands", np.full(robot.n, np.nan), np.full(robot.n, np.nan), hint)
 
 
 def _omission(cause: str, torques: list[Array], hint: str = "") -> Omission:

@@ -26,7 +26,7 @@ def mujoco_rollout(fit: DriveFit, log: DriveLog) -> Array:
     Raises
     ------
     UnsupportedError
-        What the file cannot be sent: a feed-forward torque, torque that is switched off, a supply that differs from sample to sample.
+        What the file cannot be sent: a feed-forward torque, a voltage, torque that is switched off, a supply that is not constant.
     ConfigurationError
         MuJoCo is not installed, or a constant is known for single logs only.
     """
@@ -38,7 +38,7 @@ def mujoco_rollout(fit: DriveFit, log: DriveLog) -> Array:
 def require_rollable(log: DriveLog) -> None:
     """Raises UnsupportedError where a log holds commands that an exported actuator does not take."""
     for there, what in (
-        (np.any(log.tau_ff != 0.0), "a feed-forward torque was sent"),
+        (np.any(log.tau_ff != 0.0), "a feed-forward torque or a voltage was sent"),
         (np.any(log.enabled < 1.0), "the torque was switched off for a part of it"),
         (log.supply is not None, "the torque follows the logged supply voltage"),
     ):

@@ -29,6 +29,7 @@ class Expressed(StrEnum):
     SPRING = "spring"
     DELAY = "delay"
     VELOCITY_COMMAND = "velocity command"
+    VOLTAGE_COMMAND = "voltage command"
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,7 +86,7 @@ def candidates(plant: DrivePlant) -> Iterator[DriveCandidate]:
             if plant.law.links_known and place not in by_log and np.isinf(law.constants[place]).any() and "rotor_inertia" in declared:
                 yield from (DriveCandidate(name, place, {"hz": hz}) for hz in _SPRINGS_HZ)
             continue
-        if place in by_log or np.isnan(law.constants[place]).any():
+        if place in law.fixed or place in by_log or np.isnan(law.constants[place]).any():
             continue
         if place == "feed_forward" and not any(np.any(log.tau_ff) for log in plant.logs):
             continue
