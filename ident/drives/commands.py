@@ -33,8 +33,9 @@ _FEW = 4
 class DriveLog:
     """One log as a drive law sees it. N samples, n joints, SI, joint side.
 
-    `t` (N,) s from the first sample; `q` (N, n); `q_cmd`, `dq_cmd`, `tau_ff` (N, n): commands; under law "voltage" `tau_ff` is the
-    voltage, V, and the others are 0; `enabled` (N, n): share of the torque that is switched on; `supply` (N, n) V, None where the law needs none; `origin`, `start` (n,): first position and speed."""
+    `t` (N,) s from the first sample; `q` (N, n); `q_cmd`, `dq_cmd`, `tau_ff` (N, n): commands (of law "voltage": `tau_ff` is the voltage,
+    V, the others are 0); `enabled` (N, n): share of the torque that is switched on; `supply` (N, n) V, None where the law needs none;
+    `origin`, `start` (n,): first position and speed."""
 
     name: str
     t: Array

@@ -83,8 +83,8 @@ class DriveLaw:
         u(t − d) that the drive was sent, within ±effort_limit (V), s is `torque_scale`.
     constants : mapping
         "kp" (N m/rad), "kd" (N m s/rad), "delay_s" (s), "effort_limit" (N m), "torque_scale" (1; pwm, voltage: N m/V), "back_emf"
-        (N m s/rad) → (n,), NaN where the constant is to be identified. What a gear loses of the drive's torque τ, as dry friction: `gear_loss` |τ|,
-        `gear_loss_square` τ², `gear_loss_slow` |τ| exp(−(dq/`slow_speed`)²); 0 by default. `joint_stiffness` (N m/rad),
+        (N m s/rad) → (n,), NaN where the constant is to be identified. What a gear loses of the drive's torque τ, as dry friction:
+        `gear_loss` |τ|, `gear_loss_square` τ², `gear_loss_slow` |τ| exp(−(dq/`slow_speed`)²); 0 by default. `joint_stiffness` (N m/rad),
         `joint_damping`: a spring between motor and link, the encoder on the motor; none by default. `feed_forward` f: the share
         of the logged tau_ff that reaches the drive, 1 by default; 0 in a log whose tau_ff was planned and not sent.
     shared : frozenset of str

@@ -76,8 +76,8 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
     known = np.where(np.isnan(gains).all(axis=0), np.nan, np.nan_to_num(gains).sum(axis=0) / np.maximum(1, np.isfinite(gains).sum(axis=0)))
     stiff = inertia * (2 * np.pi * hz) ** 2
     stiff = np.where(np.isnan(known) | plant.law.in_volts, stiff, known)
-    torque, scale = stiff * error, stiff / np.where(np.isnan(known), 1.0, known) / volts
     sent = plant.law.kind == "voltage"
+    torque, scale = stiff * error, stiff / np.where(np.isnan(known) | sent, 1.0, known) / volts
     if sent:
         # Here `hz` is the drive's torque in those that the links take.
         scale = plant.law.constants["torque_scale"]
@@ -90,7 +90,8 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
         "gear_loss_square": 0.05 / np.maximum(torque, 1e-3), "gear_loss_slow": np.full(plant.robot.n, 0.03), "slow_speed": 0.3 * rate,
         "joint_stiffness": inertia * (2 * np.pi * _SPRING_HZ) ** 2, "joint_damping": 0.02 * inertia * 2 * np.pi * _SPRING_HZ,
         "feed_forward": np.ones(plant.robot.n), "excess": 0.3 * friction * torque, "kp": stiff, "kd": 0.3 * 2 * inertia * 2 * np.pi * hz,
-        "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)), "effort_limit": 0.9 * np.maximum(torque / scale if sent else torque, 1e-3) * 3,
+        "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)),
+        "effort_limit": 0.9 * np.maximum(torque / scale if sent else torque, 1e-3) * 3,
         "torque_scale": scale, "back_emf": friction * torque / rate,
     }  # fmt: skip
     if plant.law.kind == "pwm" and np.isnan(known).any():
