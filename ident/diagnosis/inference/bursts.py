@@ -135,7 +135,7 @@ def _at_a_moment(fit: Fit, m: int, clock: Array, time: Array, width: int) -> Arr
     """Windows in which an effect of the model begins to act on motor m: how it begins no law says."""
     inside = np.zeros(len(time), bool)
     for effect in fit.effects:
-        if not any(rows[:, m].any() for rows in fit.rows(effect)[1]):
+        if not any(columns.acts_on(m) for columns in fit.columns(effect)[1]):
             continue
         for p in effect.shape():
             if _is_moment(p):

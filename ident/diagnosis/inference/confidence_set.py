@@ -67,11 +67,13 @@ def drop_unnecessary(state: EffectSearch, say: Callable[[str], None], spared: in
         state.solve()
 
 
-def accepted_effect(state: EffectSearch, i: int) -> AcceptedEffect:
-    """The i-th accepted effect with its score beside the others, and what could stand in its place."""
+def accepted_effect(state: EffectSearch, i: int, *, suffices: bool) -> AcceptedEffect:
+    """The i-th accepted effect with its score beside the others, and what could stand in its place; `suffices`: nothing is left beside all
+    of them. Where something is, no other at its best leaves nothing either: it would have been preferred."""
     effect, joints = state.accepted[i]
     members = competing(state, i)
-    return AcceptedEffect(effect, joints, own_score(state, i), (*members, *_at_their_best(state, i, members)))
+    others = _at_their_best(state, i, members) if suffices else []
+    return AcceptedEffect(effect, joints, own_score(state, i), (*members, *others))
 
 
 def own_score(state: EffectSearch, i: int) -> float:

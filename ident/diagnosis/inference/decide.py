@@ -260,7 +260,7 @@ def _of_one_stretch(state: EffectSearch) -> tuple[int, float] | None:
 
 def _decision(state: EffectSearch, left: list[Left], trail: tuple[str, ...]) -> Decision:
     """The verdict, by definition: something left, nothing accepted, more than one model in the set, or one."""
-    named = tuple(accepted_effect(state, i) for i in range(len(state.accepted)))
+    named = tuple(accepted_effect(state, i, suffices=not left) for i in range(len(state.accepted)))
     if left:
         verdict = "unexplained"
     elif not named:

@@ -125,13 +125,15 @@ class Scores:
         """Covariance of some directions (c,) with others (d,)."""
         Q, P = self.directions[left], self.directions[right]
         rows, columns = np.unique(Q.indices), np.unique(P.indices)
+        square = np.array_equal(rows, columns)
         G = np.zeros((len(rows), len(columns)))
         for _, ids, C in self.catalogue.whitened(self.fit, self.frame.gains):
             here, there = np.isin(rows, ids), np.isin(columns, ids)
             if there.any():
                 own = C if here.sum() == len(ids) else C[np.isin(ids, rows)]
-                other = own if np.array_equal(rows, columns) else C[np.isin(ids, columns)]
-                G[np.ix_(here, there)] += own @ other.T
+                # A covariance of its own must be positive: rounded to single precision the products of columns are not.
+                own = own.astype(float) if square else own
+                G[np.ix_(here, there)] += own @ (own if square else C[np.isin(ids, columns)]).T
         A, B = self.absorbed[rows], self.absorbed[columns]
         G += (A @ self.frame.gram - self.along[rows]) @ B.T - A @ self.along[columns].T
         return np.asarray(Q[:, rows] @ (P[:, columns] @ G.T).T)
