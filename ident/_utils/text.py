@@ -34,6 +34,17 @@ def listed(items: Sequence[str], most: int = 12) -> str:
     return ", ".join(shown) + (" …" if len(items) > most else "")
 
 
+def moment(t: float, start: float) -> str:
+    """A moment by the time stamps of a log that begins at `start` (s), which may count from 1970, and counted from the first.
+
+    Examples
+    --------
+    >>> moment(17.25, 0.0), moment(1732800017.25, 1732800000.0)
+    ('17.25 s', '1732800017.25 s (17.25 s after the first)')
+    """
+    return f"{t:.12g} s" if start == 0.0 else f"{t:.12g} s ({t - start:.5g} s after the first)"
+
+
 def shortened(expression: str, width: int) -> str:
     """An expression that fits `width` columns: whole terms, then "…" for the rest. At least the first term is kept."""
     if len(expression) <= width:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._utils.text import counted
+from .._utils.text import counted, moment
 from ..logs.log import Log
 from ..logs.spacing import GAP
 from ..signals.resample import Clock, is_even, slow_clock
@@ -20,10 +20,11 @@ _FEW = 0.01
 
 @dataclass(frozen=True)
 class Stamps:
-    """What is known of rising time stamps: `samples`, `duration` (s), `clock`; `gaps`: steps beyond `GAP` usual ones, the `longest` (s)
-    of them beginning `at` (s); `even`: they lie on a uniform grid."""
+    """What is known of rising time stamps: `samples`, the first at `start` (s), `duration` (s), `clock`; `gaps`: steps beyond `GAP` usual
+    ones, the `longest` (s) of them beginning `at` (s); `even`: they lie on a uniform grid."""
 
     samples: int
+    start: float
     duration: float
     clock: Clock
     gaps: int
@@ -38,7 +39,7 @@ class Stamps:
         gaps = np.flatnonzero(steps > GAP * clock.step)
         longest = int(gaps[np.argmax(steps[gaps])]) if len(gaps) else 0
         even = not len(gaps) and is_even(t, 1 / clock.step, clock)
-        return cls(len(t), float(t[-1] - t[0]), clock, len(gaps), float(steps[longest]), float(t[longest]), even)
+        return cls(len(t), float(t[0]), float(t[-1] - t[0]), clock, len(gaps), float(steps[longest]), float(t[longest]), even)
 
 
 def check_time(log: Log) -> list[AuditFinding]:
@@ -97,7 +98,8 @@ def stamp_findings(name: str, stamps: Stamps) -> list[AuditFinding]:
         add(
             "gaps",
             Severity.WARNING,
-            f"{stamps.gaps} gap{'s' * (stamps.gaps > 1)} in time, the longest {stamps.longest * 1e3:.4g} ms at {stamps.at:.12g} s."
+            f"{stamps.gaps} gap{'s' * (stamps.gaps > 1)} in time, the longest {stamps.longest * 1e3:.4g} ms"
+            f" at {moment(stamps.at, stamps.start)}."
             " Short ones are bridged where the motion is slow enough; longer ones split the run, and the filters'"
             " transients on either side are lost. If there are many, log with a real-time buffer.",
             stamps.longest,

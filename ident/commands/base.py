@@ -23,9 +23,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, logs=False)
     add_output_arguments(parser)
     parser.add_argument("--rotor-inertia", action="store_true", help="include the motors' reflected inertias as parameters")
-    parser.add_argument(
-        "--gravity", nargs=3, type=float, metavar=("X", "Y", "Z"), help="gravity in the base frame (m/s^2), instead of the robot's own"
-    )
     parser.add_argument("--floating-base", action="store_true", help="floating base (six more equations)")
     parser.add_argument(
         "--operations",
@@ -49,8 +46,6 @@ def run(args: argparse.Namespace) -> int:
 
         study = replace(study, description=replace(study.description, robot=replace(study.description.robot, floating_base=True)))
         robot = study.robot()
-    if args.gravity:
-        robot = robot.with_gravity(args.gravity)
     principal = _principal(args.principal, robot) if args.principal else None
     report = base_report(robot, rotor_inertia=args.rotor_inertia, principal=principal)
     out.say(report)

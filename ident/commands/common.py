@@ -43,6 +43,9 @@ def add_study_arguments(parser: argparse.ArgumentParser, *, logs: bool = True) -
         type=locked_joint,
         help="joints that are held still and not logged (a hand's, for example): JOINT (at zero) or JOINT=POSITION",
     )
+    parser.add_argument(
+        "--gravity", nargs=3, type=float, metavar=("X", "Y", "Z"), help="gravity in the base frame (m/s^2), instead of the robot's own"
+    )
     parser.add_argument("--drive", help="TOML file with a [drive] table: ratio or K, measured, effects …")
     if logs:
         add_log_argument(parser, "logs to fit (CSV, Parquet, MAT, HDF5, bags and more: docs/logs.md; patterns and folders allowed)")
@@ -124,6 +127,8 @@ def study_from(args: argparse.Namespace) -> Study:
     if lock := dict(getattr(args, "lock", None) or ()):
         robot = replace(study.description.robot, locked={**(study.description.robot.locked or {}), **lock})
         study = replace(study, description=replace(study.description, robot=robot))
+    if gravity := getattr(args, "gravity", None):
+        study = replace(study, description=replace(study.description, robot=replace(study.description.robot, gravity=tuple(gravity))))
     followed = getattr(args, "followed", None)
     if followed is not None:
         method, path = study.estimator.method or "sequential", os.path.abspath(followed)

@@ -68,9 +68,10 @@ def _of_logs(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
 
 def _of_saved(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
     """A saved fit, and the fit of the same model to the logs with the load."""
-    if args.without or args.robot or args.urdf or args.drive or args.effects or args.cutoff:
+    if args.without or args.robot or args.urdf or args.gravity or args.drive or args.effects or args.cutoff:
         raise ConfigurationError(
-            "--fit brings its own robot, model and cut-off; leave out --without, --robot, --urdf, --drive, --effects and --cutoff."
+            "--fit brings its own robot, model and cut-off; leave out --without, --robot, --urdf, --gravity, --drive, --effects and"
+            " --cutoff."
         )
     before = Estimate.load(args.fit)
     study = (read_study(args.study) if args.study else Study()).with_flags(logs=args.log, method=args.method)

@@ -89,10 +89,10 @@ def finished(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[
     precision = Precision.of(found, np.maximum(np.abs(found.values), sizes))
     told = tuple(one.text(plant.robot.joint_names[one.joint]) for one in unexplained(plant, found))
     fit = result_of(plant, found, sizes, inputs)
-    return replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision), warnings=(*fit.warnings, *_scale(plant), *told))
+    return replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision), warnings=(*fit.warnings, *scale_of_gains(plant), *told))
 
 
-def _scale(plant: DrivePlant) -> tuple[str, ...]:
+def scale_of_gains(plant: DrivePlant) -> tuple[str, ...]:
     """That the scale of everything is that of the URDF's links, where no gain of a joint is known."""
     if not plant.law.links_known or not any(u.place in ("kp", "torque_scale") for u in plant.unknowns):
         return ()

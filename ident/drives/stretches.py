@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..statistics.outliers import BY_CHANCE, beyond
 from .descent import SimulatedSearch
 from .nearby import approached
 from .plant import DrivePlant
@@ -16,8 +17,6 @@ from .starts import expected
 Array = np.ndarray
 #: Seconds of a stretch; so many of them at least must show motion for there to be a usual error.
 _SECONDS, _FEW = 0.5, 6
-#: Of fits in which no stretch is another than the others, the share that is told of one.
-_BY_CHANCE = 0.01
 #: Share of a joint's whole motion that makes a stretch one with motion.
 _MOVES = 0.05
 #: Rounds of weights at most, the change of a weight that ends them, and the share of the squared error that a step is to take off.
@@ -69,6 +68,13 @@ def unexplained(plant: DrivePlant, fit: Fitted) -> tuple[LogStretch, ...]:
                 start, size = found[-1].start, max(size, found.pop().times)
             found.append(LogStretch(log.name, own.joint, start, stop, size))
     return tuple(found)
+
+
+def shares(plant: DrivePlant, weights: Array) -> Array:
+    """Weights (N, n) as shares of the largest of their joint in their log: less than 1 in stretches that count the less."""
+    ends = np.cumsum([len(log.t) for log in plant.logs])
+    largest = [np.broadcast_to(own.max(axis=0), own.shape) for own in np.split(weights, ends[:-1])]
+    return np.asarray(weights / np.maximum(np.concatenate(largest), 1e-300))
 
 
 def steadied(plant: DrivePlant, fit: Fitted, sizes: Array) -> Fitted:
@@ -126,27 +132,11 @@ def _stretches(plant: DrivePlant, fit: Fitted) -> list[_JointStretches]:
                 share = np.where(count > 0, most / np.max(weights), 1.0)
                 found.append((i, j, rows, number, error / float(np.median(error[moving])), moving, share))
     # What is at rest is no usual error, but may be beyond it.
-    level = _BY_CHANCE / max(len(found), 1)
+    level = BY_CHANCE / max(len(found), 1)
     return [
         _JointStretches(i, j, rows, number, times, times > beyond(times[moving | (times > 1.0)], level), share)
         for i, j, rows, number, times, moving, share in found
     ]
-
-
-def beyond(errors: Array, level: float) -> float:
-    """What an error among these (n,) has to exceed to be no such error: one-sided outliers of the logarithms (Rosner, 1983), of which
-    less than half are some; by chance, one is told with probability `level`."""
-    from scipy.special import stdtrit
-
-    logs = np.sort(np.log(np.maximum(errors, 1e-300)))
-    bound = np.inf
-    for out in range(1, (len(logs) + 1) // 2):
-        rest = logs[:-out]
-        m = len(rest)
-        limit = np.mean(rest) + np.std(rest, ddof=1) * np.sqrt(1.0 + 1.0 / m) * stdtrit(m - 1, 1.0 - level / (m + 1))
-        if logs[-out] > limit:
-            bound = min(bound, float(limit))
-    return float(np.exp(bound))
 
 
 def _moving(q: Array, number: Array) -> Array:

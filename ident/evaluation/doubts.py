@@ -11,6 +11,7 @@ from .._utils.text import counted
 from ..errors import DataError
 from ..problem.opposite_signs import negative_share, opposite_sign
 from .against_nominal import factor_doubt, size_doubt, zero_doubt
+from .contrary_stretches import contrary
 from .misreadings import misassigned, misreading
 from .negative_inertia import negative_inertia
 
@@ -124,7 +125,8 @@ def _turned(estimate: Estimate) -> str:
 
 def _cause(estimate: Estimate) -> str:
     """What the log has wrong, the surest first: what follows from one cause is not blamed on the next."""
-    return misreading(estimate) or _turned(estimate) or zero_doubt(estimate) or factor_doubt(estimate) or size_doubt(estimate)
+    log = contrary(estimate) or misreading(estimate) or _turned(estimate)
+    return log or zero_doubt(estimate) or factor_doubt(estimate) or size_doubt(estimate)
 
 
 def _bounds(estimate: Estimate) -> tuple[Array, Array]:

@@ -39,13 +39,13 @@ _SAMPLES, _BLOCKS, _PIECES, _FEW = 6_000, 8, 24, 2
 _SURELY, _PART, _SEEN = 5.0, 0.05, 1e-3
 #: Taken out, it must lower the product of all joints' relative errors so many times, and raise that of none by more: what is no cause
 #: makes one joint fit at the cost of another.
-_FALL, _RISE = 1.3, 1.25
+FALL, _RISE = 1.3, 1.25
 #: What drives usually do stands beside the declared model: what that explains is no mistake of the log.
 _USUAL = ("rotor_inertia", "viscous", "coulomb", "offset")
 #: Others whose errors are no further from the best one's are named too; no more than so many are tried.
 _TRIED = 4
 #: Gauss-Newton steps, the change at which they end, how many may gain nothing, passes of weighting, and the step of differences.
-_STEPS, _SETTLED, _VAIN, _PASSES, _STEP = 8, 3e-3, 3, 5, 1e-5
+_STEPS, _SETTLED, _VAIN, PASSES, _STEP = 8, 3e-3, 3, 5, 1e-5
 
 
 #: Columns of other joints, or in the opposite direction, are looked for where a joint's relative error lies above this. Corrected, they
@@ -89,7 +89,7 @@ def _sentence(found: list[_Found], names: Sequence[str]) -> str:
     if not found:
         return ""
     best = max(found, key=lambda one: one.fall)
-    others = [one.told for one in found if one is not best and one.fall > best.fall - np.log(_FALL)]
+    others = [one.told for one in found if one is not best and one.fall > best.fall - np.log(FALL)]
     worst = int(np.nanargmax(best.before / best.after))
     more = f"; or {'; or '.join(others)} (these data cannot distinguish them)" if others else ""
     return (
@@ -167,15 +167,15 @@ class _Sampled:
             fall = float(np.sum(np.log(before / errors)))
             if best is None or fall > best[0].fall:
                 best = _Found(suspect.told(value), suspect.remedy, fall, before, errors), value
-            solution, _ = reweighted(whole, [*order, mistake], iterations=_PASSES)
+            solution, _ = reweighted(whole, [*order, mistake], iterations=PASSES)
             step = float(np.clip(solution.values[solution.columns == mistake].sum(), -suspect.reach, suspect.reach))
-            if abs(step) < _SETTLED or (number == _VAIN and best[0].fall < np.log(_FALL)):
+            if abs(step) < _SETTLED or (number == _VAIN and best[0].fall < np.log(FALL)):
                 break
             values = self.problem.base.expand(fit)
             value += step
         assert best is not None
         found, value = best
-        sure = found.fall > np.log(_FALL) and bool(np.all(found.after < _RISE * found.before)) and suspect.noteworthy(value)
+        sure = found.fall > np.log(FALL) and bool(np.all(found.after < _RISE * found.before)) and suspect.noteworthy(value)
         return found if sure else None
 
     def interchanged(self) -> list[_Found]:
@@ -221,7 +221,7 @@ class _Sampled:
 
     def _fitted(self, information: Information) -> tuple[Array, Array]:
         """Base values (b,) that fit rows best, and the relative error (n,) of each joint then."""
-        fit = full_values(self.problem, reweighted(information, order_of(self.problem.base), iterations=_PASSES)[0])
+        fit = full_values(self.problem, reweighted(information, order_of(self.problem.base), iterations=PASSES)[0])
         return fit, information.relative_errors(fit)
 
     def _rows(self, block: Block, values: Array, suspects: list[Misreading], value: float = 0.0) -> tuple[Array, Array, Array]:

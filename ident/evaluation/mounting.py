@@ -50,7 +50,8 @@ class Mounting:
     def remedy(self) -> str:
         """A sentence: what to look at."""
         what = "Log the whole torque, or declare" if not self.gravity.any() else "Check how the robot is mounted, and declare it:"
-        return f"{what} [robot] gravity = [{', '.join(f'{x:g}' for x in np.round(self.gravity, 2) + 0.0)}] in a study file."
+        parts = [f"{x:g}" for x in np.round(self.gravity, 2) + 0.0]
+        return f"{what} --gravity {' '.join(parts)}, or [robot] gravity = [{', '.join(parts)}] in a study file."
 
 
 def mounting(problem: Problem, blocks: Sequence[Block]) -> Mounting | None:

@@ -17,8 +17,9 @@ QUANTITY_WORDS = {
     "dq": {"qd", "dq", "v", "vel", "velocity", "velocities", "speed", "drehzahl", "qvel", "dp", "qdot", "omega", "geschwindigkeit",
            "vitesse", "velocidad", "velocidade", "velocita", "dtheta", "velo",
            "spd", "angvel", "dpos", "dangle", "thetadot", "rate", "rates"},
-    "ddq": {"qdd", "ddq", "acc", "acceleration", "qddot", "beschleunigung"},
-    "tau": {"tau", "torque", "torques", "effort", "eff", "moment", "drehmoment", "mt", "force", "trq", "torq", "tq", "couple", "coppia"},
+    "ddq": {"qdd", "ddq", "acc", "acceleration", "accelerations", "qddot", "beschleunigung"},
+    "tau": {"tau", "torque", "torques", "effort", "efforts", "eff", "moment", "drehmoment", "mt", "force", "trq", "torq", "tq", "couple",
+            "coppia"},
     "i": {"current", "currents", "iq", "strom", "courant", "corriente"},
 }  # fmt: skip
 WANTED = DESIRED | {"d", "ip", "aspos", "planned", "pl", "plan", "action"}

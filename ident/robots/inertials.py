@@ -12,6 +12,8 @@ from ..errors import ConfigurationError
 
 #: Share by which written digits may break the triangle inequality of a flat body.
 _ROUNDED = 0.01
+#: kg m²: below it, an inertia is what arithmetic left of zero.
+_NO_INERTIA = 1e-12
 #: Below this, a number is written as zero.
 _NOTHING = 1e-290
 #: The numbers of an <inertial>, by element and attribute, and the largest that a robot could have (kg, kg m^2, m): beyond, sums overflow.
@@ -83,7 +85,7 @@ def link_oddities(root: etree._Element) -> dict[str, str]:
             continue
         xx, xy, xz, yy, yz, zz = (float(inertia.get(key, "0")) for key in _NUMBERS["inertia"])
         low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if low >= 0 and high > (low + middle) * (1.0 + _ROUNDED) + 1e-12:
+        if low >= 0 and high > (low + middle) * (1.0 + _ROUNDED) + _NO_INERTIA:
             found[link.get("name", "")] = (
                 f"its principal moment {high:.4g} kg m^2 exceeds the sum of the others"
                 f" ({low:.4g} + {middle:.4g}; ixx {xx:g}, iyy {yy:g}, izz {zz:g})"
@@ -102,7 +104,7 @@ def link_faults(root: etree._Element) -> dict[str, str]:
         if inertia is not None:
             xx, xy, xz, yy, yz, zz = (float(inertia.get(key, "0")) for key in _NUMBERS["inertia"])
             least = float(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0])
-            if least < -1e-9 * max(abs(xx), abs(yy), abs(zz), abs(xy), abs(xz), abs(yz)):
+            if least < -1e-9 * max(abs(xx), abs(yy), abs(zz), abs(xy), abs(xz), abs(yz)) - _NO_INERTIA:
                 said.append(f"its inertia about some axis is {least:.4g} kg m^2 (ixx {xx:g}, iyy {yy:g}, izz {zz:g})")
         if said:
             found[link.get("name", "")] = " and ".join(said)

@@ -53,7 +53,7 @@ def stamps_of(log: StoredLog) -> Stamps:
             longest, place = float(steps[gaps].max()), at + int(gaps[np.argmax(steps[gaps])])
         at += len(steps)
     even = not count and deviation(log.t, 1 / clock.step) <= clock.tolerance(1 / clock.step)
-    return Stamps(len(log), log.duration, clock, count, longest, float(log.t[place]), even)
+    return Stamps(len(log), float(log.t[0]), log.duration, clock, count, longest, float(log.t[place]), even)
 
 
 def _of_content(log: StoredLog, robot: Robot) -> list[AuditFinding]:

@@ -373,6 +373,16 @@ def test_inertials_of_no_body_stop_a_simulation_and_no_fit(ident, arm, tmp_path,
         assert sum(bool(re.search(message, w)) for w in ran.json["warnings"]) == 1
 
 
+def test_what_rounding_leaves_of_no_inertia_is_no_fault(ident, arm, tmp_path):
+    """Massless frames of a humanoid's URDF were said to be no bodies."""
+    path = tmp_path / "frame.urdf"
+    inertia = '<inertia ixx="0" iyy="4e-18" izz="-1e-20" ixy="2e-20" ixz="0" iyz="0"/>'
+    frame = f'<link name="tip"><inertial><mass value="0"/>{inertia}</inertial></link>'
+    frame += '<joint name="weld" type="fixed"><parent link="hand"/><child link="tip"/></joint>'
+    path.write_text(ARM.replace("</robot>", frame + "</robot>"))
+    assert ident("fit", "--urdf", path, "--log", arm.train, *FRICTION, "--json", "--quiet").json["warnings"] == []
+
+
 def test_a_hand_without_inertial_cannot_be_simulated(ident, tmp_path):
     path = tmp_path / "light.urdf"
     path.write_text(re.sub(r'(<link name="hand">).*?</inertial>', r"\1", ARM, flags=re.DOTALL))

@@ -276,6 +276,33 @@ def test_base_by_name(ident, name, more, count):
     assert len(rotors) == (6 if "--rotor-inertia" in more else 0)
 
 
+def test_gravity_of_a_robot_on_a_wall(ident, arm, tmp_path):
+    """Only a study file could tell it."""
+    from ident import Robot
+
+    robot = Robot.from_urdf(arm.urdf)
+    wall = (0.0, 9.81, 0.0)
+    header = arm.train.read_text().splitlines()[0]
+    recorded = np.loadtxt(arm.train, delimiter=",", skiprows=1)
+    names = header.split(",")
+    q = recorded[:, [names.index(f"q{j}") for j in range(1, 5)]]
+    still = np.zeros_like(q)
+    torque = [
+        model.inverse_dynamics(q, still, still, robot.nominal) for model in (robot.rigid_body(), robot.with_gravity(wall).rigid_body())
+    ]
+    for j in range(4):
+        recorded[:, names.index(f"tau{j + 1}")] += torque[1][:, j] - torque[0][:, j]
+    log = tmp_path / "wall.csv"
+    np.savetxt(log, recorded, delimiter=",", header=header, comments="")
+    command = ("fit", "--urdf", arm.urdf, "--log", log, *FRICTION, "--quiet", "--json")
+    told = ident(*command)
+    assert "--gravity 0 9.81 0" in " ".join(told.err.split())
+    fitted = ident(*command, "--gravity", *wall).json
+    assert fitted["torque_error"]["heldout"]["relative_all"] < 0.01 < told.json["torque_error"]["heldout"]["relative_all"]
+    ran = ident("payload", "--fit", "fit.json", "--log", log, "--gravity", *wall)
+    assert (ran.code, "leave out" in ran.err) == (2, True)
+
+
 def test_base_with_locked_joints(ident, tmp_path):
     example_robots()
     study = tmp_path / "arm.toml"

@@ -150,6 +150,14 @@ def test_times_are_told_to_the_millisecond_in_logs_stamped_since_1970(robot: Rob
     assert told == [pytest.approx(1.76e9 + at, abs=0.1, rel=0)], found.text
 
 
+def test_a_gap_is_found_in_a_plot_of_a_log_stamped_since_1970(robot: Robot) -> None:
+    log = CASES["gaps"][0](good(robot))
+    (found,) = look(replace(log, t=log.t + 1.76e9), robot).of("gaps")
+    assert "(9.998 s after the first)" in found.text
+    (found,) = look(log, robot).of("gaps")
+    assert "after the first" not in found.text
+
+
 @pytest.mark.parametrize("code", ["jitter", "missing_samples", "gaps", "quantisation", "wrapped", "torque_nan", "velocity_scale"])
 def test_faults_that_need_no_robot(robot: Robot, code: str) -> None:
     fault, _, _ = CASES[code]

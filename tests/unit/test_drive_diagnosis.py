@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import ident
-from benchmarks.actuators.commanded import LEG, commanded_log
+from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from benchmarks.actuators.servos import URDF, recorded, servo
 from ident.cli import main
 from ident.diagnosis.drives import diagnose_drives
-from ident.diagnosis.drives.candidates import DriveCandidate, values_in
+from ident.diagnosis.drives.candidates import DriveCandidate, same_motion, values_in
 from ident.diagnosis.drives.screening import Screened
 from ident.diagnosis.drives.trials import Stage, settled
 from ident.drives import DriveLaw
@@ -126,3 +126,60 @@ def test_a_gain_is_doubted_on_the_joint_that_has_another_one(wrong_knee):
     assert name == "kp_knee"
     assert abs(value - 20.0) < min(3.0 * std, 0.2)
     assert finding.gain > 0.5
+    assert finding.declared == (26.0,)
+    assert any("inertial parameters of the URDF's links" in text for text in found.warnings)
+
+
+def test_numbers_that_differ_by_joint_are_all_told(wrong_knee):
+    found = diagnose_drives(*wrong_knee)
+    finding = replace(found.findings[0], joints=("hip", "knee"), declared=(25.0, 26.0))
+    assert "(declared: 25, 26)" in finding.text()
+    assert replace(found, findings=(finding,)).to_dict()["findings"][0]["declared"] == [25.0, 26.0]
+    assert found.to_dict()["findings"][0]["declared"] == 26.0
+
+
+def test_an_interval_keeps_to_what_is_possible(wrong_knee):
+    found = diagnose_drives(*wrong_knee)
+    doubtful = replace(found.findings[0], values=(("kp_knee", 20.0, 30.0, "N m/rad"),))
+    assert "kp_knee not determined (0 to 79 N m/rad)" in doubtful.text()
+    (told,) = replace(found, findings=(doubtful,)).to_dict()["findings"][0]["parameters"]
+    assert told["interval"] == [0.0, pytest.approx(78.8)]
+
+
+@pytest.fixture(scope="module")
+def moving_command():
+    """A drive that is sent the derivative of its position command, too, and has another kd than declared."""
+    if not kernel().compiled:
+        pytest.skip("the log is simulated by compiled code")
+    robot = ident.Robot.from_urdf(PENDULUM)
+    truth = {"Ia": 0.012, "Fv": 0.5, "Fc": 0.15, "offset": 0.1, "kp": 25.0, "kd": 0.8, "delay": 0.006}
+    log = commanded_log(robot, truth, seed=6, seconds=4.0, before=1.0, speed_command=True)
+    model = robot.rigid_body()
+    for name in EFFECTS:
+        model = model + ident.make_effect(name)
+    return LogSet((log,)), model
+
+
+@pytest.mark.parametrize(("sent", "others"), [("logged", []), ("derivative", ["velocity_command"])])
+def test_a_kd_beside_a_velocity_command_that_nobody_logged(moving_command, sent, others):
+    """Twice the kd and twice the velocity command are the same, where viscous friction makes up for the rest."""
+    logs, model = moving_command
+    found = diagnose_drives(logs, model, DriveLaw.of(model.robot, kp=25.0, kd=0.5, delay_s=0.006, velocity_command=sent))
+    (finding,) = found.findings
+    assert finding.effect == "kd"
+    assert finding.values[0][1] == pytest.approx(0.8, abs=0.05)
+    assert [rival.effect for rival in finding.rivals] == others
+    assert finding.confidence + sum(rival.confidence for rival in finding.rivals) == pytest.approx(1.0, abs=0.01)
+    assert found.verdict == ("ambiguous" if others else "explained")
+
+
+@pytest.mark.parametrize(("scale", "kd", "others"), [("identify", 0.0, ("effort_limit",)), (0.5, 0.0, ()), ("identify", 0.1, ())])
+def test_a_gain_of_duty_beside_its_limit(scale, kd, others):
+    """Where the torque of full duty is unknown, half the gain is twice the limit: the bracket's size is nobody's to say."""
+    robot = ident.Robot.from_urdf(PENDULUM)
+    law = DriveLaw.of(robot, "pwm", kp=1.2, kd=kd, torque_scale=scale, back_emf=0.0, delay_s=0.0)
+    one, t = DriveCandidate("kp", "kp"), np.arange(0.0, 1.0, 0.01)
+    still = np.zeros((len(t), 1))
+    log = ident.Log("run", t=t, q=still, extra={"q_cmd1": still[:, 0], "supply1_V": still[:, 0] + 7.0})
+    wider = one.added_to(DrivePlant(robot.rigid_body(), law, drive_logs(LogSet((log,)), robot, law)), [0])
+    assert same_motion(one, (0,), law, wider, np.ones(len(wider.unknowns))) == others

@@ -73,6 +73,17 @@ def test_the_stretch_is_told(stuck):
     assert any("joint1, 2 to" in text and "times the usual error" in text for text in fit.warnings)
 
 
+def test_a_diagnosis_does_not_name_what_a_stretch_looks_like(stuck):
+    """Nothing is missing but what happened for half a second, which is told."""
+    robot = ident.Robot.from_urdf(URDF)
+    for one, log in stuck:
+        found = diagnose_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, **one.declared))
+        assert not found.findings
+        assert any("joint1, 2 to" in text for text in found.warnings)
+        assert "times the usual error" in found.summary()
+        assert found.to_dict()["warnings"] == list(found.warnings)
+
+
 def test_a_clean_log_keeps_its_fit():
     robot = ident.Robot.from_urdf(URDF)
     for one, log in logs_of((0.0, 0.0)):
@@ -166,7 +177,7 @@ def test_a_feed_forward_that_was_not_sent_as_logged_is_named(partly_sent):
     robot, log = partly_sent
     found = diagnose_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, kp=25.0, kd=0.8, delay_s=TRUTH["delay"]))
     assert [f.effect for f in found.findings] == ["feed_forward"]
-    assert found.findings[0].declared == 1.0
+    assert found.findings[0].declared == (1.0,)
     assert found.findings[0].values[0][1] == pytest.approx(SHARE, abs=0.03)
 
 

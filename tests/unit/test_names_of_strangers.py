@@ -33,6 +33,7 @@ def table(time: str, unit: float, groups: Mapping[str, Array], who: tuple[str, .
 READ: dict[str, tuple[dict[str, Array], str]] = {
     "Greek symbols": (table("t", 1.0, {"θ{}": Q, "ω{}": DQ, "τ{}": TAU}), "joint"),
     "dots above symbols": (table("t", 1.0, {"q{}": Q, "q\u0307{}": DQ, "τ{}": TAU}), "joint"),
+    "plural words": (table("t", 1.0, {"positions_{}": Q, "velocities_{}": DQ, "efforts_{}": TAU}), "joint"),
     "addresses on a bus": (table("t", 1.0, {"0x14{}_pos": Q, "0x14{}_vel": DQ, "0x14{}_torque": TAU}), "joint"),
     "numbers of servos": (
         table("t", 1.0, {"servo{}_position": Q, "servo{}_velocity": DQ, "servo{}_torque": TAU}, ("7", "11", "30")),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...drives.law import DriveLaw
+from ...drives.law import DriveLaw, VelocityCommand
 from ...drives.plant import DrivePlant
 from ...drives.starts import starts
 from ...drives.unknowns import CONSTANTS
@@ -93,6 +93,25 @@ def candidates(plant: DrivePlant) -> Iterator[DriveCandidate]:
         if (place == "kd" and not moved) or (place == "kp" and (law.kind == "pd_velocity" or not law.links_known)):
             continue
         yield DriveCandidate(name, place)
+
+
+def same_motion(candidate: DriveCandidate, joints: Sequence[int], law: DriveLaw, wider: DrivePlant, values: Array) -> tuple[str, ...]:
+    """What else of a declared `law` may be another than declared, and leads to the very same motion as the candidate on these joints.
+
+    A kd that acts on a velocity command which nobody logged says how large that command was, as long as viscous friction makes up for the
+    rest. Where the scale of the torque is not known, a gain is one beside the limit. `values` (p,): of the `wider` plant, with both."""
+    found = {(u.place, u.joint): float(v) for u, v in zip(wider.unknowns, values, strict=True)}
+    if candidate.place == "kd":
+        sent = {law.for_log(log.name).velocity_command for log in wider.logs if np.any(log.dq_cmd)}
+        more = [found["kd", j] - candidate.declared(law, j) for j in joints]
+        friction = [found.get(("viscous", j), -np.inf) for j in joints]
+        made_up = all(f + m >= 0.0 for f, m in zip(friction, more, strict=True))
+        return ("velocity_command",) if sent == {VelocityCommand.DERIVATIVE} and made_up else ()
+    if candidate.place == "kp":
+        own = list(joints)
+        free = np.isnan(law.constants["torque_scale"][own]) & np.isfinite(law.constants["effort_limit"][own])
+        return ("effort_limit",) if np.all(free & (law.constants["kd"][own] == 0.0)) else ()
+    return ()
 
 
 def values_in(wider: DrivePlant, plant: DrivePlant, values: Array, candidate: DriveCandidate, inertia: Array) -> tuple[Array, Array, Array]:

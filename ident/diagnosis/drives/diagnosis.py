@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...drives.fit import result_of
+from ...drives.fit import result_of, scale_of_gains
 from ...drives.plant import DrivePlant
 from ...drives.search import fitted
 from ...drives.sizes import doubtful_sizes
 from ...drives.space import drive_logs
 from ...drives.starts import moved_inertia, starts
+from ...drives.stretches import shares, steadied, unexplained
 from ..verdict import Verdict
+from .candidates import same_motion
 from .result import DriveDiagnosis, DriveFinding, DriveRival
 from .screening import FORETOLD, Screened, screened, structure
 from .trials import Stage, believed, settled, tried
@@ -53,7 +55,8 @@ def diagnose_drives(
     """
     plant = DrivePlant(model, law, drive_logs(logs, model.robot, law))
     at, sizes = starts(plant)
-    first = now = Stage(plant, fitted(plant, at, sizes, progress=progress), sizes)
+    # Stretches in which something else happened count the less throughout: nothing is found by what it makes of a contact.
+    first = now = Stage(plant, steadied(plant, fitted(plant, at, sizes, progress=progress), sizes), sizes)
     inertia = moved_inertia(plant)
     findings: list[DriveFinding] = []
     while len(findings) < _FINDINGS:
@@ -68,7 +71,9 @@ def diagnose_drives(
     left = structure(now.fit)
     if held is not None:
         before, after = before.with_heldout(held), after.with_heldout(held)
-    return DriveDiagnosis(_verdict(findings, left), tuple(findings), left, before, after)
+    told = tuple(one.text(model.robot.joint_names[one.joint]) for one in unexplained(now.plant, now.fit))
+    warnings = (*scale_of_gains(now.plant), *told)
+    return DriveDiagnosis(_verdict(findings, left), tuple(findings), left, before, after, warnings)
 
 
 def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[DriveFinding, Stage]:
@@ -78,8 +83,10 @@ def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[DriveFind
     plant = stage.plant
     behind = np.array([(other[1].fit.cost - stage.fit.cost) / stage.spread for other in others])
     odds = np.exp(-0.5 * np.minimum(behind, 1e3))
-    rivals = tuple(
-        DriveRival(other.candidate.name, _names(plant, other), float(odd / (1.0 + odds.sum())))
+    same = same_motion(one.candidate, one.joints, now.plant.law, plant, stage.fit.values)
+    confidence = 1.0 / (1.0 + len(same) + float(odds.sum()))
+    rivals = tuple(DriveRival(name, _names(plant, one), confidence) for name in same) + tuple(
+        DriveRival(other.candidate.name, _names(plant, other), float(odd) * confidence)
         for (other, _), odd, far in zip(others, odds, behind, strict=True)
         if far < _ALIKE
     )
@@ -91,13 +98,14 @@ def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[DriveFind
     values = tuple((plant.unknowns[i].name, float(fit.values[i]), s, plant.unknowns[i].unit) for i, s in zip(new, std, strict=True))
     declared = None
     if one.candidate.place in now.plant.law.constants and one.candidate.either_way:
-        declared = one.candidate.declared(now.plant.law, one.joints[0])
+        declared = tuple(one.candidate.declared(now.plant.law, j) for j in one.joints)
     joints = tuple(plant.robot.joint_names) if one.candidate.place == "delay_s" else _names(plant, one)
     no_size = tuple(text for i, text in doubts.items() if i in new)
-    finding = DriveFinding(one.candidate.name, joints, values, declared, one.gain, float(1.0 / (1.0 + odds.sum())), rivals, no_size)
-    counted = stage.fit.weights > 0
-    rms = np.sqrt(np.sum(np.square(stage.fit.residual * counted), axis=0) / np.maximum(counted.sum(axis=0), 1))
-    return finding, replace(stage, fit=replace(stage.fit, weights=counted / np.maximum(rms, 1e-12)))
+    least = tuple(float(plant.unknowns[i].lower) for i in new)
+    finding = DriveFinding(one.candidate.name, joints, values, declared, one.gain, confidence, rivals, no_size, least)
+    share = shares(plant, stage.fit.weights)
+    rms = np.sqrt(np.sum(np.square(stage.fit.residual * share), axis=0) / np.maximum(np.sum(share**2, axis=0), 1))
+    return finding, replace(stage, fit=replace(stage.fit, weights=share / np.maximum(rms, 1e-12)))
 
 
 def _names(plant: DrivePlant, one: Screened) -> tuple[str, ...]:

@@ -27,25 +27,34 @@ class DriveRival:
 
 @dataclass(frozen=True)
 class DriveFinding:
-    """One thing that is missing, or not as declared. `values`: (name, value, standard deviation, unit), of which an infinite one says that
-    there is no size to tell, and `no_size` why; `declared`: the number that the law gave, None for what it did not have; `gain`: share of
-    the squared error that it takes off readings for which it was not adjusted."""
+    """One thing that is missing, or not as declared.
+
+    `values`: (name, value, standard deviation, unit), of which an infinite one says that there is no size to tell, and `no_size` why;
+    `declared`: the numbers that the law gave on these joints, None for what it did not have; `gain`: share of the squared error that it
+    takes off readings for which it was not adjusted; `least`: the smallest possible number of each value."""
 
     effect: str
     joints: tuple[str, ...]
     values: tuple[tuple[str, float, float, str], ...]
-    declared: float | None
+    declared: tuple[float, ...] | None
     gain: float
     confidence: float
     rivals: tuple[DriveRival, ...]
     no_size: tuple[str, ...] = ()
+    least: tuple[float, ...] = ()
+
+    @property
+    def intervals(self) -> tuple[tuple[float, float], ...]:
+        """Ends of each value's 95 % interval, within what is physically possible."""
+        least = self.least or (-np.inf,) * len(self.values)
+        return tuple((max(v - 1.96 * s, low), v + 1.96 * s) for (_, v, s, _), low in zip(self.values, least, strict=True))
 
     def text(self) -> str:
         """One paragraph for people."""
-        numbers = ", ".join(_told(*value) for value in self.values)
+        numbers = ", ".join(_told(*value, ends) for value, ends in zip(self.values, self.intervals, strict=True))
         told = f"{self.effect} on {', '.join(self.joints)}: {numbers}"
         if self.declared is not None:
-            told += f" (declared: {self.declared:.4g})"
+            told += f" (declared: {', '.join(f'{number:.4g}' for number in _different(self.declared))})"
         told += f"; lowers the squared error of held-out readings by {self.gain:.0%}"
         if self.no_size:
             told += "; " + "; ".join(self.no_size)
@@ -56,13 +65,15 @@ class DriveFinding:
 
 @dataclass(frozen=True, eq=False)
 class DriveDiagnosis:
-    """Verdict, findings, the fit as declared and with the findings; `left`: share of the last residual that its own past predicts."""
+    """Verdict, findings, the fit as declared and with the findings; `left`: share of the last residual that its own past predicts.
+    `warnings`: whose scale unknown gains have, and stretches of the logs that count the less, because something else happened there."""
 
     verdict: Verdict
     findings: tuple[DriveFinding, ...]
     left: float
     before: DriveFit
     after: DriveFit
+    warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """Verdict, findings, error before and after."""
@@ -72,11 +83,13 @@ class DriveDiagnosis:
             lines.append(
                 wrapped(
                     f"unexplained: {self.left:.0%} of the squared error is predictable from earlier samples, and no candidate explains it"
+                    + ("; a cause that is none of the candidates can look like what is found" if self.findings else "")
                 )
             )
         pairs = [("fit", self.before.fit_rms, self.after.fit_rms)]
         if self.before.heldout_rms is not None and self.after.heldout_rms is not None:
             pairs.append(("held out", self.before.heldout_rms, self.after.heldout_rms))
+        lines += [wrapped(f"warning: {text}") for text in self.warnings]
         lines += [f"error of simulated position, {what}: {_rms(a):.3g} before, {_rms(b):.3g} after (rms, rad or m)" for what, a, b in pairs]
         return "\n".join(lines)
 
@@ -89,8 +102,8 @@ class DriveDiagnosis:
             {
                 "effect": f.effect,
                 "joints": list(f.joints),
-                "parameters": [_parameter(*value) for value in f.values],
-                "declared": f.declared,
+                "parameters": [_parameter(*value, ends) for value, ends in zip(f.values, f.intervals, strict=True)],
+                "declared": _plain(f.declared),
                 "heldout_gain": f.gain,
                 "confidence": f.confidence,
                 "no_size": list(f.no_size),
@@ -104,6 +117,7 @@ class DriveDiagnosis:
             "unexplained": [] if self.verdict != Verdict.UNEXPLAINED else [{"signature": "follows from the past", "share": self.left}],
             "before": _errors(self.before),
             "after": _errors(self.after),
+            "warnings": list(self.warnings),
         }
         return result("ident.drive_diagnosis/1", jsonable(body), inputs=self.before.inputs)
 
@@ -116,19 +130,31 @@ _MEANS = {
 }
 
 
-def _told(name: str, value: float, std: float, unit: str) -> str:
+def _told(name: str, value: float, std: float, unit: str, ends: tuple[float, float]) -> str:
     if std <= SHARE * abs(value):
         return f"{name} {value:.4g} ± {std:.2g} {unit}"
     if not np.isfinite(std):
         return f"{name} not determined"
-    return f"{name} not determined ({value - 1.96 * std:.2g} to {value + 1.96 * std:.2g} {unit})"
+    return f"{name} not determined ({ends[0]:.2g} to {ends[1]:.2g} {unit})"
 
 
-def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]:
+def _parameter(name: str, value: float, std: float, unit: str, ends: tuple[float, float]) -> dict[str, Any]:
     entry: dict[str, Any] = {"name": name, "unit": unit}
     if np.isfinite(std):
-        entry["interval"] = [value - 1.96 * std, value + 1.96 * std]
+        entry["interval"] = list(ends)
     return {**entry, "value": value, "std": std} if std <= SHARE * abs(value) else entry
+
+
+def _different(numbers: tuple[float, ...]) -> tuple[float, ...]:
+    """All of them, or one where all are the same."""
+    return numbers if len(set(numbers)) > 1 else numbers[:1]
+
+
+def _plain(numbers: tuple[float, ...] | None) -> float | list[float] | None:
+    if numbers is None:
+        return None
+    different = _different(numbers)
+    return list(different) if len(different) > 1 else different[0]
 
 
 def _rms(by_joint: Array) -> float:
