@@ -45,6 +45,11 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
         return f"{title} or {competing.effect}{on(competing.place)}: to tell them apart, {'; and '.join(ways)}."
     if verdict in ("unexplained", "ambiguous") and finding.confidence < 0.5:
         return f"{title} explains a part only; take it as a hint, and look at the residual before acting on it."
+    if verdict == "unexplained":
+        return (
+            f"Add {finding.name}{on(finding.place)} to the declared model ({title}): all that it predicts is present in the held-out data."
+            " Something else is left, which it does not account for."
+        )
     return f"Add {finding.name}{on(finding.place)} to the declared model ({title})."
 
 

@@ -271,7 +271,7 @@ def _findings(
     for x, c, share in zip(decision.named, without, shares, strict=True):
         error, final = c.error_before.relative_all, c.error_after.relative_all
         gain = 1.0 - (final / error) ** 2 if error > 0 else 0.0
-        own, others = confidence(x, beside=verdict == Verdict.UNEXPLAINED)
+        own, others = confidence(x, beside=verdict == Verdict.UNEXPLAINED, share=share)
         finding = Finding(x.effect, x.joints, values[x.effect], float(gain), float(x.z**2), own, others, presence=share)
         found.append(replace(finding, advice=advice_for(finding, robot, verdict)))
     return tuple(found)

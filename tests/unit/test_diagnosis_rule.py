@@ -11,6 +11,7 @@ from scipy.stats import chi2, norm
 import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
 from ident.diagnosis import Verdict
+from ident.diagnosis.confidence import confidence
 from ident.diagnosis.held_out import contradicted, contradicted_heap, heaps, presence
 from ident.diagnosis.inference import candidates
 from ident.diagnosis.inference.bursts import burst
@@ -47,6 +48,15 @@ def cases(arm: tuple[ident.Robot, dict[str, Array]], missing: list[tuple[ident.E
 @pytest.fixture(scope="module")
 def nothing_missing(arm: tuple[ident.Robot, dict[str, Array]]) -> list[Case]:
     return cases(arm, [], [101, 102])
+
+
+@pytest.mark.parametrize(
+    ("share", "wholly"), [((1.0, 0.01), True), ((0.96, 0.04), True), ((1.0, 0.2), False), ((0.8, 0.01), False), ((np.nan, np.nan), False)]
+)
+def test_what_held_out_data_wholly_confirm_is_more_than_a_hint_beside_what_is_left(share: tuple[float, float], wholly: bool) -> None:
+    found = AcceptedEffect(ident.make_effect("offset"), (), 30.0)
+    assert (confidence(found, beside=True, share=share)[0] > 0.5) is wholly
+    assert confidence(found, beside=False, share=share)[0] > confidence(found, beside=True, share=share)[0]
 
 
 def test_nothing_is_found_where_friction_fluctuates_under_feedback(nothing_missing: list[Case]) -> None:
