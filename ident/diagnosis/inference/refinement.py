@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from ...instruments.thresholds import BOUND
 from ..design.catalogue import Catalogue
 from ..design.places import is_order, order_spacing, search_range
-from ..thresholds import CONTAINED, SEEN
+from ..thresholds import SEEN
 from .scores import Scores
 
 if TYPE_CHECKING:
@@ -42,31 +42,9 @@ _ORDER_ROUNDS = 4
 _NEAR = 0.06
 
 
-def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False) -> Effect:
-    """An effect at the shape that scores best beside a frame; `near`: only around the one it has.
-
-    Where its values there would be those of no such effect, the shape that scores best of those whose values can be is taken if it does
-    nearly as well: friction |ω|^a, a < 1, that resists has a mirror beside viscous friction, a > 1, that drives. Where it does not, what
-    else is missing may be why values look impossible, and a shape that is far off would only hide it."""
-    found = _searched(effect, joints, fit, frame, near, _plain)
-    if found == effect or is_order(effect) or can_be(found, fit, *_values(found, joints, fit, frame)):
-        return found
-    possible = _searched(effect, joints, fit, frame, near, scored)
-    best, other = (float(z) ** 2 for z in _plain([found, possible], joints, fit, frame))
-    return possible if best - other <= max(SEEN**2, CONTAINED * best) else found
-
-
-def _values(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved) -> tuple[Array, Array]:
-    """Values of an effect beside a frame, to first order, and their standard deviations: nothing is known of those that it absorbs."""
-    scores = Scores.of(fit, frame, Catalogue.of_effects(fit, [(effect, joints)]))
-    if scores.kept:
-        return scores.values(0)
-    count = len(effect.parameters(fit.robot))
-    return np.zeros(count), np.full(count, np.inf)
-
-
-def _searched(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, near: bool, score: Score) -> Effect:
-    """An effect at the shape that scores best, over its range or around the shape that it has."""
+def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *, near: bool = False, score: Score | None = None) -> Effect:
+    """An effect at the shape that scores best beside a frame; `near`: only around the one it has. `score`: `scored` by default."""
+    score = score or scored
     if is_order(effect) and not on_a_slide(effect, fit) and _free(effect, fit):
         return _order(effect, joints, fit, frame)
     free = _free(effect, fit)
@@ -92,23 +70,24 @@ def sharpened(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...
     """An effect at the shape near its own that scores best beside others, at the noise of a model that has it.
 
     At such noise a shape that is off by little has values that are off by many deviations, such as no effect can have: whether they can be
-    is asked of the best alone, by a refit."""
+    is asked of the best alone, by a refit. Where they cannot, the best is sought among shapes whose values can."""
     frame = fit.behind(gains)
-    found = _searched(effect, joints, fit, frame, True, _plain)
+    found = refined(effect, joints, fit, frame, near=True, score=_plain)
     if found == effect:
         return effect
     other = fit.with_effects((*others, found))
     return found if can_be(found, other, *last_values(other, other.behind(gains))) else refined(effect, joints, fit, frame, near=True)
 
 
-def likeliest(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, frame: Solved) -> Effect:
-    """An accepted effect (in `frame`) at the shape that is likeliest beside others, its own or one near it that scores best, each at the
-    noise that it leaves, of those whose values can be.
+def likeliest(shapes: Sequence[Effect], joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, frame: Solved) -> Effect:
+    """An accepted effect (in `frame`) at the shape that is likeliest beside others, each at the noise that it leaves, of those whose values
+    can be: of some `shapes`, and of those near the last that score best.
 
     What a wrong shape leaves passes for coloured noise, at which that very shape scores best: the shape is sought with one weight for all
-    frequencies, too."""
+    frequencies, too. And while something else is missing, the right shape may have values that cannot be: it stays in the running."""
+    effect = shapes[-1]
     weights = (frame.gains, fit.with_effects((*others, effect)).flat(None))
-    found = list(dict.fromkeys([effect, *(sharpened(effect, joints, others, fit, gains) for gains in weights)]))
+    found = list(dict.fromkeys([*shapes, *(sharpened(effect, joints, others, fit, gains) for gains in weights)]))
     if len(found) == 1:
         return found[0]
 

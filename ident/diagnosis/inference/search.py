@@ -122,9 +122,8 @@ class EffectSearch:
                 changed |= better != effect
                 self.accepted[i] = (better, joints)
                 continue
-            lone = len(self.accepted) == 1
-            better = effect if lone else refined(effect, joints, fit, fit.behind(self.frame.gains))
-            better = likeliest(better, joints, fit.effects, fit, self.frame)
+            shapes = [effect] if len(self.accepted) == 1 else [effect, refined(effect, joints, fit, fit.behind(self.frame.gains))]
+            better = likeliest(shapes, joints, fit.effects, fit, self.frame)
             better = agreed(better, fit.effects, fit)
             changed |= better != effect
             self.accepted[i] = (better, joints)
