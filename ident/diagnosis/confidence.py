@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .held_out import confirmed
+from .held_out import confirmed, unconfirmed
 from .result import CompetingModel
 
 if TYPE_CHECKING:
     from .inference.confidence_set import AcceptedEffect
 
-#: Confidence in a finding without a competing model: beside nothing left, and beside something left where data held out confirm all of it,
-#: or do not.
-_SURE, _CONFIRMED, _BESIDE = 0.99, 0.9, 0.45
+#: Confidence in a finding without a competing model: beside nothing left; beside something left where data held out confirm all of it; and
+#: where they do not, or show nothing of it at all.
+_SURE, _CONFIRMED, _HINT = 0.99, 0.9, 0.45
 #: What a member of the confidence set is worth at least, beside the effect that was accepted.
 _LEAST = 0.35
 #: And those together that are the same on this motion by a name that asks for more.
@@ -27,8 +27,13 @@ def confidence(
     """Confidence in an accepted effect, and its competing models with theirs. `beside`: something is left that nothing accounts for;
     `share` of what it predicts that data held out have, with its standard error."""
     weights = _weights(accepted)
-    least = _CONFIRMED if confirmed(share) else _BESIDE
-    own = (least if beside else _SURE) / (1.0 + sum(weights))
+    if unconfirmed(share):
+        most = _HINT
+    elif beside:
+        most = _CONFIRMED if confirmed(share) else _HINT
+    else:
+        most = _SURE
+    own = most / (1.0 + sum(weights))
     ranked = sorted(zip(accepted.competing, weights, strict=True), key=lambda pair: -pair[1])
     return own, tuple(CompetingModel(m.effect.name, m.joints, own * w) for m, w in ranked)
 

@@ -22,7 +22,7 @@ from .analysed import analysed
 from .confidence import confidence
 from .described import LeftoverDescription, told
 from .detectability import undetectable
-from .held_out import contradicted, contradicted_heap, heaps, louder, presence
+from .held_out import contradicted, contradicted_heap, heaps, louder, presence, unconfirmed
 from .pictures import diagnosis_figure, diagnosis_frame, findings_section
 from .quality import jumps, lost
 from .refits import estimator_of, fitted, fitted_without, plainly_named
@@ -229,6 +229,8 @@ def diagnose(
             fewer = fitted_without(set(own), decision, declared, estimator, signals)
             worse += contradicted_heap([decision.named[i] for i in own], presence(fewer, after, held))
         verdict, unexplained = (Verdict.UNEXPLAINED, (*unexplained, *worse)) if worse else (verdict, unexplained)
+        if verdict == Verdict.EXPLAINED and any(map(unconfirmed, shares)):
+            verdict = Verdict.AMBIGUOUS
     _LOG.info("verdict %s; %s", verdict.value, "; ".join(decision.trail[-3:]))
     findings = _findings(decision, declared.model.robot, without, shares, verdict)
     description = _described(decision.laws, after, report, estimator, signals)
