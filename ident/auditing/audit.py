@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..robots.robot import require_robot
 from .columns import check_columns
 from .findings import Audit, AuditFinding, Severity, merged_findings
 from .motion import check_motion
@@ -36,6 +37,7 @@ def audit(logs: LogSet, robot: Robot | None = None) -> Audit:
     >>> ident.audit(train, ident.load_robot("puma560")).ok
     True
     """
+    require_robot(robot)
     robot = robot or logs.robot
     if robot is not None:
         logs = logs.with_robot(robot)

@@ -105,9 +105,10 @@ def _checked(session: Session, args: argparse.Namespace, out: Output) -> int:
 
 
 def _misread(session: Session) -> str:
-    """What to settle first: torques with the opposite sign, columns of another joint, gravity in another direction; "" for none."""
+    """What to settle first: torques with the opposite sign, columns of another joint, gravity in another direction, stretches that
+    contradict the rest; "" for none."""
     if not isinstance(session, StreamedSession):
-        return session.turned or session.misassigned
+        return session.turned or session.misassigned or session.contrary
     problem = session.problem
     found = opposite_sign(problem.information, problem.base, session.robot.joint_names)
     return "" if found is None else str(found)

@@ -141,6 +141,13 @@ def study_from(args: argparse.Namespace) -> Study:
     return replace(study, signals=replace(study.signals, options={**study.signals.options, "cutoff_hz": cutoff}))
 
 
+def refuse_beside_fit(args: argparse.Namespace, *more: str) -> None:
+    """Refuse flags, by their names in `args`, that say what a saved fit says itself: they would not be used. `more`: of one command."""
+    names = ("robot", "urdf", "lock", "gravity", "drive", "effects", "form", "cutoff", *more)
+    if given := [f"--{name}" for name in names if getattr(args, name, None)]:
+        raise ConfigurationError(f"--fit brings its own robot, model and cut-off; leave out {', '.join(given)}.")
+
+
 def inputs_of(args: argparse.Namespace, robot: Robot, *more: str | None) -> list[dict[str, str]]:
     """Files from which a command has its robot and model, and `more` that it reads, for its result: {"path", "sha256"} each."""
     fit = getattr(args, "fit", None)

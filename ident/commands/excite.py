@@ -17,7 +17,17 @@ from ..excitation.noise import sample_noise
 from ..excitation.objective import Both, ConditionNumber, DOptimality
 from ..excitation.surroundings import Surroundings
 from ..reporting import report
-from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, study_from, whole
+from .common import (
+    Output,
+    add_output_arguments,
+    add_study_arguments,
+    inputs_of,
+    not_negative,
+    positive,
+    refuse_beside_fit,
+    study_from,
+    whole,
+)
 
 if TYPE_CHECKING:
     from ..excitation.families import Family
@@ -95,6 +105,8 @@ def run(args: argparse.Namespace) -> int:
     target = out.target(args.trajectory, _TRAJECTORY)
     if target.exists() and not args.force:
         raise ConfigurationError(f"{target} exists; nothing was designed. Choose another --trajectory, or add --force.")
+    if args.fit:
+        refuse_beside_fit(args)
     estimate = Estimate.load(args.fit) if args.fit else None
     model = study_from(args).model() if estimate is None else estimate.model
     model, measure = _measure(args, model)

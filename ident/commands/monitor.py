@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._utils.files import sha256, write_atomic
+from ..auditing import audit
 from ..errors import ConfigurationError, IdentError
 from ..estimate.estimate import Estimate
 from ..logs.reading import read_logs
@@ -60,10 +61,12 @@ def run(args: argparse.Namespace) -> int:
     files = [*map(str, study.fit_files())] if study.logs.fit else []
     if not files:
         raise ConfigurationError("no log is given; pass the new logs with --log FILE (or --study FILE with [logs] fit).")
-    signals = like(estimate.signals_config)(_read(files, study, estimate))
+    logs = _read(files, study, estimate)
+    audited = [f"audit: {finding}" for finding in audit(logs, estimate.model.robot).warnings]
+    signals = like(estimate.signals_config)(logs)
     reference, warning = _reference(args, study, estimate)
     found = monitor(estimate, signals, reference=reference, look=args.look, progress=out.progress("comparing"))
-    found = replace(found, warnings=(*found.warnings, *([warning] if warning else ())))
+    found = replace(found, warnings=(*audited, *found.warnings, *([warning] if warning else ())))
     out.say(found)
     out.result(found.to_dict())
     with out.together() as folder:

@@ -7,14 +7,26 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from .._utils.json import result
+from .._utils.text import wrapped
+from ..auditing import audit
 from ..errors import ConfigurationError, DataError
 from ..estimate.estimate import Estimate
+from ..evaluation.doubts import log_doubt
 from ..logs.reading import read_logs
 from ..physical import payload_of
 from ..problem.problem import Problem
 from ..signals.likewise import like
 from ..study.study import Study, read_study
-from .common import Output, add_log_argument, add_output_arguments, add_reading_arguments, add_study_arguments, read_as_asked, study_from
+from .common import (
+    Output,
+    add_log_argument,
+    add_output_arguments,
+    add_reading_arguments,
+    add_study_arguments,
+    read_as_asked,
+    refuse_beside_fit,
+    study_from,
+)
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -42,6 +54,9 @@ def run(args: argparse.Namespace) -> int:
     if not args.log:
         raise ConfigurationError("no log with the load is given; pass one with --log FILE.")
     before, after = _of_saved(args) if args.fit else _of_logs(args)
+    said = [*_said(before, "without"), *_said(after, "with")]
+    for warning in said:  # first: what is wrong with a log may leave no load at all
+        out.say(wrapped(f"warning: {warning}"))
     found = payload_of(before, after, link=args.link)
     out.say(found.text())
     body: dict[str, Any] = {
@@ -49,8 +64,17 @@ def run(args: argparse.Namespace) -> int:
         "torque_error": {"without": before.fit_error.to_dict(), "with": after.fit_error.to_dict()},
     }
     inputs = (*before.inputs, *after.inputs)
-    out.result(result("ident.payload/1", body, inputs=inputs, warnings=found.notes), "payload")
+    out.result(result("ident.payload/1", body, inputs=inputs, warnings=(*said, *found.notes)), "payload")
     return 1 if args.strict and not found.significant else 0
+
+
+def _said(estimate: Estimate, which: str) -> list[str]:
+    """What is wrong with the logs of a fit, unless it was saved and has said so before."""
+    if estimate.problem is None or estimate.problem.signals.source is None:
+        return []
+    found = audit(estimate.problem.signals.source, estimate.model.robot).warnings
+    wrong = log_doubt(estimate)
+    return [*(f"audit of the logs {which} the load: {one}" for one in found), *([f"of the fit {which} the load: {wrong}"] if wrong else [])]
 
 
 def _of_logs(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
@@ -68,11 +92,7 @@ def _of_logs(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
 
 def _of_saved(args: argparse.Namespace) -> tuple[Estimate, Estimate]:
     """A saved fit, and the fit of the same model to the logs with the load."""
-    if args.without or args.robot or args.urdf or args.gravity or args.drive or args.effects or args.cutoff:
-        raise ConfigurationError(
-            "--fit brings its own robot, model and cut-off; leave out --without, --robot, --urdf, --gravity, --drive, --effects and"
-            " --cutoff."
-        )
+    refuse_beside_fit(args, "without")
     before = Estimate.load(args.fit)
     study = (read_study(args.study) if args.study else Study()).with_flags(logs=args.log, method=args.method)
     study = read_as_asked(study, args)

@@ -25,7 +25,7 @@ from ..simulation.plant import Plant
 from ..simulation.sensors import Quantisation, Sensors, TorqueNoise, TorqueWindow
 from ..simulation.simulate import simulate
 from ..simulation.trajectory import FourierTrajectory
-from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, study_from
+from .common import Output, add_output_arguments, add_study_arguments, inputs_of, not_negative, positive, refuse_beside_fit, study_from
 from .injected import HELP, injected
 
 if TYPE_CHECKING:
@@ -208,6 +208,7 @@ def _control_rate(rate: float) -> float:
 
 def _plant(args: argparse.Namespace) -> tuple[Model, Array]:
     if args.fit:
+        refuse_beside_fit(args)
         estimate = Estimate.load(args.fit)
         return estimate.model, estimate.all_values
 

@@ -16,7 +16,7 @@ from ..evaluation.doubts import seen_by
 from ..evaluation.validation import validate
 from ..reporting import report_of
 from ..study.study import Study, read_study
-from .common import Output, add_output_arguments, add_study_arguments, not_negative, read_as_asked, study_from
+from .common import Output, add_output_arguments, add_study_arguments, not_negative, read_as_asked, refuse_beside_fit, study_from
 from .kept_report import keep_report
 from .streaming import add_streaming_arguments, session_from, signals_from
 
@@ -65,6 +65,7 @@ def _told(validation: Validation, inputs: Iterable[Mapping[str, Any]], args: arg
 
 
 def _of_saved(args: argparse.Namespace, out: Output) -> int:
+    refuse_beside_fit(args, "method")
     estimate = Estimate.load(args.fit)
     study = read_study(Path(args.study)) if args.study else Study()
     study = study.with_flags(logs=args.log or (), validate=args.validate or ())

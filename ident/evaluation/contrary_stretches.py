@@ -178,8 +178,8 @@ def _sentence(problem: Problem, pieces: _Pieces, found: _Contradiction) -> str:
     names = problem.model.robot.joint_names
     events = _events(problem, pieces, found)
     said = [
-        f"at {moment(event.start, event.origin)}, for {event.stop - event.start:.2g} s (log {event.log}; {event.times:.3g} times the usual"
-        f" error of {names[event.joint]})"
+        f"at {moment(round(event.start, 2), event.origin)}, for {event.stop - event.start:.2g} s"
+        f" (log {event.log}; {event.times:.3g} times the usual error of {names[event.joint]})"
         for event in events[:_NAMED]
     ]
     more = f" and in {counted(len(events) - _NAMED, 'more place')}" if len(events) > _NAMED else ""
@@ -187,7 +187,7 @@ def _sentence(problem: Problem, pieces: _Pieces, found: _Contradiction) -> str:
     relative = 100 * found.before[worst] / found.torque[worst], 100 * found.after[worst] / found.torque[worst]
     return (
         f"the torque contradicts the rest of the logs {', '.join(said)}{more}. Without that, the torque error of {names[worst]} falls from"
-        f" {relative[0]:.2g} to {relative[1]:.2g} % elsewhere: the parameters of this fit are biased by it. Look for a contact, a brake or"
+        f" {relative[0]:.2g} to {relative[1]:.2g} % elsewhere: it biases the parameters. Look for a contact, a brake or"
         " another load there, and cut it out, or use method irls, which gives it little weight. Where only the motion is of another kind,"
         " the model lacks an effect (`ident diagnose`)."
     )

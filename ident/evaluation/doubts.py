@@ -100,6 +100,12 @@ def settled_first(estimate: Estimate) -> str:
     return misassigned(estimate) or _turned(estimate)
 
 
+def log_doubt(estimate: Estimate) -> str:
+    """A sentence on what a log has wrong, whatever the robot carries; "" where there is nothing: every torque turned, a stretch that
+    contradicts the rest, columns, units, clocks."""
+    return all_turned(estimate) or _of_the_log(estimate)
+
+
 def _impossible(estimate: Estimate) -> str:
     """Parameters, and sums of them, that lie beyond their bounds by more than scatter."""
     margin = np.where(np.isfinite(estimate.std), _SURELY * estimate.std, np.inf)
@@ -125,8 +131,11 @@ def _turned(estimate: Estimate) -> str:
 
 def _cause(estimate: Estimate) -> str:
     """What the log has wrong, the surest first: what follows from one cause is not blamed on the next."""
-    log = contrary(estimate) or misreading(estimate) or _turned(estimate)
-    return log or zero_doubt(estimate) or factor_doubt(estimate) or size_doubt(estimate)
+    return _of_the_log(estimate) or zero_doubt(estimate) or factor_doubt(estimate) or size_doubt(estimate)
+
+
+def _of_the_log(estimate: Estimate) -> str:
+    return contrary(estimate) or misreading(estimate) or _turned(estimate)
 
 
 def _bounds(estimate: Estimate) -> tuple[Array, Array]:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
+#: A torque of which no more than this is left was taken out whole: it contradicts the others, in whatever unit.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class TorqueScaled(Misreading):
         return out
 
     def noteworthy(self, value: float) -> bool:
-        return value < -1.0 or 0.5 < value < 1.0
+        return value < -1.0 or 0.5 < value < 1.0 - _ROUNDING
 
     def told(self, value: float) -> str:
         return f"the torque of {self.name} seems to be about {1.0 / (1.0 - value):.2g} times what the other joints' torques say"

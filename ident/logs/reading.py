@@ -13,6 +13,7 @@ import numpy as np
 from .._utils.files import sha256
 from .._utils.text import counted
 from ..errors import DataError, IdentError, unknown_name
+from ..robots.robot import require_robot
 from .channel_group import joint_of
 from .columns import resolve_columns
 from .files import LogFile, content_file, log_files
@@ -114,6 +115,7 @@ def read_logs(
     """
     if missing not in ("refuse", "gap"):
         raise unknown_name("treatment of missing positions", missing, ("refuse", "gap"))
+    require_robot(robot)
     request = _Request(None if robot is None else JointNames.of(robot), columns, missing, extra, rate_hz, torque, tuple(torque_sign))
     logs: list[Log] = []
     left_out: list[str] = []

@@ -14,7 +14,7 @@ from ..effects.kinds import Need
 from ..effects.motion import Motion
 from ..effects.reference import Reference
 from ..effects.rigid_body import RigidBody
-from ..errors import ConfigurationError, DataError
+from ..errors import ConfigurationError, DataError, UnsupportedError
 from ..model import Model
 from ..regressor.row_information import information
 from ..robots.transmission import Side
@@ -80,6 +80,11 @@ class Problem(ShortRepr):
             raise ConfigurationError(
                 f"the signals are of robot {self.signals.robot.name!r} ({', '.join(self.signals.robot.joint_names)}), the model is of"
                 f" {self.model.robot.name!r} ({', '.join(self.model.robot.joint_names)})."
+            )
+        if self.model.robot.floating_base:
+            raise UnsupportedError(
+                f"robot {self.model.robot.name!r} has a floating base, whose motion logs of joints do not tell. Fit a log of the robot on a"
+                " stand or held in the air with the base fixed: leave out [robot] floating_base (from_urdf: floating_base)."
             )
 
     @property

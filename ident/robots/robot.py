@@ -204,6 +204,14 @@ class Robot(ShortRepr):
         return Model.of_links(self)
 
 
+def require_robot(given: object) -> None:
+    """Refuse what is given as a robot, and is none: a name, a path, a model (ConfigurationError)."""
+    if given is not None and not isinstance(given, Robot):
+        raise ConfigurationError(
+            f"a robot is needed, not {given!r:.60} ({type(given).__name__}): ident.load_robot(NAME), or ident.Robot.from_urdf(FILE)."
+        )
+
+
 def _gravity(gravity: Sequence[float]) -> Array:
     g = np.asarray(gravity, float).reshape(-1)
     if g.shape != (3,) or not np.all(np.abs(g) <= _MOST_GRAVITY):

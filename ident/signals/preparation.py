@@ -15,7 +15,7 @@ import numpy as np
 from .._utils.text import counted
 from ..errors import ConfigurationError, DataError, UnsupportedError, unknown_name
 from ..logs.log import Log, LogSet
-from ..robots.robot import Robot
+from ..robots.robot import Robot, require_robot
 from .assemble import assemble, of_logs
 from .cutoff import HIGHEST, CutoffChoice, choose_cutoff
 from .filters import RowFilter, butterworth_transient, central_differences, require_accuracy, savitzky_golay_window, zero_phase_lowpass
@@ -78,6 +78,7 @@ class Preparation(ABC):
     def __call__(self, logs: LogSet | Log | Sequence[Log], robot: Robot | None = None) -> Signals:
         """Prepare logs. Raises DataError where they cannot be used, ConfigurationError for settings that do not fit them."""
         chosen = logs if isinstance(logs, LogSet) else LogSet((logs,) if isinstance(logs, Log) else tuple(logs))
+        require_robot(robot)
         robot = robot or chosen.robot
         if robot is None:
             raise ConfigurationError("which robot are the logs of? Read them with read_logs(paths, robot), or call prep(logs, robot).")

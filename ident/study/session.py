@@ -12,6 +12,7 @@ from ..auditing import Audit, audit
 from ..drives.torque import with_torque
 from ..errors import DataError
 from ..estimators import make_estimator
+from ..evaluation.contrary_stretches import contrary
 from ..evaluation.doubts import HELD_OUT, all_turned, counted_twice, doubts, fitted_as_well, require_rows, settled_first
 from ..evaluation.validation import validate
 from ..logs.reading import read_logs
@@ -158,6 +159,11 @@ class Session:
         """What to say first where columns were reversed or exchanged, or gravity acts in another direction; "" where not, or where it
         cannot be told."""
         return "" if self._plain is None or self.turned else settled_first(self._plain)
+
+    @cached_property
+    def contrary(self) -> str:
+        """What to say of stretches that contradict the rest of the logs; "" where there are none, or where it cannot be told."""
+        return "" if self._plain is None or self.turned or self.misassigned else contrary(self._plain)
 
     @cached_property
     def _plain(self) -> Estimate | None:

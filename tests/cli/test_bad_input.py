@@ -389,6 +389,23 @@ def test_a_hand_without_inertial_cannot_be_simulated(ident, tmp_path):
     refused(ident("simulate", "--urdf", path, "--log", tmp_path / "x.csv"), USAGE, r"motion of joint 'wrist'.*<inertial> of link 'hand'")
 
 
+@pytest.mark.parametrize("command", ["validate", "payload", "excite", "simulate"])
+def test_flags_beside_a_saved_fit_that_would_not_be_used(ident, arm, saved_fit, tmp_path, command):
+    """A robot's gravity or drive was passed over without a word."""
+    for flag in (("--gravity", 0, 9.81, 0), ("--urdf", arm.urdf), ("--drive", tmp_path / "drive.toml")):
+        new = tmp_path / "new.csv"
+        log = ("--trajectory", new) if command == "excite" else ("--log", new if command == "simulate" else arm.test)
+        refused(ident(command, "--fit", saved_fit, *log, *flag), USAGE, rf"--fit brings its own robot.*leave out {flag[0]}")
+
+
+def test_a_floating_base_in_a_fit_says_what_to_do(ident, arm, tmp_path):
+    """It was said that positions have another shape."""
+    study = tmp_path / "free.toml"
+    study.write_text(f'[robot]\nurdf = "{arm.urdf}"\nfloating_base = true\n[logs]\nfit = ["{arm.train}"]\n')
+    for command in ("fit", "diagnose"):
+        refused(ident(command, study), USAGE, r"floating base, whose motion.*with the base fixed: leave out \[robot\] floating_base")
+
+
 def test_fit_that_is_damaged(ident, arm, saved_fit, tmp_path):
     kept = json.loads(saved_fit.read_text())
     for name, content in (

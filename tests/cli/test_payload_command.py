@@ -53,6 +53,35 @@ def test_a_load_is_found(ident, arm, saved_fit, loaded, tmp_path, way):
     assert (tmp_path / "out" / "payload.json").is_file()
 
 
+@pytest.mark.parametrize("wrong", ["opposite sign", "contradicts the rest of the logs"])
+def test_a_wrong_log_with_the_load_is_told_of(ident, saved_fit, loaded, tmp_path, wrong):
+    """A wrong load came without a word, or none with advice on bounds that nobody had set."""
+    names, rows = loaded.read_text().splitlines()[0].split(","), np.loadtxt(loaded, delimiter=",", skiprows=1)
+    torques = [names.index(f"tau{j + 1}") for j in range(4)]
+    if wrong == "opposite sign":
+        rows[:, torques] *= -1.0
+    else:
+        t = rows[:, names.index("t")]
+        inside = (t > 6.0) & (t < 6.4)
+        rows[np.ix_(inside, torques)] += np.sin(np.pi * (t[inside, None] - 6.0) / 0.4) * np.array([40.0, 10.0, 10.0, 2.0])
+    path = tmp_path / "wrong.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
+    ran = ident("payload", "--fit", saved_fit, "--log", path)
+    said = " ".join(ran.out.split())
+    assert "warning: of the fit with the load:" in said
+    assert wrong in said
+
+
+def test_positions_in_another_unit_are_told_of(ident, saved_fit, loaded, tmp_path):
+    names, rows = loaded.read_text().splitlines()[0].split(","), np.loadtxt(loaded, delimiter=",", skiprows=1)
+    rows[:, [names.index(f"q{j + 1}") for j in range(1, 4)]] *= 180 / np.pi
+    path = tmp_path / "degrees.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
+    for command in ("payload", "monitor"):
+        ran = ident(command, "--fit", saved_fit, "--log", path)
+        assert "Looks like degrees" in " ".join(ran.out.split()), ran.out + ran.err
+
+
 def test_no_load(ident, arm, saved_fit):
     ran = ident("payload", "--fit", saved_fit, "--log", arm.test, "--strict")
     assert ran.code == 1

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ident import ZeroPhase, audit, demo_logs
 from ident.errors import ConfigurationError, DataError, IdentError
 from ident.logs.reading import read_logs
 from ident.robots.robot import Robot
@@ -257,3 +259,12 @@ def test_a_decimal_comma_is_told_as_one(tmp_path):
     path.write_text("t,q1;tau1\n0,00;0,1\n0,01;0,2\n")
     with pytest.raises(DataError):
         read_logs([path])
+
+
+@pytest.mark.parametrize("call", [audit, ZeroPhase()], ids=["audit", "preparation"])
+def test_a_name_is_no_robot(call: Callable[..., object]) -> None:
+    """It ended in an AttributeError."""
+    train, _ = demo_logs()
+    for calling in (lambda: call(train, "puma560"), lambda: read_logs("a.csv", "ur5")):
+        with pytest.raises(ConfigurationError, match=r"a robot is needed, not .*ident\.load_robot"):
+            calling()

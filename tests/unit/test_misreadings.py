@@ -216,3 +216,10 @@ def test_names_and_numbers_of_a_long_table_are_of_the_same_rows(tmp_path: Path, 
     (log,) = ident.read_logs(path).logs
     assert log.t == pytest.approx(0.02 * np.arange(50), abs=1e-9)
     assert log.q == pytest.approx(0.01 * np.arange(100).reshape(50, 2) + [0.0, 1.0], abs=1e-3)
+
+
+def test_a_torque_that_contradicts_the_others_is_in_no_unit(data_folder: Path) -> None:
+    """A real double pendulum whose first joint swings freely: the second's torque was said to be 5.3e11 times too large."""
+    folder = data_folder / "dfki_double_pendulum"
+    warnings = ident.fit(folder / "dp_A0_0815_traj12.csv.gz", folder / "dp_designA.urdf").warnings
+    assert not any("times what the other joints' torques say" in said for said in warnings), warnings
