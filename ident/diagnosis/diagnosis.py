@@ -228,9 +228,7 @@ def diagnose(
         for own in heaps(decision.named):
             fewer = fitted_without(set(own), decision, declared, estimator, signals)
             worse += contradicted_heap([decision.named[i] for i in own], presence(fewer, after, held))
-        verdict, unexplained = (Verdict.UNEXPLAINED, (*unexplained, *worse)) if worse else (verdict, unexplained)
-        if verdict == Verdict.EXPLAINED and any(map(unconfirmed, shares)):
-            verdict = Verdict.AMBIGUOUS
+        verdict, unexplained = _beside_held_out(verdict, shares, worse), (*unexplained, *worse)
     _LOG.info("verdict %s; %s", verdict.value, "; ".join(decision.trail[-3:]))
     findings = _findings(decision, declared.model.robot, without, shares, verdict)
     description = _described(decision.laws, after, report, estimator, signals)
@@ -261,6 +259,13 @@ def _verdict(decision: Decision, signals: Signals) -> tuple[Verdict, tuple[Unexp
     elif blind and verdict in (Verdict.CLEAN, Verdict.EXPLAINED):
         verdict = Verdict.AMBIGUOUS
     return verdict, (*left, *plain, *blind)
+
+
+def _beside_held_out(verdict: Verdict, shares: list[tuple[float, float]], worse: list[Unexplained]) -> Verdict:
+    """The verdict with what data held out say: what contradicts it, and whether they show what is named."""
+    if worse:
+        return Verdict.UNEXPLAINED
+    return Verdict.AMBIGUOUS if verdict == Verdict.EXPLAINED and any(map(unconfirmed, shares)) else verdict
 
 
 def _findings(
