@@ -45,7 +45,7 @@ Named = list[tuple[str, tuple[str, ...]]]
 def stepwise(case: Loaded) -> Named:
     """Forward selection by least squares and Schwarz's criterion."""
     full, robot = full_rate(case.fit), case.arm.robot
-    fit = Fit(run_rows(full, robot, kept_hz(full.rate)), case.model)
+    fit = Fit(run_rows(full, robot, kept_hz(full.rate), np.zeros(robot.n)), case.model)
     fit.solved(0)
     catalogue = Catalogue.of(fit, usual_speed(robot.transmission.motor_rate(full.dq)))
     accepted: list[Any] = []
@@ -56,7 +56,7 @@ def stepwise(case: Loaded) -> Named:
         # One weight for each motor: the inverse of what it leaves.
         size = np.sqrt(np.mean(frame.residual**2, axis=0))
         frame = fit.behind(tuple(g / np.where(size > 0, size, np.inf)[:, None] for g in frame.gains))
-        catalogue.updated(fit)
+        catalogue = catalogue.at(fit)
         scores = Scores.of(fit, frame, catalogue)
         squares = np.add.reduceat(scores.total**2, scores.starts)
         gain = np.where(scores.named, squares - scores.degrees * np.log(frame.rows), -np.inf)

@@ -8,6 +8,7 @@ from ..effects.base import Effect
 from ..effects.kinds import Axis
 from ..effects.places import on
 from ..effects.registry import effect_types
+from .held_out import unconfirmed
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -43,8 +44,16 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
             [_MOTION[finding.effect.axis].format(joint=joint)] + ([_MOTION[other.axis].format(joint=where)] if other is not None else [])
         )
         return f"{title} or {competing.effect}{on(competing.place)}: to tell them apart, {'; and '.join(ways)}."
+    if unconfirmed(finding.presence):
+        motion = _MOTION[finding.effect.axis].format(joint=joint)
+        return f"{title}: held-out data neither show it nor rule it out; {motion} in the log held out."
     if verdict in ("unexplained", "ambiguous") and finding.confidence < 0.5:
         return f"{title} explains a part only; take it as a hint, and look at the residual before acting on it."
+    if verdict == "unexplained":
+        return (
+            f"Add {finding.name}{on(finding.place)} to the declared model ({title}): all that it predicts is present in the held-out data."
+            " Something else is left, which it does not account for."
+        )
     return f"Add {finding.name}{on(finding.place)} to the declared model ({title})."
 
 

@@ -6,23 +6,34 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .held_out import confirmed, unconfirmed
 from .result import CompetingModel
 
 if TYPE_CHECKING:
     from .inference.confidence_set import AcceptedEffect
 
-#: Confidence in a finding without a competing model, beside nothing left and beside something left.
-_SURE, _BESIDE = 0.99, 0.45
+#: Confidence in a finding without a competing model: beside nothing left; beside something left where data held out confirm all of it; and
+#: where they do not, or show nothing of it at all.
+_SURE, _CONFIRMED, _HINT = 0.99, 0.9, 0.45
 #: What a member of the confidence set is worth at least, beside the effect that was accepted.
 _LEAST = 0.35
 #: And those together that are the same on this motion by a name that asks for more.
 _SAME = 0.15
 
 
-def confidence(accepted: AcceptedEffect, *, beside: bool) -> tuple[float, tuple[CompetingModel, ...]]:
-    """Confidence in an accepted effect, and its competing models with theirs. `beside`: something is left that nothing accounts for."""
+def confidence(
+    accepted: AcceptedEffect, *, beside: bool, share: tuple[float, float] = (np.nan, np.nan)
+) -> tuple[float, tuple[CompetingModel, ...]]:
+    """Confidence in an accepted effect, and its competing models with theirs. `beside`: something is left that nothing accounts for;
+    `share` of what it predicts that data held out have, with its standard error."""
     weights = _weights(accepted)
-    own = (_BESIDE if beside else _SURE) / (1.0 + sum(weights))
+    if unconfirmed(share):
+        most = _HINT
+    elif beside:
+        most = _CONFIRMED if confirmed(share) else _HINT
+    else:
+        most = _SURE
+    own = most / (1.0 + sum(weights))
     ranked = sorted(zip(accepted.competing, weights, strict=True), key=lambda pair: -pair[1])
     return own, tuple(CompetingModel(m.effect.name, m.joints, own * w) for m, w in ranked)
 

@@ -22,7 +22,7 @@ from .analysed import analysed
 from .confidence import confidence
 from .described import LeftoverDescription, told
 from .detectability import undetectable
-from .held_out import contradicted, contradicted_heap, heaps, louder, presence
+from .held_out import contradicted, contradicted_heap, heaps, louder, presence, unconfirmed
 from .pictures import diagnosis_figure, diagnosis_frame, findings_section
 from .quality import jumps, lost
 from .refits import estimator_of, fitted, fitted_without, plainly_named
@@ -228,7 +228,7 @@ def diagnose(
         for own in heaps(decision.named):
             fewer = fitted_without(set(own), decision, declared, estimator, signals)
             worse += contradicted_heap([decision.named[i] for i in own], presence(fewer, after, held))
-        verdict, unexplained = (Verdict.UNEXPLAINED, (*unexplained, *worse)) if worse else (verdict, unexplained)
+        verdict, unexplained = _beside_held_out(verdict, shares, worse), (*unexplained, *worse)
     _LOG.info("verdict %s; %s", verdict.value, "; ".join(decision.trail[-3:]))
     findings = _findings(decision, declared.model.robot, without, shares, verdict)
     description = _described(decision.laws, after, report, estimator, signals)
@@ -261,6 +261,13 @@ def _verdict(decision: Decision, signals: Signals) -> tuple[Verdict, tuple[Unexp
     return verdict, (*left, *plain, *blind)
 
 
+def _beside_held_out(verdict: Verdict, shares: list[tuple[float, float]], worse: list[Unexplained]) -> Verdict:
+    """The verdict with what data held out say: what contradicts it, and whether they show what is named."""
+    if worse:
+        return Verdict.UNEXPLAINED
+    return Verdict.AMBIGUOUS if verdict == Verdict.EXPLAINED and any(map(unconfirmed, shares)) else verdict
+
+
 def _findings(
     decision: Decision, robot: Robot, without: tuple[Comparison, ...], shares: list[tuple[float, float]], verdict: Verdict
 ) -> tuple[Finding, ...]:
@@ -271,7 +278,7 @@ def _findings(
     for x, c, share in zip(decision.named, without, shares, strict=True):
         error, final = c.error_before.relative_all, c.error_after.relative_all
         gain = 1.0 - (final / error) ** 2 if error > 0 else 0.0
-        own, others = confidence(x, beside=verdict == Verdict.UNEXPLAINED)
+        own, others = confidence(x, beside=verdict == Verdict.UNEXPLAINED, share=share)
         finding = Finding(x.effect, x.joints, values[x.effect], float(gain), float(x.z**2), own, others, presence=share)
         found.append(replace(finding, advice=advice_for(finding, robot, verdict)))
     return tuple(found)

@@ -10,7 +10,7 @@ import numpy as np
 
 from .prediction_variance import prediction_variance, share_variance
 from .result import Unexplained
-from .thresholds import HALF, LOUD, STRETCH, WORSE
+from .thresholds import HALF, LOUD, MATERIAL, STRETCH, WORSE
 
 if TYPE_CHECKING:
     from ..estimate.estimate import Estimate
@@ -51,6 +51,18 @@ def presence(without: Estimate, whole: Estimate, data: Signals) -> tuple[float, 
 def contradicted(named: Sequence[AcceptedEffect], shares: Sequence[tuple[float, float]]) -> tuple[Unexplained, ...]:
     """Accepted effects that are not there as predicted on data held out: the whole is ruled out, and less than half is seen."""
     return tuple(_missing(x.effect.name, x.joints, share) for x, share in zip(named, shares, strict=True) if _ruled_out(share))
+
+
+def confirmed(share: tuple[float, float]) -> bool:
+    """All that an effect predicts is there on data held out, and told to be, to within what is not material. What stands for something else
+    is seldom so: beside something left, 15 of 22 right first names were and 1 of 21 wrong ones (logs of the benchmark)."""
+    return abs(share[0] - 1.0) <= MATERIAL and share[1] <= MATERIAL
+
+
+def unconfirmed(share: tuple[float, float]) -> bool:
+    """Data held out do not tell what an effect predicts there from nothing. Beside nothing left, 1 of 186 right names on logs of the
+    benchmark was so, and 6 of 22 wrong ones."""
+    return bool(np.isfinite(share[1]) and share[0] - WORSE * share[1] <= 0.0)
 
 
 def heaps(named: Sequence[AcceptedEffect]) -> list[list[int]]:

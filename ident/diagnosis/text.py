@@ -9,6 +9,7 @@ import numpy as np
 
 from .._utils.text import wrapped
 from ..effects.places import on
+from .held_out import unconfirmed
 from .result import by_effect
 
 if TYPE_CHECKING:
@@ -76,6 +77,8 @@ def undecided(d: Told) -> str:
     """Why a verdict is ambiguous."""
     if any(f.ambiguous for f in d.findings):
         return "something is missing, and two or more effects account for it equally well"
+    if any(unconfirmed(f.presence) for f in d.findings):
+        return "something is missing in the fitted data, and held-out data do not show all that is named"
     if d.findings:
         return "something is missing, and not all of the robot could be examined"
     return f"no conclusion about {', '.join(dict.fromkeys(u.joint for u in d.unexplained))}"

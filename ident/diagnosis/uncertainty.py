@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._utils.singular_values import pinv
-from ..instruments.columns import effect_columns, rows_of
+from ..instruments.columns import effect_columns
 from ..instruments.fit import Fit
 from ..instruments.solved import SINGULAR, deviations
+from ..instruments.spectra import Spectra
 from .design.places import is_order
 from .inference.scores import blocks
 from .result import FoundParameter
@@ -26,7 +27,7 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
     """Parameters of each accepted effect: the linear ones, then shapes. Shapes enter by their slopes at the fit, as further columns."""
     robot, b = fit.robot, fit.declared.base.count
     theta = frame.theta[b:]
-    slopes: list[tuple[Effect, str, Array, Array]] = []
+    slopes: list[tuple[Effect, str, list[Spectra], list[Spectra]]] = []
     start = 0
     for effect in fit.effects:
         k = len(effect.parameters(robot))
@@ -36,12 +37,12 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
             if is_order(effect) or p.points == 1 or effect.response(robot) is not None:
                 continue
             x, z = (_slope(fit, effect, p.name, values, instrument=side) for side in (False, True))
-            if np.any(z):
+            if any(not each.empty for each in z):
                 slopes.append((effect, p.name, x, z))
     X, Z = frame.X, frame.Z
     if slopes:
-        X = np.concatenate([X, *(fit.filtered(np.split(s[2], _cuts(fit)), frame.gains) for s in slopes)], axis=2)
-        Z = np.concatenate([Z, *(fit.filtered(np.split(s[3], _cuts(fit)), frame.gains) for s in slopes)], axis=2)
+        X = np.concatenate([X, *(fit.behind_filters(s[2], frame.gains) for s in slopes)], axis=2)
+        Z = np.concatenate([Z, *(fit.behind_filters(s[3], frame.gains) for s in slopes)], axis=2)
     known = fit.known_rows(X.shape[2])
     flat = [np.concatenate([a.reshape(-1, a.shape[2]), known]) for a in (X, Z)]
     scale = np.linalg.norm(flat[1], axis=0)
@@ -91,12 +92,8 @@ def _uneven(fit: Fit, frame: Solved, Z: Array, equations: Array) -> Array:
     return np.sqrt(np.sum((scores @ inverse.T) ** 2, axis=0) * count / max(count - 1, 1))
 
 
-def _cuts(fit: Fit) -> list[int]:
-    return np.cumsum([run.band.count for run in fit.runs])[:-1].tolist()
-
-
-def _slope(fit: Fit, effect: Effect, name: str, values: Array, *, instrument: bool) -> Array:
-    """Rows (Σ count, n, 1) of the slope of an effect's torque over one of its shapes."""
+def _slope(fit: Fit, effect: Effect, name: str, values: Array, *, instrument: bool) -> list[Spectra]:
+    """The slope of an effect's torque over one of its shapes, as a column of each run."""
     at = float(getattr(effect, name))
     p = next(p for p in effect.shape() if p.name == name)
     h = _STEP * max(abs(at), 1e-6)
@@ -104,5 +101,5 @@ def _slope(fit: Fit, effect: Effect, name: str, values: Array, *, instrument: bo
     found = []
     for run, motion in zip(fit.runs, fit.motions(instrument=instrument, effect=effect), strict=True):
         up, down = (effect_columns(effect.with_shape(**{name: x}), motion, fit.robot) @ values for x in ends)
-        found.append(rows_of(((up - down) / max(ends[0] - ends[1], 1e-300))[:, :, None], run))
-    return np.concatenate(found)
+        found.append(Spectra.of(((up - down) / max(ends[0] - ends[1], 1e-300))[:, :, None], run))
+    return found

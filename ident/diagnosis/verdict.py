@@ -9,7 +9,8 @@ class Verdict(StrEnum):
     """What a diagnosis ends with.
 
     CLEAN: the declared model leaves nothing beyond chance. EXPLAINED: with the findings nothing is left, and no other effect would do in
-    the place of one. AMBIGUOUS: others would do. UNEXPLAINED: something is left that no effect of the catalogue accounts for."""
+    the place of one. AMBIGUOUS: others would do, or data held out do not show what is named. UNEXPLAINED: something is left that no effect
+    of the catalogue accounts for."""
 
     CLEAN = "clean"
     EXPLAINED = "explained"

@@ -64,9 +64,7 @@ class Prediction(Protocol):
 
     def values_of(self, effect: Any, robot: Robot) -> Array: ...
 
-    def sensitivity(
-        self, motion: Motion, direction: Array, *, link_only: bool = False, acting: Side | None = None
-    ) -> tuple[Array, Array, Array]: ...
+    def sensitivity(self, motion: Motion, direction: Array, *, link_only: bool = False, acting: Side | None = None) -> Array: ...
 
     def along(
         self,

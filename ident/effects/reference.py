@@ -75,15 +75,13 @@ class Reference:
 
         return motion.remembered(("inertia", self, direction.tobytes()), compute)
 
-    def sensitivity(
-        self, motion: Motion, direction: Array, *, link_only: bool = False, acting: Side | None = None
-    ) -> tuple[Array, Array, Array]:
+    def sensitivity(self, motion: Motion, direction: Array, *, link_only: bool = False, acting: Side | None = None) -> Array:
         """Derivatives of the predicted torque (measured side), of the load alone (joint side), or of what acts on one side alone (on that
-        side), when the joints' positions, velocities, accelerations move along `direction` (n,): three arrays (N, n).
+        side), when the joints' positions, velocities, accelerations move along `direction` (n,): (3, N, n).
 
         Central differences; directions of motion are held (`Coordinates.direction`)."""
 
-        def compute() -> tuple[Array, Array, Array]:
+        def compute() -> Array:
             robot, own = self.model.robot, motion.joint
             side = acting or (Side.JOINT if link_only else robot.transmission.measured)
             slopes = []
@@ -93,7 +91,7 @@ class Reference:
                     there = replace(own, **{name: getattr(own, name) + step * direction})
                     ends.append(self.part(motion.moved(robot, there), side, link_only=link_only, acting=acting))
                 slopes.append((ends[0] - ends[1]) / (2.0 * h))
-            return slopes[0], slopes[1], slopes[2]
+            return np.stack(slopes)
 
         return motion.remembered(("sensitivity", self, direction.tobytes(), link_only, acting), compute)
 
@@ -109,7 +107,7 @@ class Reference:
         """First-order change (N, n) of what `sensitivity` differentiates when the joints move away along `direction` (n,) by `shift`:
         a distance and its two time derivatives, (N,) each."""
         slopes = self.sensitivity(motion, direction, link_only=link_only, acting=acting)
-        return sum(slope * x[:, None] for slope, x in zip(slopes, shift, strict=True))
+        return np.einsum("snj,sn->nj", slopes, np.stack(shift))
 
     def part(
         self, motion: Motion, side: Side | None = None, robot: Robot | None = None, *, link_only: bool = False, acting: Side | None = None

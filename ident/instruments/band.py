@@ -66,25 +66,36 @@ class Band:
         ramp = np.clip((1.1 * self.top_hz - f) / (0.2 * self.top_hz), 0.0, 1.0)
         return 0.5 - 0.5 * np.cos(np.pi * ramp)
 
-    def rows(self, x: Array, use: Array | float = 1.0) -> Array:
-        """Columns x (N, k) times `use` (N,) as rows (count, k), those of the reflection included."""
-        from scipy.fft import irfft, rfft
+    @cached_property
+    def _bins(self) -> int:
+        """Frequencies that the low-pass leaves anything of."""
+        return int(np.flatnonzero(self._gain)[-1]) + 1
+
+    def spectra(self, x: Array, use: Array | float = 1.0, precision: type[np.floating] = np.float64) -> Array:
+        """Spectra (k, F) of columns x (N, k) times `use` (N,) as rows."""
+        from scipy.fft import rfft
 
         before, end = self._pad, self._pad + self.samples
-        whole = np.empty((x.shape[1], self._length))
+        whole = np.empty((x.shape[1], self._length), precision)
         inner = whole[:, before:end]
-        np.multiply(x.T, use, out=inner)
+        np.multiply(x.T, use, out=inner, casting="same_kind")
         np.subtract(2 * inner[:, :1], inner[:, before:0:-1], out=whole[:, :before])
         reach = min(self._length - end, self.samples - 1)
         np.subtract(2 * inner[:, -1:], inner[:, -2 : -2 - reach : -1], out=whole[:, end : end + reach])
         whole[:, end + reach :] = whole[:, end + reach - 1, None]
-        spectrum = rfft(whole, axis=1)[:, : self.count // 2 + 1] * (self._gain / self.factor)
-        return np.asarray(irfft(spectrum, self.count, axis=1).T)
+        gain = (self._gain[: self._bins] / self.factor).astype(precision)
+        return np.asarray(rfft(whole, axis=1)[:, : self._bins] * gain)
 
-    def filtered(self, rows: Array, gain: Array) -> Array:
-        """Rows (count, …) through a filter of this gain over `frequencies`; those that count."""
-        from scipy.fft import irfft, rfft
+    def rows(self, x: Array, use: Array | float = 1.0) -> Array:
+        """Columns x (N, k) times `use` (N,) as rows (count, k), those of the reflection included."""
+        return self.of_spectra(self.spectra(x, use)).T
 
-        if np.all(gain == gain[0]):
-            return rows[self.inner] * gain[0]
-        return np.asarray(irfft(rfft(rows.T) * gain, self.count)[..., self.inner].T)
+    def of_spectra(self, spectra: Array) -> Array:
+        """Rows (…, count) of spectra (…, F), those of the reflection included."""
+        from scipy.fft import irfft
+
+        return np.asarray(irfft(spectra, self.count))
+
+    def behind(self, spectra: Array, gain: Array) -> Array:
+        """Rows (…, R) of spectra (…, F) behind filters of these gains (…, over `frequencies`); those that count."""
+        return self.of_spectra(spectra * gain[..., : self._bins].astype(spectra.real.dtype))[..., self.inner]

@@ -16,9 +16,10 @@ from ..effects.motion import Motion
 from ..effects.reference import Reference
 from ..model import Model
 from ..robots.transmission import Side
-from .columns import effect_columns, on_motors, rows_of, turns_fast
+from .columns import effect_columns, on_motors, turns_fast
 from .prior import prior_rows
 from .solved import SINGULAR, Solved
+from .spectra import Spectra
 from .thresholds import FEW
 from .whitening import density
 
@@ -47,7 +48,7 @@ class Fit:
     effects: tuple[Effect, ...] = ()
     values: Array | None = field(default=None, repr=False)
     known: Known | None = field(default=None, repr=False)
-    _kept: dict[Effect | None, tuple[list[Array], list[Array]]] = field(default_factory=dict, repr=False)
+    _kept: dict[Effect | None, tuple[list[Spectra], list[Spectra]]] = field(default_factory=dict, repr=False)
     _torque: list[Array] = field(default_factory=list, repr=False)
     _motions: dict[Any, Any] = field(default_factory=dict, repr=False)
 
@@ -100,17 +101,21 @@ class Fit:
         self._motions[key] = chosen
         return chosen
 
+    def forget_motions(self) -> None:
+        """Give back the memory of the motions and of what was derived along them; they are made again where they are asked for."""
+        self._motions.clear()
+
     def sought(self, kind: type[Effect] | Effect) -> list[Motion]:
         """The motions along which ranges of an effect's shapes are taken: of what follows the reading, the measured ones."""
         return self.motions(instrument=Need.TORQUE not in kind.needs)
 
-    def rows(self, effect: Effect | None, *, fresh: bool = False) -> tuple[list[Array], list[Array]]:
-        """Rows of an effect (None: the declared model's base columns) for each run: of the measured motion, of the instrument."""
+    def columns(self, effect: Effect | None, *, fresh: bool = False) -> tuple[list[Spectra], list[Spectra]]:
+        """Columns of an effect (None: the declared model's base columns) for each run: of the measured motion, of the instrument."""
         if fresh or effect not in self._kept:
             self._kept[effect] = (self._made(effect, instrument=False), self._made(effect, instrument=True))
         return self._kept[effect]
 
-    def _made(self, effect: Effect | None, *, instrument: bool) -> list[Array]:
+    def _made(self, effect: Effect | None, *, instrument: bool) -> list[Spectra]:
         found = []
         for run, motion in zip(self.runs, self.motions(instrument=instrument, effect=effect), strict=True):
             if effect is None:
@@ -118,15 +123,15 @@ class Fit:
                 side = self.robot.transmission.measured
             else:
                 values, side = effect_columns(effect, motion, self.robot), Side.MOTOR
-            found.append(rows_of(on_motors(values, side, self.robot), run))
+            found.append(Spectra.of(on_motors(values, side, self.robot), run))
         return found
 
     @property
     def torque(self) -> list[Array]:
-        """Rows (count, n) of the torque, for each run."""
+        """Spectra (n, F) of the torque, for each run."""
         if not self._torque:
             for run in self.runs:
-                self._torque.append(np.stack([run.masked(run.torque[:, m, None], m)[:, 0] for m in range(run.torque.shape[1])], axis=1))
+                self._torque.append(np.concatenate([run.masked(run.torque[:, m, None], m) for m in range(run.torque.shape[1])]))
         return self._torque
 
     # --- solving ------------------------------------------------------------------------------------------------------
@@ -139,7 +144,7 @@ class Fit:
             before = (dict(self._kept), self.values)
             dependent = [e for e in self.effects if depends(e)]
             for effect in [*dependent, *([None] if self._dependent_declared else [])]:
-                self.rows(effect, fresh=True)
+                self.columns(effect, fresh=True)
             # Whitening must not feed on itself: the density is that of the residual of a fit with one weight for each motor.
             flat = self._solve(self.flat(frame))
             loose = flat if free is self else free._solve(flat.gains)
@@ -176,19 +181,18 @@ class Fit:
     def _dependent_declared(self) -> bool:
         return any(depends(e) for e in self.declared.effects)
 
-    def filtered(self, rows: Sequence[Array], gains: Sequence[Array], m: int | None = None) -> Array:
-        """Rows of all runs behind the whitening filters: (count, n, k) each, or (count, k) of motor m; those that count."""
-        found = []
-        for run, x, gain in zip(self.runs, rows, gains, strict=True):
-            if m is not None:
-                found.append(run.band.filtered(x, gain[m]))
-            else:
-                found.append(np.stack([run.band.filtered(x[:, j], gain[j]) for j in range(x.shape[1])], axis=1))
-        return np.concatenate(found)
+    def behind_filters(self, columns: Sequence[Spectra], gains: Sequence[Array]) -> Array:
+        """Rows (R, n, k) of all runs' columns behind whitening filters; those that count."""
+        return np.concatenate([each.behind(gain) for each, gain in zip(columns, gains, strict=True)])
+
+    def _whitened(self, spectra: Sequence[Array], gains: Sequence[Array]) -> Array:
+        """Rows (R, n) of all runs' spectra (n, F), one for each motor, behind whitening filters; those that count."""
+        each = zip(self.runs, spectra, gains, strict=True)
+        return np.concatenate([run.band.behind(own, gain).T for run, own, gain in each])
 
     def flat(self, frame: Solved | None) -> tuple[Array, ...]:
         """One weight for each motor: from the residual of a frame, or from the torque."""
-        raw = self.torque if frame is None else self.raw_residual(frame)
+        raw = self._rows(self.torque) if frame is None else self.raw_residual(frame)
         inner = np.concatenate([x[run.band.inner] for run, x in zip(self.runs, raw, strict=True)])
         size = np.sqrt(np.mean(inner**2, axis=0) / np.maximum(self.share, 1e-9))
         weight = np.where((self.share > FEW) & (size > 0), 1.0 / np.maximum(size, 1e-300), 0.0)
@@ -196,14 +200,21 @@ class Fit:
 
     def raw_residual(self, frame: Solved) -> list[Array]:
         """Rows (count, n) of the residual before whitening, for each run."""
-        parts = [self.rows(e)[0] for e in (None, *self.effects)]
-        theta = np.split(frame.theta, np.cumsum([x[0].shape[2] for x in parts])[:-1])
-        return [y - sum(x[i] @ own for x, own in zip(parts, theta, strict=True)) for i, y in enumerate(self.torque)]
+        return self._rows(self._residual(frame))
+
+    def _residual(self, frame: Solved) -> list[Array]:
+        """Spectra (n, F) of the residual, for each run."""
+        parts = [self.columns(e)[0] for e in (None, *self.effects)]
+        theta = np.split(frame.theta, np.cumsum([x[0].width for x in parts])[:-1])
+        return [y - sum(x[i].summed(own) for x, own in zip(parts, theta, strict=True)) for i, y in enumerate(self.torque)]
+
+    def _rows(self, spectra: Sequence[Array]) -> list[Array]:
+        """Rows (count, n) of spectra (n, F), for each run."""
+        return [run.band.of_spectra(x).T for run, x in zip(self.runs, spectra, strict=True)]
 
     def at_usual_noise(self, frame: Solved) -> Array:
         """The residual (R, n) of a frame over the noise that most of the time has: what is loud now and then stands out."""
-        raw = [x[:, :, None] for x in self.raw_residual(frame)]
-        return self.filtered(raw, self._white(frame, "median"))[:, :, 0]
+        return self._whitened(self._residual(frame), self._white(frame, "median"))
 
     def _white(self, frame: Solved, average: Literal["mean", "median"] = "mean") -> tuple[Array, ...]:
         raw = self.raw_residual(frame)
@@ -234,8 +245,7 @@ class Fit:
 
     def energy(self, frame: Solved, gains: Sequence[Array]) -> float:
         """Sum of squares of a frame's residual behind whitening filters."""
-        raw = [x[:, :, None] for x in self.raw_residual(frame)]
-        return float(np.sum(self.filtered(raw, gains) ** 2))
+        return float(np.sum(self._whitened(self._residual(frame), gains) ** 2))
 
     def likelihood(self, frame: Solved) -> float:
         """Log-likelihood of a frame at the noise that it was solved at, if that is its own, up to a constant.
@@ -257,9 +267,9 @@ class Fit:
         return 1.0 / np.clip(1.0 - taken / np.maximum(rows, 1.0), 0.1, 1.0)
 
     def _solve(self, gains: tuple[Array, ...]) -> Solved:
-        parts = [self.rows(e) for e in (None, *self.effects)]
-        X, Z = (np.concatenate([self.filtered(part[side], gains) for part in parts], axis=2) for side in (0, 1))
-        y = self.filtered([t[:, :, None] for t in self.torque], gains)[:, :, 0]
+        parts = [self.columns(e) for e in (None, *self.effects)]
+        X, Z = (np.concatenate([self.behind_filters(part[side], gains) for part in parts], axis=2) for side in (0, 1))
+        y = self._whitened(self.torque, gains)
         R, n, p = X.shape
         Xf, Zf = X.reshape(-1, p), Z.reshape(-1, p)
         known, told = self.known_rows(p), self._prior[1]

@@ -43,9 +43,9 @@ class RunRows:
     band: Band
     interval: float
 
-    def masked(self, values: Array, m: int) -> Array:
-        """Values (N, k) of motor m as rows (count, k): masked first, filtered second, so that nothing of a held contact leaks."""
-        return self.band.rows(values, self.use[:, m])
+    def masked(self, values: Array, m: int, precision: type[np.floating] = np.float64) -> Array:
+        """Spectra (k, F) of values (N, k) of motor m as rows: masked first, filtered second, so that nothing of a held contact leaks."""
+        return self.band.spectra(values, self.use[:, m], precision)
 
     @property
     def share(self) -> Array:

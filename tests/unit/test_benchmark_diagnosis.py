@@ -21,7 +21,7 @@ from ident.problem.problem import Problem
 from ident.signals import ZeroPhase
 
 run = pytest.importorskip("benchmarks.diagnosis.run")
-from benchmarks.diagnosis import arms, world  # noqa: E402
+from benchmarks.diagnosis import arms, peers, world  # noqa: E402
 from benchmarks.diagnosis import oracle as oracle_module  # noqa: E402
 from benchmarks.diagnosis.counts import Rate, Requirement, confusion, named_as, requirements  # noqa: E402
 from benchmarks.diagnosis.drive import SampledDrive  # noqa: E402
@@ -320,3 +320,21 @@ def test_setups_under_feedback_come_with_logs_of_their_own_rate_and_what_disturb
             assert np.allclose(np.diff(log["t"]), 1.0 / setup.rate)
             assert log["q"].shape == log["tau"].shape == log["noise"].shape == log["q_ref"].shape == (len(log["t"]), 2)
             assert np.all(log["noise"].std(axis=0) < 0.2 * log["tau"].std(axis=0))
+
+
+def test_other_ways_are_counted_on_the_same_cases(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn = next(s for k in range(100) if (s := Setup.drawn(k)).arm.startswith("direct_drive") and s.reference and not s.jitter)
+    generate_setups(tmp_path, [replace(drawn, seconds=8.0)], {"clean": 1, "single": 0, "pair": 0, "outside": 0})
+    (made,) = read_cases(tmp_path)
+    results = tmp_path / "results.jsonl"
+    results.write_text(json.dumps({**made, "verdict": "clean", "findings": [], "seconds": 1.0}) + "\n")
+    monkeypatch.setattr("sys.argv", ["peers", str(tmp_path), str(results)])
+    peers.main()
+    told = capsys.readouterr().out
+    (row,) = (line for line in told.splitlines() if line.startswith("| clean: named nothing"))
+    ours, *others = (cell.strip() for cell in row.strip("|").split("|")[1:])
+    assert ours == "1 of 1"
+    assert len(others) == len(peers.PEERS)
+    assert set(others) <= {"0 of 1", "1 of 1"}

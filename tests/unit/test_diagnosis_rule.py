@@ -11,6 +11,7 @@ from scipy.stats import chi2, norm
 import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
 from ident.diagnosis import Verdict
+from ident.diagnosis.confidence import confidence
 from ident.diagnosis.held_out import contradicted, contradicted_heap, heaps, presence
 from ident.diagnosis.inference import candidates
 from ident.diagnosis.inference.bursts import burst
@@ -47,6 +48,36 @@ def cases(arm: tuple[ident.Robot, dict[str, Array]], missing: list[tuple[ident.E
 @pytest.fixture(scope="module")
 def nothing_missing(arm: tuple[ident.Robot, dict[str, Array]]) -> list[Case]:
     return cases(arm, [], [101, 102])
+
+
+@pytest.mark.parametrize(
+    ("share", "wholly"), [((1.0, 0.01), True), ((0.96, 0.04), True), ((1.0, 0.2), False), ((0.8, 0.01), False), ((np.nan, np.nan), False)]
+)
+def test_what_held_out_data_wholly_confirm_is_more_than_a_hint_beside_what_is_left(share: tuple[float, float], wholly: bool) -> None:
+    found = AcceptedEffect(ident.make_effect("offset"), (), 30.0)
+    assert (confidence(found, beside=True, share=share)[0] > 0.5) is wholly
+    assert confidence(found, beside=False, share=share)[0] > confidence(found, beside=True, share=share)[0]
+
+
+@pytest.mark.parametrize(("share", "hint"), [((-0.7, 1.7), True), ((1.0, 0.5), True), ((1.0, 0.2), False), ((np.nan, np.nan), False)])
+def test_what_held_out_data_do_not_tell_from_nothing_is_a_hint(share: tuple[float, float], hint: bool) -> None:
+    found = AcceptedEffect(ident.make_effect("offset"), (), 30.0)
+    assert (confidence(found, beside=False, share=share)[0] < 0.5) is hint
+
+
+def test_a_finding_that_held_out_data_cannot_show_is_ambiguous(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
+    """Held-out data in which the joint hardly moves say nothing of its friction."""
+    robot, drive = arm
+    effect = ident.make_effect("asymmetric_coulomb", joints=[robot.joint_names[1]], label="+")
+    (case,) = cases(arm, [(effect, np.array([0.8 * float(drive["Fc"][1])]))], [112])
+    found = diagnosed(case)
+    still = np.where(np.arange(robot.n) == 1, np.mean(case.held.q, axis=0), case.held.q)
+    assert found.verdict is Verdict.EXPLAINED, str(found)
+    ((side, tau),) = case.held.tau.items()
+    before = ident.fit(case.log, robot, model=case.model, held=0)
+    resting = replace(case.held, q=still, tau={side: np.where(np.arange(robot.n) == 1, np.mean(tau, axis=0), tau)})
+    other = ident.diagnose(before, ident.ZeroPhase()(resting, robot))
+    assert other.verdict is not Verdict.EXPLAINED, str(other)
 
 
 def test_nothing_is_found_where_friction_fluctuates_under_feedback(nothing_missing: list[Case]) -> None:

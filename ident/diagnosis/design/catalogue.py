@@ -13,7 +13,7 @@ from ...effects.base import Effect
 from ...effects.kinds import Need
 from ...effects.registry import effect_types
 from ...errors import IdentError
-from ...instruments.columns import effect_columns
+from ...instruments.columns import motor_columns
 from ...instruments.fit import Fit, depends
 from .places import is_order, places
 from .shapes import shapes
@@ -55,7 +55,7 @@ class _Kept:
 
 @dataclass(frozen=True, eq=False)
 class Catalogue:
-    """Groups, and for each motor which columns act on it (`places`) and their rows for each run (count, k): `fixed` ones, that hang on the
+    """Groups, and for each motor which columns act on it (`places`) and their spectra for each run (k, F): `fixed` ones, that hang on the
     motion alone, come first; `following` ones follow what a model predicts."""
 
     groups: list[Group]
@@ -87,16 +87,16 @@ class Catalogue:
         chosen = [g for g in self.groups if g.effect is not None and depends(g.effect)]
         motions = fit.motions(instrument=True)
         new = [[np.zeros_like(x) for x in each] for each in self.following]
-        where = [{int(c): k for k, c in enumerate(ids[len(ids) - each[0].shape[1] :])} for ids, each in zip(self.places, new, strict=True)]
+        where = [{int(c): k for k, c in enumerate(ids[len(ids) - len(each[0]) :])} for ids, each in zip(self.places, new, strict=True)]
         for g in chosen:
             assert g.effect is not None
             own = fit.motions(instrument=True, effect=g.effect) if is_order(g.effect) else motions
-            for m, rows in _rows(fit, g.effect, own).items():
+            for m, spectra in _spectra(fit, g.effect, own).items():
                 # What acted on no row of a motor at the values before has no place there.
                 known = [k for k, c in enumerate(g.columns.tolist()) if c in where[m]]
                 at = [where[m][int(g.columns[k])] for k in known]
-                for x, r in zip(new[m], rows, strict=True):
-                    x[:, at] = r[:, known]
+                for x, s in zip(new[m], spectra, strict=True):
+                    x[at] = s[known]
         return replace(self, following=new)
 
     def whitened(self, fit: Fit, gains: Gains) -> list[tuple[int, Array, Array]]:
@@ -107,8 +107,9 @@ class Catalogue:
             for m, ids in enumerate(self.places):
                 if len(ids) and any(gain[m].any() for gain in gains):
                     order = np.argsort(ids)
-                    rows = [np.concatenate(x, axis=1)[:, order] for x in zip(self.fixed[m], self.following[m], strict=True)]
-                    kept.columns.append((m, ids[order], fit.filtered(rows, gains, m).T))
+                    runs = zip(fit.runs, self.fixed[m], self.following[m], gains, strict=True)
+                    rows = [run.band.behind(np.concatenate([own, other])[order], gain[m]) for run, own, other, gain in runs]
+                    kept.columns.append((m, ids[order], np.concatenate(rows, axis=1)))
             kept.of, kept.gains = self, gains
         return kept.columns
 
@@ -120,7 +121,7 @@ class Catalogue:
             at[ids] = np.arange(len(ids))
             for square, (_, ix) in zip(found, self.of_width.values(), strict=True):
                 here = at[ix[:, 0]] >= 0
-                own = C[at[ix[here]]]
+                own = C[at[ix[here]]].astype(float)
                 square[here] += own @ own.swapaxes(1, 2)
         return found
 
@@ -133,49 +134,48 @@ class Catalogue:
 
 
 def _made(fit: Fit, effects: Iterable[tuple[Effect, tuple[str, ...]]], speeds: Array | None) -> Catalogue:
-    """Groups of effects, and with `speeds` generic shapes, as rows of the fit."""
+    """Groups of effects, and with `speeds` generic shapes, as columns of the fit's runs."""
     n, motions = fit.robot.n, fit.motions(instrument=True)
     groups: list[Group] = []
-    # For each motor the columns' places and rows, of those that are fixed and of those that follow.
+    # For each motor the columns' places and spectra, of those that are fixed and of those that follow.
     ids: list[list[list[Array]]] = [[[] for _ in range(n)] for _ in range(2)]
     parts: list[list[list[list[Array]]]] = [[[[] for _ in fit.runs] for _ in range(n)] for _ in range(2)]
     count = 0
 
-    def add(name: str, joints: tuple[str, ...], effect: Effect | None, width: int, rows: dict[int, list[Array]]) -> None:
+    def add(name: str, joints: tuple[str, ...], effect: Effect | None, width: int, spectra: dict[int, list[Array]]) -> None:
         nonlocal count
         columns = np.arange(count, count + width)
         count += width
         groups.append(Group(name, joints, effect, columns))
         follows = int(effect is not None and depends(effect))
-        for m, each in rows.items():
+        for m, each in spectra.items():
             ids[follows][m].append(columns)
             for i, x in enumerate(each):
-                parts[follows][m][i].append(x.astype(np.float32))
+                parts[follows][m][i].append(x)
 
     for effect, joints in effects:
         try:
             width = len(effect.parameters(fit.robot))
-            rows = _rows(fit, effect, fit.motions(instrument=True, effect=effect) if is_order(effect) else motions)
+            spectra = _spectra(fit, effect, fit.motions(instrument=True, effect=effect) if is_order(effect) else motions)
         except IdentError:
             continue
-        if rows:
-            add(effect.name, joints, effect, width, rows)
+        if spectra:
+            add(effect.name, joints, effect, width, spectra)
     for name, j, columns in shapes(motions, speeds) if speeds is not None else ():
-        rows = {j: [run.masked(x, j) for run, x in zip(fit.runs, columns, strict=True)]}
-        add(name, (fit.robot.joint_names[j],), None, columns[0].shape[1], rows)
+        spectra = {j: [run.masked(x, j, np.float32) for run, x in zip(fit.runs, columns, strict=True)]}
+        add(name, (fit.robot.joint_names[j],), None, columns[0].shape[1], spectra)
     places = [np.concatenate([np.zeros(0, int), *own, *others]) for own, others in zip(*ids, strict=True)]
-    none = [np.zeros((run.band.count, 0), np.float32) for run in fit.runs]
-    fixed, following = (
-        [[np.concatenate([empty, *x], axis=1) for empty, x in zip(none, each, strict=True)] for each in kind] for kind in parts
-    )
+    none = [run.band.spectra(np.zeros((run.band.samples, 0)), precision=np.float32) for run in fit.runs]
+    fixed, following = ([[np.concatenate([empty, *x]) for empty, x in zip(none, each, strict=True)] for each in kind] for kind in parts)
     return Catalogue(groups, places, fixed, following, count)
 
 
-def _rows(fit: Fit, effect: Effect, motions: Sequence[Motion]) -> dict[int, list[Array]]:
-    """Rows (count, k) of an effect for each motor on which it acts, run by run."""
-    values = [effect_columns(effect, motion, fit.robot) for motion in motions]
-    live = [m for m in range(fit.robot.n) if any(v[:, m].any() for v in values)]
-    return {m: [run.masked(v[:, m], m) for run, v in zip(fit.runs, values, strict=True)] for m in live}
+def _spectra(fit: Fit, effect: Effect, motions: Sequence[Motion]) -> dict[int, list[Array]]:
+    """Spectra (k, F) of an effect's columns on each motor on which it acts, run by run."""
+    values = [motor_columns(effect, motion, fit.robot) for motion in motions]
+    acts = sorted(set().union(*values))
+    none = [np.zeros((len(motion), len(effect.parameters(fit.robot)))) for motion in motions]
+    return {m: [run.masked(v.get(m, z), m, np.float32) for run, v, z in zip(fit.runs, values, none, strict=True)] for m in acts}
 
 
 def _causes() -> Iterator[type[Effect]]:

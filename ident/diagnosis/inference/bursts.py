@@ -13,6 +13,7 @@ from ..thresholds import LEVEL, LOUD, MATERIAL
 from .scores import blocks
 
 if TYPE_CHECKING:
+    from ...effects.base import Effect
     from ...instruments.fit import Fit
     from ...instruments.solved import Solved
     from ...robots.parameters import ShapeParameter
@@ -64,7 +65,7 @@ def _chance(fit: Fit, frame: Solved, residual: Array, m: int) -> float:
     """Probability that noise makes what is loudest in a motor's residual."""
     from scipy.stats import gamma
 
-    energies, paces = [], []
+    energies, paces, begun = [], [], []
     places: list[Array] = []
     for run, a, b in zip(fit.runs, frame.edges[:-1], frame.edges[1:], strict=True):
         width = max(int(_WINDOW * run.band.row_rate), 1)
@@ -74,9 +75,10 @@ def _chance(fit: Fit, frame: Solved, residual: Array, m: int) -> float:
         energy, share = (_windows(x, width) for x in (residual[a:b, m] ** 2, used / width))
         good = (share > _USED) & ~_at_a_moment(fit, m, run.instrument.clock, run.band.time, width)
         paces[-1] = paces[-1][good]
+        begun.append(_windows(_begun(fit, m, run.instrument.clock[0] + run.band.time), width)[good])
         energies.append(energy[good] / share[good])
         places.append(np.flatnonzero(good) + (places[-1][-1] + _NEAR + 1 if places and len(places[-1]) else 0))
-    e = _at_like_speed(np.concatenate(energies), np.concatenate(paces))
+    e = _at_like_noise(np.concatenate(energies), np.concatenate(paces), np.concatenate(begun))
     if len(e) < 12 or not np.median(e) > 0:
         return 1.0
     place = np.concatenate(places)
@@ -127,6 +129,11 @@ def at_moments(fit: Fit, frame: Solved, count: int) -> Array:
     return near
 
 
+def _acting(fit: Fit, m: int) -> list[Effect]:
+    """Accepted effects that act on motor m."""
+    return [e for e in fit.effects if any(columns.acts_on(m) for columns in fit.columns(e)[1])]
+
+
 def _is_moment(p: ShapeParameter) -> bool:
     return p.unit == "s" and p.name.startswith("t_")
 
@@ -134,13 +141,27 @@ def _is_moment(p: ShapeParameter) -> bool:
 def _at_a_moment(fit: Fit, m: int, clock: Array, time: Array, width: int) -> Array:
     """Windows in which an effect of the model begins to act on motor m: how it begins no law says."""
     inside = np.zeros(len(time), bool)
-    for effect in fit.effects:
-        if not any(rows[:, m].any() for rows in fit.rows(effect)[1]):
-            continue
+    for effect in _acting(fit, m):
         for p in effect.shape():
             if _is_moment(p):
                 inside |= np.abs(clock[0] + time - float(getattr(effect, p.name))) <= _WINDOW
     return _windows(inside.astype(float), width) > 0
+
+
+def _begun(fit: Fit, m: int, clock: Array) -> Array:
+    """How many effects of the model have begun to act on motor m, at each time (N,)."""
+    moments = [float(getattr(e, p.name)) for e in _acting(fit, m) for p in e.shape() if _is_moment(p)]
+    return np.sum(clock[:, None] >= np.array(moments), axis=1, dtype=float)
+
+
+def _at_like_noise(energy: Array, speed: Array, begun: Array) -> Array:
+    """Energies over those at like speed, since the same effects began: a payload passes on more of the noise of the positions."""
+    out = np.empty_like(energy)
+    for phase in np.unique(begun):
+        part = begun == phase
+        own = _at_like_speed(energy[part], speed[part])
+        out[part] = own / max(float(np.median(own)), 1e-300)
+    return out
 
 
 def _at_like_speed(energy: Array, speed: Array) -> Array:

@@ -47,13 +47,19 @@ class Trial:
     frame: Solved
     cost: float = 0.0
 
+    def lean(self) -> Trial:
+        """Without the rows, which are made again where scores beside it are asked for: a dozen trials' fill the memory."""
+        self.fit.forget_motions()
+        none = np.zeros((0, *self.frame.X.shape[1:]))
+        return dataclasses.replace(self, frame=dataclasses.replace(self.frame, X=none, Z=none))
+
 
 def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
     """The effect that accounts best for what is left: of those whose scores come near the largest, by a refit with each.
 
     Scores are taken at the noise of a model that lacks something, and so are compressed: what a refit leaves tells more."""
     demanded = [t for g in _readings(state, refused) if _stands(state, t := tried(state, g, anew=_ANEW))]
-    trials = [*demanded, *(tried(state, g) for g in _candidates(state, refused))]
+    trials = [*(t.lean() for t in demanded), *(tried(state, g).lean() for g in _candidates(state, refused))]
     if not trials:
         return None
     return _simplest(state, _chosen(state, trials), trials, refused)
@@ -62,7 +68,7 @@ def best(state: EffectSearch, refused: set[Kind]) -> Placed | None:
 def _simplest(state: EffectSearch, chosen: Trial, trials: list[Trial], refused: set[Kind]) -> Placed:
     """The chosen effect, or a simpler one inside it beside which nothing is left: by scores along the instrument, because what a refit
     leaves falls by feedback, too."""
-    inner = _inside(state, chosen.effect, chosen.joints)
+    inner = _inside(state, state.scores, chosen.effect, chosen.joints)
     known = {(t.effect.name, t.joints): t for t in trials}
     pool = [known[g.kind] if g.kind in known else tried(state, g) for g in inner if g.kind not in refused]
     found = _sufficient(state, pool, chosen.frame.gains) or chosen
@@ -73,9 +79,12 @@ def simpler(state: EffectSearch, i: int) -> Placed | None:
     """A simpler effect inside the i-th accepted one that does in its place, beside the others that were accepted after it; None where there
     is none. While those were missing, more parameters took a part of what they account for."""
     effect, joints = state.accepted[i]
+    # Whether there is any is seen without a refit.
+    if not _inside(state, state.without(i), effect, joints):
+        return None
     others = state.apart_from(i)
     taken = {(e.name, at) for e, at in others.accepted}
-    trials = [tried(others, g) for g in _inside(others, effect, joints) if g.kind not in taken]
+    trials = [tried(others, g) for g in _inside(others, others.scores, effect, joints) if g.kind not in taken]
     found = _sufficient(others, trials, state.frame.gains)
     return None if found is None else (found.effect, found.joints)
 
@@ -110,10 +119,9 @@ def _chosen(state: EffectSearch, trials: list[Trial]) -> Trial:
     return min(level, key=lambda t: (*t.rank, t.cost))
 
 
-def _inside(state: EffectSearch, effect: Effect, joints: tuple[str, ...]) -> list[Group]:
+def _inside(state: EffectSearch, scores: Scores, effect: Effect, joints: tuple[str, ...]) -> list[Group]:
     """Simpler effects that a candidate contains, the largest scores first: of a spring that a constant torque explains, the constant; of a
     delay on all joints that on one."""
-    scores = state.scores
     own = [k for k in range(len(scores.kept)) if scores.group(k).kind == (effect.name, joints)]
     if not own:
         return []

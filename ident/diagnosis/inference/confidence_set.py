@@ -67,11 +67,13 @@ def drop_unnecessary(state: EffectSearch, say: Callable[[str], None], spared: in
         state.solve()
 
 
-def accepted_effect(state: EffectSearch, i: int) -> AcceptedEffect:
-    """The i-th accepted effect with its score beside the others, and what could stand in its place."""
+def accepted_effect(state: EffectSearch, i: int, *, suffices: bool) -> AcceptedEffect:
+    """The i-th accepted effect with its score beside the others, and what could stand in its place; `suffices`: nothing is left beside all
+    of them. Where something is, what leaves no more does as well, and no other is refitted at its best."""
     effect, joints = state.accepted[i]
-    members = competing(state, i)
-    return AcceptedEffect(effect, joints, own_score(state, i), (*members, *_at_their_best(state, i, members)))
+    members = competing(state, i, max(state.critical, float(state.scores.z.max(initial=0.0))))
+    others = _at_their_best(state, i, members) if suffices else []
+    return AcceptedEffect(effect, joints, own_score(state, i), (*members, *others))
 
 
 def own_score(state: EffectSearch, i: int) -> float:
@@ -81,10 +83,11 @@ def own_score(state: EffectSearch, i: int) -> float:
     return float(own.z[0]) if len(own.kept) else 0.0
 
 
-def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
-    """Effects that could stand in the place of the i-th accepted one, so that nothing is left beside them.
+def competing(state: EffectSearch, i: int, limit: float | None = None) -> tuple[Member, ...]:
+    """Effects that could stand in the place of the i-th accepted one, so that nothing is left beside them, or nothing beyond a `limit`.
 
     They are put in its place to first order. Those that have its very columns stand or fall with it."""
+    limit = state.critical if limit is None else limit
     effect, joints = state.accepted[i]
     scores, own = state.without(i), (effect.name, joints)
     # A joint does not have one effect twice.
@@ -101,7 +104,7 @@ def competing(state: EffectSearch, i: int) -> tuple[Member, ...]:
         if scores.z[k] < state.critical or not g.named or g.kind in taken or not state.possible(scores, k):
             continue
         member = _member(state, scores, k, nearest)
-        if member is None or not (member.same or member.left <= state.critical):
+        if member is None or not (member.same or member.left <= limit):
             continue
         if g.kind not in found or member.left < found[g.kind].left:
             found[g.kind] = member

@@ -14,7 +14,6 @@ from .bursts import at_moments, burst
 from .candidates import Kind, best, simpler
 from .confidence_set import AcceptedEffect, accepted_effect, competing, drop_unnecessary
 from .described import describing, outdone
-from .scores import z_of
 from .search import REPEATABLE, EffectSearch
 from .significance import parametric
 from .tones import tone
@@ -249,7 +248,7 @@ def _of_one_stretch(state: EffectSearch) -> tuple[int, float] | None:
     own_rows = scores.self_normalised
     own = {(e.name, j) for e, j in state.accepted}
     kept = ~at_moments(state.fit, state.frame, len(scores.blocks[0]))
-    z = z_of(np.add.reduceat(scores.blocks[:, kept].sum(axis=1) ** 2, scores.starts), scores.degrees) if len(scores.kept) else np.zeros(0)
+    z = scores.of_blocks(kept)
     for k in np.argsort(-z).tolist():
         if z[k] <= critical:
             return None
@@ -260,7 +259,7 @@ def _of_one_stretch(state: EffectSearch) -> tuple[int, float] | None:
 
 def _decision(state: EffectSearch, left: list[Left], trail: tuple[str, ...]) -> Decision:
     """The verdict, by definition: something left, nothing accepted, more than one model in the set, or one."""
-    named = tuple(accepted_effect(state, i) for i in range(len(state.accepted)))
+    named = tuple(accepted_effect(state, i, suffices=not left) for i in range(len(state.accepted)))
     if left:
         verdict = "unexplained"
     elif not named:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,14 +79,15 @@ def sharpened(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...
     return found if can_be(found, other, *last_values(other, other.behind(gains))) else refined(effect, joints, fit, frame, near=True)
 
 
-def likeliest(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, frame: Solved) -> Effect:
-    """An accepted effect (in `frame`) at the shape near its own that is likeliest beside others, each at the noise that it leaves, of
-    those whose values can be.
+def likeliest(shapes: Sequence[Effect], joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, frame: Solved) -> Effect:
+    """An accepted effect (in `frame`) at the shape that is likeliest beside others, each at the noise that it leaves, of those whose values
+    can be: of some `shapes`, and of those near the last that score best.
 
     What a wrong shape leaves passes for coloured noise, at which that very shape scores best: the shape is sought with one weight for all
-    frequencies, too."""
+    frequencies, too. And while something else is missing, the right shape may have values that cannot be: it stays in the running."""
+    effect = shapes[-1]
     weights = (frame.gains, fit.with_effects((*others, effect)).flat(None))
-    found = list(dict.fromkeys(sharpened(effect, joints, others, fit, gains) for gains in weights))
+    found = list(dict.fromkeys([*shapes, *(sharpened(effect, joints, others, fit, gains) for gains in weights)]))
     if len(found) == 1:
         return found[0]
 

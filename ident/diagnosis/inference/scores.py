@@ -60,8 +60,8 @@ class Scores:
     directions in all.
 
     `blocks` (c, B): score of each block of time; `starts` (K,), `degrees` (K,): directions of each group; `directions` (c, P): sparse;
-    `squares`: for each group of the catalogue the Gram matrix of its columns, without what the model absorbs; `raw_scores` (P,), of which
-    `blocks` lack what the log does not resolve;
+    `squares`: for each group of the catalogue the Gram matrix of its columns, without what the model absorbs; `raw_blocks` (P, B): scores
+    of the columns, of which `blocks` lack what the log does not resolve;
     `absorbed` (P, p): the columns by the model's, along the instrument; `along` (P, p): products of the columns with the instrument's;
     `stretch`: share of the log that may not decide alone; `material`: z of what is not material."""
 
@@ -74,7 +74,7 @@ class Scores:
     degrees: Array = field(repr=False)
     directions: Any = field(repr=False)
     squares: list[Array] = field(repr=False)
-    raw_scores: Array = field(repr=False)
+    raw_blocks: Array = field(repr=False)
     absorbed: Array = field(repr=False)
     along: Array = field(repr=False)
     stretch: float = STRETCH
@@ -108,9 +108,7 @@ class Scores:
             at[ix, :width], seen[ix] = ix[:, None], good
             for k, square in zip(which.tolist(), own, strict=True):
                 squares[k] = square
-        raw_scores = S.sum(axis=1)
-        for g, square in zip(catalogue.groups, squares, strict=True):
-            S[g.columns] -= _unresolved(fit, g, square, raw_scores[g.columns])[:, None] / len(cuts)
+        resolved = S - _unresolved(fit, catalogue, squares, S.sum(axis=1))[:, None] / len(cuts)
         degrees = np.array([seen[g.columns].sum() for g in catalogue.groups], int)
         inside = at[seen] >= 0
         ends = np.cumsum([0, *inside.sum(axis=1)])
@@ -119,22 +117,35 @@ class Scores:
         degrees = degrees[kept]
         starts = np.cumsum([0, *degrees])[:-1]
         material = material_z(fit, frame)
-        return cls(fit, frame, catalogue, kept.tolist(), Q @ S, starts, degrees, Q, squares, raw_scores, A, CZ, stretch, material)
+        return cls(fit, frame, catalogue, kept.tolist(), Q @ resolved, starts, degrees, Q, squares, S, A, CZ, stretch, material)
 
     def gram(self, left: Array, right: Array) -> Array:
         """Covariance of some directions (c,) with others (d,)."""
         Q, P = self.directions[left], self.directions[right]
         rows, columns = np.unique(Q.indices), np.unique(P.indices)
+        square = np.array_equal(rows, columns)
         G = np.zeros((len(rows), len(columns)))
         for _, ids, C in self.catalogue.whitened(self.fit, self.frame.gains):
             here, there = np.isin(rows, ids), np.isin(columns, ids)
             if there.any():
                 own = C if here.sum() == len(ids) else C[np.isin(ids, rows)]
-                other = own if np.array_equal(rows, columns) else C[np.isin(ids, columns)]
-                G[np.ix_(here, there)] += own @ other.T
+                # A covariance of its own must be positive: rounded to single precision the products of columns are not.
+                own = own.astype(float) if square else own
+                G[np.ix_(here, there)] += own @ (own if square else C[np.isin(ids, columns)]).T
         A, B = self.absorbed[rows], self.absorbed[columns]
         G += (A @ self.frame.gram - self.along[rows]) @ B.T - A @ self.along[columns].T
         return np.asarray(Q[:, rows] @ (P[:, columns] @ G.T).T)
+
+    def of_blocks(self, which: Array) -> Array:
+        """z (K,) of some blocks (B,) alone."""
+        scores = self.raw_blocks[:, which].sum(axis=1)
+        scores = self.directions @ (scores - _unresolved(self.fit, self.catalogue, self.squares, scores))
+        return z_of(np.add.reduceat(scores**2, self.starts), self.degrees) if len(self.kept) else np.zeros(0)
+
+    @cached_property
+    def raw_scores(self) -> Array:
+        """Scores (P,) of the columns."""
+        return np.asarray(self.raw_blocks.sum(axis=1))
 
     @cached_property
     def named(self) -> Array:
@@ -252,13 +263,15 @@ def _inverse(gram: Array) -> tuple[Array, Array]:
     return inverse, (U[:, ~good] ** 2).sum(axis=1) > _SHARED
 
 
-def _unresolved(fit: Fit, group: Group, gram: Array, scores: Array) -> Array:
-    """What of a group's raw scores (k,) values explain that the log does not tell from none."""
-    least = 0.0 if group.effect is None else group.effect.unresolved(max(run.interval for run in fit.runs))
-    if not least > 0.0:
-        return np.zeros(len(scores))
-    values = _inverse(gram)[0] @ scores
-    return np.asarray(gram @ np.clip(values, -least, least))
+def _unresolved(fit: Fit, catalogue: Catalogue, squares: list[Array], scores: Array) -> Array:
+    """What of the columns' scores (P,) values explain that the log does not tell from none."""
+    found, interval = np.zeros(len(scores)), max(run.interval for run in fit.runs)
+    for group, gram in zip(catalogue.groups, squares, strict=True):
+        least = 0.0 if group.effect is None else group.effect.unresolved(interval)
+        if least > 0.0:
+            values = _inverse(gram)[0] @ scores[group.columns]
+            found[group.columns] = gram @ np.clip(values, -least, least)
+    return found
 
 
 def material_z(fit: Fit, frame: Solved) -> float:

@@ -25,6 +25,8 @@ Array = np.ndarray
 REPEATABLE = frozenset({"cogging", "torque_ripple", "gear_coupling", "position_dependent_friction"})
 #: Passes of the first fit, whose values the catalogue's columns are made at: one more than later ones, that begin near their end.
 _FIRST = 3
+#: States that are remembered: without one of the accepted effects, with it, and as it was before.
+_REMEMBERED = 3
 #: An effect on its joints (() for the whole robot).
 Placed = tuple["Effect", tuple[str, ...]]
 
@@ -43,6 +45,7 @@ class EffectSearch:
     frame: Solved = field(init=False)
     scores: Scores = field(init=False)
     chance: float = field(init=False, default=0.0)
+    _solved: dict[tuple[Placed, ...], tuple[Fit, Solved, Catalogue, Scores, Array | None]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def begun(cls, fit: Fit, speeds: Array, level: float = LEVEL) -> EffectSearch:
@@ -50,14 +53,26 @@ class EffectSearch:
         frame = fit.solved(_FIRST)
         begun = cls(fit, Catalogue.of(fit, speeds), level)
         begun.frame, begun.scores = frame, begun.scored(fit, frame)
+        begun._keep()
         return begun
 
     def solve(self) -> None:
-        """Refit with what is accepted, and score everything beside it."""
-        self.fit = self.fit.with_effects(tuple(e for e, _ in self.accepted))
-        self.frame = self.fit.solved(2)
-        self.catalogue = self.catalogue.at(self.fit)
-        self.scores = self.scored(self.fit, self.frame)
+        """Refit with what is accepted, and score everything beside it; a model that was solved among the last is taken as it was."""
+        known = self._solved.pop(tuple(self.accepted), None)
+        if known is None:
+            self.fit = self.fit.with_effects(tuple(e for e, _ in self.accepted))
+            self.frame = self.fit.solved(2)
+            self.catalogue = self.catalogue.at(self.fit)
+            self.scores = self.scored(self.fit, self.frame)
+        else:
+            self.fit, self.frame, self.catalogue, self.scores, self.fit.values = known
+        self._keep()
+
+    def _keep(self) -> None:
+        """Keep this state among the last."""
+        self._solved[tuple(self.accepted)] = self.fit, self.frame, self.catalogue, self.scores, self.fit.values
+        while len(self._solved) > _REMEMBERED:
+            del self._solved[next(iter(self._solved))]
 
     def scored(self, fit: Fit, frame: Solved, catalogue: Catalogue | None = None) -> Scores:
         """Scores of a catalogue (the search's own) beside a frame's model."""
@@ -107,9 +122,8 @@ class EffectSearch:
                 changed |= better != effect
                 self.accepted[i] = (better, joints)
                 continue
-            lone = len(self.accepted) == 1
-            better = effect if lone else refined(effect, joints, fit, fit.behind(self.frame.gains))
-            better = likeliest(better, joints, fit.effects, fit, self.frame)
+            shapes = [effect] if len(self.accepted) == 1 else [effect, refined(effect, joints, fit, fit.behind(self.frame.gains))]
+            better = likeliest(shapes, joints, fit.effects, fit, self.frame)
             better = agreed(better, fit.effects, fit)
             changed |= better != effect
             self.accepted[i] = (better, joints)
