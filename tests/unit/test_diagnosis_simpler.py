@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
+from ident.diagnosis.inference import candidates
 from ident.diagnosis.inference.candidates import simpler
 from ident.diagnosis.inference.confidence_set import drop_unnecessary
 from ident.diagnosis.inference.refinement import refined
@@ -88,3 +90,15 @@ def test_a_drive_gives_way_by_a_small_part_of_its_travel(case: Case) -> None:
             sag = np.abs(motion.load[:, j]).max() / low  # type: ignore[index]
             assert 0.0 < sag <= 0.1 * np.ptp(motion.joint.q[:, j]) * (1.0 + 1e-9)
             assert high > low
+
+
+@pytest.mark.parametrize(("value", "std"), [(0.84, 0.065), (0.82, 0.047), (1.17, 0.04)])
+def test_a_limit_that_takes_some_share_of_what_exceeds_it_is_noise(case: Case, value: float, std: float) -> None:
+    """The excess of a noisy reading over some level goes with its own noise, by a share that may be many deviations from none."""
+    joint = case.robot.joint_names[1]
+    limit = float(np.quantile(np.abs(next(iter(case.log.tau.values()))[:, 1]), 0.9))
+    effect = ident.make_effect("saturation", joints=[joint], label="+").with_shape(limit=limit)
+    state = searched(case)
+    frame = SimpleNamespace(theta=np.array([value]), std=np.array([std]))
+    trial = candidates.Trial(effect, (joint,), (1, 1, False), state.fit, frame)  # type: ignore[arg-type]
+    assert not candidates._stands(state, trial)

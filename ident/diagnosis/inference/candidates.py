@@ -10,6 +10,7 @@ import numpy as np
 
 from ...effects.kinds import Nature
 from ...instruments.fit import depends
+from ...instruments.thresholds import BOUND
 from ..design.catalogue import Catalogue
 from ..design.places import search_range
 from ..thresholds import COMPETES, CONTAINED
@@ -187,8 +188,13 @@ def _stands(state: EffectSearch, trial: Trial) -> bool:
     explain, its shape lies where it can for a model that has it, and what would deny it is not there: not beyond chance, or not beyond
     the share of it that its law is exact to."""
     effect, fit = trial.effect, trial.fit
-    own = abs(float(trial.frame.theta[-1])) / float(trial.frame.std[-1])
+    value, std = float(trial.frame.theta[-1]), float(trial.frame.std[-1])
+    own = abs(value) / std
     if not own > state.critical:
+        return False
+    response = effect.response(fit.robot)
+    # The excess of a noisy reading goes with its own noise, by some share: to be told from that, what must be 1 must be known to be.
+    if response is not None and not (std <= effect.tolerance and abs(value - response[-1]) <= max(effect.tolerance, BOUND * std)):
         return False
     ranges = search_range(effect, fit.declared, fit.motions(instrument=False))
     if not all(low <= getattr(effect, name) <= high for name, (low, high) in ranges.items()):
