@@ -92,13 +92,17 @@ def test_a_drive_gives_way_by_a_small_part_of_its_travel(case: Case) -> None:
             assert high > low
 
 
-@pytest.mark.parametrize(("value", "std"), [(0.84, 0.065), (0.82, 0.047), (1.17, 0.04)])
-def test_a_limit_that_takes_some_share_of_what_exceeds_it_is_noise(case: Case, value: float, std: float) -> None:
+def test_a_limit_that_takes_some_share_of_what_exceeds_it_is_noise(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """The excess of a noisy reading over some level goes with its own noise, by a share that may be many deviations from none."""
     joint = case.robot.joint_names[1]
-    limit = float(np.quantile(np.abs(next(iter(case.log.tau.values()))[:, 1]), 0.9))
-    effect = ident.make_effect("saturation", joints=[joint], label="+").with_shape(limit=limit)
+    effect = ident.make_effect("saturation", joints=[joint], label="+")
     state = searched(case)
-    frame = SimpleNamespace(theta=np.array([value]), std=np.array([std]))
-    trial = candidates.Trial(effect, (joint,), (1, 1, False), state.fit, frame)  # type: ignore[arg-type]
-    assert not candidates._stands(state, trial)
+    # Nothing else speaks against it: neither its range, nor what would deny it.
+    monkeypatch.setattr(candidates, "search_range", lambda *_: {})
+    monkeypatch.setattr(type(effect), "denied_by", lambda _: None)
+    stands = {}
+    for value, std in ((1.02, 0.004), (0.96, 0.03), (0.84, 0.065), (0.82, 0.047), (1.17, 0.04)):
+        frame = SimpleNamespace(theta=np.array([value]), std=np.array([std]))
+        trial = candidates.Trial(effect, (joint,), (1, 1, False), state.fit, frame)  # type: ignore[arg-type]
+        stands[value] = candidates._stands(state, trial)
+    assert stands == {1.02: True, 0.96: True, 0.84: False, 0.82: False, 1.17: False}
