@@ -146,12 +146,11 @@ def _around_names(
         plain, unit = bracketed(name)
         unit = unit_suffix(unit) or unread_unit(unit)
         plain = plain if unit else name
-        split = re.split(r"(?:[^\w%]|_)+", plain if plain.isascii() else in_english(plain))
-        parts = [piece for part in split if part for piece in _words_written_as_one(part)]
-        said = [part for part in parts if english(part.lower()) in SAID]
-        joint = "_".join(part for part in parts if part not in said)
-        if bare_name(joint) not in known and (rest := [p for p in parts if p not in said and english(p.lower()) not in BESIDE]):
-            joint = "_".join(rest)
+        parts, said, joint = _parts(plain, known)
+        if not unit and known and bare_name(joint) not in known:  # elbow_pos_deg
+            bare, suffix = split_unit(name)
+            if suffix and bare_name((shorter := _parts(bare, known))[2]) in known:
+                (parts, said, joint), unit = shorter, suffix
         told_by_unit = bool(said and known and unit and is_unit(unit)) and any(unit_of(unit).dimension in x for x in _ALIKE)
         named = (told_by_unit or any(english(part.lower()) in QUANTITIES for part in said)) and any(map(str.isalpha, joint))
         sides = not known and all(english(part.lower()) in _SIDES for part in parts if part not in said)
@@ -175,6 +174,17 @@ def _around_names(
         if mine & {name for _, name, _ in members}:
             told[stem] = []
     return told
+
+
+def _parts(name: str, known: Mapping[str, str]) -> tuple[list[str], list[str], str]:
+    """The words of a name, those that say what it holds, and the joint that the others name."""
+    split = re.split(r"(?:[^\w%]|_)+", name if name.isascii() else in_english(name))
+    parts = [piece for part in split if part for piece in _words_written_as_one(part)]
+    said = [part for part in parts if english(part.lower()) in SAID]
+    joint = "_".join(part for part in parts if part not in said)
+    if bare_name(joint) not in known and (rest := [p for p in parts if p not in said and english(p.lower()) not in BESIDE]):
+        joint = "_".join(rest)
+    return parts, said, joint
 
 
 def _words_written_as_one(part: str) -> list[str]:

@@ -135,3 +135,33 @@ def test_garbled_names_do_not_fill_the_message(name: str, tmp_path: Path) -> Non
     with pytest.raises(ident.DataError) as caught:
         ident.read_logs(tmp_path / "a.csv", ident.load_robot("scara"))
     assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize(
+    ("position", "torque"),
+    [
+        ("{}_pos_deg", "{}_torque_Nm"), ("pos_{}_deg", "tau_{}_mNm"), ("{}_q_deg", "{}_tau_Nm"), ("{}_angle_deg", "{}_effort_nm"),
+        ("{}_pos_rad", "{}_torque"), ("{}_position_mrad", "{}_torque_Nmm"),
+    ],
+)  # fmt: skip
+def test_a_robots_joints_are_found_before_a_unit_and_in_its_order(position: str, torque: str, tmp_path: Path) -> None:
+    scale = next((s for unit, s in (("_deg", _DEG), ("_mrad", 1e-3)) if position.endswith(unit)), 1.0)
+    factor = 1e-3 if torque.endswith(("_mNm", "_Nmm")) else 1.0
+    names = ("yaw", "shoulder", "wrist_b")
+    links = "".join(
+        f'<link name="l{j}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        for j in range(4)
+    )
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="l{j}"/><child link="l{j + 1}"/><axis xyz="0 1 0"/>'
+        '<limit lower="-9" upper="9" velocity="9" effort="900"/></joint>'
+        for j, name in enumerate(names)
+    )
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(f'<robot name="arm">{links}{joints}</robot>')
+    columns = {"time": T}
+    for j in (2, 0, 1):  # not in the robot's order
+        columns |= {position.format(names[j]): Q[:, j] / scale, torque.format(names[j]): TAU[:, j] / factor}
+    (log,) = ident.read_logs(written(tmp_path / "log.csv", columns), robot=ident.Robot.from_urdf(urdf))
+    np.testing.assert_allclose(log.q, Q, atol=1e-9)
+    np.testing.assert_allclose(log.tau["joint"], TAU, atol=1e-9)
