@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ident
-from benchmarks.diagnosis.feedback.world import Case, geared, simulated
+from benchmarks.diagnosis.feedback.world import Case, puma, simulated
 from ident.diagnosis.design.places import placements
 from ident.effects.kinds import Need
 from ident.effects.registry import effect_types
@@ -22,7 +22,7 @@ KINDS = [kind for name, kind in effect_types().items() if kind.cause and name !=
 
 @pytest.fixture(scope="module")
 def fit() -> Fit:
-    robot, drive = geared("scara", 50.0)
+    robot, drive = puma()  # a coupled wrist, and motors that turn the other way
     case: Case = simulated(robot, drive, [], [106], seconds=12.0, rate=250.0)[0]
     found = prepared(case.model, ident.ZeroPhase()(case.log, case.robot))[0]
     found.solved(1)

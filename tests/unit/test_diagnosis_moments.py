@@ -11,9 +11,10 @@ import ident
 from benchmarks.diagnosis.feedback.world import Case, geared, simulated
 from ident.diagnosis.design.catalogue import Catalogue
 from ident.diagnosis.inference import refinement
-from ident.diagnosis.inference.bursts import burst
+from ident.diagnosis.inference.bursts import _at_like_noise
 from ident.diagnosis.inference.refinement import likeliest
 from ident.diagnosis.inference.scores import Scores
+from ident.diagnosis.thresholds import LOUD
 from tests.searches import searched, with_torque
 
 Array = np.ndarray
@@ -47,14 +48,14 @@ def test_the_likeliest_moment_may_be_the_one_there_is(case: Case, monkeypatch: p
     assert likeliest([effect, effect.with_shape(t_0=AT - 3.0)], joints, (), state.fit_without(0), state.frame) == effect
 
 
-def test_noise_that_grows_with_a_payload_is_no_burst(case: Case) -> None:
-    rng, t = np.random.default_rng(3), case.log.t - case.log.t[0]
-    noise = 0.02 * size_of(case) * rng.normal(size=len(t)) * np.where(t >= AT, 6.0, 1.0)
-    loud = with_torque(stepped(case), 1, noise)
-    quiet, told = searched(loud, step(case, AT)), searched(loud)
-    assert burst(quiet.fit, quiet.frame) is None
-    # Where nothing is known to begin there, such noise is many bursts.
-    assert burst(told.fit, told.frame) is not None
+def test_noise_is_compared_since_the_same_effects_began() -> None:
+    """A payload passes on more of the noise of the positions: its half of the log is no burst."""
+    rng = np.random.default_rng(3)
+    begun = (np.arange(120) >= 75).astype(float)
+    energy, speed = rng.gamma(12.0, size=120) * np.where(begun > 0, 30.0, 1.0), rng.uniform(0.1, 2.0, 120)
+    told, untold = (_at_like_noise(energy, speed, phase) for phase in (begun, np.zeros(120)))
+    assert told.max() < LOUD**2 * np.median(told)
+    assert untold.max() > LOUD**2 * np.median(untold)
 
 
 def test_what_the_log_does_not_resolve_is_told_anew_for_the_blocks_that_count(case: Case) -> None:
