@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._utils.singular_values import pinv
-from ..instruments.columns import effect_columns
+from ..instruments.columns import effect_columns, is_order
 from ..instruments.fit import Fit
 from ..instruments.solved import SINGULAR, deviations
 from ..instruments.spectra import Spectra
-from .design.places import is_order
 from .inference.scores import blocks
 from .result import FoundParameter
 

@@ -21,6 +21,12 @@ _PERIODS = 5.0
 _FADE = 0.11
 
 
+def is_order(effect: Effect) -> bool:
+    """The effect has one shape, and that is an order: cycles per unit of a position."""
+    shape = effect.shape()
+    return len(shape) == 1 and shape[0].unit.startswith("1/rad")
+
+
 def on_motors(values: Array, side: Side, robot) -> Array:  # type: ignore[no-untyped-def]
     """Columns (N, n, k) of torque on a side, as torque of the motors."""
     if side == Side.MOTOR:
@@ -52,9 +58,9 @@ def effect_columns(effect: Effect, motion: Motion, robot) -> Array:  # type: ign
 
 def _fade(effect: Effect, motion: Motion, robot) -> Array | None:  # type: ignore[no-untyped-def]
     """What is left (N,) of the columns of a turning angle; None of an effect without an order."""
-    shape = effect.shape()
-    if len(shape) != 1 or not shape[0].unit.startswith("1/rad"):
+    if not is_order(effect):
         return None
+    shape = effect.shape()
     side, j = getattr(effect, "angle", effect.side), effect.at(robot)[0]
     turning = np.abs(motion.on(side).dq[:, j]) * float(getattr(effect, shape[0].name)) / (2.0 * np.pi)
     fade = np.square(turning / (_FADE * motion.rate))
@@ -63,9 +69,9 @@ def _fade(effect: Effect, motion: Motion, robot) -> Array | None:  # type: ignor
 
 def turns_fast(effect: Effect, robot, motions: Sequence[Motion]) -> bool:  # type: ignore[no-untyped-def]
     """The effect has an order, of whose angle the runs hold several periods."""
-    shape = effect.shape()
-    if len(shape) != 1 or not shape[0].unit.startswith("1/rad"):
+    if not is_order(effect):
         return False
+    shape = effect.shape()
     side, j = getattr(effect, "angle", effect.side), effect.at(robot)[0]
     q = np.concatenate([m.on(side).q[:, j] for m in motions])
     return float(np.ptp(q)) * float(getattr(effect, shape[0].name)) > 2.0 * np.pi * _PERIODS

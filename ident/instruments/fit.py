@@ -131,7 +131,7 @@ class Fit:
         """Spectra (n, F) of the torque, for each run."""
         if not self._torque:
             for run in self.runs:
-                self._torque.append(np.concatenate([run.masked(run.torque[:, m, None], m) for m in range(run.torque.shape[1])]))
+                self._torque.append(np.concatenate([run.masked_spectra(run.torque[:, m, None], m) for m in range(run.torque.shape[1])]))
         return self._torque
 
     # --- solving ------------------------------------------------------------------------------------------------------

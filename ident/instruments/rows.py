@@ -43,7 +43,7 @@ class RunRows:
     band: Band
     interval: float
 
-    def masked(self, values: Array, m: int, precision: type[np.floating] = np.float64) -> Array:
+    def masked_spectra(self, values: Array, m: int, precision: type[np.floating] = np.float64) -> Array:
         """Spectra (k, F) of values (N, k) of motor m as rows: masked first, filtered second, so that nothing of a held contact leaks."""
         return self.band.spectra(values, self.use[:, m], precision)
 

@@ -27,7 +27,7 @@ class Spectra:
     def of(cls, columns: Array, run: RunRows) -> Spectra:
         """Columns (N, n, width) of torque of the motors."""
         live = tuple(np.flatnonzero(columns[:, m].any(axis=0)) for m in range(columns.shape[1]))
-        values = tuple(run.masked(columns[:, m, ids], m) for m, ids in enumerate(live))
+        values = tuple(run.masked_spectra(columns[:, m, ids], m) for m, ids in enumerate(live))
         return cls(run.band, columns.shape[2], live, values)
 
     @property

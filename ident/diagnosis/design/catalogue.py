@@ -13,9 +13,9 @@ from ...effects.base import Effect
 from ...effects.kinds import Need
 from ...effects.registry import effect_types
 from ...errors import IdentError
-from ...instruments.columns import motor_columns
+from ...instruments.columns import is_order, motor_columns
 from ...instruments.fit import Fit, depends
-from .places import is_order, places
+from .places import places
 from .shapes import shapes
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ def _made(fit: Fit, effects: Iterable[tuple[Effect, tuple[str, ...]]], speeds: A
         if spectra:
             add(effect.name, joints, effect, width, spectra)
     for name, j, columns in shapes(motions, speeds) if speeds is not None else ():
-        spectra = {j: [run.masked(x, j, np.float32) for run, x in zip(fit.runs, columns, strict=True)]}
+        spectra = {j: [run.masked_spectra(x, j, np.float32) for run, x in zip(fit.runs, columns, strict=True)]}
         add(name, (fit.robot.joint_names[j],), None, columns[0].shape[1], spectra)
     places = [np.concatenate([np.zeros(0, int), *own, *others]) for own, others in zip(*ids, strict=True)]
     none = [run.band.spectra(np.zeros((run.band.samples, 0)), precision=np.float32) for run in fit.runs]
@@ -175,7 +175,7 @@ def _spectra(fit: Fit, effect: Effect, motions: Sequence[Motion]) -> dict[int, l
     values = [motor_columns(effect, motion, fit.robot) for motion in motions]
     acts = sorted(set().union(*values))
     none = [np.zeros((len(motion), len(effect.parameters(fit.robot)))) for motion in motions]
-    return {m: [run.masked(v.get(m, z), m, np.float32) for run, v, z in zip(fit.runs, values, none, strict=True)] for m in acts}
+    return {m: [run.masked_spectra(v.get(m, z), m, np.float32) for run, v, z in zip(fit.runs, values, none, strict=True)] for m in acts}
 
 
 def _causes() -> Iterator[type[Effect]]:

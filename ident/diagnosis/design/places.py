@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import IdentError
+from ...instruments.columns import is_order
 from ...robots.transmission import Side
 
 if TYPE_CHECKING:
@@ -85,12 +86,6 @@ def search_range(effect: Effect, model: Model, motions: Sequence[Motion]) -> dic
         told = [x[p.name] for x in every if x[p.name] != (p.lower, p.upper)]
         out[p.name] = (min(low for low, _ in told), max(high for _, high in told)) if told else (p.lower, p.upper)
     return out
-
-
-def is_order(effect: Effect) -> bool:
-    """The effect has one shape, and that is an order: cycles per unit of a position."""
-    shape = effect.shape()
-    return len(shape) == 1 and shape[0].unit.startswith("1/rad")
 
 
 def _orders(effect: Effect, model: Model, motions: Sequence[Motion], bounds: tuple[float, float]) -> Iterator[float]:

@@ -5,6 +5,7 @@ all: no column of the instrument follows it, and none may be made of the measure
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from ...effects.base import Effect
     from ...instruments.fit import Fit
     from ...instruments.solved import Solved
-    from ...robots.parameters import ShapeParameter
 
 Array = np.ndarray
 _WINDOW = 0.5
@@ -119,7 +119,7 @@ def at_moments(fit: Fit, frame: Solved, count: int) -> Array:
     """Blocks (count,) of a frame's scores in which, or beside which, an effect of the model begins to act."""
     near = np.zeros(count, bool)
     cuts = blocks(fit, frame)
-    moments = [float(getattr(e, p.name)) for e in fit.effects for p in e.shape() if _is_moment(p)]
+    moments = _moments(fit.effects)
     for run, a in zip(fit.runs, frame.edges[:-1], strict=True):
         time = run.instrument.clock[0] + run.band.time
         for moment in moments:
@@ -134,24 +134,22 @@ def _acting(fit: Fit, m: int) -> list[Effect]:
     return [e for e in fit.effects if any(columns.acts_on(m) for columns in fit.columns(e)[1])]
 
 
-def _is_moment(p: ShapeParameter) -> bool:
-    return p.unit == "s" and p.name.startswith("t_")
+def _moments(effects: Iterable[Effect]) -> list[float]:
+    """When effects begin to act, s, of those that begin at a moment."""
+    return [float(getattr(e, p.name)) for e in effects for p in e.shape() if p.unit == "s" and p.name.startswith("t_")]
 
 
 def _at_a_moment(fit: Fit, m: int, clock: Array, time: Array, width: int) -> Array:
     """Windows in which an effect of the model begins to act on motor m: how it begins no law says."""
     inside = np.zeros(len(time), bool)
-    for effect in _acting(fit, m):
-        for p in effect.shape():
-            if _is_moment(p):
-                inside |= np.abs(clock[0] + time - float(getattr(effect, p.name))) <= _WINDOW
+    for moment in _moments(_acting(fit, m)):
+        inside |= np.abs(clock[0] + time - moment) <= _WINDOW
     return _windows(inside.astype(float), width) > 0
 
 
 def _begun(fit: Fit, m: int, clock: Array) -> Array:
     """How many effects of the model have begun to act on motor m, at each time (N,)."""
-    moments = [float(getattr(e, p.name)) for e in _acting(fit, m) for p in e.shape() if _is_moment(p)]
-    return np.sum(clock[:, None] >= np.array(moments), axis=1, dtype=float)
+    return np.sum(clock[:, None] >= np.array(_moments(_acting(fit, m))), axis=1, dtype=float)
 
 
 def _at_like_noise(energy: Array, speed: Array, begun: Array) -> Array:

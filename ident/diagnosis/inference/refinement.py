@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...instruments.columns import is_order
 from ...instruments.thresholds import BOUND
 from ..design.catalogue import Catalogue
-from ..design.places import is_order, order_spacing, search_range
+from ..design.places import order_spacing, search_range
 from ..thresholds import SEEN
 from .scores import Scores
 

@@ -130,8 +130,8 @@ class Scores:
             if there.any():
                 own = C if here.sum() == len(ids) else C[np.isin(ids, rows)]
                 # A covariance of its own must be positive: rounded to single precision the products of columns are not.
-                own = own.astype(float) if square else own
-                G[np.ix_(here, there)] += own @ (own if square else C[np.isin(ids, columns)]).T
+                own, other = (own.astype(float),) * 2 if square else (own, C[np.isin(ids, columns)])
+                G[np.ix_(here, there)] += own @ other.T
         A, B = self.absorbed[rows], self.absorbed[columns]
         G += (A @ self.frame.gram - self.along[rows]) @ B.T - A @ self.along[columns].T
         return np.asarray(Q[:, rows] @ (P[:, columns] @ G.T).T)
