@@ -35,8 +35,8 @@ _ALIKE, _HALVED = 0.5, 3
 _REACH = 0.15
 #: Passes of a refit whose columns follow the values.
 PASSES = 3
-#: Refits in which a shape comes to agree with its own values, and the share to which it does.
-_AGREE, _AGREES = 6, 0.02
+#: Refits in which a shape comes to agree with its own values, and the share of its standard deviation to which it does.
+_AGREE, _AGREES = 8, 0.1
 #: Rounds around an order, each at a third of the last.
 _ORDER_ROUNDS = 4
 #: Share of the range that is looked at around a shape that was found before.
@@ -210,18 +210,24 @@ def agreed(effect: Effect, others: tuple[Effect, ...], fit: Fit) -> Effect:
     """An effect whose fitted values tell its shape, at the shape that agrees with them beside others; as it is where none does.
 
     To first order a shape far from its own response may score best: a lag of twice the time constant at half its share."""
-    found = effect
-    if all(effect.told_by(np.full(len(effect.parameters(fit.robot)), value)) == effect for value in (1.0, 2.0)):
+    name = effect.told_shape(fit.robot)
+    if name is None:
         return effect  # its values tell nothing
+    found = effect
+    before: tuple[float, float] | None = None
     for _ in range(_AGREE):
         other = fit.with_effects((*others, found))
         values, std = last_values(other, other.solved(PASSES))
-        told = found.told_by(values)
-        ends = search_range(told, fit.declared, fit.sought(told))
-        told = told.with_shape(**{name: float(np.clip(getattr(told, name), *ends[name])) for name in ends})
-        if all(abs(getattr(told, name) - getattr(found, name)) <= _AGREES * abs(getattr(found, name)) for name in ends):
+        ends = search_range(found, fit.declared, fit.sought(found))[name]
+        shapes = (found, found.told_by(values), found.told_by(values + std))
+        at, told, more = (float(np.clip(getattr(each, name), *ends)) for each in shapes)
+        if abs(told - at) <= _AGREES * abs(more - told):
             return found if can_be(found, other, values, std) else effect
-        found = told
+        # What the values tell changes with the shape: where the line through the last two meets the shape itself.
+        slope = 0.0 if before is None or at == before[0] else (told - before[1]) / (at - before[0])
+        before = at, told
+        slope = slope if abs(slope) < 1.0 else 0.0
+        found = found.with_shape(**{name: float(np.clip((told - slope * at) / (1.0 - slope), *ends))})
     return effect
 
 
