@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .inference.confidence_set import AcceptedEffect
 
 #: Confidence in a finding without a competing model: beside nothing left; beside something left where data held out confirm all of it; and
-#: where they do not, or show nothing of it at all.
+#: where they do not, or tell it from what is there.
 _SURE, _CONFIRMED, _HINT = 0.99, 0.9, 0.45
 #: What a member of the confidence set is worth at least, beside the effect that was accepted.
 _LEAST = 0.35
