@@ -60,8 +60,9 @@ def confirmed(share: tuple[float, float]) -> bool:
 
 
 def unconfirmed(share: tuple[float, float]) -> bool:
-    """Data held out do not tell what an effect predicts there from nothing, or tell it from what is there by more than is immaterial. Beside
-    nothing left, 2 of 148 right names of one half and more on logs of the benchmark were so, and 7 of 15 wrong ones."""
+    """Data held out do not tell what an effect predicts there from nothing, or tell it from what is there by more than is immaterial.
+
+    Beside nothing left, 2 of 148 right names of one half and more on logs of the benchmark were so, and 7 of 15 wrong ones."""
     present, std = share
     return bool(np.isfinite(std) and (present <= WORSE * std or abs(present - 1.0) > MATERIAL + WORSE * std))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,8 +30,9 @@ _WHOLE, _EACH, _FINE = 25, 7, 9
 _ROUNDS, _NEAR_ROUNDS = 2, 5
 #: Share of an end of its range within which a shape stands there.
 _END = 1e-3
-#: Part that two shapes of an effect have in common, below which others between them are looked at; times that a step is halved at most.
-_ALIKE, _HALVED = 0.5, 3
+#: Part that two shapes of an effect have in common, below which others between them are looked at; times that a step is halved at most,
+#: and once it led somewhere.
+_ALIKE, _HALVED, _CLOSER = 0.5, 3, 4
 #: How far (logarithm) from where it scores best a limit is looked for by what it leaves.
 _REACH = 0.15
 #: Passes of a refit whose columns follow the values.
@@ -85,19 +87,43 @@ def likeliest(shapes: Sequence[Effect], joints: tuple[str, ...], others: tuple[E
     can be: of some `shapes`, and of those near the last that score best.
 
     What a wrong shape leaves passes for coloured noise, at which that very shape scores best: the shape is sought with one weight for all
-    frequencies, too. And while something else is missing, the right shape may have values that cannot be: it stays in the running."""
+    frequencies, too, and by steps from the likeliest to one that is likelier. And while something else is missing, the right shape may have
+    values that cannot be: it stays in the running."""
     effect = shapes[-1]
     weights = (frame.gains, fit.with_effects((*others, effect)).flat(None))
     found = list(dict.fromkeys([*shapes, *(sharpened(effect, joints, others, fit, gains) for gains in weights)]))
-    if len(found) == 1:
-        return found[0]
 
+    @cache
     def worth(e: Effect) -> tuple[bool, float]:
         other = fit.with_effects((*others, e))
         refit = other.solved(1)
         return can_be(e, other, *last_values(other, refit)), other.likelihood(refit)
 
-    return max(found, key=worth)
+    best = max(found, key=worth)
+    higher = best if is_order(best) else _climbed(best, fit, worth)
+    if higher == best:
+        return best
+    gains = fit.with_effects((*others, higher)).solved(1).gains
+    return max(higher, sharpened(higher, joints, others, fit, gains), key=worth)
+
+
+def _climbed(effect: Effect, fit: Fit, worth: Callable[[Effect], tuple[bool, float]]) -> Effect:
+    """An effect at the end of steps along each of its free shapes that make it likelier: ever shorter ones, the last where longer ones led
+    somewhere."""
+    best = effect
+    free = _free(effect, fit)
+    ranges = search_range(effect, fit.declared, fit.sought(effect)) if free else {}
+    for axis in (_Axis.of(p, *ranges[p.name]) for p in free):
+        for halved in range(_HALVED + _CLOSER):
+            if halved == _HALVED and best == effect:
+                break
+            for step in (0.5**halved * _NEAR, -(0.5**halved) * _NEAR):
+                while (value := axis.moved(float(getattr(best, axis.name)), step)) is not None:
+                    other = best.with_shape(**{axis.name: value})
+                    if worth(other) <= worth(best):
+                        break
+                    best = other
+    return best
 
 
 def _told_apart(effect: Effect, axis: _Axis, values: list[float], joints: tuple[str, ...], fit: Fit, frame: Solved) -> list[float]:
@@ -259,6 +285,11 @@ class _Axis:
     def of(cls, p: ShapeParameter, low: float, high: float) -> _Axis:
         log = bool(p.log and low > 0)
         return cls(p.name, *((float(np.log(low)), float(np.log(high))) if log else (low, high)), log, (p.lower, p.upper))
+
+    def moved(self, value: float, by: float) -> float | None:
+        """A value so far from one, as a share of the range; None beyond its ends."""
+        at = (float(np.log(value)) if self.log else value) + by * (self.high - self.low)
+        return (float(np.exp(at)) if self.log else at) if self.low <= at <= self.high else None
 
     def around(self, value: float, width: float, points: int) -> list[float]:
         """Values within a share of the range around one."""
