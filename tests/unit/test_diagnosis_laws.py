@@ -7,6 +7,8 @@ import pytest
 
 import ident
 from ident.diagnosis import Verdict
+from ident.diagnosis.inference.refinement import likeliest
+from ident.friction.presliding import deflection
 
 Array = np.ndarray
 RATE, SECONDS = 200.0, 40.0
@@ -106,6 +108,20 @@ def test_a_hose_that_drags_is_no_presliding() -> None:
     found = diagnosed(recorded(7, hose), recorded(8, hose))
     assert "presliding" not in {f.name for f in found.findings}
     assert found.verdict is not Verdict.CLEAN
+
+
+@pytest.mark.parametrize("start", [0.2, 0.3])
+def test_a_shape_climbs_out_of_its_own_noise(start: float) -> None:
+    """At the noise that a wrong distance leaves that very distance scores best, far around."""
+    distance = 0.1
+
+    def building_up(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        return COULOMB * (deflection(q, distance) - np.sign(v))
+
+    fit = diagnosed(recorded(31, building_up), recorded(32, building_up)).decision.fit.with_effects(())
+    wrong = ident.make_effect("presliding", joints=["j1"], label="+").with_shape(z_s=start)
+    found = likeliest([wrong], ("j1",), (), fit, fit.with_effects((wrong,)).solved(2))
+    assert found.z_s == pytest.approx(distance, rel=0.02)
 
 
 def test_a_stop_is_no_spring() -> None:
