@@ -99,12 +99,16 @@ def likeliest(shapes: Sequence[Effect], joints: tuple[str, ...], others: tuple[E
         refit = other.solved(1)
         return can_be(e, other, *last_values(other, refit)), other.likelihood(refit)
 
+    def clearly_above(e: Effect, other: Effect) -> bool:
+        """Near its top a likelihood whose noise is told from the same rows is rough, and a score tells the shape better."""
+        return worth(e)[0] >= worth(other)[0] and 2.0 * (worth(e)[1] - worth(other)[1]) > SEEN**2
+
     best = max(found, key=worth)
     higher = best if is_order(best) else _climbed(best, fit, worth)
-    if higher == best:
+    if not clearly_above(higher, best):
         return best
-    gains = fit.with_effects((*others, higher)).solved(1).gains
-    return max(higher, sharpened(higher, joints, others, fit, gains), key=worth)
+    sharper = sharpened(higher, joints, others, fit, fit.with_effects((*others, higher)).solved(1).gains)
+    return higher if clearly_above(higher, sharper) else sharper
 
 
 def _climbed(effect: Effect, fit: Fit, worth: Callable[[Effect], tuple[bool, float]]) -> Effect:
