@@ -171,7 +171,7 @@ def _replace_impossible(state: EffectSearch, say: Callable[[str], None], most: i
     _forward(state, say, lambda _: None, most, refused)
     drop_unnecessary(state, say)
     _retract_impossible(state, say)
-    if state.accepted != kept and state.scores.z.max(initial=0.0) > state.critical:
+    if state.accepted != kept and _left(state):
         say("nothing suffices in its place")
         state.accepted = kept
         state.solve()
