@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import ConfigurationError, DataError
 from ..logs.log import Log, LogSet
+from .commands import DriveLog, commanded_integrals
 from .law import CommandForm, DriveLaw
 from .space import drive_logs
 
@@ -26,7 +27,13 @@ def with_torque(logs: LogSet, law: DriveLaw, robot: Robot) -> LogSet:
 
 
 def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
-    unknown = [key for key in law.constants if law.unknown(key)]
+    unknown = [key for key in law.constants if law.unknown(key) or (key == "integral_start" and log.t[0] > log.began)]
+    unknown = [key for key in unknown if key != "integral_start" or law.integrates.any()]
+    if unknown == ["integral_start"]:
+        raise ConfigurationError(
+            f"log {log.name}: what the integral of the drive law begins with is not known. Fit by simulation (`ident fit` without"
+            " --method), or put integral_start into [drive], 0 where the drive is switched on as the recording begins."
+        )
     if unknown:
         raise ConfigurationError(
             f"log {log.name}: the drive law does not give a torque, because {', '.join(unknown)} is to be identified."
@@ -47,6 +54,7 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
     sent = {name: _late(seen.t, x, law) for name, x in (("q", seen.q_cmd), ("dq", seen.dq_cmd), ("tau", seen.tau_ff))}
     constants = law.constants
     asked = constants["kp"] * (sent["q"] - seen.q) + constants["kd"] * (sent["dq"] - speed) + constants["feed_forward"] * sent["tau"]
+    asked = asked + _integral(seen, law, asked) if law.integrates.any() else asked
     strength = constants["torque_scale"] * (seen.supply if law.kind == "pwm" and seen.supply is not None else 1.0)
     torque = strength * asked - constants["back_emf"] * speed
     known = (np.abs(asked) < constants["effort_limit"]) & (seen.enabled == 1.0)
@@ -59,6 +67,22 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
         else ()
     )
     return replace(log, tau={"joint": torque}, notes=(*log.notes, said, *more), hint="")
+
+
+def _integral(log: DriveLog, law: DriveLaw, others: Array) -> Array:
+    """The integral's part of the command (N, n) at the samples, `others` (N, n) the other parts. It stands still while the limit holds and
+    the error would wind it further, and is zero while the drive is off."""
+    limit, ki = law.constants["effort_limit"], law.constants["ki"]
+    wanted = commanded_integrals(log.t, log.q_cmd, law.constants["delay_s"], log.t, law.command)
+    change = ki * (wanted - 0.5 * np.diff(log.t)[:, None] * (log.q[1:] + log.q[:-1]))
+    out = np.empty_like(others)
+    z = law.constants["integral_start"]
+    for k in range(len(out)):
+        out[k] = z = np.where(log.enabled[k] > 0.0, z, 0.0)
+        if k < len(change):
+            asked = others[k] + z
+            z = np.where((np.abs(asked) > limit) & (change[k] * asked > 0.0), z, z + change[k])
+    return out
 
 
 def _late(t: Array, command: Array, law: DriveLaw) -> Array:
