@@ -100,7 +100,7 @@ struct DriveStep {
     template <int M>
     void advance(int64_t lane, int64_t first, std::vector<double>& memory) const {
         const int64_t m = M ? M : block, at = lane * n + first;
-        double *A = memory.data(), *R = A + m * m, *pulled = R + m * m, *level = pulled + m, *speed = level + m, *beyond = speed + m;
+        double *A = memory.data(), *R = A + m * m, *pulled = R + m * m, *level = pulled + m, *speed = level + m;
         const double* H = inertia + lane * n * n + first * n + first;
         const double half = 0.5 * h;
         for (int64_t i = 0; i < m; ++i) {
@@ -109,8 +109,7 @@ struct DriveStep {
             if (wound) p += half * ki[e], whole += wound[e] + half * ki[e] * wanted[e];
             double pull = whole - p * q[e];
             const double asked = pull - (p * half + d) * dq[e];
-            beyond[i] = 0.0;
-            if (std::fabs(asked) > limit[e]) beyond[i] = pull = asked > 0 ? limit[e] : -limit[e], p = d = 0.0;
+            if (std::fabs(asked) > limit[e]) pull = asked > 0 ? limit[e] : -limit[e], p = d = 0.0;
             double damping = p * half + d;
             if (strength) {
                 damping = strength[e] * damping + (strength[e] > 0 ? back_emf[e] : 0.0) + viscous[e];
@@ -144,18 +143,22 @@ struct DriveStep {
         }
         for (int64_t i = 0; i < m; ++i) {
             const int64_t e = at + i;
-            if (wound) wind(e, speed[i], beyond[i]);
+            if (wound) wind(e, speed[i]);
             q[e] += half * (dq[e] + speed[i]);
             before[e] = dq[e];
             dq[e] = speed[i];
         }
     }
 
-    // The integral over a step to the speed `after`. Not where the limit holds (`beyond`) and the error would wind it further; a drive that
-    // is off keeps nothing.
-    void wind(int64_t e, double after, double beyond) const {
-        const double change = h * ki[e] * (wanted[e] - q[e] - 0.25 * h * (dq[e] + after));
-        if (!(change * beyond > 0.0)) wound[e] += change;
+    // The integral over a step to the speed `after`, but for the share of it in which the limit holds and the error would wind it further; a
+    // drive that is off keeps nothing.
+    void wind(int64_t e, double after) const {
+        const double moved = 0.5 * h * (dq[e] + after), change = h * ki[e] * (wanted[e] - q[e] - 0.5 * moved);
+        const double asked = target[e] + wound[e] - kp[e] * q[e] - kd[e] * dq[e], then = asked - kp[e] * moved - kd[e] * (after - dq[e]);
+        const double first = (change > 0 ? asked : -asked) - limit[e], last = (change > 0 ? then : -then) - limit[e];
+        const double high = first > last ? first : last, low = first > last ? last : first;
+        const double held = !(high > 0.0) ? 0.0 : low >= 0.0 ? 1.0 : high / (high - low);
+        wound[e] += (1.0 - held) * change;
         if (strength && !(strength[e] > 0.0)) wound[e] = 0.0;
     }
 
@@ -245,7 +248,7 @@ PyObject* call_drive_single(PyObject*, PyObject* args) {
         return nullptr;
     place(d, c, size);
     d.q = s, d.dq = s + size, d.before = s + 2 * size, d.friction = s + 3 * size, d.load = s + 4 * size;
-    std::vector<double> memory((size_t)(2 * n * n + 4 * n)), ahead((size_t)(3 * size));
+    std::vector<double> memory((size_t)(2 * n * n + 3 * n)), ahead((size_t)(3 * size));
     double* bias = ahead.data() + 2 * size;
     d.ahead_q = ahead.data(), d.ahead_dq = d.ahead_q + size, d.bias = bias;
     for (int64_t i = 0; i < size; ++i) d.ahead_q[i] = d.q[i] + 0.5 * h * d.dq[i], d.ahead_dq[i] = d.dq[i];
@@ -295,7 +298,7 @@ PyObject* call_drive_step(PyObject*, PyObject* args) {
     double** const moved[] = {&d.q, &d.dq, &d.before, &d.friction, &d.load};
     for (double** part : moved) *part = s, s += size;
     d.ahead_q = next, d.ahead_dq = next + size;
-    std::vector<double> memory((size_t)(2 * block * block + 4 * block));
+    std::vector<double> memory((size_t)(2 * block * block + 3 * block));
     d.run(beyond, memory);
     Py_RETURN_NONE;
 }

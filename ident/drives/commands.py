@@ -13,7 +13,7 @@ import numpy as np
 from .._utils.singular_values import lstsq
 from ..errors import DataError
 from ..logs.units import split_unit, unit_of
-from .law import CommandForm, DriveLaw, SupplyForm, VelocityCommand
+from .law import DriveLaw, SupplyForm, VelocityCommand
 
 if TYPE_CHECKING:
     from ..logs.log import Log
@@ -135,25 +135,6 @@ def commanded(extra: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
             numbers = [robot.whole.index(name) for name in robot.joint_names]
         count = len(next(iter(by_number.values())))
         out[what] = np.stack([by_number.get(j, np.full(count, np.nan)) for j in numbers], axis=1)
-    return out
-
-
-def commanded_integrals(t: Array, command: Array, delay: Array, edges: Array, form: CommandForm) -> Array:
-    """Integral (K, n) of a command (N, n), which acts with a delay (n,), between instants (K + 1,), s."""
-    out = np.empty((len(edges) - 1, command.shape[1]))
-    if not np.any(command):
-        return np.zeros_like(out)
-    held = np.concatenate([[0.0], np.diff(t)])
-    last = max(float(edges[-1] - t[-1]), 0.0)
-    for j, values in enumerate(command.T):
-        if form == CommandForm.RAMP:
-            out[:, j] = np.diff(edges) * np.interp(0.5 * (edges[:-1] + edges[1:]) - delay[j], t, values)
-            continue
-        # The integral of a staircase is exact between its corners; before the first sample and after the last it is held.
-        time = np.concatenate([[t[0] - 1.0 - delay[j]], t, [t[-1] + 1.0 + last]])
-        integral = np.cumsum(held * np.concatenate([[0.0], values[:-1]]))
-        total = np.concatenate([[-values[0] * (1.0 + delay[j])], integral, [integral[-1] + values[-1] * (1.0 + last)]])
-        out[:, j] = np.diff(np.interp(edges - delay[j], time, total))
     return out
 
 

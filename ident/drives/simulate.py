@@ -189,7 +189,7 @@ def _plain(
         if loaded:
             load = _times(H, (after - dq) / h) + c
         if wound is not None:
-            wound.step(k, sent, now, q, dq, after)
+            wound.step(k, target[k], now, q, dq, after)
         q, before, dq = q + half * (dq + after), dq, after
         out[k + 1] = q
         if k % _LOOK == 0 and (wild := ~(np.abs(dq).max(axis=1) < _BEYOND)).any():
@@ -198,12 +198,21 @@ def _plain(
             q, dq, f, load, before = (np.where(lost, 0.0, x) for x in (q, dq, f, load, before))
 
 
+def held_share(asked: Array, then: Array, change: Array, limit: Array) -> Array:
+    """Share of a step in which a limit holds and a change of the integral would wind it further; commands `asked` at first, `then` at last,
+    straight between."""
+    along = np.where(change > 0.0, 1.0, -1.0)
+    high, low = np.maximum(along * asked, along * then) - limit, np.minimum(along * asked, along * then) - limit
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(high > 0.0, np.where(low >= 0.0, 1.0, high / (high - low)), 0.0)
+
+
 class _Wound:
     """The integral's part z (B, n) of each drive's command, step by step. Over a step the error is that of the mean position, so that the
     mean z is that of a drive with ki h/2 more of kp."""
 
     def __init__(self, integrals: LaneIntegrals, drives: LaneDrives, h: float) -> None:
-        self.ki, self.wanted, self.z, self.h = integrals.ki, integrals.wanted, integrals.start, h
+        self.ki, self.wanted, self.z, self.h, self.own = integrals.ki, integrals.wanted, integrals.start, h, drives
         self.drives = replace(drives, kp=drives.kp + 0.5 * h * integrals.ki)
 
     def ahead(self, k: int, target: Array) -> tuple[LaneDrives, Array]:
@@ -211,13 +220,13 @@ class _Wound:
         return self.drives, target + self.z + 0.5 * self.h * self.ki * self.wanted[k]
 
     def step(self, k: int, target: Array, strength: Array | None, q: Array, dq: Array, after: Array) -> None:
-        """Integrate over a step from q, dq to the speed `after`: not where the limit holds and the error would wind it further; a drive
-        that is off keeps nothing."""
-        half, own = 0.5 * self.h, self.drives
-        asked = target - own.kp * q - (own.kp * half + own.kd) * dq
-        change = self.h * self.ki * (self.wanted[k] - q - 0.5 * half * (dq + after))
-        held = (np.abs(asked) > own.limit) & (change * asked > 0.0)
-        self.z = np.where(held, self.z, self.z + change)
+        """Integrate over a step from q, dq to the speed `after`, but for the share of it in which the limit holds and the error would wind
+        it further; a drive that is off keeps nothing."""
+        own, moved = self.own, 0.5 * self.h * (dq + after)
+        change = self.h * self.ki * (self.wanted[k] - q - 0.5 * moved)
+        asked = target + self.z - own.kp * q - own.kd * dq
+        then = asked - own.kp * moved - own.kd * (after - dq)
+        self.z = self.z + (1.0 - held_share(asked, then, change, own.limit)) * change
         if strength is not None:
             self.z = np.where(strength > 0.0, self.z, 0.0)
 

@@ -38,9 +38,9 @@ def starts(plant: DrivePlant) -> tuple[Array, Array]:
     loops = loops if unknown_gain else (5.0,)
     delays = _DELAYS if plant.law.unknown("delay_s") else (0.0,)
     times = _INTEGRAL_S if plant.law.unknown("ki") else _INTEGRAL_S[:1]
-    found = [_start(plant, inertia, *one) for one in product(loops, _FRICTION, delays, times)]
-    sizes = np.maximum(np.min(np.abs(found), axis=0), 1e-3 * np.max(np.abs(found), axis=0))
-    return np.array(found), np.maximum(sizes, 1e-9)
+    found, large = np.swapaxes([_start(plant, inertia, *one) for one in product(loops, _FRICTION, delays, times)], 0, 1)
+    sizes = np.maximum(np.min(large, axis=0), 1e-3 * np.max(large, axis=0))
+    return found, np.maximum(sizes, 1e-9)
 
 
 def expected(plant: DrivePlant) -> tuple[Array, Array]:
@@ -67,7 +67,8 @@ def moved_inertia(plant: DrivePlant) -> Array:
     return np.maximum(np.diagonal(H, axis1=1, axis2=2).mean(axis=0), _BARE)
 
 
-def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: float, integral_s: float) -> Array:
+def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: float, integral_s: float) -> tuple[Array, Array]:
+    """Values and sizes (p,)."""
     logs = plant.logs
     # What is commanded while the torque is off moves nothing, and says nothing of the drive.
     error = np.sqrt(np.mean(np.concatenate([log.enabled * (log.q_cmd - log.q) for log in logs]) ** 2, axis=0)) + 1e-6
@@ -100,19 +101,18 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
     if plant.law.kind == "pwm" and np.isnan(known).any():
         guess["kp"] = np.full(plant.robot.n, 5.0)
     nominal = plant.robot.nominal
-    values = []
-    for unknown in plant.unknowns:
+    values, least = [], np.zeros(len(plant.unknowns))
+    for i, unknown in enumerate(plant.unknowns):
         if unknown.place == "link":
             values.append(_link(plant, unknown.column, nominal, inertia))
         elif unknown.log:
-            begun = float(_begun(plant, logs[plant.labels.index(unknown.log)], stiff)[unknown.joint])
+            values.append(float(_begun(plant, logs[plant.labels.index(unknown.log)], stiff)[unknown.joint]))
             # Next to none is no size: friction holds as much as that.
-            least = friction * float(torque[unknown.joint])
-            values.append(begun if abs(begun) > least else least)
+            least[i] = friction * torque[unknown.joint]
         else:
             of = guess[unknown.place]
             values.append(float(of.mean() if unknown.joint < 0 else of[unknown.joint]))
-    return np.array(values)
+    return np.array(values), np.maximum(np.abs(values), least)
 
 
 def _taken(plant: DrivePlant, inertia: Array, rate: Array, spread: Array) -> Array:
