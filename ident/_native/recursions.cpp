@@ -66,6 +66,8 @@ struct DriveStep {
     const double *target, *strength;                       // strength: null where it is 1
     double *q, *dq, *before, *friction, *load;             // state
     double *ahead_q, *ahead_dq, *out;
+    const double *ki, *wanted;                             // of drives that integrate their error: gain, position command
+    double* wound;                                         // their integral's part of the command; null where none integrates
 
     // What is not finite stays so, and its lane is lost.
     static double within(double x, double level) { return x > level ? level : x < -level ? -level : x; }
@@ -103,7 +105,9 @@ struct DriveStep {
         const double half = 0.5 * h;
         for (int64_t i = 0; i < m; ++i) {
             const int64_t e = at + i;
-            double p = kp[e], d = kd[e], pull = target[e] - p * q[e];
+            double p = kp[e], d = kd[e], whole = target[e];
+            if (wound) p += half * ki[e], whole += wound[e] + half * ki[e] * wanted[e];
+            double pull = whole - p * q[e];
             const double asked = pull - (p * half + d) * dq[e];
             if (std::fabs(asked) > limit[e]) pull = asked > 0 ? limit[e] : -limit[e], p = d = 0.0;
             double damping = p * half + d;
@@ -139,10 +143,23 @@ struct DriveStep {
         }
         for (int64_t i = 0; i < m; ++i) {
             const int64_t e = at + i;
+            if (wound) wind(e, speed[i]);
             q[e] += half * (dq[e] + speed[i]);
             before[e] = dq[e];
             dq[e] = speed[i];
         }
+    }
+
+    // The integral over a step to the speed `after`, but for the share of it in which the limit holds and the error would wind it further; a
+    // drive that is off keeps nothing.
+    void wind(int64_t e, double after) const {
+        const double moved = 0.5 * h * (dq[e] + after), change = h * ki[e] * (wanted[e] - q[e] - 0.5 * moved);
+        const double asked = target[e] + wound[e] - kp[e] * q[e] - kd[e] * dq[e], then = asked - kp[e] * moved - kd[e] * (after - dq[e]);
+        const double first = (change > 0 ? asked : -asked) - limit[e], last = (change > 0 ? then : -then) - limit[e];
+        const double high = first > last ? first : last, low = first > last ? last : first;
+        const double held = !(high > 0.0) ? 0.0 : low >= 0.0 ? 1.0 : high / (high - low);
+        wound[e] += (1.0 - held) * change;
+        if (strength && !(strength[e] > 0.0)) wound[e] = 0.0;
     }
 
     template <int M>
@@ -184,6 +201,7 @@ struct DriveStep {
             for (int64_t e = lane * n; e < (lane + 1) * n; ++e) lost |= !(std::fabs(dq[e]) < beyond);
             for (int64_t e = lane * n; e < (lane + 1) * n; ++e) {
                 if (lost) q[e] = dq[e] = before[e] = friction[e] = load[e] = 0.0;
+                if (lost && wound) wound[e] = 0.0;
                 out[e] = lost ? NAN : q[e];
                 ahead_q[e] = q[e] + 0.5 * h * dq[e];
                 ahead_dq[e] = 1.5 * dq[e] - 0.5 * before[e];
@@ -200,30 +218,33 @@ void place(DriveStep& d, const double* c, int64_t size) {
 }
 
 // drive_single(H (lanes, n, n), sine, cosine, stiffness, twist (lanes), constants (16, lanes, n), target (K, lanes, n), strength or None,
-//              state (5, lanes, n), out (K, lanes, n), lanes, n, K, h, beyond): one joint from beginning to end, its link's bias torque
-//              sine sin q + cosine cos q. n is 1, or 2 where motor and link hang together by a spring of that stiffness and damping.
+//              state (5, lanes, n), out (K, lanes, n), lanes, n, K, h, beyond[, ki (lanes, n), wanted (K, lanes, n), wound (lanes, n)]):
+//              one joint from beginning to end, its link's bias torque sine sin q + cosine cos q. n is 1, or 2 where motor and link hang
+//              together by a spring of that stiffness and damping. The last three: of drives that integrate their error.
 PyObject* call_drive_single(PyObject*, PyObject* args) {
-    PyObject* given[10];
+    PyObject* given[13] = {};
     Py_ssize_t lanes, n, count;
     double h, beyond;
-    if (!PyArg_ParseTuple(args, "OOOOOOOOOOnnndd", given, given + 1, given + 2, given + 3, given + 4, given + 5, given + 6, given + 7,
-                          given + 8, given + 9, &lanes, &n, &count, &h, &beyond))
+    if (!PyArg_ParseTuple(args, "OOOOOOOOOOnnndd|OOO", given, given + 1, given + 2, given + 3, given + 4, given + 5, given + 6, given + 7,
+                          given + 8, given + 9, &lanes, &n, &count, &h, &beyond, given + 10, given + 11, given + 12))
         return nullptr;
     if (lanes < 0 || count < 0 || n < 1 || n > 2) {
         PyErr_SetString(PyExc_ValueError, "drive_single: sizes are none of one joint");
         return nullptr;
     }
-    Buffer buffers[10];
+    Buffer buffers[13];
     const int64_t size = (int64_t)lanes * n;
     DriveStep d{};
     d.lanes = lanes, d.n = d.block = n, d.sweeps = 2, d.h = h;
-    const double *c, *of_link[4], *wanted, *share = nullptr;
+    const double *c, *of_link[4], *wanted, *share = nullptr, *sent = nullptr;
     double *s, *to;
     bool good = (d.inertia = buffers[0].take(given[0], size * n, 0)) != nullptr;
     for (int i = 0; good && i < 4; ++i) good = (of_link[i] = buffers[1 + i].take(given[1 + i], lanes, 0)) != nullptr;
     if (!good || !(c = buffers[5].take(given[5], 16 * size, 0)) || !(wanted = buffers[6].take(given[6], count * size, 0)) ||
         (given[7] != Py_None && !(share = buffers[7].take(given[7], count * size, 0))) ||
-        !(s = buffers[8].take(given[8], 5 * size, PyBUF_WRITABLE)) || !(to = buffers[9].take(given[9], count * size, PyBUF_WRITABLE)))
+        !(s = buffers[8].take(given[8], 5 * size, PyBUF_WRITABLE)) || !(to = buffers[9].take(given[9], count * size, PyBUF_WRITABLE)) ||
+        (given[12] && (!(d.ki = buffers[10].take(given[10], size, 0)) || !(sent = buffers[11].take(given[11], count * size, 0)) ||
+                                  !(d.wound = buffers[12].take(given[12], size, PyBUF_WRITABLE)))))
         return nullptr;
     place(d, c, size);
     d.q = s, d.dq = s + size, d.before = s + 2 * size, d.friction = s + 3 * size, d.load = s + 4 * size;
@@ -240,25 +261,26 @@ PyObject* call_drive_single(PyObject*, PyObject* args) {
             bias[i * n] = spring, bias[i * n + 1] -= spring;
         }
         d.target = wanted + k * size, d.strength = share ? share + k * size : nullptr, d.out = to + k * size;
+        d.wanted = sent ? sent + k * size : nullptr;
         d.run(beyond, memory);
     }
     Py_RETURN_NONE;
 }
 
 // drive_step(H, bias, constants (16, lanes, n), target, strength or None, state (5, lanes, n), ahead (2, lanes, n), out,
-//            lanes, n, block, sweeps, h, beyond)
+//            lanes, n, block, sweeps, h, beyond[, ki, wanted, wound])
 PyObject* call_drive_step(PyObject*, PyObject* args) {
-    PyObject *inertia, *bias, *constants, *target, *strength, *state, *ahead, *out;
+    PyObject *inertia, *bias, *constants, *target, *strength, *state, *ahead, *out, *ki = nullptr, *wanted = nullptr, *wound = nullptr;
     Py_ssize_t lanes, n, block, sweeps;
     double h, beyond;
-    if (!PyArg_ParseTuple(args, "OOOOOOOOnnnndd", &inertia, &bias, &constants, &target, &strength, &state, &ahead, &out, &lanes, &n,
-                          &block, &sweeps, &h, &beyond))
+    if (!PyArg_ParseTuple(args, "OOOOOOOOnnnndd|OOO", &inertia, &bias, &constants, &target, &strength, &state, &ahead, &out, &lanes, &n,
+                          &block, &sweeps, &h, &beyond, &ki, &wanted, &wound))
         return nullptr;
     if (lanes < 0 || n < 1 || block < 1 || n % block != 0) {
         PyErr_SetString(PyExc_ValueError, "drive_step: joints are not in blocks of one size");
         return nullptr;
     }
-    Buffer buffers[8];
+    Buffer buffers[11];
     const int64_t size = (int64_t)lanes * n;
     DriveStep d{};
     d.lanes = lanes, d.n = n, d.block = block, d.sweeps = sweeps, d.h = h;
@@ -268,7 +290,9 @@ PyObject* call_drive_step(PyObject*, PyObject* args) {
         !(c = buffers[2].take(constants, 16 * size, 0)) || !(d.target = buffers[3].take(target, size, 0)) ||
         (strength != Py_None && !(d.strength = buffers[4].take(strength, size, 0))) ||
         !(s = buffers[5].take(state, 5 * size, PyBUF_WRITABLE)) || !(next = buffers[6].take(ahead, 2 * size, PyBUF_WRITABLE)) ||
-        !(d.out = buffers[7].take(out, size, PyBUF_WRITABLE)))
+        !(d.out = buffers[7].take(out, size, PyBUF_WRITABLE)) ||
+        (wound && (!(d.ki = buffers[8].take(ki, size, 0)) || !(d.wanted = buffers[9].take(wanted, size, 0)) ||
+                              !(d.wound = buffers[10].take(wound, size, PyBUF_WRITABLE)))))
         return nullptr;
     place(d, c, size);
     double** const moved[] = {&d.q, &d.dq, &d.before, &d.friction, &d.load};

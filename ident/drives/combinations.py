@@ -84,9 +84,9 @@ class Joined:
         found = {}
         for k in near:
             h = self.held[k]
-            plain = self.unknowns[h].unit == self.unknowns[i].unit and abs(row[k] - 1.0) < _ROUND
+            plain = self.unknowns[h].unit == self.unknowns[i].unit and abs(abs(row[k]) - 1.0) < _ROUND
             if plain or abs(row[k]) * self.sizes[h] > _PART * whole:
-                found[k] = 1.0 if plain else float(row[k])
+                found[k] = float(np.sign(row[k])) if plain else float(row[k])
         return found
 
     def _divisors(self, terms: dict[int, float]) -> list[int]:
@@ -106,7 +106,7 @@ class Joined:
         text = _text(self.unknowns[i], [(c, self.unknowns[self.held[k]]) for k, c in terms.items()])
         members = [i, *(int(self.held[k]) for k in terms)]
         one = self._named(text, value, self._std(row, printed, std), self.unknowns[i].unit, members, self.floor[i])
-        return replace(one, adds=all(c > 0.0 and self.unknowns[self.held[k]].lower >= 0.0 for k, c in terms.items()))
+        return replace(one, adds=all(_leaves(self.unknowns[self.held[k]].lower, c) for k, c in terms.items()))
 
     def _ratio(self, i: int, row: Array, terms: dict[int, float], std: float, divisor: int) -> Combination:
         """What grows with the divisor is divided by it; a delay or a share of torque stands beside."""
@@ -135,6 +135,12 @@ class Joined:
         named = [self.unknowns[m] for m in members]
         determined = bool(std <= max(SHARE * abs(value), floor))
         return Combination(text, float(value), std, unit, tuple(u.name for u in named), separated_by(named), determined)
+
+
+def _leaves(lower: float, coefficient: float) -> bool:
+    """Whether a member of a sum, with its lower bound, may leave all of it to the first: it adds something that may be nothing, or is
+    exchanged one for one whatever its sign is."""
+    return coefficient > 0.0 if lower >= 0.0 else abs(coefficient) == 1.0
 
 
 def _alike(one: Unknown, other: Unknown) -> bool:
@@ -171,6 +177,8 @@ def separated_by(members: Sequence[Unknown]) -> str:
         advice.append("free swings with the torque switched off (torque_enable 0)")
     if "delay_s" in places:
         advice.append("step commands, or commands of a wider bandwidth")
-    if "offset" in places or "link" in places:
+    if "integral_start" in places:
+        advice.append("a log that begins where the drive is switched on, with integral_start = 0")
+    if "link" in places or ("offset" in places and "integral_start" not in places):
         advice.append("motion in other postures")
     return "; ".join(advice) or "faster and slower motion, steps, and other postures"

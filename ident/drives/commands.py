@@ -35,7 +35,7 @@ class DriveLog:
 
     `t` (N,) s from the first sample; `q` (N, n); `q_cmd`, `dq_cmd`, `tau_ff` (N, n): commands (of law "voltage": `tau_ff` is the voltage,
     V, the others are 0); `enabled` (N, n): share of the torque that is switched on; `supply` (N, n) V, None where the law needs none;
-    `origin`, `start` (n,): first position and speed."""
+    `origin`, `start` (n,): first position and speed; `later`: whether the recording began before."""
 
     name: str
     t: Array
@@ -47,6 +47,7 @@ class DriveLog:
     supply: Array | None
     origin: Array
     start: Array
+    later: bool = False
 
     @cached_property
     def fresh(self) -> Array:
@@ -101,7 +102,8 @@ class DriveLog:
         origin, first = _first_state(t, q[good])
         if rate is not None and np.isfinite(rate[good][0]).all():
             first = np.where(first == 0.0, 0.0, rate[good][0])
-        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, supply, origin, first)
+        later = bool(log.t[0] > log.began)
+        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, supply, origin, first, later)
 
     @property
     def period(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._utils.singular_values import pinv
 from .plant import DrivePlant, joined
+from .unknowns import Unknown
 
 Array = np.ndarray
 #: Damping factors that are tried beside each other in a step.
@@ -27,6 +28,7 @@ _LAST, _HARDLY, _WORTH = 3, 1e-6, 1e-2
 #: What scales with the torque of a joint, and the factors that are tried.
 _TORQUE = (
     "armature", "viscous", "dry", "excess", "offset", "spring", "kp", "kd", "back_emf", "torque_scale", "effort_limit", "feed_forward",
+    "ki", "integral_start",
 )  # fmt: skip
 _FACTORS = (1.0, 0.1, 0.3, 0.6, 0.8, 0.9, 1.1, 1.25, 1.6, 3.0, 10.0)
 #: Seconds of a step of the last search at most, and steps in a sample at least: where a joint comes to rest depends on them, and the more
@@ -139,9 +141,17 @@ class SimulatedSearch:
         branches = self.plant.branches
         for moves, members in zip(change, slots, strict=True):
             for i in members:
-                joint = self.plant.unknowns[i].joint
-                at = slice(None) if joint < 0 else np.flatnonzero(branches == branches[joint])
-                slopes[:, at, i] = moves[:, at] / nudge[i]
+                unknown = self.plant.unknowns[i]
+                at = slice(None) if unknown.joint < 0 else np.flatnonzero(branches == branches[unknown.joint])
+                rows = self._rows(unknown)
+                slopes[rows, at, i] = moves[rows, at] / nudge[i]
+
+    def _rows(self, unknown: Unknown) -> slice:
+        """The readings that an unknown can move: of its log, or all."""
+        if not unknown.log:
+            return slice(None)
+        k, ends = self.plant.labels.index(unknown.log), np.cumsum([0, *(len(log.t) for log in self.plant.logs)])
+        return slice(int(ends[k]), int(ends[k + 1]))
 
     def rescaled(self, values: Array) -> Array:
         """Values (p,) with all torque of single joints by other factors, where those are nearer: what scales it may be hard to see."""
@@ -156,9 +166,9 @@ class SimulatedSearch:
         return any(u.place in ("kp", "torque_scale") for u in self.plant.unknowns)
 
     def _exchanges(self, values: Array) -> list[Array]:
-        """Directions (p,) along which a motion may change next to nothing: kd or back-EMF for viscous friction, and all torque of a joint
-        by one factor, or of a branch with its links. Differences along them are taken by themselves: of those of single unknowns they
-        would be what their errors leave, and make such unknowns seem determined."""
+        """Directions (p,) along which a motion may change next to nothing: kd or back-EMF for viscous friction, an offset for all that
+        integrals begin with, and all torque of a joint by one factor, or of a branch with its links. Differences along them are taken by
+        themselves: of those of single unknowns they would be what their errors leave, and make such unknowns seem determined."""
         unknown, out = self.plant.unknowns, []
         places = {(u.place, u.joint): i for i, u in enumerate(unknown)}
         for (place, joint), i in places.items():
@@ -166,6 +176,12 @@ class SimulatedSearch:
                 direction = np.zeros(len(values))
                 direction[[i, viscous]] = 1.0, -1.0
                 out.append(direction * max(values[i], self.sizes[i]))
+        for joint in range(self.plant.robot.n):
+            begun = [i for i, u in enumerate(unknown) if u.place == "integral_start" and u.joint == joint]
+            if len(begun) == len(self.plant.logs) and (offset := places.get(("offset", joint))) is not None:
+                direction = np.zeros(len(values))
+                direction[[offset, *begun]] = 1.0
+                out.append(direction * max(*np.abs(values[begun]), *self.sizes[begun]))
         scale = "torque_scale" if self.plant.law.in_volts else "kp"
         apart = {"delay_s", "load", "gear_loss", "gear_loss_slow", "slow_speed"}
         apart |= {"kp", "kd", "effort_limit"} if scale == "torque_scale" else {"torque_scale"}
@@ -184,19 +200,23 @@ class SimulatedSearch:
         return out
 
     def _slots(self, own: Iterable[int]) -> list[list[int]]:
-        """Which of these unknowns can be moved together: those of different branches, which do not act on each other."""
+        """Which of these unknowns can be moved together: those of different branches or logs, which do not act on each other."""
         slots: list[list[int]] = []
         for i in own:
-            unknown = self.plant.unknowns[i]
-            branch = -1 if unknown.joint < 0 else int(self.plant.branches[unknown.joint])
-            for slot in slots:
-                others = {self.plant.branches[self.plant.unknowns[k].joint] if self.plant.unknowns[k].joint >= 0 else -1 for k in slot}
-                if branch >= 0 and -1 not in others and branch not in others:
-                    slot.append(i)
-                    break
-            else:
+            slot = next((slot for slot in slots if all(self._apart(i, k) for k in slot)), None)
+            if slot is None:
                 slots.append([i])
+            else:
+                slot.append(i)
         return slots
+
+    def _apart(self, i: int, k: int) -> bool:
+        """Whether two unknowns never move the same reading."""
+        one, other = self.plant.unknowns[i], self.plant.unknowns[k]
+        if one.log and other.log and one.log != other.log:
+            return True
+        branches = self.plant.branches
+        return min(one.joint, other.joint) >= 0 and bool(branches[one.joint] != branches[other.joint])
 
     def run(self, values: Array, steps: int, near: float = SETTLED) -> tuple[Array, float, bool, int]:
         """Values, cost, whether it settled, steps taken."""

@@ -36,11 +36,19 @@ _DEFAULTS: dict[str, dict[str, float | str | None]] = {
     "pwm": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": 1.0, "torque_scale": IDENTIFY, "back_emf": IDENTIFY, **_GEAR},
     "voltage": {"delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": IDENTIFY, "back_emf": IDENTIFY, **_GEARED},
 }  # fmt: skip
+_DEFAULTS["pid_position"] = {**_DEFAULTS["pd_position"], "ki": None, "integral_start": IDENTIFY}
 #: What a law has no place for, and with which it is the general one.
-_FIXED: dict[str, dict[str, float]] = {"voltage": {"kp": 0.0, "kd": 0.0, "feed_forward": 1.0}}
+_NO_INTEGRAL = {"ki": 0.0, "integral_start": 0.0}
+_FIXED: dict[str, dict[str, float]] = {
+    "pd_position": _NO_INTEGRAL,
+    "pd_velocity": _NO_INTEGRAL,
+    "pwm": _NO_INTEGRAL,
+    "voltage": {"kp": 0.0, "kd": 0.0, "feed_forward": 1.0, **_NO_INTEGRAL},
+}
+#: Constants that may be negative.
+_SIGNED = ("integral_start",)
 #: Laws whose logs hold a torque or a current.
 MEASURED = ("torque", "current")
-_LATER = ("pid_position",)
 
 
 class CommandForm(StrEnum):
@@ -73,20 +81,25 @@ _FORMS: dict[str, type[StrEnum]] = {"command": CommandForm, "velocity_command": 
 
 @dataclass(frozen=True, eq=False)
 class DriveLaw:
-    """τ = s (kp (q_cmd(t − d) − q) + kd (dq_cmd(t − d) − dq) + f tau_ff(t − d)) − back_emf dq, the bracket within ±effort_limit.
+    """τ = s (kp (q_cmd(t − d) − q) + kd (dq_cmd(t − d) − dq) + z + f tau_ff(t − d)) − back_emf dq, the bracket within ±effort_limit.
+
+    z, the integral part, is that of law "pid_position": dz/dt = ki (q_cmd(t − d) − q). It stands still while the limit holds and the
+    error would wind it further, and is zero while the drive is switched off. With other laws it is zero.
 
     Parameters
     ----------
     kind : str
-        "pd_position" (s is `torque_scale`, 1 by default), "pd_velocity" (kp = 0), "pwm": the bracket is a share of full voltage, s is
-        the supply voltage times `torque_scale` (torque constant over resistance), kp in 1/rad; or "voltage": the bracket is the voltage
-        u(t − d) that the drive was sent, within ±effort_limit (V), s is `torque_scale`.
+        "pd_position" (s is `torque_scale`, 1 by default), "pid_position", "pd_velocity" (kp = 0), "pwm": the bracket is a share of full
+        voltage, s is the supply voltage times `torque_scale` (torque constant over resistance), kp in 1/rad; or "voltage": the bracket
+        is the voltage u(t − d) that the drive was sent, within ±effort_limit (V), s is `torque_scale`.
     constants : mapping
         "kp" (N m/rad), "kd" (N m s/rad), "delay_s" (s), "effort_limit" (N m), "torque_scale" (1; pwm, voltage: N m/V), "back_emf"
         (N m s/rad) → (n,), NaN where the constant is to be identified. What a gear loses of the drive's torque τ, as dry friction:
         `gear_loss` |τ|, `gear_loss_square` τ², `gear_loss_slow` |τ| exp(−(dq/`slow_speed`)²); 0 by default. `joint_stiffness` (N m/rad),
         `joint_damping`: a spring between motor and link, the encoder on the motor; none by default. `feed_forward` f: the share
-        of the logged tau_ff that reaches the drive, 1 by default; 0 in a log whose tau_ff was planned and not sent.
+        of the logged tau_ff that reaches the drive, 1 by default; 0 in a log whose tau_ff was planned and not sent. "pid_position" has
+        "ki" (N m/(rad s)) and "integral_start": z (N m) where a recording begins, 0 where the drive is switched on there, of each log by
+        itself where it is to be identified.
     shared : frozenset of str
         Constants to be identified as one number for all joints.
     command, velocity_command
@@ -124,8 +137,6 @@ class DriveLaw:
     @classmethod
     def of(cls, robot: Robot, kind: str = "pd_position", *, links: str = "known", by_log: Any = None, **given: Any) -> DriveLaw:
         """From numbers, lists or tables by joint, as a study file has them. Raises ConfigurationError, UnsupportedError."""
-        if kind in _LATER:
-            raise UnsupportedError(f"[drive] law {kind!r} is not supported; known laws: {', '.join((*_DEFAULTS, *MEASURED))}.")
         if kind not in _DEFAULTS:
             raise unknown_name("[drive] law", kind, (*_DEFAULTS, *MEASURED))
         if not np.allclose(robot.transmission.K, np.eye(robot.n)):
@@ -167,7 +178,7 @@ class DriveLaw:
         """The law that a study's `[drive]` declares; None where its logs hold torque or current."""
         if table.law is None or table.law in MEASURED:
             return None
-        keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", *_GEAR, *_FORMS)
+        keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "ki", "integral_start", *_GEAR, *_FORMS)
         given = {key: getattr(table, key) for key in keys}
         return cls.of(robot, table.law, links=table.links or "known", by_log=table.by_log, **given)
 
@@ -180,6 +191,12 @@ class DriveLaw:
     def fixed(self) -> frozenset[str]:
         """Constants of the general law that this kind has no place for."""
         return frozenset(_FIXED.get(self.kind, ()))
+
+    @property
+    def integrates(self) -> Array:
+        """(n,) whether a joint's drive integrates its error, or may do so, in some log."""
+        tables = [self.constants, *(table["constants"] for table in self.by_log.values())]
+        return np.any([table["ki"] != 0.0 for table in tables if "ki" in table], axis=0)
 
     @property
     def sends_positions(self) -> bool:
@@ -231,7 +248,7 @@ def _per_joint(key: str, value: Any, robot: Robot) -> Array:
             f" {counted(robot.n, 'joint')} ({', '.join(robot.joint_names)})."
         )
     found = np.array([np.nan if isinstance(x, str) else float(x) for x in entries])
-    if np.any(found < 0):
+    if np.any(found < 0) and key.rpartition(" ")[2] not in _SIGNED:
         raise ConfigurationError(f"[drive] {key} of joint {robot.joint_names[int(np.argmax(found < 0))]!r} is negative.")
     return found
 

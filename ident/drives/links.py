@@ -10,7 +10,7 @@ import numpy as np
 
 from ..regressor import rigid
 from ..simulation.rigid import RigidDynamics
-from .simulate import LaneDrives, LinkTerms, SingleLink
+from .simulate import LaneDrives, LaneIntegrals, LinkTerms, SingleLink
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -98,6 +98,10 @@ class ElasticLinks:
         """Values (..., n) with those of the links behind them: none, or those of the motors `of`."""
         more = np.zeros((*values.shape[:-1], len(self.elastic))) if of is None else values[..., of]
         return np.concatenate([values, more], axis=-1)
+
+    def integrals(self, integrals: LaneIntegrals) -> LaneIntegrals:
+        """Those of the motors; the links have none."""
+        return LaneIntegrals(*(self.widened(getattr(integrals, part.name)) for part in fields(integrals)))
 
     def drives(self, drives: LaneDrives) -> LaneDrives:
         """The links have neither drive nor friction of their own."""

@@ -16,7 +16,7 @@ from ..simulation.rigid import require_fixed_base
 from .commands import DriveLog
 from .law import CommandForm, DriveLaw
 from .links import ElasticLinks, FreeLinks, KnownLinks
-from .simulate import LaneDrives, LinkTerms, simulated
+from .simulate import LaneDrives, LaneIntegrals, LinkTerms, simulated
 from .unknowns import Unknown, unknowns
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ class _Lanes:
 
     target: Array
     strength: Array | None
+    integrals: LaneIntegrals | None
     drive: dict[str, Array]
     inertial: Array | None
     stiffness: Array
@@ -70,7 +71,21 @@ class DrivePlant:
     @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:
         """What is to be identified."""
-        return unknowns(self.model, self.law)
+        return unknowns(self.model, self.law, self.integral_starts)
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the logs, each of them once."""
+        names = [log.name for log in self.logs]
+        return tuple(name if names.count(name) == 1 else f"{name} #{names[: i + 1].count(name)}" for i, name in enumerate(names))
+
+    @cached_property
+    def integral_starts(self) -> tuple[tuple[str, int], ...]:
+        """Log and joint of each integral whose start is not known: what is declared is that of the recording's beginning."""
+        open_ = [np.isnan(self.law.for_log(log.name).constants["integral_start"]) | log.later for log in self.logs]
+        return tuple(
+            (label, int(j)) for label, of in zip(self.labels, open_, strict=True) for j in np.flatnonzero(of & self.law.integrates)
+        )
 
     @cached_property
     def nominal(self) -> Array:
@@ -138,6 +153,7 @@ class DrivePlant:
         q = np.concatenate([np.tile(log.origin, (len(sets), 1)) for log in self.logs])
         dq = np.concatenate([np.tile(log.start, (len(sets), 1)) for log in self.logs])
         target = np.concatenate([lane.target for lane in lanes], axis=1)
+        integrals = LaneIntegrals.together([lane.integrals for lane in lanes if lane.integrals is not None])
         groups = self.groups
         elastic = np.flatnonzero(np.isfinite(np.concatenate([lane.stiffness for lane in lanes])).any(axis=0))
         if len(elastic):
@@ -145,14 +161,16 @@ class DrivePlant:
             sprung = ElasticLinks(links, self.robot.n, elastic, stiffness[:, elastic], twist[:, elastic])
             drives, target, links = sprung.drives(drives), sprung.widened(target), sprung
             strength = None if strength is None else sprung.widened(strength)
+            integrals = None if integrals is None else sprung.integrals(integrals)
             q, dq, groups = sprung.resting(q), sprung.widened(dq, elastic), sprung.groups
-        fine = simulated(links, drives, target, strength, q, dq, h, groups)[..., : self.robot.n]
+        fine = simulated(links, drives, target, strength, q, dq, h, groups, integrals)[..., : self.robot.n]
         return [_at(fine[:, i * len(sets) : (i + 1) * len(sets)], log.t / h) for i, log in enumerate(self.logs)]
 
     def _lanes(self, log: DriveLog, sets: Array, h: float, count: int) -> _Lanes:
         constants, drive, inertial = self._split(log, sets)
         lanes, n = len(sets), self.robot.n
         target = np.empty((count, lanes, n))
+        wanted = np.empty_like(target) if np.any(self.law.integrates) else None
         form = self.law.for_log(log.name).command
         plans: dict[bytes, tuple[Array, ...]] = {}
         for lane in range(lanes):
@@ -160,6 +178,8 @@ class DrivePlant:
             if delay.tobytes() not in plans:
                 plans[delay.tobytes()] = tuple(_commanded(log.t, x, delay, h, count, form) for x in (log.q_cmd, log.dq_cmd, log.tau_ff))
             position, rate, forward = plans[delay.tobytes()]
+            if wanted is not None:
+                wanted[:, lane] = position
             target[:, lane] = constants["kp"][lane] * position + constants["kd"][lane] * rate + constants["feed_forward"][lane] * forward
         fall = np.ones((lanes, n))
         for effect in self.model.effects:
@@ -170,6 +190,7 @@ class DrivePlant:
         return _Lanes(
             target,
             self._strength(log, constants["torque_scale"], h, count),
+            None if wanted is None else LaneIntegrals(constants["ki"], wanted, constants["integral_start"]),
             whole,
             inertial,
             constants["joint_stiffness"],
@@ -188,10 +209,15 @@ class DrivePlant:
         """Constants of the law, drive and friction as (Q, n) each, and parameters of the links (Q, 10 nb), None where they are known."""
         law, lanes, n = self.law.for_log(log.name), len(sets), self.robot.n
         constants = {key: np.tile(values, (lanes, 1)) for key, values in law.constants.items()}
+        if log.later:
+            constants["integral_start"][:] = np.nan
         drive = {key: np.zeros((lanes, n)) for key in _DRIVE}
         inertial = None if self.law.links_known else np.zeros((lanes, 10 * self.robot.tree.nb))
         first = next((part.start for e, part in zip(self.model.effects, self.model.slices, strict=True) if isinstance(e, RigidBody)), 0)
+        label = self.labels[self.logs.index(log)]
         for unknown, values in zip(self.unknowns, sets.T, strict=True):
+            if unknown.log not in ("", label):
+                continue
             if unknown.place == "link":
                 assert inertial is not None
                 inertial[:, unknown.column - first] = values

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from .._utils.structured import read_json
 from ..errors import ConfigurationError
 from ..estimate.io import model_to_dict
 from ..estimate.saved import model_from_dict
+from .begun import begun
 from .commands import DriveLog
 from .determined import Determination, Standing
 from .law import IDENTIFY, DriveLaw
@@ -66,9 +67,16 @@ class DriveFit(ShortRepr):
 
     def replay(self, logs: LogSet) -> dict[str, Array]:
         """Simulated less measured position (N, n) by log, open loop from the first sample under the logged commands."""
-        robot = self.model.robot
-        plant = DrivePlant(self.model, self.law, tuple(DriveLog.of(log, robot, self.law) for log in logs))
-        return {log.name: found[0] - log.q for log, found in zip(plant.logs, plant.positions(self.values), strict=True)}
+        seen = tuple(DriveLog.of(log, self.model.robot, self.law) for log in logs)
+        return {log.name: found - log.q for log, found in zip(seen, self.simulated(seen), strict=True)}
+
+    def simulated(self, logs: Sequence[DriveLog]) -> list[Array]:
+        """Position (N, n) in each log, open loop from the first sample; what the integral of a drive begins with is, as position and speed
+        are, that of the log."""
+        plant = DrivePlant(self.model, self.law, tuple(logs))
+        known = {u.name: float(v) for u, v in zip(self.unknowns, self.values, strict=True) if not u.log}
+        values = begun(plant, np.array([np.nan if u.log else known[u.name] for u in plant.unknowns]))
+        return [found[0] for found in plant.positions(values)]
 
     def with_heldout(self, logs: LogSet) -> DriveFit:
         """The same with its error on logs that no fit saw."""
@@ -105,7 +113,7 @@ class DriveFit(ShortRepr):
         """Constants of the law (n,) by name, the identified ones put in."""
         out = {key: values.copy() for key, values in self.law.constants.items()}
         for unknown, value in zip(self.unknowns, self.values, strict=True):
-            if unknown.place in out:
+            if unknown.place in out and not unknown.log:
                 at = slice(None) if unknown.joint < 0 else unknown.joint
                 out[unknown.place][at] = value
         return out
@@ -174,7 +182,7 @@ class DriveFit(ShortRepr):
         """Write result and state as one JSON file."""
         state = {
             "model": model_to_dict(self.model), "values": self.values, "covariance": self.covariance, "period": self.period,
-            "names": list(self.names),
+            "names": list(self.names), "starts": [(u.log, u.joint) for u in self.unknowns if u.log],
         }  # fmt: skip
         return write_atomic(Path(path), json.dumps({**self.to_dict(), "drive_state": jsonable(state)}), force=force)
 
@@ -191,7 +199,7 @@ class DriveFit(ShortRepr):
             replayed = data["replay"]["heldout"]["rms"]
             values = np.array(state["values"], float)
             found = replace(found, shared=frozenset({"delay_s"} if "delay" in state["names"] else ()))
-            free = unknowns(model, found)
+            free = unknowns(model, found, [(str(log), int(joint)) for log, joint in state.get("starts", [])])
             return cls(
                 model, found, free, values, np.array(state["covariance"], float), None, np.array(data["replay"]["fit"]["rms"]),
                 float(state["period"]), int(data["samples"]), data["status"]["code"] == "ok", tuple(data["inputs"]),

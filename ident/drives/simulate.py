@@ -5,7 +5,8 @@ within its level (projected Gauss-Seidel over the joints). Second order between 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -70,9 +71,28 @@ class LaneDrives:
         return any(bool(np.any(x)) for x in (self.load, self.excess, self.loss, self.loss_square, self.loss_slow))
 
 
+@dataclass(frozen=True, eq=False)
+class LaneIntegrals:
+    """Drives that integrate their error: gain `ki` (B, n), position command of each step `wanted` (K, B, n), and the integral's part of
+    the command, `start` (B, n), at first."""
+
+    ki: Array
+    wanted: Array
+    start: Array
+
+    @classmethod
+    def together(cls, parts: Sequence[LaneIntegrals]) -> LaneIntegrals | None:
+        """All lanes of the parts; None where there are none."""
+        if not parts:
+            return None
+        ki, wanted, start = ([getattr(part, f.name) for part in parts] for f in fields(cls))
+        return cls(np.concatenate(ki), np.concatenate(wanted, axis=1), np.concatenate(start))
+
+
 def simulated(
-    links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, q: Array, dq: Array, h: float, groups: list[slice]
-) -> Array:
+    links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, q: Array, dq: Array, h: float, groups: list[slice],
+    integrals: LaneIntegrals | None = None,
+) -> Array:  # fmt: skip
     """Positions (K + 1, B, n) from states q, dq (B, n), in K steps of h seconds.
 
     `target` (K, B, n): kp q_cmd + kd dq_cmd + feed-forward of each step; `strength` (K, B, n): factor of the drive's torque, None: 1.
@@ -83,19 +103,20 @@ def simulated(
     with np.errstate(all="ignore"):
         single = getattr(links, "single", lambda: None)()
         if recursions is not None and single is not None:
-            _single(out, recursions.drive_single, single, drives, target, strength, dq, h)
+            _single(out, recursions.drive_single, single, drives, target, strength, dq, h, integrals)
         elif recursions is None:
-            _plain(out, links, drives, target, strength, dq, h, groups)
+            _plain(out, links, drives, target, strength, dq, h, groups, integrals)
         else:
-            _compiled(out, recursions.drive_step, links, drives, target, strength, dq, h, len(groups))
+            _compiled(out, recursions.drive_step, links, drives, target, strength, dq, h, len(groups), integrals)
     lost = np.cumsum(~np.isfinite(out).all(axis=2), axis=0) > 0
     out[lost] = np.nan
     return out
 
 
 def _single(
-    out: Array, steps: Any, link: SingleLink, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float
-) -> None:
+    out: Array, steps: Any, link: SingleLink, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float,
+    integrals: LaneIntegrals | None,
+) -> None:  # fmt: skip
     """Positions of one joint (with a spring: of motor and link) from out[0] on, all steps in C++."""
     lanes, n = dq.shape
     H = np.zeros((lanes, n, n))
@@ -105,12 +126,20 @@ def _single(
     state = np.zeros((5, lanes, n))
     state[:3] = out[0], dq, dq
     target, strength = np.ascontiguousarray(target), None if strength is None else np.ascontiguousarray(strength)
-    steps(H, *parts, constants, target, strength, state, out[1:], lanes, n, len(target), h, _BEYOND)
+    steps(H, *parts, constants, target, strength, state, out[1:], lanes, n, len(target), h, _BEYOND, *_wound(integrals))
+
+
+def _wound(integrals: LaneIntegrals | None) -> tuple[Array, ...]:
+    """Gain, command and state of integrals, as the compiled steps take them; nothing where there are none."""
+    if integrals is None:
+        return ()
+    return np.ascontiguousarray(integrals.ki), np.ascontiguousarray(integrals.wanted), np.array(integrals.start, order="C")
 
 
 def _compiled(
-    out: Array, step: Any, links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float, block: int
-) -> None:
+    out: Array, step: Any, links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float, block: int,
+    integrals: LaneIntegrals | None,
+) -> None:  # fmt: skip
     """Positions from out[0] on, each step in C++; joints act on each other within blocks of so many that follow each other."""
     lanes, n = dq.shape
     constants = np.stack([getattr(drives, part.name) for part in fields(drives)])
@@ -119,18 +148,22 @@ def _compiled(
     ahead = np.stack([out[0] + 0.5 * h * dq, dq])
     target = np.ascontiguousarray(target)
     strength = None if strength is None else np.ascontiguousarray(strength)
+    wound = _wound(integrals)
     for k in range(len(target)):
         H, c = links.terms(ahead[0], ahead[1])
         now = None if strength is None else strength[k]
+        here = (wound[0], wound[1][k], wound[2]) if wound else ()
         H, c = np.ascontiguousarray(H), np.ascontiguousarray(c)
-        step(H, c, constants, target[k], now, state, ahead, out[k + 1], lanes, n, block, _SWEEPS, h, _BEYOND)
+        step(H, c, constants, target[k], now, state, ahead, out[k + 1], lanes, n, block, _SWEEPS, h, _BEYOND, *here)
 
 
 def _plain(
-    out: Array, links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float, groups: list[slice]
-) -> None:
+    out: Array, links: LinkTerms, drives: LaneDrives, target: Array, strength: Array | None, dq: Array, h: float, groups: list[slice],
+    integrals: LaneIntegrals | None,
+) -> None:  # fmt: skip
     """Positions from out[0] on, in NumPy."""
     q = out[0]
+    wound = None if integrals is None else _Wound(integrals, drives, h)
     n, f, load, before = q.shape[1], np.zeros_like(q), np.zeros_like(q), dq
     loaded, limited = drives.loaded, bool(np.isfinite(drives.limit).any())
     diagonal = np.arange(n)
@@ -139,7 +172,9 @@ def _plain(
         H, c = links.terms(q + half * dq, 1.5 * dq - 0.5 * before)
         M = H.copy()
         M[:, diagonal, diagonal] += drives.armature
-        pull, damping = _drive(drives, target[k], None if strength is None else strength[k], q, dq, half, limited)
+        now = None if strength is None else strength[k]
+        whole, sent = (drives, target[k]) if wound is None else wound.ahead(k, target[k])
+        pull, damping = _drive(whole, sent, now, q, dq, half, limited)
         motor = np.abs(pull - (damping - drives.viscous) * dq)
         pull, damping = pull - drives.spring * q, damping + half * drives.spring
         A = M.copy()
@@ -153,12 +188,47 @@ def _plain(
         f, after = _rubbed(free, h * inverse, f, level, groups)
         if loaded:
             load = _times(H, (after - dq) / h) + c
+        if wound is not None:
+            wound.step(k, target[k], now, q, dq, after)
         q, before, dq = q + half * (dq + after), dq, after
         out[k + 1] = q
         if k % _LOOK == 0 and (wild := ~(np.abs(dq).max(axis=1) < _BEYOND)).any():
             lost = wild[:, None]
             out[k + 1, wild] = np.nan
             q, dq, f, load, before = (np.where(lost, 0.0, x) for x in (q, dq, f, load, before))
+
+
+def held_share(asked: Array, then: Array, change: Array, limit: Array) -> Array:
+    """Share of a step in which a limit holds and a change of the integral would wind it further; commands `asked` at first, `then` at last,
+    straight between."""
+    along = np.where(change > 0.0, 1.0, -1.0)
+    high, low = np.maximum(along * asked, along * then) - limit, np.minimum(along * asked, along * then) - limit
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(high > 0.0, np.where(low >= 0.0, 1.0, high / (high - low)), 0.0)
+
+
+class _Wound:
+    """The integral's part z (B, n) of each drive's command, step by step. Over a step the error is that of the mean position, so that the
+    mean z is that of a drive with ki h/2 more of kp."""
+
+    def __init__(self, integrals: LaneIntegrals, drives: LaneDrives, h: float) -> None:
+        self.ki, self.wanted, self.z, self.h, self.own = integrals.ki, integrals.wanted, integrals.start, h, drives
+        self.drives = replace(drives, kp=drives.kp + 0.5 * h * integrals.ki)
+
+    def ahead(self, k: int, target: Array) -> tuple[LaneDrives, Array]:
+        """Drives and target (B, n) of a step, the integral in them."""
+        return self.drives, target + self.z + 0.5 * self.h * self.ki * self.wanted[k]
+
+    def step(self, k: int, target: Array, strength: Array | None, q: Array, dq: Array, after: Array) -> None:
+        """Integrate over a step from q, dq to the speed `after`, but for the share of it in which the limit holds and the error would wind
+        it further; a drive that is off keeps nothing."""
+        own, moved = self.own, 0.5 * self.h * (dq + after)
+        change = self.h * self.ki * (self.wanted[k] - q - 0.5 * moved)
+        asked = target + self.z - own.kp * q - own.kd * dq
+        then = asked - own.kp * moved - own.kd * (after - dq)
+        self.z = self.z + (1.0 - held_share(asked, then, change, own.limit)) * change
+        if strength is not None:
+            self.z = np.where(strength > 0.0, self.z, 0.0)
 
 
 def _times(matrices: Array, vectors: Array) -> Array:

@@ -18,6 +18,8 @@ _FRICTION = (0.02, 0.2)
 #: Torques of drives that are sent voltages, in those that the links take along the measured motion: the rest is friction's.
 _LOADS = (1.0, 2.0, 5.0)
 _DELAYS = (0.3, 1.5)
+#: Integral times kp / ki (s) from which unknown gains of integrals are guessed.
+_INTEGRAL_S = (0.3, 3.0)
 #: An expected value may be off by so many times its size.
 _DOUBT = 3.0
 #: Swings with the torque off are of about this frequency (Hz).
@@ -34,10 +36,11 @@ def starts(plant: DrivePlant) -> tuple[Array, Array]:
     unknown_gain = any(plant.law.unknown(key) for key in ("kp", "torque_scale"))
     loops: tuple[float, ...] = _LOADS if plant.law.kind == "voltage" else _LOOPS_HZ
     loops = loops if unknown_gain else (5.0,)
-    delayed = plant.law.unknown("delay_s")
-    found = [_start(plant, inertia, hz, share, late) for hz, share, late in product(loops, _FRICTION, _DELAYS if delayed else (0.0,))]
-    sizes = np.maximum(np.min(np.abs(found), axis=0), 1e-3 * np.max(np.abs(found), axis=0))
-    return np.array(found), np.maximum(sizes, 1e-9)
+    delays = _DELAYS if plant.law.unknown("delay_s") else (0.0,)
+    times = _INTEGRAL_S if plant.law.unknown("ki") else _INTEGRAL_S[:1]
+    found, large = np.swapaxes([_start(plant, inertia, *one) for one in product(loops, _FRICTION, delays, times)], 0, 1)
+    sizes = np.maximum(np.min(large, axis=0), 1e-3 * np.max(large, axis=0))
+    return found, np.maximum(sizes, 1e-9)
 
 
 def expected(plant: DrivePlant) -> tuple[Array, Array]:
@@ -64,7 +67,8 @@ def moved_inertia(plant: DrivePlant) -> Array:
     return np.maximum(np.diagonal(H, axis1=1, axis2=2).mean(axis=0), _BARE)
 
 
-def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: float) -> Array:
+def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: float, integral_s: float) -> tuple[Array, Array]:
+    """Values and sizes (p,)."""
     logs = plant.logs
     # What is commanded while the torque is off moves nothing, and says nothing of the drive.
     error = np.sqrt(np.mean(np.concatenate([log.enabled * (log.q_cmd - log.q) for log in logs]) ** 2, axis=0)) + 1e-6
@@ -92,19 +96,23 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
         "feed_forward": np.ones(plant.robot.n), "excess": 0.3 * friction * torque, "kp": stiff, "kd": 0.3 * 2 * inertia * 2 * np.pi * hz,
         "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)),
         "effort_limit": 0.9 * np.maximum(torque / scale if sent else torque, 1e-3) * 3,
-        "torque_scale": scale, "back_emf": friction * torque / rate,
+        "torque_scale": scale, "back_emf": friction * torque / rate, "ki": stiff / integral_s,
     }  # fmt: skip
     if plant.law.kind == "pwm" and np.isnan(known).any():
         guess["kp"] = np.full(plant.robot.n, 5.0)
     nominal = plant.robot.nominal
-    values = []
-    for unknown in plant.unknowns:
+    values, least = [], np.zeros(len(plant.unknowns))
+    for i, unknown in enumerate(plant.unknowns):
         if unknown.place == "link":
             values.append(_link(plant, unknown.column, nominal, inertia))
+        elif unknown.log:
+            values.append(float(_begun(plant, logs[plant.labels.index(unknown.log)], stiff)[unknown.joint]))
+            # Next to none is no size: friction holds as much as that.
+            least[i] = friction * torque[unknown.joint]
         else:
             of = guess[unknown.place]
             values.append(float(of.mean() if unknown.joint < 0 else of[unknown.joint]))
-    return np.array(values)
+    return np.array(values), np.maximum(np.abs(values), least)
 
 
 def _taken(plant: DrivePlant, inertia: Array, rate: Array, spread: Array) -> Array:
@@ -115,6 +123,15 @@ def _taken(plant: DrivePlant, inertia: Array, rate: Array, spread: Array) -> Arr
         q = np.concatenate([log.q[:: max(1, len(log.q) // 20)] for log in plant.logs])
         weight = np.sqrt(np.mean(RigidDynamics(plant.robot, plant.nominal).terms(q, np.zeros_like(q))[1] ** 2, axis=0))
     return np.asarray(np.hypot(weight, inertia * rate**2 / np.maximum(spread, 1e-6)))
+
+
+def _begun(plant: DrivePlant, log: DriveLog, kp: Array) -> Array:
+    """What integrals (n,) begin a log with, N m of the drive's command: what holds the links at its first position, as far as is known."""
+    scale = plant.law.for_log(log.name).constants["torque_scale"]
+    weight = np.zeros(plant.robot.n)
+    if plant.robot.nominal is not None:
+        weight = RigidDynamics(plant.robot, plant.nominal).terms(log.origin[None], np.zeros((1, plant.robot.n)))[1][0]
+    return np.asarray(weight / np.where(scale > 0.0, scale, 1.0) - kp * (log.q_cmd[0] - log.origin) - log.tau_ff[0])
 
 
 def _voltage(logs: Sequence[DriveLog]) -> Array:

@@ -9,7 +9,9 @@ import numpy as np
 
 from ..errors import ConfigurationError, DataError
 from ..logs.log import Log, LogSet
+from .commands import DriveLog
 from .law import CommandForm, DriveLaw
+from .simulate import held_share
 from .space import drive_logs
 
 if TYPE_CHECKING:
@@ -26,7 +28,13 @@ def with_torque(logs: LogSet, law: DriveLaw, robot: Robot) -> LogSet:
 
 
 def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
-    unknown = [key for key in law.constants if law.unknown(key)]
+    unknown = [key for key in law.constants if law.unknown(key) or (key == "integral_start" and log.t[0] > log.began)]
+    unknown = [key for key in unknown if key != "integral_start" or law.integrates.any()]
+    if unknown == ["integral_start"]:
+        raise ConfigurationError(
+            f"log {log.name}: what the integral of the drive law begins with is not known. Fit by simulation (`ident fit` without"
+            " --method), or put integral_start into [drive], 0 where the drive is switched on as the recording begins."
+        )
     if unknown:
         raise ConfigurationError(
             f"log {log.name}: the drive law does not give a torque, because {', '.join(unknown)} is to be identified."
@@ -44,9 +52,10 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
     (seen,) = drive_logs((log,), robot, law)
     rate = log.velocity(robot.transmission)
     speed = np.gradient(seen.q, seen.t, axis=0) if rate is None else rate
-    sent = {name: _late(seen.t, x, law) for name, x in (("q", seen.q_cmd), ("dq", seen.dq_cmd), ("tau", seen.tau_ff))}
+    sent = {name: _late(seen.t, seen.t, x, law) for name, x in (("q", seen.q_cmd), ("dq", seen.dq_cmd), ("tau", seen.tau_ff))}
     constants = law.constants
     asked = constants["kp"] * (sent["q"] - seen.q) + constants["kd"] * (sent["dq"] - speed) + constants["feed_forward"] * sent["tau"]
+    asked = asked + _integral(seen, law, speed) if law.integrates.any() else asked
     strength = constants["torque_scale"] * (seen.supply if law.kind == "pwm" and seen.supply is not None else 1.0)
     torque = strength * asked - constants["back_emf"] * speed
     known = (np.abs(asked) < constants["effort_limit"]) & (seen.enabled == 1.0)
@@ -61,11 +70,30 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
     return replace(log, tau={"joint": torque}, notes=(*log.notes, said, *more), hint="")
 
 
-def _late(t: Array, command: Array, law: DriveLaw) -> Array:
-    """A command (N, n) as it acts at the samples, after the delay of each joint."""
-    out = np.empty_like(command)
+def _integral(log: DriveLog, law: DriveLaw, speed: Array) -> Array:
+    """The integral's part of the command (N, n) at the samples, from piece to piece of constant commands. It stands still while the limit
+    holds and the error would wind it further, and is zero while the drive is off."""
+    c = law.constants
+    at = np.unique(np.concatenate([log.t, *(log.t + late for late in c["delay_s"])]))
+    at = at[at <= log.t[-1]]
+    q, dq = (np.stack([np.interp(at, log.t, own) for own in x.T], axis=1) for x in (log.q, speed))
+    sent, rate, forward = (_late(0.5 * (at[1:] + at[:-1]), log.t, x, law) for x in (log.q_cmd, log.dq_cmd, log.tau_ff))
+    on = log.enabled[np.searchsorted(log.t, at, side="right") - 1] > 0.0
+    change = c["ki"] * np.diff(at)[:, None] * (sent - 0.5 * (q[1:] + q[:-1]))
+    asked, then = (c["kp"] * (sent - q[k]) + c["kd"] * (rate - dq[k]) + c["feed_forward"] * forward for k in (slice(-1), slice(1, None)))
+    out = np.empty_like(q)
+    z = out[0] = np.where(on[0], c["integral_start"], 0.0)
+    for k, one in enumerate(change):
+        held = held_share(asked[k] + z, then[k] + z, one, c["effort_limit"])
+        z = out[k + 1] = np.where(on[k] & on[k + 1], z + (1.0 - held) * one, 0.0)
+    return out[np.searchsorted(at, log.t)]
+
+
+def _late(instants: Array, t: Array, command: Array, law: DriveLaw) -> Array:
+    """A command (N, n) as it acts at instants (K,), after the delay of each joint."""
+    out = np.empty((len(instants), command.shape[1]))
     for j, values in enumerate(command.T):
-        at = t - law.constants["delay_s"][j]
+        at = instants - law.constants["delay_s"][j]
         if law.command == CommandForm.RAMP:
             out[:, j] = np.interp(at, t, values)
         else:

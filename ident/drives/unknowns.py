@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,7 @@ CONSTANTS = {
     "kp": ("kp", "N m/rad"), "kd": ("kd", "N m s/rad"), "delay_s": ("delay", "s"), "effort_limit": ("effort_limit", "N m"),
     "torque_scale": ("s", "1"), "back_emf": ("ke", "N m s/rad"), "gear_loss": ("Fm", "1"), "gear_loss_square": ("Fmm", "1/(N m)"),
     "gear_loss_slow": ("Fms", "1"), "slow_speed": ("v_m", "rad/s"), "joint_stiffness": ("k", "N m/rad"),
-    "joint_damping": ("d", "N m s/rad"), "feed_forward": ("f", "1"),
+    "joint_damping": ("d", "N m s/rad"), "feed_forward": ("f", "1"), "ki": ("ki", "N m/(rad s)"), "integral_start": ("I0", "N m"),
 }  # fmt: skip
 
 #: The same of laws whose torque grows with a voltage, where they have other units.
@@ -39,13 +40,14 @@ _UNITS = {"pwm": {"kp": "1/rad", "torque_scale": "N m/V"}, "voltage": {"effort_l
 
 #: What stays as it is when all torque of a joint is another by one factor; the scale of a duty is one of torque, its gains are not.
 _APART = ("delay_s", "load", "gear_loss", "gear_loss_square", "gear_loss_slow", "slow_speed", "torque_scale")
-_OF_DUTY = ("kp", "kd", "effort_limit")
+_OF_DUTY = ("kp", "kd", "effort_limit", "ki", "integral_start")
 
 
 @dataclass(frozen=True)
 class Unknown:
     """One unknown number. `place`: what it is in the simulation ("link": a base parameter of the links); `joint`: index, -1 for all;
-    `column`: of a parameter of the model, its index among all; `lower`: bound; `expression`: what is grouped in it."""
+    `column`: of a parameter of the model, its index among all; `lower`: bound; `expression`: what is grouped in it; `log`: the only log
+    that it is of, "" for all."""
 
     name: str
     unit: str
@@ -55,13 +57,21 @@ class Unknown:
     column: int = -1
     expression: str = ""
     effect: str = ""
+    log: str = ""
 
 
-def unknowns(model: Model, law: DriveLaw) -> tuple[Unknown, ...]:
-    """Everything that is to be identified, parameters of the model first. Raises UnsupportedError, ConfigurationError."""
+def unknowns(model: Model, law: DriveLaw, starts: Sequence[tuple[str, int]] = ()) -> tuple[Unknown, ...]:
+    """Everything that is to be identified, parameters of the model first. Raises UnsupportedError, ConfigurationError.
+
+    `starts`: log and joint of each integral whose start is not known."""
     found = _of_model(model, law)
     robot = model.robot
     for key, (symbol, unit) in CONSTANTS.items():
+        if key == "integral_start":
+            found += [
+                Unknown(f"{symbol}_{robot.joint_names[j]}_{log}", unit, key, j, -np.inf, effect="drive", log=log) for log, j in starts
+            ]
+            continue
         at = np.flatnonzero(np.isnan(law.constants[key]) & _asked(law, key))
         unit = _UNITS.get(law.kind, {}).get(key, unit)
         if key in law.shared and len(at):

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from ..drives.result import DriveFit
 
 Array = np.ndarray
+#: What only some laws have.
+_OPTIONAL = ("per_volt", "ki")
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +24,8 @@ class ClosedLoop:
 
     `gear_loss`, `gear_loss_square`, `gear_loss_slow`, `slow_speed`: dry friction that follows τ; `joint_stiffness`, `joint_damping`: of
     the spring between motor and link (infinite: none). `velocity_command`: whether the drive is sent a velocity too. `per_volt`: N m/V of a
-    drive that is sent a voltage, kp and kd 0; None: it is not."""
+    drive that is sent a voltage, kp and kd 0; None: it is not. `ki` (N m/(rad s)): of one that integrates its error as well, which stands
+    still while the limit holds and the error would wind it further; None: it does not."""
 
     kp: Array
     kd: Array
@@ -38,6 +41,7 @@ class ClosedLoop:
     kind: str = "pd_position"
     velocity_command: bool = False
     per_volt: Array | None = None
+    ki: Array | None = None
 
     @classmethod
     def of(cls, fit: DriveFit, supply: float | None = None) -> ClosedLoop:
@@ -50,8 +54,9 @@ class ClosedLoop:
                 )
             scale = float(supply)
         strength = scale * found["torque_scale"]
-        own = {f.name: found[f.name] for f in fields(cls) if f.name in found}
-        own |= {key: strength * found[key] for key in ("kp", "kd", "effort_limit")}
+        own = {f.name: found[f.name] for f in fields(cls) if f.name in found and f.name != "ki"}
+        gains = ("kp", "kd", "effort_limit", *(("ki",) if fit.law.integrates.any() else ()))
+        own |= {key: strength * found[key] for key in gains}
         for key, values in own.items():
             for joint, value in zip(fit.model.robot.joint_names, values, strict=True):
                 if np.isnan(value):
@@ -71,7 +76,7 @@ class ClosedLoop:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data; infinite values are None."""
-        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("kind", "velocity_command", "per_volt")}
-        arrays |= {} if self.per_volt is None else {"per_volt": self.per_volt}
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("kind", "velocity_command", *_OPTIONAL)}
+        arrays |= {key: values for key in _OPTIONAL if (values := getattr(self, key)) is not None}
         plain = {key: [float(x) if np.isfinite(x) else None for x in values] for key, values in arrays.items()}
         return {"kind": self.kind, "velocity_command": self.velocity_command, **plain}

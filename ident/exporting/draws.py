@@ -132,21 +132,22 @@ def _sets(found: Identified, sample: Array) -> tuple[tuple[Identified, ...], int
 def _of_drives(found: Identified, fit: DriveFit, row: Array) -> Identified:
     assert found.law is not None
     values, constants = found.values.copy(), fit.constants()
-    law = {key: getattr(found.law, key).copy() for key in constants if hasattr(found.law, key)}
+    law = {key: x.copy() for key in constants if (x := getattr(found.law, key, None)) is not None}
     law |= {} if found.law.per_volt is None else {"per_volt": found.law.per_volt.copy()}
-    scale = constants["torque_scale"]
+    scale, gains = constants["torque_scale"], [key for key in ("kp", "kd", "ki", "effort_limit") if key in law]
     for unknown, old, new in zip(fit.unknowns, fit.values, row, strict=True):
         if unknown.column >= 0:
             values[unknown.column] += new - old
+        if unknown.column >= 0 or unknown.log:
             continue
         at = slice(None) if unknown.joint < 0 else slice(unknown.joint, unknown.joint + 1)
         if unknown.place == "torque_scale":
-            for key in ("kp", "kd", "effort_limit"):
+            for key in gains:
                 law[key][at] *= new / old
             if found.law.per_volt is not None:
                 law["per_volt"][at] = new
         else:
             # Gains and limits are told times the scale of the torque.
-            ratio = law[unknown.place][at] / constants[unknown.place][at] if unknown.place in ("kp", "kd", "effort_limit") else 1.0
+            ratio = law[unknown.place][at] / constants[unknown.place][at] if unknown.place in gains else 1.0
             law[unknown.place][at] = np.where(np.isfinite(ratio), ratio, scale[at]) * new
     return replace(found, values=values, law=replace(found.law, **law))

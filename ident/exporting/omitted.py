@@ -47,6 +47,7 @@ _SWITCH = {
     "gear losses": {"gear_loss": 0.0, "gear_loss_square": 0.0, "gear_loss_slow": 0.0},
     "joint elasticity": {"joint_stiffness": np.inf},
     "delay": {"delay_s": 0.0},
+    "integral of the error": {"ki": 0.0, "integral_start": 0.0},
 }
 _BEYOND_A_STATE = frozenset({Need.HISTORY, Need.NEIGHBOURS, Need.TORQUE, Need.TIME})
 #: States at which torque is computed where no motion is known, and the speed (rad/s) and range (rad) of joints whose limits are not.
@@ -110,6 +111,22 @@ def _found(found: Identified, expresses: frozenset[Expressed], seen: list[Motion
         told = ", ".join(f"{name} {x:.4g}" for name, x in zip(robot.joint_names, law.per_volt, strict=True))
         hint = f"command voltages times torque_scale ({told} N m/V); the back-EMF is part of the damping"
         yield Omission("voltage commands", np.full(robot.n, np.nan), np.full(robot.n, np.nan), hint)
+    if law.ki is not None and Expressed.INTEGRAL not in expresses:
+        yield _without_integral(found, law, seen)
+
+
+def _without_integral(found: Identified, law: ClosedLoop, seen: list[Motion]) -> Omission:
+    """What the integral holds at rest, the other gains alone hold by an error of position."""
+    robot, nothing = found.robot, np.full(found.robot.n, np.nan)
+    held = []
+    for motion in seen:
+        still = Motion.of(robot, motion.joint.q, np.zeros_like(motion.joint.q), np.zeros_like(motion.joint.q))
+        held.append(np.abs(_needed(found, still)).max(axis=0))
+    most = np.max(held, axis=0) / np.where(law.kp > 0.0, law.kp, np.nan)
+    units = ["m" if joint.prismatic else "rad" for joint in robot.joints]
+    at = [j for j in range(robot.n) if law.ki is not None and law.ki[j] > 0.0 and np.isfinite(most[j])]
+    told = ", ".join(f"{robot.joint_names[j]} by up to {most[j]:.3g} {units[j]}" for j in at)
+    return Omission("integral of the error", nothing, nothing, f"at rest joints stay off their commands: {told}" if told else "")
 
 
 def _omission(cause: str, torques: list[Array], hint: str = "") -> Omission:
@@ -215,7 +232,7 @@ def _moved(fit: object, cause: str, logs: LogSet | None) -> str:
             values[i] = neutral[unknown.place]
 
     def without(constants: dict[str, Array]) -> dict[str, Array]:
-        return {k: np.where(np.isnan(v), v, neutral[k]) if k in neutral else v for k, v in constants.items()}
+        return {k: np.full_like(v, neutral[k]) if k in neutral else v for k, v in constants.items()}
 
     by_log = {name: {**table, "constants": without(table["constants"])} for name, table in fit.law.by_log.items()}
     law = replace(fit.law, constants=without(dict(fit.law.constants)), by_log=by_log)

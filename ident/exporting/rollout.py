@@ -26,11 +26,14 @@ def mujoco_rollout(fit: DriveFit, log: DriveLog) -> Array:
     Raises
     ------
     UnsupportedError
-        What the file cannot be sent: a feed-forward torque, a voltage, torque that is switched off, a supply that is not constant.
+        What the file cannot be sent: a feed-forward torque, a voltage, torque that is switched off, a supply that is not constant. A drive
+        that integrates its error.
     ConfigurationError
         MuJoCo is not installed, or a constant is known for single logs only.
     """
     require_rollable(log)
+    if fit.law.integrates.any():
+        raise UnsupportedError(f"log {log.name}: the drive integrates its error, which the exported file does not do.")
     text = str(make_target("mujoco_actuator", Path()).written(Identified.of(fit), ExportOptions()).content)
     return in_mujoco(text, log, fit.model.robot.joint_names)
 

@@ -30,6 +30,7 @@ class Expressed(StrEnum):
     DELAY = "delay"
     VELOCITY_COMMAND = "velocity command"
     VOLTAGE_COMMAND = "voltage command"
+    INTEGRAL = "integral of the error"
 
 
 @dataclass(frozen=True, eq=False)

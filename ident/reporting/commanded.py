@@ -9,7 +9,6 @@ import numpy as np
 from .._utils.text import counted
 from ..drawing.document import BlockKind, Figure, Layer, Panel, Report, Role, Section, Table, Text, plain
 from ..drives.commands import DriveLog
-from ..drives.plant import DrivePlant
 from ..errors import IdentError
 from ..exporting.rollout import mujoco_rollout
 
@@ -27,7 +26,7 @@ def drive_report(fit: DriveFit, logs: LogSet) -> Report:
     exported file takes what the log holds."""
     robot = fit.model.robot
     log = DriveLog.of(next(iter(logs)), robot, fit.law)
-    ours = DrivePlant(fit.model, fit.law, (log,)).positions(fit.values)[0][0]
+    (ours,) = fit.simulated((log,))
     theirs, why = None, ""
     try:
         theirs = mujoco_rollout(fit, log)

@@ -141,8 +141,6 @@ def test_what_is_refused(robot):
         DriveLaw.of(robot, "voltage", kp=1.0)
     with pytest.raises(ident.ConfigurationError, match="'kd'"):
         DriveLaw.of(robot, "voltage", by_log={"run*": {"kd": 1.0}})
-    with pytest.raises(ident.UnsupportedError, match="'pid_position' is not supported"):
-        DriveLaw.of(robot, "pid_position", kp=1.0)
 
 
 def test_from_csv_to_a_simulator(tmp_path, ident):

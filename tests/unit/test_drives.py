@@ -254,8 +254,6 @@ def test_what_a_law_refuses(robot):
         DriveLaw.of(robot)
     with pytest.raises(ident.ConfigurationError, match="unknown \\[drive\\] law 'pd_positon'"):
         DriveLaw.of(robot, "pd_positon", kp=1.0)
-    with pytest.raises(ident.UnsupportedError, match="pid_position"):
-        DriveLaw.of(robot, "pid_position", kp=1.0)
     with pytest.raises(ident.ConfigurationError, match="2 values, but the robot has 1 joint "):
         DriveLaw.of(robot, kp=[1.0, 2.0])
     log = ident.Log("bare", t=np.arange(5) * 0.01, q=np.zeros((5, 1)))

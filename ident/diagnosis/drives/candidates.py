@@ -22,7 +22,7 @@ _EFFECTS = {
 #: Names of what is found where a constant of the law is not as declared.
 _CONSTANTS = {
     "kp": "kp", "kd": "kd", "delay_s": "delay", "gear_loss": "gear_loss", "joint_stiffness": "joint_elasticity",
-    "feed_forward": "feed_forward",
+    "feed_forward": "feed_forward", "ki": "ki",
 }  # fmt: skip
 #: Stribeck velocities that are looked at, as shares of a joint's usual speed.
 _SLOW = (0.1, 0.4)
@@ -31,7 +31,7 @@ _SPRINGS_HZ = (4.0, 7.0, 12.0, 20.0)
 #: Damping of such a spring as a share of the critical.
 _DAMPED = 0.02
 #: What may be smaller than declared.
-_EITHER_WAY = ("offset", "kp", "kd", "delay_s", "feed_forward")
+_EITHER_WAY = ("offset", "kp", "kd", "delay_s", "feed_forward", "ki")
 
 
 @dataclass(frozen=True)
@@ -118,13 +118,12 @@ def values_in(wider: DrivePlant, plant: DrivePlant, values: Array, candidate: Dr
     """Values and sizes (p,) of the wider plant's unknowns where nothing is missing, and which of them are the candidate's own (p,).
 
     `inertia` (n,): what each joint moves, kg m²."""
-    known = {(u.place, u.joint): float(v) for u, v in zip(plant.unknowns, values, strict=True)}
+    known = {u.name: float(v) for u, v in zip(plant.unknowns, values, strict=True)}
     _, sizes = starts(wider)
     at, own = np.zeros(len(wider.unknowns)), np.zeros(len(wider.unknowns), bool)
     for i, unknown in enumerate(wider.unknowns):
-        key = (unknown.place, unknown.joint)
-        if key in known:
-            at[i] = known[key]
+        if unknown.name in known:
+            at[i] = known[unknown.name]
             continue
         own[i] = True
         if unknown.place in ("joint_stiffness", "joint_damping"):

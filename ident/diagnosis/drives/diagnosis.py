@@ -91,8 +91,8 @@ def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[DriveFind
         if far < _ALIKE
     )
     fit = result_of(plant, stage.fit, stage.sizes)
-    before = {(u.place, u.joint) for u in now.plant.unknowns}
-    new = [i for i, u in enumerate(plant.unknowns) if (u.place, u.joint) not in before]
+    before = {u.name for u in now.plant.unknowns}
+    new = [i for i, u in enumerate(plant.unknowns) if u.name not in before]
     doubts = doubtful_sizes(plant.unknowns, fit.values, fit.covariance)
     std = [np.inf if i in doubts else float(np.sqrt(fit.covariance[i, i])) for i in new]
     values = tuple((plant.unknowns[i].name, float(fit.values[i]), s, plant.unknowns[i].unit) for i, s in zip(new, std, strict=True))

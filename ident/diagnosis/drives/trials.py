@@ -81,9 +81,9 @@ def _with(stage: Stage, one: Screened, inertia: Array) -> Stage:
     """The model with a candidate on its joints, fitted."""
     wider = one.candidate.added_to(stage.plant, one.joints)
     at, sizes, own = values_in(wider, stage.plant, stage.fit.values, one.candidate, inertia)
-    known = {(u.place, u.joint): i for i, u in enumerate(stage.plant.unknowns)}
+    known = {u.name: i for i, u in enumerate(stage.plant.unknowns)}
     slopes = np.empty((*stage.fit.residual.shape, len(at)))
-    slopes[..., ~own] = stage.fit.slopes[..., [known[u.place, u.joint] for u, new in zip(wider.unknowns, own, strict=True) if not new]]
+    slopes[..., ~own] = stage.fit.slopes[..., [known[u.name] for u, new in zip(wider.unknowns, own, strict=True) if not new]]
     slopes[..., own] = derivatives(wider, at, sizes, np.flatnonzero(own))
     found = approached(wider, at, sizes, stage.fit.weights, slopes, enough=_ENOUGH * stage.fit.cost)
     return Stage(wider, found, sizes)

@@ -28,6 +28,7 @@ _UNITS = {
     "stiffness": ("N m/rad", "N/m"),
     "kp": ("N m/rad", "N/m"),
     "kd": ("N m s/rad", "N s/m"),
+    "ki": ("N m/(rad s)", "N/(m s)"),
     "effort_limit": ("N m", "N"),
     "delay_s": ("s", "s"),
 }
