@@ -11,6 +11,7 @@ import numpy as np
 from .determined import determination
 from .plant import DrivePlant
 from .profile import delay_profiles
+from .residual import above_noise
 from .result import DriveFit
 from .search import Fitted, fitted
 from .sizes import doubtful_sizes, without_sizes
@@ -84,12 +85,13 @@ def fit_drives(
 
 
 def finished(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[str, str], ...] = ()) -> DriveFit:
-    """`result_of` with the delay's interval by profile likelihood, which takes about as long as the search, and with a warning of each
-    stretch that is not explained."""
+    """`result_of` with the delay's interval by profile likelihood, which takes about as long as the search, with a warning of each
+    stretch that is not explained, and of an error above the noise of the readings."""
     precision = Precision.of(found, np.maximum(np.abs(found.values), sizes))
     told = tuple(one.text(plant.robot.joint_names[one.joint]) for one in unexplained(plant, found))
     fit = result_of(plant, found, sizes, inputs)
-    return replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision), warnings=(*fit.warnings, *scale_of_gains(plant), *told))
+    warnings = (*fit.warnings, *scale_of_gains(plant), *told, *above_noise(plant, found))
+    return replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision), warnings=warnings)
 
 
 def scale_of_gains(plant: DrivePlant) -> tuple[str, ...]:

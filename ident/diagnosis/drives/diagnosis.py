@@ -10,6 +10,7 @@ import numpy as np
 
 from ...drives.fit import result_of, scale_of_gains
 from ...drives.plant import DrivePlant
+from ...drives.residual import FORETOLD, structure
 from ...drives.search import fitted
 from ...drives.sizes import doubtful_sizes
 from ...drives.space import drive_logs
@@ -18,7 +19,7 @@ from ...drives.stretches import shares, steadied, unexplained
 from ..verdict import Verdict
 from .candidates import same_motion
 from .result import DriveDiagnosis, DriveFinding, DriveRival
-from .screening import FORETOLD, Screened, screened, structure
+from .screening import Screened, screened
 from .trials import Stage, believed, settled, tried
 
 if TYPE_CHECKING:

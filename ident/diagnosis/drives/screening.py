@@ -9,6 +9,7 @@ import numpy as np
 from ..._utils.singular_values import lstsq, svd
 from ...drives.folds import turns
 from ...drives.plant import DrivePlant, joined
+from ...drives.residual import FORETOLD, structure
 from ...drives.search import Fitted, derivatives
 from ...drives.uncertainty import memory
 from .candidates import DriveCandidate, candidates, values_in
@@ -21,8 +22,6 @@ SIGNIFICANT, _GAIN, LEAST = 4.5, 0.02, 0.01
 _DOUBTED = ("kp", "kd", "delay_s", "load", "gear_loss")
 #: Share of a direction that the fitted unknowns must leave over, for it to be one of its own.
 _OWN = 1e-4
-#: Lags at which a residual is looked at, the share of it that its past may predict, and how improbable that must be by chance.
-_LAGS, FORETOLD, _CHANCE = 20, 0.1, 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,21 +148,3 @@ def _best_settings(found: list[Screened]) -> list[Screened]:
         if one.candidate.name not in {s.candidate.name for s in out}:
             out.append(one)
     return out
-
-
-def structure(fit: Fitted) -> float:
-    """Share of the residual's square that its own past predicts, of the joint of which it predicts most; 0 where it may be chance."""
-    worst = 0.0
-    for e, counted in zip(fit.residual.T, fit.weights.T > 0, strict=True):
-        r = np.where(counted, e, 0.0)
-        r = r - r.mean()
-        own = float(r @ r)
-        if own <= 0.0:
-            continue
-        correlation = np.array([float(r[k:] @ r[:-k]) / own for k in range(1, _LAGS + 1)])
-        if len(r) * float(correlation @ correlation) < _LAGS + _CHANCE:
-            continue
-        X = np.stack([r[_LAGS - k : len(r) - k] for k in range(1, _LAGS + 1)], axis=1)
-        left = r[_LAGS:] - X @ lstsq(X, r[_LAGS:], rcond=None)
-        worst = max(worst, 1.0 - float(left @ left) / max(float(r[_LAGS:] @ r[_LAGS:]), 1e-300))
-    return worst

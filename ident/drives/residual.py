@@ -1,0 +1,80 @@
+"""Whether the error of simulated position is more than the noise of the readings, and by how much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .._utils.singular_values import lstsq
+from ..signals.cutoff import choose_cutoff
+from .commands import DriveLog
+from .plant import DrivePlant
+from .search import Fitted
+from .stretches import shares
+
+Array = np.ndarray
+#: Lags at which a residual is looked at, the share of it that its past may predict, and how improbable that must be by chance.
+_LAGS, FORETOLD, _CHANCE = 20, 0.1, 60.0
+#: Samples from which on a log's noise is estimated.
+_FEW = 64
+
+
+def structure(fit: Fitted) -> float:
+    """Share of the residual's square that its own past predicts, of the joint of which it predicts most; 0 where it may be chance."""
+    return float(max(structures(fit)))
+
+
+def structures(fit: Fitted) -> Array:
+    """The same of each joint (n,)."""
+    return np.array([_predicted(np.where(w > 0, e, 0.0)) for e, w in zip(fit.residual.T, fit.weights.T, strict=True)])
+
+
+def _predicted(r: Array) -> float:
+    r = r - r.mean()
+    own = float(r @ r)
+    if own <= 0.0 or len(r) <= 2 * _LAGS:
+        return 0.0
+    correlation = np.array([float(r[k:] @ r[:-k]) / own for k in range(1, _LAGS + 1)])
+    if len(r) * float(correlation @ correlation) < _LAGS + _CHANCE:
+        return 0.0
+    X = np.stack([r[_LAGS - k : len(r) - k] for k in range(1, _LAGS + 1)], axis=1)
+    left = r[_LAGS:] - X @ lstsq(X, r[_LAGS:], rcond=None)
+    return 1.0 - float(left @ left) / max(float(r[_LAGS:] @ r[_LAGS:]), 1e-300)
+
+
+def reading_noise(log: DriveLog) -> Array:
+    """Standard deviation (n,) of the positions' noise, rad or m: white noise at high frequencies, where nothing moves, or that of rounding
+    to the steps of an encoder; NaN of a short log."""
+    n = log.q.shape[1]
+    if len(log.t) < _FEW:
+        return np.full(n, np.nan)
+    white = choose_cutoff([log.q], 1.0 / log.period, [str(j) for j in range(n)], [False] * n).joints
+    change = np.abs(np.diff(log.q, axis=0))
+    steps = np.min(np.where(change > 0.0, change, np.inf), axis=0)
+    return np.maximum([one.noise for one in white], np.where(np.isfinite(steps), steps, 0.0) / np.sqrt(12.0))
+
+
+def above_noise(plant: DrivePlant, fit: Fitted) -> tuple[str, ...]:
+    """A warning of the joints whose error is above the noise of their readings, as it is where an effect is missing, or where a search
+    ended beside the best values. Stretches that count little in the fit count little here."""
+    share = shares(plant, fit.weights)
+    counted = replace(fit, residual=fit.residual * share)
+    rms = np.sqrt(np.sum(np.square(counted.residual), axis=0) / np.maximum(np.sum(np.square(share), axis=0), 1e-300))
+    lengths = np.array([len(log.t) for log in plant.logs], float)
+    noise = np.sqrt(np.average([np.square(reading_noise(log)) for log in plant.logs], axis=0, weights=lengths))
+    # More than a share of its square is no noise, by its own memory and by its size.
+    found = (structures(counted) > FORETOLD) & (np.square(noise) < (1.0 - FORETOLD) * np.square(rms))
+    if not found.any():
+        return ()
+    robot = plant.robot
+    units = ["m" if joint.prismatic else "rad" for joint in robot.joints]
+    told = ", ".join(
+        f"{robot.joint_names[j]} {rms[j] / noise[j]:.3g} times ({rms[j]:.2g} for {noise[j]:.2g} {units[j]})" for j in np.flatnonzero(found)
+    )
+    text = (
+        f"the error of simulated position is above the noise of the readings: {told}. The model lacks an effect, or the search ended beside"
+        " the best values, as it may where a joint goes over the top. `ident diagnose` looks for effects; further logs, or constants that"
+        " are given as numbers, help a search."
+    )
+    return (text,)
