@@ -12,6 +12,7 @@ import numpy as np
 
 from .._utils.text import counted
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
+from ..logs.log import run_of
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -228,10 +229,10 @@ class DriveLaw:
         return bool(np.isnan(self.constants[key]).any())
 
     def for_log(self, name: str) -> DriveLaw:
-        """The law of one log, by its name."""
-        law = self
+        """The law of one log, by its name, or by that of the run that it is a part of."""
+        law, run = self, run_of(name)
         for pattern, table in self.by_log.items():
-            if name == pattern or fnmatch(name, pattern):
+            if pattern in (name, run) or fnmatch(name, pattern) or fnmatch(run, pattern):
                 law = replace(law, constants={**law.constants, **table["constants"]}, **table["forms"])
         return law
 
