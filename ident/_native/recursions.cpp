@@ -68,6 +68,7 @@ struct DriveStep {
     double *ahead_q, *ahead_dq, *out;
     const double *ki, *wanted;                             // of drives that integrate their error: gain, position command
     double* wound;                                         // their integral's part of the command; null where none integrates
+    const double* droop;                                   // by which the limit falls with speed along the motion; null where it does not
 
     // What is not finite stays so, and its lane is lost.
     static double within(double x, double level) { return x > level ? level : x < -level ? -level : x; }
@@ -109,7 +110,11 @@ struct DriveStep {
             if (wound) p += half * ki[e], whole += wound[e] + half * ki[e] * wanted[e];
             double pull = whole - p * q[e];
             const double asked = pull - (p * half + d) * dq[e];
-            if (std::fabs(asked) > limit[e]) pull = asked > 0 ? limit[e] : -limit[e], p = d = 0.0;
+            if (droop && droop[e] != 0.0) {
+                const double along = dq[e] > 0 ? 1.0 : -1.0;
+                if (along * asked > limit[e] - droop[e] * std::fabs(dq[e])) pull = along * limit[e], p = 0.0, d = droop[e];
+                else if (along * asked < -limit[e]) pull = -along * limit[e], p = d = 0.0;
+            } else if (std::fabs(asked) > limit[e]) pull = asked > 0 ? limit[e] : -limit[e], p = d = 0.0;
             double damping = p * half + d;
             if (strength) {
                 damping = strength[e] * damping + (strength[e] > 0 ? back_emf[e] : 0.0) + viscous[e];
@@ -155,7 +160,12 @@ struct DriveStep {
     void wind(int64_t e, double after) const {
         const double moved = 0.5 * h * (dq[e] + after), change = h * ki[e] * (wanted[e] - q[e] - 0.5 * moved);
         const double asked = target[e] + wound[e] - kp[e] * q[e] - kd[e] * dq[e], then = asked - kp[e] * moved - kd[e] * (after - dq[e]);
-        const double first = (change > 0 ? asked : -asked) - limit[e], last = (change > 0 ? then : -then) - limit[e];
+        const double side = change > 0 ? 1.0 : -1.0;
+        double first = side * asked - limit[e], last = side * then - limit[e];
+        if (droop) {
+            if (side * dq[e] > 0.0) first += droop[e] * side * dq[e];
+            if (side * after > 0.0) last += droop[e] * side * after;
+        }
         const double high = first > last ? first : last, low = first > last ? last : first;
         const double held = !(high > 0.0) ? 0.0 : low >= 0.0 ? 1.0 : high / (high - low);
         wound[e] += (1.0 - held) * change;
@@ -218,21 +228,23 @@ void place(DriveStep& d, const double* c, int64_t size) {
 }
 
 // drive_single(H (lanes, n, n), sine, cosine, stiffness, twist (lanes), constants (16, lanes, n), target (K, lanes, n), strength or None,
-//              state (5, lanes, n), out (K, lanes, n), lanes, n, K, h, beyond[, ki (lanes, n), wanted (K, lanes, n), wound (lanes, n)]):
+//              state (5, lanes, n), out (K, lanes, n), lanes, n, K, h, beyond[, ki (lanes, n), wanted (K, lanes, n), wound (lanes, n)
+//              or None each[, droop (lanes, n)]]):
 //              one joint from beginning to end, its link's bias torque sine sin q + cosine cos q. n is 1, or 2 where motor and link hang
-//              together by a spring of that stiffness and damping. The last three: of drives that integrate their error.
+//              together by a spring of that stiffness and damping. The last: of drives that integrate their error, and of limits that fall.
 PyObject* call_drive_single(PyObject*, PyObject* args) {
-    PyObject* given[13] = {};
+    PyObject* given[14] = {};
     Py_ssize_t lanes, n, count;
     double h, beyond;
-    if (!PyArg_ParseTuple(args, "OOOOOOOOOOnnndd|OOO", given, given + 1, given + 2, given + 3, given + 4, given + 5, given + 6, given + 7,
-                          given + 8, given + 9, &lanes, &n, &count, &h, &beyond, given + 10, given + 11, given + 12))
+    if (!PyArg_ParseTuple(args, "OOOOOOOOOOnnndd|OOOO", given, given + 1, given + 2, given + 3, given + 4, given + 5, given + 6, given + 7,
+                          given + 8, given + 9, &lanes, &n, &count, &h, &beyond, given + 10, given + 11, given + 12,
+                          given + 13))
         return nullptr;
     if (lanes < 0 || count < 0 || n < 1 || n > 2) {
         PyErr_SetString(PyExc_ValueError, "drive_single: sizes are none of one joint");
         return nullptr;
     }
-    Buffer buffers[13];
+    Buffer buffers[14];
     const int64_t size = (int64_t)lanes * n;
     DriveStep d{};
     d.lanes = lanes, d.n = d.block = n, d.sweeps = 2, d.h = h;
@@ -243,7 +255,8 @@ PyObject* call_drive_single(PyObject*, PyObject* args) {
     if (!good || !(c = buffers[5].take(given[5], 16 * size, 0)) || !(wanted = buffers[6].take(given[6], count * size, 0)) ||
         (given[7] != Py_None && !(share = buffers[7].take(given[7], count * size, 0))) ||
         !(s = buffers[8].take(given[8], 5 * size, PyBUF_WRITABLE)) || !(to = buffers[9].take(given[9], count * size, PyBUF_WRITABLE)) ||
-        (given[12] && (!(d.ki = buffers[10].take(given[10], size, 0)) || !(sent = buffers[11].take(given[11], count * size, 0)) ||
+        (given[13] && !(d.droop = buffers[13].take(given[13], size, 0))) ||
+        (given[12] && given[12] != Py_None && (!(d.ki = buffers[10].take(given[10], size, 0)) || !(sent = buffers[11].take(given[11], count * size, 0)) ||
                                   !(d.wound = buffers[12].take(given[12], size, PyBUF_WRITABLE)))))
         return nullptr;
     place(d, c, size);
@@ -268,19 +281,19 @@ PyObject* call_drive_single(PyObject*, PyObject* args) {
 }
 
 // drive_step(H, bias, constants (16, lanes, n), target, strength or None, state (5, lanes, n), ahead (2, lanes, n), out,
-//            lanes, n, block, sweeps, h, beyond[, ki, wanted, wound])
+//            lanes, n, block, sweeps, h, beyond[, ki, wanted, wound or None each[, droop]])
 PyObject* call_drive_step(PyObject*, PyObject* args) {
-    PyObject *inertia, *bias, *constants, *target, *strength, *state, *ahead, *out, *ki = nullptr, *wanted = nullptr, *wound = nullptr;
+    PyObject *inertia, *bias, *constants, *target, *strength, *state, *ahead, *out, *ki = nullptr, *wanted = nullptr, *wound = nullptr, *droop = nullptr;
     Py_ssize_t lanes, n, block, sweeps;
     double h, beyond;
-    if (!PyArg_ParseTuple(args, "OOOOOOOOnnnndd|OOO", &inertia, &bias, &constants, &target, &strength, &state, &ahead, &out, &lanes, &n,
-                          &block, &sweeps, &h, &beyond, &ki, &wanted, &wound))
+    if (!PyArg_ParseTuple(args, "OOOOOOOOnnnndd|OOOO", &inertia, &bias, &constants, &target, &strength, &state, &ahead, &out, &lanes, &n,
+                          &block, &sweeps, &h, &beyond, &ki, &wanted, &wound, &droop))
         return nullptr;
     if (lanes < 0 || n < 1 || block < 1 || n % block != 0) {
         PyErr_SetString(PyExc_ValueError, "drive_step: joints are not in blocks of one size");
         return nullptr;
     }
-    Buffer buffers[11];
+    Buffer buffers[12];
     const int64_t size = (int64_t)lanes * n;
     DriveStep d{};
     d.lanes = lanes, d.n = n, d.block = block, d.sweeps = sweeps, d.h = h;
@@ -291,7 +304,8 @@ PyObject* call_drive_step(PyObject*, PyObject* args) {
         (strength != Py_None && !(d.strength = buffers[4].take(strength, size, 0))) ||
         !(s = buffers[5].take(state, 5 * size, PyBUF_WRITABLE)) || !(next = buffers[6].take(ahead, 2 * size, PyBUF_WRITABLE)) ||
         !(d.out = buffers[7].take(out, size, PyBUF_WRITABLE)) ||
-        (wound && (!(d.ki = buffers[8].take(ki, size, 0)) || !(d.wanted = buffers[9].take(wanted, size, 0)) ||
+        (droop && !(d.droop = buffers[11].take(droop, size, 0))) ||
+        (wound && wound != Py_None && (!(d.ki = buffers[8].take(ki, size, 0)) || !(d.wanted = buffers[9].take(wanted, size, 0)) ||
                               !(d.wound = buffers[10].take(wound, size, PyBUF_WRITABLE)))))
         return nullptr;
     place(d, c, size);

@@ -183,7 +183,7 @@ class SimulatedSearch:
                 direction[[offset, *begun]] = 1.0
                 out.append(direction * max(*np.abs(values[begun]), *self.sizes[begun]))
         scale = "torque_scale" if self.plant.law.in_volts else "kp"
-        apart = {"delay_s", "load", "gear_loss", "gear_loss_slow", "slow_speed"}
+        apart = {"delay_s", "load", "gear_loss", "gear_loss_slow", "slow_speed", "no_load_speed"}
         apart |= {"kp", "kd", "effort_limit"} if scale == "torque_scale" else {"torque_scale"}
         torque = [i for i, u in enumerate(unknown) if u.place not in apart]
         branches = self.plant.branches

@@ -16,9 +16,11 @@ Array = np.ndarray
 #: Where unknowns trade with each other, these are held first: what stays is then named after the physics, not after the drive.
 _HELD_FIRST = (
     "integral_start", "feed_forward", "kd", "kp", "ki", "torque_scale", "back_emf", "delay_s", "joint_damping", "joint_stiffness",
-    "slow_speed", "gear_loss_slow", "gear_loss_square", "gear_loss", "spring", "excess", "load", "effort_limit", "offset", "armature",
-    "viscous", "dry", "link",
+    "slow_speed", "gear_loss_slow", "gear_loss_square", "gear_loss", "spring", "excess", "load", "no_load_speed", "effort_limit", "offset",
+    "armature", "viscous", "dry", "link",
 )  # fmt: skip
+#: What bounds the torque, and is not seen where it is large.
+_LIMITS = ("effort_limit", "no_load_speed")
 
 
 class Standing(StrEnum):
@@ -68,6 +70,8 @@ def determination(unknowns: Sequence[Unknown], values: Array, precision: Precisi
     )
     # What trades with others is bounded as far as they are: an interval beside numbers that nobody knows bounds nothing.
     bound = np.where(std < alone / RESOLUTION, np.abs(values) + 2.0 * std, np.inf)
+    # A limit that is never reached might be any larger one.
+    bound[[u.place in _LIMITS for u in unknowns]] = np.inf
     together, others = (tuple(c for c in kept if c.determined == known) for known in (True, False))
     return Determination(verdicts, np.where(open_, np.inf, std), bound, together, others)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._utils.text import counted
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
+from ..logs.log import run_of
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -36,14 +37,16 @@ _DEFAULTS: dict[str, dict[str, float | str | None]] = {
     "pwm": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": 1.0, "torque_scale": IDENTIFY, "back_emf": IDENTIFY, **_GEAR},
     "voltage": {"delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": IDENTIFY, "back_emf": IDENTIFY, **_GEARED},
 }  # fmt: skip
+for _kind in ("pd_position", "pd_velocity"):
+    _DEFAULTS[_kind]["no_load_speed"] = np.inf
 _DEFAULTS["pid_position"] = {**_DEFAULTS["pd_position"], "ki": None, "integral_start": IDENTIFY}
 #: What a law has no place for, and with which it is the general one.
 _NO_INTEGRAL = {"ki": 0.0, "integral_start": 0.0}
 _FIXED: dict[str, dict[str, float]] = {
     "pd_position": _NO_INTEGRAL,
     "pd_velocity": _NO_INTEGRAL,
-    "pwm": _NO_INTEGRAL,
-    "voltage": {"kp": 0.0, "kd": 0.0, "feed_forward": 1.0, **_NO_INTEGRAL},
+    "pwm": {"no_load_speed": np.inf, **_NO_INTEGRAL},
+    "voltage": {"kp": 0.0, "kd": 0.0, "feed_forward": 1.0, "no_load_speed": np.inf, **_NO_INTEGRAL},
 }
 #: Constants that may be negative.
 _SIGNED = ("integral_start",)
@@ -99,7 +102,8 @@ class DriveLaw:
         `joint_damping`: a spring between motor and link, the encoder on the motor; none by default. `feed_forward` f: the share
         of the logged tau_ff that reaches the drive, 1 by default; 0 in a log whose tau_ff was planned and not sent. "pid_position" has
         "ki" (N m/(rad s)) and "integral_start": z (N m) where a recording begins, 0 where the drive is switched on there, of each log by
-        itself where it is to be identified.
+        itself where it is to be identified. `no_load_speed` v0 (rad/s; none by default, not with a voltage, which falls by back-EMF): along
+        the motion the limit is effort_limit (1 − |dq| / v0), which brakes beyond v0; against it, effort_limit.
     shared : frozenset of str
         Constants to be identified as one number for all joints.
     command, velocity_command
@@ -171,14 +175,25 @@ class DriveLaw:
             joints=robot.joint_names,
             only_by_log=frozenset(open_),
         )
+        law._require_limit()
         return replace(law, **_forms(forms))
+
+    def _require_limit(self) -> None:
+        """Raises ConfigurationError for a limit that falls with speed where there is none, or to nothing at no speed."""
+        for constants in (self.constants, *({**self.constants, **table["constants"]} for table in self.by_log.values())):
+            none = ~np.isinf(constants["no_load_speed"]) & (np.isinf(constants["effort_limit"]) | (constants["no_load_speed"] == 0.0))
+            if none.any() and "effort_limit" not in self.only_by_log:
+                raise ConfigurationError(
+                    f"[drive] no_load_speed of joint {self.joints[int(np.argmax(none))]!r} says how effort_limit falls with speed: give"
+                    " effort_limit too, and a speed above zero."
+                )
 
     @classmethod
     def read(cls, table: DriveTable, robot: Robot) -> DriveLaw | None:
         """The law that a study's `[drive]` declares; None where its logs hold torque or current."""
         if table.law is None or table.law in MEASURED:
             return None
-        keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "ki", "integral_start", *_GEAR, *_FORMS)
+        keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "ki", "integral_start", "no_load_speed", *_GEAR, *_FORMS)
         given = {key: getattr(table, key) for key in keys}
         return cls.of(robot, table.law, links=table.links or "known", by_log=table.by_log, **given)
 
@@ -191,6 +206,12 @@ class DriveLaw:
     def fixed(self) -> frozenset[str]:
         """Constants of the general law that this kind has no place for."""
         return frozenset(_FIXED.get(self.kind, ()))
+
+    @property
+    def droops(self) -> Array:
+        """(n,) whether the limit of a joint's drive falls with its speed, or may do so, in some log."""
+        tables = [self.constants, *(table["constants"] for table in self.by_log.values())]
+        return np.any([~np.isinf(table["no_load_speed"]) for table in tables if "no_load_speed" in table], axis=0)
 
     @property
     def integrates(self) -> Array:
@@ -208,10 +229,10 @@ class DriveLaw:
         return bool(np.isnan(self.constants[key]).any())
 
     def for_log(self, name: str) -> DriveLaw:
-        """The law of one log, by its name."""
-        law = self
+        """The law of one log, by its name, or by that of the run that it is a part of."""
+        law, run = self, run_of(name)
         for pattern, table in self.by_log.items():
-            if name == pattern or fnmatch(name, pattern):
+            if pattern in (name, run) or fnmatch(name, pattern) or fnmatch(run, pattern):
                 law = replace(law, constants={**law.constants, **table["constants"]}, **table["forms"])
         return law
 

@@ -105,7 +105,8 @@ class ElasticLinks:
 
     def drives(self, drives: LaneDrives) -> LaneDrives:
         """The links have neither drive nor friction of their own."""
-        found = {part.name: self.widened(getattr(drives, part.name)) for part in fields(drives)}
+        given = {part.name: getattr(drives, part.name) for part in fields(drives)}
+        found = {key: self.widened(values) for key, values in given.items() if values is not None}
         for key in ("fall", "slow"):
             found[key][:, self.n :] = 1.0
         found["limit"][:, self.n :] = np.inf

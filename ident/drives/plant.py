@@ -187,6 +187,8 @@ class DrivePlant:
                 fall[:, effect.at(self.robot)] = effect.v_s
         kept = {key: constants[key] for key in ("kp", "kd", "back_emf")} | {key: constants[name] for key, name in _GEAR.items()}
         whole = {**drive, **kept, "fall": fall, "limit": constants["effort_limit"]}
+        if np.any(self.law.droops):
+            whole["droop"] = np.nan_to_num(whole["limit"] / np.maximum(constants["no_load_speed"], 1e-9), nan=0.0)
         return _Lanes(
             target,
             self._strength(log, constants["torque_scale"], h, count),

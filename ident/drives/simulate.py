@@ -46,7 +46,7 @@ class LaneDrives:
     """Drive and friction of B lanes, each (B, n): `armature`, `viscous`, `dry` (level of dry friction), `load` (its growth with the
     load), `excess` (more at low speed) and `fall` (the speed at which that is gone), `offset`; `kp`, `kd`, `limit`, `back_emf`; `spring`;
     growth of dry friction with the drive's torque: `loss`, `loss_square` (with its square), `loss_slow` (more at low speed), `slow` (that
-    speed)."""
+    speed); `droop`: by which the limit falls with the speed of a joint that is driven along its motion, None where none does."""
 
     armature: Array
     viscous: Array
@@ -64,6 +64,11 @@ class LaneDrives:
     loss_square: Array
     loss_slow: Array
     slow: Array
+    droop: Array | None = None
+
+    def stacked(self) -> Array:
+        """Everything but the droop, (16, B, n)."""
+        return np.stack([getattr(self, part.name) for part in fields(self) if part.name != "droop"])
 
     @property
     def loaded(self) -> bool:
@@ -122,18 +127,19 @@ def _single(
     H = np.zeros((lanes, n, n))
     H[:, n - 1, n - 1] = link.inertia
     parts = (np.ascontiguousarray(np.broadcast_to(x, lanes), float) for x in (link.sine, link.cosine, link.stiffness, link.twist))
-    constants = np.stack([getattr(drives, part.name) for part in fields(drives)])
+    constants = drives.stacked()
     state = np.zeros((5, lanes, n))
     state[:3] = out[0], dq, dq
     target, strength = np.ascontiguousarray(target), None if strength is None else np.ascontiguousarray(strength)
-    steps(H, *parts, constants, target, strength, state, out[1:], lanes, n, len(target), h, _BEYOND, *_wound(integrals))
+    steps(H, *parts, constants, target, strength, state, out[1:], lanes, n, len(target), h, _BEYOND, *_further(drives, integrals))
 
 
-def _wound(integrals: LaneIntegrals | None) -> tuple[Array, ...]:
-    """Gain, command and state of integrals, as the compiled steps take them; nothing where there are none."""
+def _further(drives: LaneDrives, integrals: LaneIntegrals | None) -> tuple[Array | None, ...]:
+    """Gain, command and state of integrals, and the fall of limits, as the compiled steps take them; nothing where there are none."""
+    droop = () if drives.droop is None else (np.ascontiguousarray(drives.droop),)
     if integrals is None:
-        return ()
-    return np.ascontiguousarray(integrals.ki), np.ascontiguousarray(integrals.wanted), np.array(integrals.start, order="C")
+        return (None, None, None, *droop) if droop else ()
+    return np.ascontiguousarray(integrals.ki), np.ascontiguousarray(integrals.wanted), np.array(integrals.start, order="C"), *droop
 
 
 def _compiled(
@@ -142,17 +148,17 @@ def _compiled(
 ) -> None:  # fmt: skip
     """Positions from out[0] on, each step in C++; joints act on each other within blocks of so many that follow each other."""
     lanes, n = dq.shape
-    constants = np.stack([getattr(drives, part.name) for part in fields(drives)])
+    constants = drives.stacked()
     state = np.zeros((5, lanes, n))
     state[:3] = out[0], dq, dq
     ahead = np.stack([out[0] + 0.5 * h * dq, dq])
     target = np.ascontiguousarray(target)
     strength = None if strength is None else np.ascontiguousarray(strength)
-    wound = _wound(integrals)
+    more = _further(drives, integrals)
     for k in range(len(target)):
         H, c = links.terms(ahead[0], ahead[1])
         now = None if strength is None else strength[k]
-        here = (wound[0], wound[1][k], wound[2]) if wound else ()
+        here = more if integrals is None else (more[0], integrals.wanted[k], *more[2:])
         H, c = np.ascontiguousarray(H), np.ascontiguousarray(c)
         step(H, c, constants, target[k], now, state, ahead, out[k + 1], lanes, n, block, _SWEEPS, h, _BEYOND, *here)
 
@@ -198,11 +204,12 @@ def _plain(
             q, dq, f, load, before = (np.where(lost, 0.0, x) for x in (q, dq, f, load, before))
 
 
-def held_share(asked: Array, then: Array, change: Array, limit: Array) -> Array:
+def held_share(asked: Array, then: Array, change: Array, limits: tuple[Array, Array]) -> Array:
     """Share of a step in which a limit holds and a change of the integral would wind it further; commands `asked` at first, `then` at last,
-    straight between."""
+    straight between, and as many `limits`."""
     along = np.where(change > 0.0, 1.0, -1.0)
-    high, low = np.maximum(along * asked, along * then) - limit, np.minimum(along * asked, along * then) - limit
+    first, last = along * asked - limits[0], along * then - limits[1]
+    high, low = np.maximum(first, last), np.minimum(first, last)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(high > 0.0, np.where(low >= 0.0, 1.0, high / (high - low)), 0.0)
 
@@ -226,7 +233,11 @@ class _Wound:
         change = self.h * self.ki * (self.wanted[k] - q - 0.5 * moved)
         asked = target + self.z - own.kp * q - own.kd * dq
         then = asked - own.kp * moved - own.kd * (after - dq)
-        self.z = self.z + (1.0 - held_share(asked, then, change, own.limit)) * change
+        limits = own.limit, own.limit
+        if own.droop is not None:
+            along = np.where(change > 0.0, 1.0, -1.0)
+            limits = tuple(own.limit - own.droop * np.maximum(along * speed, 0.0) for speed in (dq, after))
+        self.z = self.z + (1.0 - held_share(asked, then, change, limits)) * change
         if strength is not None:
             self.z = np.where(strength > 0.0, self.z, 0.0)
 
@@ -243,10 +254,13 @@ def _drive(
     kp, kd, pull = drives.kp, drives.kd, target - drives.kp * q
     if limited:
         asked = pull - (kp * half + kd) * dq
-        clipped = np.abs(asked) > drives.limit
+        droop = np.zeros_like(dq) if drives.droop is None else drives.droop
+        along = np.where(dq > 0.0, 1.0, -1.0)
+        ahead = along * asked > drives.limit - droop * np.abs(dq)
+        clipped = ahead | (along * asked < -drives.limit)
         if clipped.any():
-            pull = np.where(clipped, np.sign(asked) * drives.limit, pull)
-            kp, kd = np.where(clipped, 0.0, kp), np.where(clipped, 0.0, kd)
+            pull = np.where(clipped, np.where(ahead, along, -along) * drives.limit, pull)
+            kp, kd = np.where(clipped, 0.0, kp), np.where(clipped, np.where(ahead, droop, 0.0), kd)
     damping = kp * half + kd
     if strength is None:
         return pull, damping + drives.back_emf + drives.viscous

@@ -97,6 +97,7 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
         "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)),
         "effort_limit": 0.9 * np.maximum(torque / scale if sent else torque, 1e-3) * 3,
         "torque_scale": scale, "back_emf": friction * torque / rate, "ki": stiff / integral_s,
+        "no_load_speed": 3.0 * rate,
     }  # fmt: skip
     if plant.law.kind == "pwm" and np.isnan(known).any():
         guess["kp"] = np.full(plant.robot.n, 5.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -58,7 +59,7 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
     asked = asked + _integral(seen, law, speed) if law.integrates.any() else asked
     strength = constants["torque_scale"] * (seen.supply if law.kind == "pwm" and seen.supply is not None else 1.0)
     torque = strength * asked - constants["back_emf"] * speed
-    known = (np.abs(asked) < constants["effort_limit"]) & (seen.enabled == 1.0)
+    known = (asked < _limit(constants, speed)) & (-asked < _limit(constants, -speed)) & (seen.enabled == 1.0)
     torque = np.where(known, torque, np.nan)
     said = f"log {log.name}: torque computed from [drive] law {law.kind!r} with its constants; no torque was measured."
     lost = float(np.mean(~known))
@@ -68,6 +69,12 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
         else ()
     )
     return replace(log, tau={"joint": torque}, notes=(*log.notes, said, *more), hint="")
+
+
+def _limit(constants: Mapping[str, Array], along: Array) -> Array:
+    """Limit of the command in the direction in which a joint moves at a speed `along`."""
+    limit, none = constants["effort_limit"], np.isinf(constants["no_load_speed"])
+    return np.where(none, limit, np.where(none, 0.0, limit) * (1.0 - np.maximum(along, 0.0) / constants["no_load_speed"]))
 
 
 def _integral(log: DriveLog, law: DriveLaw, speed: Array) -> Array:
@@ -84,7 +91,8 @@ def _integral(log: DriveLog, law: DriveLaw, speed: Array) -> Array:
     out = np.empty_like(q)
     z = out[0] = np.where(on[0], c["integral_start"], 0.0)
     for k, one in enumerate(change):
-        held = held_share(asked[k] + z, then[k] + z, one, c["effort_limit"])
+        along = np.where(one > 0.0, 1.0, -1.0)
+        held = held_share(asked[k] + z, then[k] + z, one, (_limit(c, along * dq[k]), _limit(c, along * dq[k + 1])))
         z = out[k + 1] = np.where(on[k] & on[k + 1], z + (1.0 - held) * one, 0.0)
     return out[np.searchsorted(at, log.t)]
 

@@ -15,17 +15,18 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 #: What only some laws have.
-_OPTIONAL = ("per_volt", "ki")
+_OPTIONAL = ("per_volt", "ki", "no_load_speed")
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
     """τ = kp (q_cmd(t − delay_s) − q) + kd (dq_cmd(t − delay_s) − dq) within ±effort_limit, less back_emf dq; (n,) each, N m and rad.
 
-    `gear_loss`, `gear_loss_square`, `gear_loss_slow`, `slow_speed`: dry friction that follows τ; `joint_stiffness`, `joint_damping`: of
-    the spring between motor and link (infinite: none). `velocity_command`: whether the drive is sent a velocity too. `per_volt`: N m/V of a
+    `gear_loss`, `gear_loss_square`, `gear_loss_slow`, `slow_speed`: dry friction that follows τ; `joint_stiffness`, `joint_damping`: of the
+    spring between motor and link (infinite: none). `velocity_command`: whether the drive is sent a velocity too. `per_volt`: N m/V of a
     drive that is sent a voltage, kp and kd 0; None: it is not. `ki` (N m/(rad s)): of one that integrates its error as well, which stands
-    still while the limit holds and the error would wind it further; None: it does not."""
+    still while the limit holds and the error would wind it further; None: it does not. `no_load_speed` (rad/s), at which the limit is
+    nothing along the motion; None: it stays."""
 
     kp: Array
     kd: Array
@@ -42,6 +43,7 @@ class ClosedLoop:
     velocity_command: bool = False
     per_volt: Array | None = None
     ki: Array | None = None
+    no_load_speed: Array | None = None
 
     @classmethod
     def of(cls, fit: DriveFit, supply: float | None = None) -> ClosedLoop:
@@ -54,7 +56,8 @@ class ClosedLoop:
                 )
             scale = float(supply)
         strength = scale * found["torque_scale"]
-        own = {f.name: found[f.name] for f in fields(cls) if f.name in found and f.name != "ki"}
+        own = {f.name: found[f.name] for f in fields(cls) if f.name in found and f.name not in _OPTIONAL}
+        own |= {"no_load_speed": found["no_load_speed"]} if fit.law.droops.any() else {}
         gains = ("kp", "kd", "effort_limit", *(("ki",) if fit.law.integrates.any() else ()))
         own |= {key: strength * found[key] for key in gains}
         for key, values in own.items():

@@ -47,6 +47,7 @@ _SWITCH = {
     "gear losses": {"gear_loss": 0.0, "gear_loss_square": 0.0, "gear_loss_slow": 0.0},
     "joint elasticity": {"joint_stiffness": np.inf},
     "delay": {"delay_s": 0.0},
+    "fall of the limit with speed": {"no_load_speed": np.inf},
     "integral of the error": {"ki": 0.0, "integral_start": 0.0},
 }
 _BEYOND_A_STATE = frozenset({Need.HISTORY, Need.NEIGHBOURS, Need.TORQUE, Need.TIME})
@@ -111,6 +112,11 @@ def _found(found: Identified, expresses: frozenset[Expressed], seen: list[Motion
         told = ", ".join(f"{name} {x:.4g}" for name, x in zip(robot.joint_names, law.per_volt, strict=True))
         hint = f"command voltages times torque_scale ({told} N m/V); the back-EMF is part of the damping"
         yield Omission("voltage commands", np.full(robot.n, np.nan), np.full(robot.n, np.nan), hint)
+    if law.no_load_speed is not None and Expressed.SPEED_TORQUE not in expresses:
+        pairs = [(name, x) for name, x in zip(robot.joint_names, law.no_load_speed, strict=True) if np.isfinite(x)]
+        told = ", ".join(f"{name} {x:.3g} rad/s" for name, x in pairs)
+        hint = f"the limit of a joint that is driven along its motion falls to nothing at {told}"
+        yield Omission("fall of the limit with speed", np.full(robot.n, np.nan), np.full(robot.n, np.nan), hint)
     if law.ki is not None and Expressed.INTEGRAL not in expresses:
         yield _without_integral(found, law, seen)
 

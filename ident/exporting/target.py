@@ -31,6 +31,7 @@ class Expressed(StrEnum):
     VELOCITY_COMMAND = "velocity command"
     VOLTAGE_COMMAND = "voltage command"
     INTEGRAL = "integral of the error"
+    SPEED_TORQUE = "limit that falls with speed"
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
+#: What the name of a part has beside that of its run.
+_PART = re.compile(r" \((?:last part|part \d+)\)$")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -305,6 +308,11 @@ class LogSet(ShortRepr):
         if not fit or not out:
             raise DataError("split: the logs are too short to hold out a part.")
         return replace(self, logs=fit), replace(self, logs=out)
+
+
+def run_of(name: str) -> str:
+    """Name of the run that a log is, or that `LogSet.split` made it a part of."""
+    return _PART.sub("", name)
 
 
 def spread(count: int, share: float) -> set[int]:

@@ -349,6 +349,20 @@ def test_a_constant_is_asked_where_single_logs_only_have_it(robot):
     assert "kp" not in back
 
 
+def test_a_part_of_a_log_has_the_law_of_the_log(robot):
+    """The last part, which a fit without validation logs holds out, had the law of all logs: there kp was nothing."""
+    law = DriveLaw.of(robot, kd=0.8, by_log={"run": {"kp": 25.0}, "run (2)": {"kp": 12.0}})
+    gains = {
+        name: law.for_log(name).constants["kp"][0] for name in ("run", "run (last part)", "run (part 3)", "run (2)", "run (2) (last part)")
+    }
+    assert gains == {"run": 25.0, "run (last part)": 25.0, "run (part 3)": 25.0, "run (2)": 12.0, "run (2) (last part)": 12.0}
+    assert np.isnan(law.for_log("run (3)").constants["kp"][0])
+    logs = ident.LogSet((commanded_log(robot, TRUTH, seed=2),))
+    first, last = logs.split(by="fraction")
+    fit = fit_drives(first, model_of(robot), DriveLaw.of(robot, kd=0.8, by_log={"run": {"kp": 25.0}}), held=last)
+    assert fit.heldout_rms[0] < 2e-3
+
+
 def test_derivatives_keep_to_joints_that_have_mass(robot):
     """Beside next to no inertia (gains and load unknown) a step back is one to negative mass: it moves beyond every bound, and all
     derivatives, which agree along directions, went with it. Then nothing was said to be determined, not even ratios to kp."""
