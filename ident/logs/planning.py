@@ -17,7 +17,7 @@ from .columns import resolve_columns
 from .long_tables import long_table
 from .names import KEYS, Column, JointNames, parse_name
 from .rates import with_rates
-from .readers.header import Header
+from .readers.header import Header, UnreadableRows
 from .readers.moments import MOMENT
 from .recognise import RecordedChannels, recognised
 from .recorders import recorder_of
@@ -111,8 +111,8 @@ def _planned(
         own = any((p := parse_name(n, joints, [])) is not None and p.quantity in ("q", "q_motor") for n in names)
         try:
             found = _recognised(source, joints, rate, said)
-        except DataError:
-            if not own:
+        except DataError as error:
+            if not own or isinstance(error, UnreadableRows):
                 raise
             found = None  # what our own names lack is said better by them
         if found is None:
@@ -137,7 +137,8 @@ def _recognised(source: TableSource, joints: JointNames | None, rate: float | No
     try:
         found = recognised(names, read, None if joints is None else joints.names, header.units, rate)
     except DataError as error:
-        raise DataError(str(error) if str(error).startswith("log ") else f"{where}: {error}") from None
+        kind = UnreadableRows if isinstance(error, UnreadableRows) else DataError
+        raise kind(str(error) if str(error).startswith("log ") else f"{where}: {error}") from None
     if found is None:
         looks = _looks_like(source) if source.whole else ""
         if looks:
@@ -148,7 +149,7 @@ def _recognised(source: TableSource, joints: JointNames | None, rate: float | No
         mapping["t"] = COUNTED
     elif "t" not in mapping:
         said = f"{where}: recognised{f' as {found.recorder}' if found.recorder else ''} ({found.text}), but it holds no time"
-        raise DataError(f"{said}{_remedy(found)}")
+        raise (UnreadableRows if found.untimed else DataError)(f"{said}{_remedy(found)}")
     plan = resolve_columns((*names, COUNTED) if counted else names, joints, mapping, where=where)
     plan = _on_its_clock(plan, source) if rearranged is None else plan
     said = f"{where}: recognised by its columns{f' as {found.recorder}' if found.recorder else ''}: {found.text}."

@@ -40,11 +40,17 @@ def scalar_time_names(names: Sequence[str], units: Mapping[str, str] | None = No
     found = [lower[k] for k in lower if re.search(r"stamp[./_](sec|secs)$|header[./]stamp$", k)] + [lower[k] for k in exact if k in lower]
     others = [n for n in names if words_of(n) & (TIME - {"t", "ms", "ts", "stamp"})]
     split = [n for n in names if fraction_of(n, names)]
-    return list(dict.fromkeys([*found, *split, *others, *(n for n in names if _time_unit(n, units or {}))]))
+    # A stamp or a count of ticks is a time where its last word is a unit of one.
+    counted = [n for n in names if words_of(n) & {"stamp", "tick", "ticks"} and _is_time(re.split(r"[^A-Za-z]+", n)[-1])]
+    return list(dict.fromkeys([*found, *split, *others, *(n for n in names if _time_unit(n, units or {})), *counted]))
 
 
 def _time_unit(name: str, units: Mapping[str, str]) -> bool:
     if units.get(name) == MOMENT:
         return True
-    unit = unit_suffix(units.get(name, "")) or unit_suffix(bracketed(name)[1])
+    return _is_time(unit_suffix(units.get(name, "")) or unit_suffix(bracketed(name)[1]))
+
+
+def _is_time(word: str) -> bool:
+    unit = unit_suffix(word)
     return bool(unit) and unit_of(unit).dimension == "time"

@@ -36,7 +36,7 @@ TAKEN = MEASURED | {"present", "fb", "mp", "mt", "act", "mes"}
 MOTOR = {"mot", "motor", "motors"}
 TIME = {
     "t", "time", "timestamp", "timestamps", "tstamps", "tstamp", "zeit", "tout", "clock", "stamp", "ts", "tempo", "temps", "tiempo", "ms",
-    "secs", "sec", "seconds", "datetime", "elapsed", "millis", "micros", "nanos",
+    "secs", "sec", "seconds", "datetime", "elapsed", "millis", "micros", "nanos", "epoch", "zeitstempel",
 }  # fmt: skip
 #: What rates are of that are no joints' velocities.
 _RATES_OF = {

@@ -268,3 +268,28 @@ def test_a_name_is_no_robot(call: Callable[..., object]) -> None:
     for calling in (lambda: call(train, "puma560"), lambda: read_logs("a.csv", "ur5")):
         with pytest.raises(ConfigurationError, match=r"a robot is needed, not .*ident\.load_robot"):
             calling()
+
+
+@pytest.mark.parametrize(
+    ("spoiled", "said"),
+    [
+        (lambda cells: [cells[0], "x", *cells[2:]], r"'j1\.position_deg'.* line 22 .*'x' is not a number"),
+        (lambda cells: [*cells, "7"], r"line 22 .* 6 fields, but the header has 5"),
+        (lambda cells: ["abc", *cells[1:]], r"'stamp_ns'.* line 22 .*'abc' is not a number"),
+    ],
+)
+def test_rows_are_at_fault_and_not_names_that_are_recognised(tmp_path: Path, spoiled: Callable[[list[str]], list[str]], said: str) -> None:
+    """A file that is read by what its columns are like once blamed its time, whatever a row held."""
+    rows = [[f"{1732700000000000000 + i * 5000000}", f"{30 * np.sin(0.05 * i):.5f}", f"{np.cos(0.05 * i):.5f}"] for i in range(200)]
+    cells = [[*row, f"{20 * np.sin(0.07 * i):.5f}", f"{np.sin(0.07 * i):.5f}"] for i, row in enumerate(rows)]
+    head = "stamp_ns;j1.position_deg;j1.torque_Nm;j2.position_deg;j2.torque_Nm"
+    robot = chain(2)
+    right = tmp_path / "right.csv"
+    right.write_text("\n".join([head, *(";".join(x) for x in cells)]))
+    log = read_logs(right, robot)[0]
+    assert log.t[-1] - log.t[0] == pytest.approx(199 * 0.005)
+    cells[20] = spoiled(cells[20])
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_text("\n".join([head, *(";".join(x) for x in cells)]))
+    with pytest.raises(DataError, match=said):
+        read_logs(wrong, robot)

@@ -21,6 +21,10 @@ MISSING = {
 AGAIN = "\x00again "
 
 
+class UnreadableRows(DataError):
+    """Rows are at fault (a text for a number, a field too many, a damaged end), whatever the columns are called."""
+
+
 @dataclass(frozen=True)
 class Header:
     """Column names of a table; for text, on which line they end (from 1), what separates fields (" ": runs of spaces) and the digits of a
@@ -83,7 +87,7 @@ def numeric(values: Array, path: Path, name: str, first: int = 1) -> Array:
         return values
     for row, value in enumerate(values.tolist(), first):
         if value is not None and not isinstance(value, (int, float)) and not (isinstance(value, str) and is_number(value)):
-            raise DataError(f"log {path}: column {name!r}, data row {row}: {value!r} is not a number.")
+            raise UnreadableRows(f"log {path}: column {name!r}, data row {row}: {value!r} is not a number.")
     return np.array([np.nan if v is None else float(v) for v in values.tolist()])
 
 

@@ -10,9 +10,9 @@ from typing import IO, Any
 
 import numpy as np
 
-from ...errors import DataError, IdentError
+from ...errors import IdentError
 from .damage import DAMAGED, damage_told, reason
-from .header import MISSING, Header
+from .header import MISSING, Header, UnreadableRows
 from .packed import open_whole
 from .parquet import arrow_values
 from .strangers import MARKS, Strangers, without_strangers
@@ -44,7 +44,9 @@ def read_text_columns(path: Path, header: Header, names: Sequence[str], rows: in
     if stranger:
         columns = _texts(path, header, names, lambda stream: io.BytesIO(without_strangers(stream, header)[0]))
         if rows is not None and (count := len(next(iter(columns.values())))) != rows:
-            raise DataError(f"log {path}: {rows} rows hold numbers, but {count} texts; a row is damaged, or ends in the middle. Remove it.")
+            raise UnreadableRows(
+                f"log {path}: {rows} rows hold numbers, but {count} texts; a row is damaged, or ends in the middle. Remove it."
+            )
     return columns
 
 
@@ -69,7 +71,7 @@ def _texts(path: Path, header: Header, names: Sequence[str], of: Callable[[IO[by
             encoding_errors="replace",
         )
     if not isinstance(frame.index, pd.RangeIndex):
-        raise DataError(f"log {path}: rows have more fields than the header.")
+        raise UnreadableRows(f"log {path}: rows have more fields than the header.")
     return {name: frame[name].to_numpy(dtype=object) for name in names}
 
 
@@ -117,7 +119,7 @@ def _fast_columns(path: Path, header: Header, names: Sequence[str]) -> dict[str,
     except (ValueError, OverflowError, RowFault):
         return None
     except DAMAGED as error:
-        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
+        raise UnreadableRows(f"log {path}: the file is damaged ({reason(error)}).") from None
 
 
 def lenient_columns(path: Path, header: Header, names: Sequence[str], text: bytes) -> dict[str, Array] | None:

@@ -14,9 +14,8 @@ from typing import IO, Any
 import numpy as np
 
 from ..._utils.text import counted
-from ...errors import DataError
 from .damage import DAMAGED, reason
-from .header import MISSING, Header, is_number
+from .header import MISSING, Header, UnreadableRows, is_number
 from .moments import is_moment
 from .packed import open_binary
 
@@ -32,7 +31,7 @@ _TYPED_MINUS = "\u2212"
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[.,'’ \u00a0\u202f])\d{3})(?:(?P=mark)\d{3})*(?:[.,]\d+)?")
 
 
-class RowFault(DataError):
+class RowFault(UnreadableRows):
     """A row that cannot even be taken apart into fields."""
 
 
@@ -45,14 +44,14 @@ def columns_by_rows(path: Path, header: Header, names: Sequence[str], text: Buff
     for row, (line, fields) in enumerate(numbered_rows(path, decoded(text, header), header, before), first):
         at = f"line {line} (data row {row})"
         if len(fields) > len(header.names):
-            raise DataError(
+            raise UnreadableRows(
                 f"log {path}: {at} has {counted(len(fields), 'field')}, but the header has {len(header.names)}; correct that line,"
                 f" or remove it: missing samples are bridged or left out."
             )
         values.append([_value(fields[i], header, f"log {path}: column {name!r}, {at}") if i < len(fields) else np.nan for i, name in index])
         rows[:] = [(line, fields)]
     if rows and header.delimiter != " " and _never_closed(text, header, rows[0][0] - before):
-        raise DataError(
+        raise UnreadableRows(
             f"log {path}: line {rows[0][0]} (data row {first + len(values) - 1}) opens a quote that is never closed, which hides"
             f" everything after it. Close it, or remove it."
         )
@@ -69,7 +68,7 @@ def _value(field: str, header: Header, where: str) -> float:
     """A field as a number, NaN for what stands for none. Raises DataError."""
     text = field.strip()
     if "\n" in field and is_number(text):
-        raise DataError(f"{where}: {field!r} runs past the end of its line. Close the quotes on the same line, or remove them.")
+        raise UnreadableRows(f"{where}: {field!r} runs past the end of its line. Close the quotes on the same line, or remove them.")
     if text.lower() in MISSING:
         return np.nan
     plain = text.replace(",", ".", 1) if header.decimal == "," and "." not in text else "" if header.decimal == "," else text
@@ -96,7 +95,7 @@ def _value(field: str, header: Header, where: str) -> float:
         remedy = "Write numbers only, and put their unit into the header, as in q1_deg."
     elif is_moment(text):
         remedy = "It is a date with a time: write times in seconds (from any origin), in every row."
-    raise DataError(f"{where}: {shown!r} is not a number. {remedy}")
+    raise UnreadableRows(f"{where}: {shown!r} is not a number. {remedy}")
 
 
 def _never_closed(text: Buffer, header: Header, line: int) -> bool:
@@ -118,7 +117,7 @@ def rows_of_text(path: Path, header: Header) -> Iterator[tuple[int, list[str]]]:
         with open_binary(path) as stream, io.TextIOWrapper(stream, encoding=header.encoding, errors="replace", newline="") as text:
             yield from ((line, fields) for line, fields in numbered_rows(path, text, header) if line > header.line)
     except DAMAGED as error:
-        raise DataError(f"log {path}: the file is damaged ({reason(error)}).") from None
+        raise UnreadableRows(f"log {path}: the file is damaged ({reason(error)}).") from None
 
 
 def numbered_rows(path: Path, text: Iterable[str], header: Header, before: int = 0) -> Iterator[tuple[int, list[str]]]:
