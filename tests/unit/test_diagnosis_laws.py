@@ -8,6 +8,7 @@ import pytest
 import ident
 from ident.diagnosis import Verdict
 from ident.diagnosis.inference.refinement import likeliest
+from ident.diagnosis.inference.search import EffectSearch
 from ident.friction.presliding import deflection
 
 Array = np.ndarray
@@ -108,6 +109,31 @@ def test_a_hose_that_drags_is_no_presliding() -> None:
     found = diagnosed(recorded(7, hose), recorded(8, hose))
     assert "presliding" not in {f.name for f in found.findings}
     assert found.verdict is not Verdict.CLEAN
+
+
+def test_two_effects_that_undo_each_other_are_none() -> None:
+    """Two that share what is there do not, nor do two that are both there."""
+
+    def both(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
+        return 2.0 * v * np.abs(v) + 1.5
+
+    found = diagnosed(recorded(41, both), recorded(42, both)).decision
+    plain = found.fit.with_effects(())
+
+    def named(name: str, label: str = "+", **shape: float) -> ident.Effect:
+        effect = ident.make_effect(name, joints=["j1"], label=label)
+        return effect.with_shape(**shape) if shape else effect
+
+    def impossible(*effects: ident.Effect) -> tuple[int, ...]:
+        state = EffectSearch(plain, found.scores.catalogue, accepted=[(e, ("j1",)) for e in effects])
+        state.solve()
+        return state.impossible()
+
+    there = named("offset"), named("nonlinear_viscous", a=2.0)
+    assert impossible(*there) == ()
+    assert impossible(there[0], named("nonlinear_viscous", a=1.9), named("nonlinear_viscous", "++", a=2.1)) == ()
+    assert impossible(*there, named("stribeck", v_s=0.3)) == ()
+    assert impossible(*there, named("stribeck", v_s=0.3), named("stribeck", "++", v_s=0.33)) == (2, 3)
 
 
 @pytest.mark.parametrize("start", [0.2, 0.3])
