@@ -8,7 +8,7 @@ from ..effects.base import Effect
 from ..effects.kinds import Axis
 from ..effects.places import on
 from ..effects.registry import effect_types
-from .held_out import unconfirmed
+from .held_out import partly, unconfirmed
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -46,6 +46,10 @@ def advice_for(finding: Finding, robot: Robot, verdict: str) -> str:
         return f"{title} or {competing.effect}{on(competing.place)}: to tell them apart, {'; and '.join(ways)}."
     if unconfirmed(finding.presence):
         motion = _MOTION[finding.effect.axis].format(joint=joint)
+        if partly(finding.presence):
+            return (
+                f"{title}: held-out data have less of it than it predicts; it changes or stands for another effect: {motion} in both logs."
+            )
         return f"{title}: held-out data neither show it nor rule it out; {motion} in the log held out."
     if verdict in ("unexplained", "ambiguous") and finding.confidence < 0.5:
         return f"{title} explains a part only; take it as a hint, and look at the residual before acting on it."

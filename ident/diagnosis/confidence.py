@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from .inference.confidence_set import AcceptedEffect
 
 #: Confidence in a finding without a competing model: beside nothing left; beside something left where data held out confirm all of it; and
-#: where they do not, or show nothing of it at all.
+#: where they do not, or tell it from what is there.
 _SURE, _CONFIRMED, _HINT = 0.99, 0.9, 0.45
 #: What a member of the confidence set is worth at least, beside the effect that was accepted.
 _LEAST = 0.35
-#: And those together that are the same on this motion by a name that asks for more.
-_SAME = 0.15
+#: And those together that ask for more for nothing.
+_NEEDLESS = 0.15
 
 
 def confidence(
@@ -39,9 +39,9 @@ def confidence(
 
 
 def _weights(accepted: AcceptedEffect) -> list[float]:
-    """What each member of an accepted effect's set is worth beside it; the same by names that ask for more share a part."""
-    renamed = sum(m.renamed for m in accepted.competing)
+    """What each member of an accepted effect's set is worth beside it; those that ask for more for nothing share a part."""
+    needless = sum(m.needless for m in accepted.competing)
     return [
-        _SAME / renamed if m.renamed else 1.0 if m.same else max(float(np.exp(min((m.z**2 - accepted.z**2) / 2.0, 0.0))), _LEAST)
+        _NEEDLESS / needless if m.needless else 1.0 if m.same else max(float(np.exp(min((m.z**2 - accepted.z**2) / 2.0, 0.0))), _LEAST)
         for m in accepted.competing
     ]

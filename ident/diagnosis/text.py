@@ -78,7 +78,7 @@ def undecided(d: Told) -> str:
     if any(f.ambiguous for f in d.findings):
         return "something is missing, and two or more effects account for it equally well"
     if any(unconfirmed(f.presence) for f in d.findings):
-        return "something is missing in the fitted data, and held-out data do not show all that is named"
+        return "something is missing in the fitted data, and held-out data do not confirm all that is named"
     if d.findings:
         return "something is missing, and not all of the robot could be examined"
     return f"no conclusion about {', '.join(dict.fromkeys(u.joint for u in d.unexplained))}"

@@ -178,6 +178,12 @@ class Effect(ABC):
         """The effect with the shape that its own fitted values (k,) tell, where its response is that shape; else as it is."""
         return self
 
+    def told_shape(self, robot: Robot) -> str | None:
+        """Name of the shape that its values tell; None where they tell none."""
+        count = len(self.parameters(robot))
+        told = [self.told_by(np.full(count, value)) for value in (1.0, 2.0)]
+        return next((p.name for p in self.shape() if any(getattr(t, p.name) != getattr(self, p.name) for t in told)), None)
+
     def denied_by(self) -> Effect | None:
         """What would not be there if this is what happens: if its columns gain anything beside this effect's, something else is. None: no
         such thing is known."""

@@ -56,11 +56,15 @@ def nothing_missing(arm: tuple[ident.Robot, dict[str, Array]]) -> list[Case]:
 def test_what_held_out_data_wholly_confirm_is_more_than_a_hint_beside_what_is_left(share: tuple[float, float], wholly: bool) -> None:
     found = AcceptedEffect(ident.make_effect("offset"), (), 30.0)
     assert (confidence(found, beside=True, share=share)[0] > 0.5) is wholly
-    assert confidence(found, beside=False, share=share)[0] > confidence(found, beside=True, share=share)[0]
+    assert confidence(found, beside=False, share=share)[0] >= confidence(found, beside=True, share=share)[0]
 
 
-@pytest.mark.parametrize(("share", "hint"), [((-0.7, 1.7), True), ((1.0, 0.5), True), ((1.0, 0.2), False), ((np.nan, np.nan), False)])
-def test_what_held_out_data_do_not_tell_from_nothing_is_a_hint(share: tuple[float, float], hint: bool) -> None:
+@pytest.mark.parametrize(
+    ("share", "hint"),
+    [((-0.7, 1.7), True), ((1.0, 0.5), True), ((0.7, 0.05), True), ((1.5, 0.1), False), ((1.0, 0.2), False), ((0.94, 0.01), False)]
+    + [((np.nan, np.nan), False)],
+)
+def test_what_held_out_data_do_not_tell_from_nothing_or_have_less_of_is_a_hint(share: tuple[float, float], hint: bool) -> None:
     found = AcceptedEffect(ident.make_effect("offset"), (), 30.0)
     assert (confidence(found, beside=False, share=share)[0] < 0.5) is hint
 
@@ -78,6 +82,20 @@ def test_a_finding_that_held_out_data_cannot_show_is_ambiguous(arm: tuple[ident.
     resting = replace(case.held, q=still, tau={side: np.where(np.arange(robot.n) == 1, np.mean(tau, axis=0), tau)})
     other = ident.diagnose(before, ident.ZeroPhase()(resting, robot))
     assert other.verdict is not Verdict.EXPLAINED, str(other)
+
+
+def test_a_finding_of_another_size_on_held_out_data_is_ambiguous(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
+    """Three quarters of it act there: too much to rule it out, too little to be what was found."""
+    robot, drive = arm
+    effect = ident.make_effect("asymmetric_coulomb", joints=[robot.joint_names[1]], label="+")
+    size = 0.8 * float(drive["Fc"][1])
+    whole, less = (cases(arm, [(effect, np.array([share * size]))], [112])[0] for share in (1.0, 0.75))
+    assert diagnosed(whole).verdict is Verdict.EXPLAINED
+    found = diagnosed(replace(whole, held=less.held))
+    assert found.verdict is Verdict.AMBIGUOUS, str(found)
+    (finding,) = found.findings
+    assert finding.presence[0] == pytest.approx(0.75, abs=0.1)
+    assert finding.confidence < 0.5
 
 
 def test_nothing_is_found_where_friction_fluctuates_under_feedback(nothing_missing: list[Case]) -> None:

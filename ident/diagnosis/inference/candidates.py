@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ...effects.base import Effect
     from ...instruments.fit import Fit
     from ...instruments.solved import Solved
+    from ...robots.robot import Robot
     from ..design.catalogue import Group
     from .search import EffectSearch, Placed
 
@@ -143,8 +144,16 @@ def rank(group: Group) -> tuple[int, int, bool]:
     """How much an effect asks for: parameters and sought shapes, what it needs to know, friction (it acts only where something moves)."""
     effect = group.effect
     assert effect is not None
-    sought = sum(p.points != 1 for p in effect.shape())
-    return len(group.columns) + sought, len(effect.needs), effect.nature == Nature.FRICTION
+    return len(group.columns) + _sought(effect), len(effect.needs), effect.nature == Nature.FRICTION
+
+
+def parameters(effect: Effect, robot: Robot) -> int:
+    """How many parameters an effect has, sought shapes among them."""
+    return len(effect.parameters(robot)) + _sought(effect)
+
+
+def _sought(effect: Effect) -> int:
+    return sum(p.points != 1 for p in effect.shape())
 
 
 def _candidates(state: EffectSearch, refused: set[Kind]) -> list[Group]:

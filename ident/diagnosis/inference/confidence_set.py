@@ -4,14 +4,14 @@ unnecessary."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..design.catalogue import Catalogue
 from ..thresholds import COMPETES, CONTAINED
-from .candidates import left_beside, rank, tried
+from .candidates import left_beside, parameters, rank, tried
 from .search import REPEATABLE
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _REFINED = 3
 class Member:
     """A model of the confidence set: the effect that could stand in place of an accepted one; `z` beside the rest, `left`: the largest z
     after it. `same`: it has the very columns of the accepted one on this motion, and is the same by another name; `more`: it asks for more
-    than the accepted one."""
+    than the accepted one, by `extra` parameters; `needless`: it makes nothing ambiguous, since it asks for more and tells no more."""
 
     effect: Effect
     joints: tuple[str, ...]
@@ -35,11 +35,20 @@ class Member:
     left: float
     same: bool = False
     more: bool = False
+    extra: int = 0
+    needless: bool = False
 
     @property
     def renamed(self) -> bool:
-        """The accepted effect by another name that asks for more: it is told, and makes nothing ambiguous."""
+        """The accepted effect by another name that asks for more."""
         return self.same and self.more
+
+    def beside(self, z: float, rows: int) -> Member:
+        """The member beside the accepted effect of this z: needless if it is the same by a name that asks for more, or if what its further
+        parameters add is no more than parameters of nothing do (G. Schwarz, "Estimating the dimension of a model", Annals of Statistics
+        6(2), 1978)."""
+        adds = self.z**2 - z**2
+        return replace(self, needless=self.renamed or (self.extra > 0 and adds <= self.extra * float(np.log(rows))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +66,7 @@ def drop_unnecessary(state: EffectSearch, say: Callable[[str], None], spared: in
     `spared` ones stay. Where something is left in any case, what goes leaves no more than that."""
     while len(state.accepted) > spared:
         limit = max(state.critical, float(state.scores.z.max(initial=0.0)))
-        unseen = [i for i in range(len(state.accepted) - spared) if own_score(state, i) <= state.critical]
+        unseen = [i for i in range(len(state.accepted) - spared) if own_score(state, i)[0] <= state.critical]
         tops = {i: float(state.without(i).z.max(initial=0.0)) for i in unseen}
         least = min(tops, key=lambda i: tops[i], default=-1)
         if least < 0 or tops[least] > limit:
@@ -73,14 +82,16 @@ def accepted_effect(state: EffectSearch, i: int, *, suffices: bool) -> AcceptedE
     effect, joints = state.accepted[i]
     members = competing(state, i, max(state.critical, float(state.scores.z.max(initial=0.0))))
     others = _at_their_best(state, i, members) if suffices else []
-    return AcceptedEffect(effect, joints, own_score(state, i), (*members, *others))
+    _, z = own_score(state, i)
+    return AcceptedEffect(effect, joints, z, tuple(m.beside(z, state.frame.rows) for m in (*members, *others)))
 
 
-def own_score(state: EffectSearch, i: int) -> float:
-    """z of the i-th accepted effect beside the others, at the noise of the whole model."""
+def own_score(state: EffectSearch, i: int) -> tuple[float, float]:
+    """z of the i-th accepted effect beside the others, at the noise of the whole model: without the stretch that speaks for it most, and
+    with it."""
     fit = state.fit_without(i)
     own = state.scored(fit, fit.behind(state.frame.gains), Catalogue.of_effects(state.fit, [state.accepted[i]]))
-    return float(own.z[0]) if len(own.kept) else 0.0
+    return (float(own.z[0]), float(own.plain[0])) if len(own.kept) else (0.0, 0.0)
 
 
 def competing(state: EffectSearch, i: int, limit: float | None = None) -> tuple[Member, ...]:
@@ -129,7 +140,8 @@ def _at_their_best(state: EffectSearch, i: int, members: tuple[Member, ...]) -> 
         left = left_beside(others, trial, state.frame.gains)
         beside = state.scored(trial.fit, trial.fit.behind(state.frame.gains), Catalogue.of_effects(trial.fit, [own]))
         if left <= state.critical and beside.plain.max(initial=0.0) <= state.chance:
-            found.append(Member(trial.effect, trial.joints, float(others.scores.plain[k]), left))
+            extra = parameters(trial.effect, state.fit.robot) - parameters(own[0], state.fit.robot)
+            found.append(Member(trial.effect, trial.joints, float(others.scores.plain[k]), left, extra=extra))
     return found
 
 
@@ -142,14 +154,15 @@ def _member(state: EffectSearch, scores: Scores, k: int, nearest: int | None) ->
     left = float(beside.max(initial=0.0))
     if nearest is None:
         return Member(g.effect, g.joints, float(scores.plain[k]), left)
+    extra = rank(g)[0] - rank(scores.group(nearest))[0]
     other = scores.beside(scores.slice_of(nearest))[1]
     inside, around = energy[nearest] < CONTAINED, other[k] < CONTAINED
     after = float(beside[nearest])
     if inside and around and scores.degrees[k] == scores.degrees[nearest] and after <= state.chance:
-        return Member(g.effect, g.joints, float(scores.plain[k]), left, same=True, more=rank(g) > rank(scores.group(nearest)))
+        return Member(g.effect, g.joints, float(scores.plain[k]), left, True, rank(g) > rank(scores.group(nearest)), extra)
     if inside or around:
         return None
     # What the accepted effect still adds after it counts as left.
     if after > state.chance:
         left = max(left, state.critical + after - state.chance)
-    return Member(g.effect, g.joints, float(scores.plain[k]), left)
+    return Member(g.effect, g.joints, float(scores.plain[k]), left, extra=extra)

@@ -171,20 +171,21 @@ def _replace_impossible(state: EffectSearch, say: Callable[[str], None], most: i
     _forward(state, say, lambda _: None, most, refused)
     drop_unnecessary(state, say)
     _retract_impossible(state, say)
-    if state.accepted != kept and state.scores.z.max(initial=0.0) > state.critical:
+    if state.accepted != kept and _left(state):
         say("nothing suffices in its place")
         state.accepted = kept
         state.solve()
 
 
 def _retract_impossible(state: EffectSearch, say: Callable[[str], None]) -> set[Kind]:
-    """Retract effects whose values, beside the others, are physically impossible: they stood for something else. Which were retracted."""
+    """Retract effects whose values, beside the others, are physically impossible, and two that undo each other: they stood for something
+    else. Which were retracted."""
     found: set[Kind] = set()
-    while (i := state.impossible()) is not None:
-        effect, joints = state.accepted[i]
-        say(f"retracted: {effect.name}, whose values are physically impossible")
-        found.add((effect.name, joints))
-        del state.accepted[i]
+    while gone := state.impossible():
+        names = " and ".join(state.accepted[i][0].name for i in gone)
+        say(f"retracted: {names}, {'which undo each other' if len(gone) > 1 else 'whose values are physically impossible'}")
+        found.update((state.accepted[i][0].name, state.accepted[i][1]) for i in gone)
+        state.accepted = [x for i, x in enumerate(state.accepted) if i not in gone]
         state.solve()
     return found
 
@@ -210,7 +211,7 @@ def _with_one_stretch(state: EffectSearch, say: Callable[[str], None], most: int
     whole = EffectSearch(state.fit, state.catalogue, state.level, list(state.accepted), stretch=0.0)
     whole.solve()
     _forward(whole, lambda _: None, lambda _: None, min(most, len(state.accepted) + 1))
-    if len(whole.accepted) > len(state.accepted) and whole.impossible() is None and not _left(whole):
+    if len(whole.accepted) > len(state.accepted) and not whole.impossible() and not _left(whole):
         say(f"accepted, seen in one stretch only: {', '.join(e.name for e, _ in whole.accepted[len(state.accepted) :])}")
         return whole
     return state
@@ -265,7 +266,7 @@ def _decision(state: EffectSearch, left: list[Left], trail: tuple[str, ...]) -> 
     elif not named:
         verdict = "clean"
     else:
-        verdict = "ambiguous" if any(not m.renamed for x in named for m in x.competing) else "explained"
+        verdict = "ambiguous" if any(not m.needless for x in named for m in x.competing) else "explained"
     return Decision(verdict, named, tuple(left), state.critical, state.fit, state.frame, state.scores, trail)
 
 

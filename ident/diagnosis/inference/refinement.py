@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,14 +30,15 @@ _WHOLE, _EACH, _FINE = 25, 7, 9
 _ROUNDS, _NEAR_ROUNDS = 2, 5
 #: Share of an end of its range within which a shape stands there.
 _END = 1e-3
-#: Part that two shapes of an effect have in common, below which others between them are looked at; times that a step is halved at most.
-_ALIKE, _HALVED = 0.5, 3
+#: Part that two shapes of an effect have in common, below which others between them are looked at; times that a step is halved at most,
+#: and once it led somewhere.
+_ALIKE, _HALVED, _CLOSER = 0.5, 3, 4
 #: How far (logarithm) from where it scores best a limit is looked for by what it leaves.
 _REACH = 0.15
 #: Passes of a refit whose columns follow the values.
 PASSES = 3
-#: Refits in which a shape comes to agree with its own values, and the share to which it does.
-_AGREE, _AGREES = 6, 0.02
+#: Refits in which a shape comes to agree with its own values, and the share of its standard deviation to which it does.
+_AGREE, _AGREES = 8, 0.1
 #: Rounds around an order, each at a third of the last.
 _ORDER_ROUNDS = 4
 #: Share of the range that is looked at around a shape that was found before.
@@ -85,19 +87,47 @@ def likeliest(shapes: Sequence[Effect], joints: tuple[str, ...], others: tuple[E
     can be: of some `shapes`, and of those near the last that score best.
 
     What a wrong shape leaves passes for coloured noise, at which that very shape scores best: the shape is sought with one weight for all
-    frequencies, too. And while something else is missing, the right shape may have values that cannot be: it stays in the running."""
+    frequencies, too, and by steps from the likeliest to one that is likelier. And while something else is missing, the right shape may have
+    values that cannot be: it stays in the running."""
     effect = shapes[-1]
     weights = (frame.gains, fit.with_effects((*others, effect)).flat(None))
     found = list(dict.fromkeys([*shapes, *(sharpened(effect, joints, others, fit, gains) for gains in weights)]))
-    if len(found) == 1:
-        return found[0]
 
+    @cache
     def worth(e: Effect) -> tuple[bool, float]:
         other = fit.with_effects((*others, e))
         refit = other.solved(1)
         return can_be(e, other, *last_values(other, refit)), other.likelihood(refit)
 
-    return max(found, key=worth)
+    def clearly_above(e: Effect, other: Effect) -> bool:
+        """Near its top a likelihood whose noise is told from the same rows is rough, and a score tells the shape better."""
+        return worth(e)[0] >= worth(other)[0] and 2.0 * (worth(e)[1] - worth(other)[1]) > SEEN**2
+
+    best = max(found, key=worth)
+    higher = best if is_order(best) else _climbed(best, fit, worth)
+    if not clearly_above(higher, best):
+        return best
+    sharper = sharpened(higher, joints, others, fit, fit.with_effects((*others, higher)).solved(1).gains)
+    return higher if clearly_above(higher, sharper) else sharper
+
+
+def _climbed(effect: Effect, fit: Fit, worth: Callable[[Effect], tuple[bool, float]]) -> Effect:
+    """An effect at the end of steps along each of its free shapes that make it likelier: ever shorter ones, the last where longer ones led
+    somewhere."""
+    best = effect
+    free = _free(effect, fit)
+    ranges = search_range(effect, fit.declared, fit.sought(effect)) if free else {}
+    for axis in (_Axis.of(p, *ranges[p.name]) for p in free):
+        for halved in range(_HALVED + _CLOSER):
+            if halved == _HALVED and best == effect:
+                break
+            for step in (0.5**halved * _NEAR, -(0.5**halved) * _NEAR):
+                while (value := axis.moved(float(getattr(best, axis.name)), step)) is not None:
+                    other = best.with_shape(**{axis.name: value})
+                    if worth(other) <= worth(best):
+                        break
+                    best = other
+    return best
 
 
 def _told_apart(effect: Effect, axis: _Axis, values: list[float], joints: tuple[str, ...], fit: Fit, frame: Solved) -> list[float]:
@@ -210,18 +240,24 @@ def agreed(effect: Effect, others: tuple[Effect, ...], fit: Fit) -> Effect:
     """An effect whose fitted values tell its shape, at the shape that agrees with them beside others; as it is where none does.
 
     To first order a shape far from its own response may score best: a lag of twice the time constant at half its share."""
-    found = effect
-    if all(effect.told_by(np.full(len(effect.parameters(fit.robot)), value)) == effect for value in (1.0, 2.0)):
+    name = effect.told_shape(fit.robot)
+    if name is None:
         return effect  # its values tell nothing
+    found = effect
+    before: tuple[float, float] | None = None
     for _ in range(_AGREE):
         other = fit.with_effects((*others, found))
         values, std = last_values(other, other.solved(PASSES))
-        told = found.told_by(values)
-        ends = search_range(told, fit.declared, fit.sought(told))
-        told = told.with_shape(**{name: float(np.clip(getattr(told, name), *ends[name])) for name in ends})
-        if all(abs(getattr(told, name) - getattr(found, name)) <= _AGREES * abs(getattr(found, name)) for name in ends):
+        ends = search_range(found, fit.declared, fit.sought(found))[name]
+        shapes = (found, found.told_by(values), found.told_by(values + std))
+        at, told, more = (float(np.clip(getattr(each, name), *ends)) for each in shapes)
+        if abs(told - at) <= _AGREES * abs(more - told):
             return found if can_be(found, other, values, std) else effect
-        found = told
+        # What the values tell changes with the shape: where the line through the last two meets the shape itself.
+        slope = 0.0 if before is None or at == before[0] else (told - before[1]) / (at - before[0])
+        before = at, told
+        slope = slope if abs(slope) < 1.0 else 0.0
+        found = found.with_shape(**{name: float(np.clip((told - slope * at) / (1.0 - slope), *ends))})
     return effect
 
 
@@ -253,6 +289,11 @@ class _Axis:
     def of(cls, p: ShapeParameter, low: float, high: float) -> _Axis:
         log = bool(p.log and low > 0)
         return cls(p.name, *((float(np.log(low)), float(np.log(high))) if log else (low, high)), log, (p.lower, p.upper))
+
+    def moved(self, value: float, by: float) -> float | None:
+        """A value so far from one, as a share of the range; None beyond its ends."""
+        at = (float(np.log(value)) if self.log else value) + by * (self.high - self.low)
+        return (float(np.exp(at)) if self.log else at) if self.low <= at <= self.high else None
 
     def around(self, value: float, width: float, points: int) -> list[float]:
         """Values within a share of the range around one."""

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..._utils.singular_values import pinv
 from ...effects.kinds import Need
+from ...instruments.solved import SINGULAR
 from ..design.catalogue import Catalogue
 from ..thresholds import LEVEL, STRETCH
 from .refinement import agreed, at_an_end, can_be, likeliest, refined, settled, within_range
@@ -146,13 +150,27 @@ class EffectSearch:
         told = effect.told_by(values)
         return can_be(effect, self.fit, values, std) or (told != effect and within_range(told, self.fit))
 
-    def impossible(self) -> int | None:
-        """An accepted effect that beside the others has values which no such effect can have; None where there is none."""
+    def impossible(self) -> tuple[int, ...]:
+        """An accepted effect that beside the others has values which no such effect can have, or two that undo each other; () for none."""
         std = self.frame.std
         start = self.fit.declared.base.count
+        own = []
         for i, (effect, _) in enumerate(self.accepted):
-            own = slice(start, start + len(effect.parameters(self.fit.robot)))
-            start = own.stop
-            if not can_be(effect, self.fit, self.frame.theta[own], std[own]) or at_an_end(effect, self.fit):
-                return i
-        return None
+            own.append(slice(start, start + len(effect.parameters(self.fit.robot))))
+            start = own[-1].stop
+            if not can_be(effect, self.fit, self.frame.theta[own[-1]], std[own[-1]]) or at_an_end(effect, self.fit):
+                return (i,)
+        return next((pair for pair in combinations(range(len(own)), 2) if self._undo([own[i] for i in pair])), ())
+
+    def _undo(self, own: Sequence[slice]) -> bool:
+        """Whether two effects, with coefficients at `own`, together do less beside the rest of the model than either does by itself: what
+        the one is for, the other has made."""
+        frame = self.frame
+        value = frame.theta * frame.scale
+        both = np.concatenate([np.arange(len(value))[x] for x in own])
+        rest = np.setdiff1d(np.arange(len(value)), both)
+        G = frame.gram
+        S = G[np.ix_(both, both)] - G[np.ix_(both, rest)] @ pinv(G[np.ix_(rest, rest)], rcond=SINGULAR) @ G[np.ix_(rest, both)]
+        first = np.arange(len(both)) < own[0].stop - own[0].start
+        together, one, other = (float(x @ S @ x) for x in (value[both] * keep for keep in (np.ones_like(first), first, ~first)))
+        return together < min(one, other)
