@@ -124,7 +124,9 @@ class Joined:
         text = f"({text}) / {by.name}" if " " in text else f"{text} / {by.name}"
         text += _added([(c, self.unknowns[self.held[k]]) for k, c in beside.items()])
         members = [i, *(int(self.held[k]) for k in (*others, divisor))]
-        return self._named(text, value, self._std(row, printed, std) / scale, f"{unit} / ({by.unit})", members, 0.0)
+        return self._named(
+            text, value, self._std(row, printed, std) / scale, unit if by.unit == "1" else f"{unit} / ({by.unit})", members, 0.0
+        )
 
     def _std(self, row: Array, printed: Array, std: float) -> float:
         """Of what is printed: coefficients (h,) other than those of `row` let in what is not known of the held."""
@@ -172,7 +174,8 @@ def separated_by(members: Sequence[Unknown]) -> str:
             " or torque"
         )
     elif places & set(_SCALES):
-        advice.append("kp from the drive's settings, a log with a known mass added, or one with current or torque")
+        scale = "kp" if "kp" in places else "torque_scale"
+        advice.append(f"{scale} from the drive's settings, a log with a known mass added, or one with current or torque")
     if {"back_emf", "viscous"} <= places:
         advice.append("free swings with the torque switched off (torque_enable 0)")
     if "delay_s" in places:

@@ -182,9 +182,14 @@ class SimulatedSearch:
                 direction = np.zeros(len(values))
                 direction[[offset, *begun]] = 1.0
                 out.append(direction * max(*np.abs(values[begun]), *self.sizes[begun]))
-        scale = "torque_scale" if self.plant.law.in_volts else "kp"
+        scales = ("torque_scale",) if self.plant.law.in_volts else ("kp", "torque_scale")
+        return [*out, *(direction for scale in scales for direction in self._scaled(values, scale))]
+
+    def _scaled(self, values: Array, scale: str) -> list[Array]:
+        """Directions (p,) of all torque of a joint by one factor, or of a branch with its links, where its `scale` is unknown."""
+        unknown, out = self.plant.unknowns, []
         apart = {"delay_s", "load", "gear_loss", "gear_loss_slow", "slow_speed", "no_load_speed"}
-        apart |= {"kp", "kd", "effort_limit"} if scale == "torque_scale" else {"torque_scale"}
+        apart |= {"kp", "kd", "ki", "integral_start", "effort_limit"} if scale == "torque_scale" else {"torque_scale"}
         torque = [i for i, u in enumerate(unknown) if u.place not in apart]
         branches = self.plant.branches
         groups = [[i for i in torque if unknown[i].joint == joint] for joint in range(self.plant.robot.n)]

@@ -121,6 +121,13 @@ def test_without_a_known_load_everything_is_over_kp(robot):
         assert ("value" in entry) == (entry["name"] == "delay")
 
 
+def test_a_scale_of_torque_is_none_without_a_known_load(robot):
+    fit = fitted(robot, driven(2), torque_scale="identify", links="identify", **KNOWN | {"ki": "identify"})
+    assert abs(told(fit)["Fc_joint1 / s_joint1"].value - 0.15) < 4.0 * told(fit)["Fc_joint1 / s_joint1"].std
+    values = {entry["name"] for entry in fit.to_dict()["parameters"] if "value" in entry}
+    assert values == {"delay", "ki_joint1"}  # a gain in the drive's own units, beside others that are known
+
+
 def test_what_the_integral_begins_with_adds_to_a_constant_torque(robot):
     """A drive that ran before holds an offset by its integral: of the two a log shows the difference, in whatever posture."""
     log = driven(3, offset=0.2, start=0.3)

@@ -104,6 +104,19 @@ def test_without_any_known_scale_only_ratios_are_determined(robot):
     assert Standing.DETERMINED not in {v for k, v in verdicts(fit).items() if k != "delay"}
 
 
+def test_a_scale_of_torque_is_none_without_a_known_load(robot):
+    """Known gains are in the drive's own units where the scale of its torque is not known: everything is over that."""
+    law = DriveLaw.of(robot, kp=25.0, kd=0.8, torque_scale="identify", links="identify")
+    fit = fit_drives(ident.LogSet((commanded_log(robot, TRUTH, seed=2),)), model_of(robot), law)
+    found = {c.expression: c for c in fit.determination.combinations}
+    for expression, true in (("(Iyy_joint1 + Ia_joint1) / s_joint1", 0.026 + TRUTH["Ia"]), ("Fc_joint1 / s_joint1", TRUTH["Fc"])):
+        assert abs(found[expression].value - true) < 4.0 * found[expression].std, expression
+        assert found[expression].separated_by.startswith("torque_scale from the drive's settings")
+    assert found["Fc_joint1 / s_joint1"].unit == "N m"
+    for entry in fit.to_dict()["parameters"]:
+        assert ("value" in entry) == (entry["name"] == "delay"), entry["name"]
+
+
 def test_two_joints_that_act_on_each_other(tmp_path):
     robot = ident.Robot.from_urdf(LEG)
     logs = LogSet((commanded_log(robot, TRUTH, seed=4),))
