@@ -15,7 +15,7 @@ from ident.diagnosis.confidence import confidence
 from ident.diagnosis.held_out import contradicted, contradicted_heap, heaps, presence
 from ident.diagnosis.inference import candidates
 from ident.diagnosis.inference.bursts import burst
-from ident.diagnosis.inference.confidence_set import AcceptedEffect
+from ident.diagnosis.inference.confidence_set import AcceptedEffect, Member
 from ident.diagnosis.inference.described import outdone
 from ident.diagnosis.inference.scores import z_of
 from ident.effects.motion import Motion
@@ -67,6 +67,21 @@ def test_what_held_out_data_wholly_confirm_is_more_than_a_hint_beside_what_is_le
 def test_what_held_out_data_do_not_tell_from_nothing_or_have_less_of_is_a_hint(share: tuple[float, float], hint: bool) -> None:
     found = AcceptedEffect(ident.make_effect("offset"), (), 30.0)
     assert (confidence(found, beside=False, share=share)[0] < 0.5) is hint
+
+
+@pytest.mark.parametrize(
+    ("extra", "gain", "needless"),
+    [(1, 0.0, True), (1, 6.8, True), (1, 7.0, False), (2, 13.7, True), (2, 14.0, False), (0, 0.0, False), (-1, 0.0, False)],
+)
+def test_what_asks_for_more_competes_where_it_tells_more(extra: int, gain: float, needless: bool) -> None:
+    """A parameter more must gain the logarithm of the rows (Schwarz): 6.91 of 1000."""
+    z = 10.0
+    spring, counterbalance = ident.make_effect("linear_spring"), ident.make_effect("counterbalance")
+    member = Member(counterbalance, (), float(np.sqrt(z**2 + gain)), 0.0, extra=extra).beside(z, rows=1000)
+    assert member.needless is needless
+    own, (other,) = confidence(AcceptedEffect(spring, (), z, (member,)), beside=False)
+    assert (own > 0.8) is needless
+    assert (other.confidence > 0.2) is not needless
 
 
 def test_a_finding_that_held_out_data_cannot_show_is_ambiguous(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
